@@ -76,67 +76,67 @@ def feed(device: LocalNode, text: str | None, now: float = 0.0) -> list[str]:
 
 
 def test_a_device_produces_sync_and_its_own_pdos_follow_it() -> None:
-    one = device()
-    write(one, 0x1019, 1, 2)
-    write(one, 0x1006, 4, 10_000)
-    assert feed(one, None, 1.0) == []
-    write(one, 0x1005, 4, 0x4000_0080)
-    assert feed(one, None, 1.0) == []
-    assert one.deadline == pytest.approx(1.01)  # the first after one period
-    assert feed(one, None, 1.01) == ["080#01"]
-    feed(one, "000#0105", 1.011)
-    assert feed(one, None, 1.02) == ["080#02", "185#0700"]
-    assert feed(one, None, 1.03) == ["080#01", "185#0700"]
-    feed(one, "000#0205", 1.031)
-    assert feed(one, None, 1.05) == []
-    assert one.deadline is None
-    feed(one, "000#0105", 2.0)
-    assert feed(one, None, 2.01) == ["080#01", "185#0700"]  # after STOPPED the counter starts with 1
+    node = device()
+    write(node, 0x1019, 1, 2)
+    write(node, 0x1006, 4, 10_000)
+    assert feed(node, None, 1.0) == []
+    write(node, 0x1005, 4, 0x4000_0080)
+    assert feed(node, None, 1.0) == []
+    assert node.deadline == pytest.approx(1.01)  # the first after one period
+    assert feed(node, None, 1.01) == ["080#01"]
+    feed(node, "000#0105", 1.011)
+    assert feed(node, None, 1.02) == ["080#02", "185#0700"]
+    assert feed(node, None, 1.03) == ["080#01", "185#0700"]
+    feed(node, "000#0205", 1.031)
+    assert feed(node, None, 1.05) == []
+    assert node.deadline is None
+    feed(node, "000#0105", 2.0)
+    assert feed(node, None, 2.01) == ["080#01", "185#0700"]  # after STOPPED the counter starts with 1
 
 
 def test_writes_to_the_sync_objects_are_validated() -> None:
-    one = device()
+    node = device()
     for value in (1, 241):
         with pytest.raises(SdoAbort, match="0609 0030h"):
-            write(one, 0x1019, 1, value)
-    write(one, 0x1006, 4, 1000)
+            write(node, 0x1019, 1, value)
+    write(node, 0x1006, 4, 1000)
     with pytest.raises(SdoAbort, match="0800 0022h"):
-        write(one, 0x1019, 1, 10)
-    write(one, 0x1005, 4, 0x4000_0080)
+        write(node, 0x1019, 1, 10)
+    write(node, 0x1005, 4, 0x4000_0080)
     with pytest.raises(SdoAbort, match="0609 0030h"):
-        write(one, 0x1005, 4, 0x4000_0081)
+        write(node, 0x1005, 4, 0x4000_0081)
     with pytest.raises(SdoAbort, match="0609 0030h"):
-        write(one, 0x1005, 4, 0x0000_0605)
-    write(one, 0x1005, 4, 0x0000_0090)
+        write(node, 0x1005, 4, 0x0000_0605)
+    write(node, 0x1005, 4, 0x0000_0090)
 
 
 @pytest.mark.parametrize(("overflow", "wrong", "right"), [(0, "080#01", "080#"), (4, "080#", "080#01")])
 def test_a_sync_of_the_wrong_length_is_reported(overflow: int, wrong: str, right: str) -> None:
-    one = device()
-    write(one, 0x1019, 1, overflow)
-    feed(one, "000#0105")
+    node = device()
+    write(node, 0x1019, 1, overflow)
+    feed(node, "000#0105")
     length = len(CanFrame.parse(wrong).data)
-    assert feed(one, wrong) == [f"085#408211{length:02X}00000000"]
-    assert feed(one, wrong) == []
-    assert feed(one, right) == ["085#0000000000000000", "185#0700"]
+    assert feed(node, wrong) == [f"085#408211{length:02X}00000000"]
+    assert feed(node, wrong) == []
+    assert feed(node, right) == ["085#0000000000000000", "185#0700"]
 
 
 def test_sync_on_a_configured_extended_identifier() -> None:
-    one = device()
-    feed(one, "000#0105")
-    write(one, 0x1005, 4, 0x2000_0080)
-    assert feed(one, "080#") == []
-    assert feed(one, "00000080#") == ["185#0700"]
+    node = device()
+    feed(node, "000#0105")
+    write(node, 0x1005, 4, 0x2000_0080)
+    assert feed(node, "080#") == []
+    assert feed(node, "00000080#") == ["185#0700"]
 
 
 def test_synchronous_rpdos_outside_the_window_are_not_used() -> None:
     objects = ObjectDictionary([*standard_objects(), Entry(0x6040, 0, "control", "u16", "rw", 0)])
-    one = LocalNode(5, objects, [PdoConfig("RPDO", 1, (0x60400010,), type=1)])
-    one.start(0.0)
-    write(one, 0x1007, 4, 5000)
+    node = LocalNode(5, objects, [PdoConfig("RPDO", 1, (0x60400010,), type=1)])
+    node.start(0.0)
+    write(node, 0x1007, 4, 5000)
     for text, now in (("000#0105", 0.0), ("080#", 1.0), ("205#0100", 1.004), ("205#0200", 1.006), ("080#", 2.0)):
-        feed(one, text, now)
-    assert (objects.get(0x6040), one.pdo.outside_window) == (1, 1)
+        feed(node, text, now)
+    assert (objects.get(0x6040), node.pdo.outside_window) == (1, 1)
 
 
 # FACTS of TIME: computed by hand from 1984-01-01.
@@ -190,14 +190,14 @@ def test_time_from_producer_to_consumer() -> None:
 
 
 def test_bit_31_of_1012h_consumes_and_bit_30_produces() -> None:
-    one = device()
+    node = device()
     frame = TimeStamp.of_unix(1_700_000_000).encode()
-    one.feed(frame, 1.0)
-    assert one.time.unix(2.0) == pytest.approx(1_700_000_001)
-    assert one.send_time(TimeStamp.of_unix(0x60000000)) == []
-    write(one, 0x1012, 4, 0x4000_0100)
-    one.feed(TimeStamp.of_unix(1_800_000_000).encode(), 3.0)
-    assert one.time.unix(2.0) == pytest.approx(1_700_000_001)
-    assert [frame.id for frame in one.send_time(TimeStamp.of_unix(0x60000000))] == [0x100]
-    feed(one, "000#0205")
-    assert one.send_time(TimeStamp.of_unix(0x60000000)) == []
+    node.feed(frame, 1.0)
+    assert node.time.unix(2.0) == pytest.approx(1_700_000_001)
+    assert node.send_time(TimeStamp.of_unix(0x60000000)) == []
+    write(node, 0x1012, 4, 0x4000_0100)
+    node.feed(TimeStamp.of_unix(1_800_000_000).encode(), 3.0)
+    assert node.time.unix(2.0) == pytest.approx(1_700_000_001)
+    assert [frame.id for frame in node.send_time(TimeStamp.of_unix(0x60000000))] == [0x100]
+    feed(node, "000#0205")
+    assert node.send_time(TimeStamp.of_unix(0x60000000)) == []

@@ -60,7 +60,7 @@ _TEXTS = {int(code): code.text for code in AbortCode}
 
 
 def abort_text(code: int) -> str:
-    """The code as the standard prints it, and its meaning. An unknown code keeps its number.
+    """Return the code as the standard prints it, and its meaning. An unknown code keeps its number.
 
     >>> abort_text(0x06020000)
     '0602 0000h object does not exist'

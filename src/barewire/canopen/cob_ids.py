@@ -83,14 +83,14 @@ _RESTRICTED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (
 
 
 def check_node(node: int) -> int:
-    """Return the node-ID. Raises EncodeError outside 1..127: 0 is not a node-ID, but "all nodes" in an NMT command."""
+    """Return the node-ID. Raise EncodeError outside 1..127: 0 is not a node-ID, but "all nodes" in an NMT command."""
     if not NODE_MIN <= node <= NODE_MAX:
         raise EncodeError(f"node {node}: expected {NODE_MIN}..{NODE_MAX}")
     return node
 
 
 def cob_id(service: ServiceName, node: int | None = None) -> int:
-    """The identifier of a service; `node` is needed unless the service is a broadcast. Raises EncodeError.
+    """Return the identifier of a service; `node` is needed unless the service is a broadcast. Raise EncodeError.
 
     >>> f"{cob_id('SDO request', 5):X}h", f"{cob_id('TPDO1', 15):X}h", f"{cob_id('SYNC'):X}h"
     ('605h', '18Fh', '80h')
@@ -106,7 +106,7 @@ def cob_id(service: ServiceName, node: int | None = None) -> int:
 
 
 def classify(frame: CanFrame) -> tuple[CobService, int] | None:
-    """The service and the node of a frame by the predefined connection set; node 0 for a broadcast.
+    """Return the service and the node of a frame by the predefined connection set; node 0 for a broadcast.
 
     None for an identifier outside that set: an extended one, or one in a gap between the services.
 
@@ -130,7 +130,7 @@ TIME_KEY = (cob_id("TIME"), False)
 
 
 def is_restricted(identifier: int) -> bool:
-    """Whether this base identifier may never be configured for a PDO, SYNC, EMCY or SDO channel."""
+    """Return whether this base identifier may never be configured for a PDO, SYNC, EMCY or SDO channel."""
     return any(first <= identifier <= last for first, last in _RESTRICTED)
 
 
@@ -160,5 +160,5 @@ class CobEntry(NamedTuple):
         return cls(identifier, extended, bool(word >> 30 & 1), bool(word >> 31 & 1))
 
     def pack(self) -> int:
-        """The 32 bits of the object."""
+        """Return the 32 bits of the object."""
         return self.identifier | self.extended << 29 | self.bit30 << 30 | self.bit31 << 31

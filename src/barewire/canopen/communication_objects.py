@@ -29,7 +29,7 @@ _IDENTITY = 0x1018
 
 
 def integer_value(objects: ObjectDictionary, index: int, sub: int = 0, default: int = 0) -> int:
-    """The value of an object as an integer; `default` if it is missing or cannot be read."""
+    """Return the value of an object as an integer; `default` if it is missing or cannot be read."""
     if (index, sub) not in objects:
         return default
     try:
@@ -39,7 +39,7 @@ def integer_value(objects: ObjectDictionary, index: int, sub: int = 0, default: 
 
 
 def lss_address(objects: ObjectDictionary) -> LssAddress:
-    """The identity object 1018h as the 128-bit address that LSS uses."""
+    """Return the identity object 1018h as the 128-bit address that LSS uses."""
     return LssAddress(*(integer_value(objects, _IDENTITY, sub) for sub in (1, 2, 3, 4)))
 
 
@@ -105,7 +105,7 @@ def standard_objects(
     emcy_consumers: int = 0,
     servers: int = 1,
 ) -> list[Entry]:
-    """The communication objects of a common device: all objects of the drawing above except 1010h and 1011h.
+    """Return the communication objects of a common device: all objects of the drawing above except 1010h and 1011h.
 
     `heartbeat` is the time of 1017h in ms, `history` the number of errors in 1003h, `watched` the number of nodes in
     1016h, `emcy_consumers` the highest node-ID in 1028h, `servers` the number of SDO servers. Servers beyond the first

@@ -64,13 +64,13 @@ class BooleanCodec:
     name, size = "bool", 1
 
     def encode(self, value: Value) -> bytes:
-        """True or 1, False or 0."""
+        """Return True or 1, False or 0."""
         if value not in (0, 1):
             raise EncodeError(f"{value!r} is no truth value: expected True, False, 1 or 0")
         return b"\1" if value else b"\0"
 
     def decode(self, data: bytes) -> bool:
-        """Any other byte than 0 and 1 is DecodeError("value")."""
+        """Return any other byte than 0 and 1 is DecodeError("value")."""
         if len(data) != 1:
             raise DecodeError("long" if data else "short", data, min(len(data), 1), "a truth value is 1 byte")
         if data[0] > 1:
@@ -87,7 +87,7 @@ class BytesCodec:
         self.name = name
 
     def encode(self, value: Value) -> bytes:
-        """Bytes as they are, text as latin-1."""
+        """Return bytes as they are, text as latin-1."""
         if isinstance(value, str):
             try:
                 return value.encode("latin-1")
@@ -98,7 +98,7 @@ class BytesCodec:
         return value
 
     def decode(self, data: bytes) -> Value:
-        """Text for a VISIBLE_STRING, bytes for the others."""
+        """Return text for a VISIBLE_STRING, bytes for the others."""
         return data.decode("latin-1") if self.name == "string" else bytes(data)
 
 
@@ -108,13 +108,13 @@ class UnicodeCodec:
     name, size = "unicode", None
 
     def encode(self, value: Value) -> bytes:
-        """Text as UTF-16; EncodeError for anything else."""
+        """Return text as UTF-16. Raise EncodeError for anything else."""
         if not isinstance(value, str):
             raise EncodeError(f"{value!r} is no text")
         return value.encode("utf-16-le", "surrogatepass")
 
     def decode(self, data: bytes) -> str:
-        """The text; an odd number of bytes is DecodeError("short")."""
+        """Return the text; an odd number of bytes is DecodeError("short")."""
         if len(data) % 2:
             raise DecodeError("short", data, len(data), "half a character at the end")
         return bytes(data).decode("utf-16-le", "surrogatepass")
@@ -131,7 +131,7 @@ _SINGLE: dict[str, ObjectCodec] = {
 
 
 def object_codec(name: str) -> ObjectCodec:
-    """The codec of a type name, little-endian as on the wire.
+    """Return the codec of a type name, little-endian as on the wire.
 
     >>> object_codec("f32").encode(1.1).hex(" ").upper()
     'CD CC 8C 3F'

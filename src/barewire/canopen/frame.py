@@ -49,7 +49,7 @@ class CanFrame(NamedTuple):
     def checked(
         cls, id: int, data: bytes = b"", *, extended: bool = False, remote: bool = False, requested: int = 0
     ) -> CanFrame:
-        """The frame; EncodeError if CAN cannot carry it."""
+        """Return the frame. Raise EncodeError if CAN cannot carry it."""
         limit, kind = (EXTENDED_MAX, "an extended") if extended else (BASE_MAX, "a base")
         if not 0 <= id <= limit:
             raise EncodeError(f"identifier {id:X}h: expected 0..{limit:X}h for {kind} frame")
@@ -63,7 +63,7 @@ class CanFrame(NamedTuple):
 
     @classmethod
     def each(cls, id: int, every: Iterable[bytes], extended: bool = False) -> list[CanFrame]:
-        """One frame for each of `every`, for example the up to 127 segments of an SDO block.
+        """Return one frame for each of `every`, for example the up to 127 segments of an SDO block.
 
         >>> [str(frame) for frame in CanFrame.each(0x605, [bytes([1, 65]), bytes([0x82, 66])])]
         ['605#0141', '605#8242']
@@ -88,7 +88,7 @@ class CanFrame(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> CanFrame:
-        """The frame of a text as `candump -L` writes it, the inverse of `str`.
+        """Return the frame of a text as `candump -L` writes it, the inverse of `str`.
 
         >>> CanFrame.parse("705#R1").dlc
         1
@@ -180,7 +180,7 @@ AnyFrame: TypeAlias = CanFrame | FdFrame | ErrorFrame
 
 
 def _hex_number(digits: str, seen: bytes) -> int:
-    """Hex digits only: int(x, 16) alone would also take '+1', '1_0' and ' 1'."""
+    """Return hex digits only: int(x, 16) alone would also take '+1', '1_0' and ' 1'."""
     for character in digits:
         if character not in "0123456789ABCDEFabcdef":
             raise DecodeError("character", seen, max(0, seen.find(character.encode("ascii", "replace"))), "not hex")

@@ -94,7 +94,7 @@ class ObjectDictionary:
                 self.add(Entry(index, 0, "highest sub-index supported", "u8", "const", subs[-1]))
 
     def add(self, entry: Entry) -> None:
-        """Add an entry. EncodeError if its address is in use already, or if its default does not fit its type."""
+        """Add an entry. Raise EncodeError if its address is in use already, or if its default does not fit its type."""
         address = entry.index, entry.sub
         if not (0 <= entry.index <= 0xFFFF and 0 <= entry.sub <= 0xFF):
             raise EncodeError(
@@ -122,14 +122,14 @@ class ObjectDictionary:
         self.add(entry)
 
     def __iter__(self) -> Iterator[Entry]:
-        """All entries in order of index and sub-index."""
+        """Return all entries in order of index and sub-index."""
         return (self._entries[address] for address in sorted(self._entries))
 
     def __contains__(self, address: object) -> bool:
         return address in self._entries
 
     def entry(self, index: int, sub: int = 0) -> Entry:
-        """The entry; SdoAbort if the object or its sub-index does not exist."""
+        """Return the entry. Raise SdoAbort if the object or its sub-index does not exist."""
         found = self._entries.get((index, sub))
         if found is None:
             if not isinstance(index, int):
@@ -138,7 +138,7 @@ class ObjectDictionary:
         return found
 
     def find(self, name: str) -> Entry:
-        """The entry of a name, ignoring case and extra blanks; "object.entry" where the entry's name is ambiguous.
+        """Return the entry of a name, ignoring case and extra blanks; "object.entry" where the entry's name is ambiguous.
 
         >>> objects = ObjectDictionary([Entry(0x1018, 1, "Vendor-ID", "u32", object_name="Identity")])
         >>> objects.find("identity.vendor-id").sub
@@ -154,7 +154,7 @@ class ObjectDictionary:
         raise EncodeError(f"{name!r} is in several places: {places}" if found else f"no object is called {name!r}")
 
     def at(self, ref: ObjectRef) -> Entry:
-        """The entry of a name or an address. EncodeError if there is none."""
+        """Return the entry of a name or an address. Raise EncodeError if there is none."""
         if isinstance(ref, str):
             return self.find(ref)
         index, sub = (ref, 0) if isinstance(ref, int) else ref
@@ -163,17 +163,17 @@ class ObjectDictionary:
         return self._entries[index, sub]
 
     def subs(self, index: int) -> tuple[int, ...]:
-        """The sub-indices of an object in ascending order; empty if it does not exist."""
+        """Return the sub-indices of an object in ascending order; empty if it does not exist."""
         return tuple(self._subs.get(index, ()))
 
     # The interface of the SDO server (`ObjectStore`).
 
     def size(self, index: int, sub: int) -> int | None:
-        """The size of an object in bytes, None if it varies."""
+        """Return the size of an object in bytes, None if it varies."""
         return self.entry(index, sub).codec.size
 
     def read(self, index: int, sub: int) -> bytes:
-        """The value as bytes. SdoAbort if it is write-only or does not exist."""
+        """Return the value as bytes. Raise SdoAbort if it is write-only or does not exist."""
         entry = self.entry(index, sub)
         if entry.access == "wo":
             raise SdoAbort(AbortCode.WRITE_ONLY, index, sub)
@@ -195,13 +195,13 @@ class ObjectDictionary:
 
     @staticmethod
     def _longest(entry: Entry) -> float:
-        """The greatest size in bytes of a value of variable length."""
+        """Return the greatest size in bytes of a value of variable length."""
         if entry.maximum is None:
             return math.inf
         return entry.maximum * (2 if entry.type == "unicode" else 1)
 
     def write(self, index: int, sub: int, data: bytes) -> None:
-        """Decode, check and store a new value. Raises SdoAbort if it is refused."""
+        """Decode, check and store a new value. Raise SdoAbort if it is refused."""
         entry = self.entry(index, sub)
         if entry.access in ("ro", "const"):
             raise SdoAbort(AbortCode.READ_ONLY, index, sub)
@@ -234,7 +234,7 @@ class ObjectDictionary:
     # The interface of the device's own code.
 
     def get(self, index: int, sub: int = 0) -> Value:
-        """The present value, without regard to access rights."""
+        """Return the present value, without regard to access rights."""
         entry = self.entry(index, sub)
         return self._values[index, sub] if entry.on_read is None else entry.on_read()
 
@@ -282,7 +282,7 @@ class ObjectDictionary:
             self.computed.add(entry.index)
 
     def default(self, index: int, sub: int = 0) -> Value:
-        """The value after a reset."""
+        """Return the value after a reset."""
         return self._default(self.entry(index, sub))
 
     def restore(self, first: int = 0x1000, last: int = 0x9FFF) -> None:
@@ -294,7 +294,7 @@ class ObjectDictionary:
 
     @staticmethod
     def _default(entry: Entry) -> Value:
-        """The default of an entry. 0 stands for "none given"; for a string or domain that is an empty one."""
+        """Return the default of an entry. 0 stands for "none given"; for a string or domain that is an empty one."""
         if entry.default == 0 and entry.codec.size is None:
             return "" if entry.type in ("string", "unicode") else b""
         return entry.default

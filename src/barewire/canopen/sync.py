@@ -35,7 +35,7 @@ class SyncMessage:
     counter: int | None = None
 
     def encode(self, key: tuple[int, bool] = SYNC_KEY) -> CanFrame:
-        """The frame, with COB-ID 080h unless 1005h configures another. EncodeError for a counter outside 1..240."""
+        """Return the frame, with COB-ID 080h unless 1005h configures another. Raise EncodeError for a counter outside 1..240."""
         if self.counter is None:
             return CanFrame(key[0], b"", key[1])
         if not 1 <= self.counter <= COUNTER_MAX:
@@ -44,14 +44,14 @@ class SyncMessage:
 
     @classmethod
     def decode(cls, frame: CanFrame, key: tuple[int, bool] = SYNC_KEY) -> SyncMessage:
-        """Raises DecodeError for another identifier, for more than one byte, for a counter of 0 or above 240."""
+        """Decode a frame. Raise DecodeError for another identifier, for more than one byte, for a counter of 0 or above 240."""
         if frame.key != key or frame.remote:
             raise DecodeError("mismatch", frame.data, 0, f"{frame} is no SYNC: expected COB-ID {key[0]:03X}h")
         return cls(sync_counter(frame.data))
 
 
 def sync_counter(data: bytes) -> int | None:
-    """The counter in the data of a SYNC, None if it has none. Raises DecodeError."""
+    """Return the counter in the data of a SYNC, None if it has none. Raise DecodeError."""
     if len(data) > 1:
         raise DecodeError("long", data, 1, "a SYNC has no data, or a counter of 1 byte")
     if not data:
@@ -103,7 +103,7 @@ class SyncProducer:
         self._next = None
 
     def feed(self, item: None, now: float) -> list[CanFrame]:
-        """The SYNC, if one is due."""
+        """Return the SYNC, if one is due."""
         if self._next is None or now < self._next:
             return []
         self.latest = max(self.latest, now - self._next)
@@ -115,7 +115,7 @@ class SyncProducer:
         return [self.next_frame()]
 
     def next_frame(self) -> CanFrame:
-        """The next SYNC, independent of the period: the counter advances."""
+        """Return the next SYNC, independent of the period: the counter advances."""
         if not self.overflow:
             return CanFrame(self.key[0], b"", self.key[1])
         self._counter = self._counter % self.overflow + 1
@@ -168,7 +168,7 @@ class SyncMonitor:
         return self._last + _LOST_AFTER * self.period
 
     def feed(self, frame: CanFrame | None, now: float) -> list[SyncEvent]:
-        """The events of a frame, and of time passing."""
+        """Return the events of a frame, and of time passing."""
         events: list[SyncEvent] = []
         due = self.deadline
         since = None if self._last is None else now - self._last
@@ -191,7 +191,7 @@ class SyncMonitor:
         return [*events, SyncEvent(kind, counter, now, since)]
 
     def _follows(self, counter: int | None) -> bool:
-        """Whether this counter follows the previous one. If `overflow` is unknown, a wrap to 1 is always accepted."""
+        """Return whether this counter follows the previous one. If `overflow` is unknown, a wrap to 1 is always accepted."""
         if counter is None or self._previous is None:
             return True
         if self.overflow is None and counter == 1:

@@ -38,7 +38,7 @@ class TimeStamp:
 
     @classmethod
     def of_unix(cls, seconds: float) -> TimeStamp:
-        """From seconds since 1 January 1970, rounded to milliseconds. EncodeError for a day out of range."""
+        """From seconds since 1 January 1970, rounded to milliseconds. Raise EncodeError for a day out of range."""
         try:
             moment = TimeOfDay(round((seconds - EPOCH_UNIX) * 1000))
         except (ValueError, OverflowError):
@@ -52,12 +52,12 @@ class TimeStamp:
         return EPOCH_UNIX + int(self.moment) / 1000
 
     def encode(self, key: tuple[int, bool] = TIME_KEY) -> CanFrame:
-        """The frame, with COB-ID 100h unless the network uses another. EncodeError for a day out of range."""
+        """Return the frame, with COB-ID 100h unless the network uses another. Raise EncodeError for a day out of range."""
         return CanFrame(key[0], _CODEC.encode(self.moment), key[1])
 
     @classmethod
     def decode(cls, frame: CanFrame, key: tuple[int, bool] = TIME_KEY) -> TimeStamp:
-        """Raises DecodeError for another identifier, another length, a time of 24 hours or more.
+        """Decode a frame. Raise DecodeError for another identifier, another length, a time of 24 hours or more.
 
         The four reserved bits are ignored.
         """
@@ -92,7 +92,7 @@ class TimeProducer:
         return self._next
 
     def feed(self, item: None, now: float) -> list[CanFrame]:
-        """The TIME message, if it is due."""
+        """Return the TIME message, if it is due."""
         if self._next is not None and now < self._next:
             return []
         self._next = now + self.period
@@ -129,11 +129,11 @@ class TimeConsumer:
         return None
 
     def unix(self, now: float) -> float | None:
-        """The Unix time now, None before the first TIME message."""
+        """Return the Unix time now, None before the first TIME message."""
         return None if self.last is None else self.last.unix_at_zero + now
 
     def feed(self, frame: CanFrame | None, now: float) -> list[TimeReceived]:
-        """The time stamp of the frame, if it is a TIME message."""
+        """Return the time stamp of the frame, if it is a TIME message."""
         if frame is None or frame.key != self.key or frame.remote:
             return []
         try:

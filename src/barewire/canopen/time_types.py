@@ -89,7 +89,7 @@ class TimeCodec:
         self.name = name
 
     def encode(self, value: Value | datetime | timedelta) -> bytes:
-        """Six bytes. Raises EncodeError for another type, and outside of 0..65535 days."""
+        """Return six bytes. Raise EncodeError for another type, and outside of 0..65535 days."""
         if isinstance(value, datetime) and self.name == "time_of_day":
             value = TimeOfDay.of(value)
         elif isinstance(value, timedelta) and self.name == "time_difference":
@@ -102,7 +102,7 @@ class TimeCodec:
         return milliseconds.to_bytes(4, "little") + days.to_bytes(2, "little")
 
     def decode(self, data: bytes) -> TimeOfDay | TimeDifference:
-        """The value. The four void bits are ignored; DecodeError("value") for 24 hours or more in the first field."""
+        """Return the value. The four void bits are ignored. Raise DecodeError("value") for 24 hours or more in the first field."""
         if len(data) != self.size:
             short = len(data) < self.size
             text = f"{self.name} takes {self.size} bytes, got {len(data)}"

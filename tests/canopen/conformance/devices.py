@@ -27,7 +27,7 @@ ADDRESS = LssAddress(0x0000_0360, 0x1234, 0x0001_0002, 7)
 
 
 def plain(*more: Entry) -> LocalNode:
-    """A device with the objects that most cases need, and `more`."""
+    """Return a device with the objects that most cases need, and `more`."""
     objects = [
         *standard_objects(ADDRESS, device_type=0x0002_0192, name="barewire plain device"),
         Entry(0x1010, 1, "save all", "u32", "rw", 1),
@@ -41,14 +41,14 @@ def plain(*more: Entry) -> LocalNode:
 
 
 def az3() -> Participant:
-    """The simulated drive."""
+    """Return the simulated drive."""
     node = simulator("az3", 0.0, node=NODE).canopen
     assert node is not None
     return node
 
 
 def bus_with(device: Participant) -> VirtualBus:
-    """A bus on which the device has been switched on."""
+    """Return a bus on which the device has been switched on."""
     bus = VirtualBus()
     bus.add(device, sent=device.start(0.0) if isinstance(device, LocalNode) else [])
     bus.pass_time(0.01)
@@ -56,7 +56,7 @@ def bus_with(device: Participant) -> VirtualBus:
 
 
 def subject_of(make: Callable[[], Participant], large: tuple[int, int] | None = None) -> Subject:
-    """The result of probing such a device."""
+    """Return the result of probing such a device."""
     return bus_with(make()).run(probe(NODE, timeout=0.1, large=large))
 
 
@@ -85,7 +85,7 @@ class FaultyDevice:
 
 
 def failures(bus: VirtualBus, subject: Subject, *, prefixes: tuple[str, ...] = ("",)) -> dict[str, str]:
-    """The failures of the whole battery against one device that is not switched off, by the name of the case."""
+    """Return the failures of the whole battery against one device that is not switched off, by the name of the case."""
     found: dict[str, str] = {}
     before = None
     for case in cases(subject):

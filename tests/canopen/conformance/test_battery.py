@@ -105,7 +105,7 @@ Change = Callable[[LocalNode, CanFrame | None, list[CanFrame]], list[CanFrame]]
 
 
 def without(identifier: int) -> Change:
-    """No frame is sent with this identifier."""
+    """Return no frame is sent with this identifier."""
     return lambda device, received, sent: [frame for frame in sent if frame.id != identifier]
 
 

@@ -32,7 +32,7 @@ BAD_VALUE = "585#80......30000906"
 
 
 def write(index: int, sub: int, value: int, size: int) -> str:
-    """The SDO that writes a number."""
+    """Return the SDO that writes a number."""
     command = {1: 0x2F, 2: 0x2B, 4: 0x23}[size]
     place = index.to_bytes(2, "little") + bytes([sub])
     return f"605#{(bytes([command]) + place + value.to_bytes(4, 'little')).hex().upper()}"
@@ -156,7 +156,7 @@ def device() -> LocalNode:
 
 
 def fits(answers: str, received: list[str]) -> bool:
-    """Whether the received frames are one of the accepted answers."""
+    """Return whether the received frames are one of the accepted answers."""
     wanted = [] if answers == "-" else [answer.strip() for answer in answers.split(",")]
     if len(wanted) != len(received):
         return False

@@ -215,7 +215,7 @@ def test_a_value_that_does_not_fit_its_bits_is_counted() -> None:
 
 
 def answer(device: LocalNode, request: str) -> str:
-    """One SDO request by its data; 'ok' for a confirmation, the abort code in reading order, or the value."""
+    """Return one SDO request by its data; 'ok' for a confirmation, the abort code in reading order, or the value."""
     data = CanFrame.parse(feed(device, f"605#{request.replace(' ', '')}")[0]).data
     number = int.from_bytes(data[4:], "little")
     return {0x60: "ok", 0x80: f"{number:08X}"}.get(data[0], f"{number:X}")
@@ -319,7 +319,7 @@ def test_a_fifth_pdo_is_off_until_it_has_an_identifier() -> None:
 
 
 def in_a_block(*pdos: PdoConfig) -> LocalNode:
-    """A device in the middle of a block download."""
+    """Return a device in the middle of a block download."""
     objects = ObjectDictionary([*az3_objects(), Entry(0x2F00, 0, "long", "domain", "rw", b"")])
     device = LocalNode(5, objects, pdos)
     device.start(0.0)

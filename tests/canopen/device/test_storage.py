@@ -50,31 +50,31 @@ def reset(device: LocalNode, command: str) -> list[int]:
     ],
 )
 def test_areas_of_store_parameters(sub: int, after_node: list[int], after_communication: list[int]) -> None:
-    one = device()
-    change(one, 10)
-    one.objects.write(0x1010, sub, b"save")
-    change(one, 100)
-    assert reset(one, "82") == after_communication
-    assert reset(one, "81") == after_node
+    node = device()
+    change(node, 10)
+    node.objects.write(0x1010, sub, b"save")
+    change(node, 100)
+    assert reset(node, "82") == after_communication
+    assert reset(node, "81") == after_node
 
 
 def test_load_takes_effect_at_the_reset() -> None:
-    one = device()
-    change(one, 10)
-    one.objects.write(0x1010, 1, b"save")
-    one.objects.write(0x1011, 1, b"load")
-    assert values(one) == [10, 11, 12, 13]
-    assert reset(one, "81") == [0, 1, 2, 3]
+    node = device()
+    change(node, 10)
+    node.objects.write(0x1010, 1, b"save")
+    node.objects.write(0x1011, 1, b"load")
+    assert values(node) == [10, 11, 12, 13]
+    assert reset(node, "81") == [0, 1, 2, 3]
 
 
 def test_only_the_signature_stores() -> None:
-    one = device()
+    node = device()
     for index in (0x1010, 0x1011):
-        assert one.objects.read(index, 1) == b"\1\0\0\0"
+        assert node.objects.read(index, 1) == b"\1\0\0\0"
         for wrong in (bytes(4), b"evas", b"\1\0\0\0"):
             with pytest.raises(SdoAbort, match="0800 0020h"):
-                one.objects.write(index, 1, wrong)
-    assert one.stored.values == {}
+                node.objects.write(index, 1, wrong)
+    assert node.stored.values == {}
 
 
 def test_a_stored_default_cob_id_follows_the_node_id() -> None:
@@ -98,11 +98,11 @@ def test_a_stored_default_cob_id_follows_the_node_id() -> None:
 
 def test_a_temporary_sdo_channel_is_not_stored() -> None:
     objects = ObjectDictionary([*standard_objects(servers=3), Entry(0x1010, 1, "store", "u32")])
-    one = LocalNode(5, objects)
-    one.start(0.0)
+    node = LocalNode(5, objects)
+    node.start(0.0)
     for_a_while, for_good = 1 << 30 | 0x6A0, 0x6A1
     for index, word in ((0x1201, for_a_while), (0x1202, for_good)):
         objects.write(index, 1, word.to_bytes(4, "little"))
     objects.write(0x1010, 1, b"save")
-    one.feed(CanFrame.parse("000#8205"), 1.0)
+    node.feed(CanFrame.parse("000#8205"), 1.0)
     assert [objects.get(index, 1) for index in (0x1201, 0x1202)] == [1 << 31, for_good]

@@ -16,19 +16,19 @@ SEEN = {
     "no end of the last line": "dbus-canopen-motordrive: curtis_e.eds",
     "umlaut in UTF-8": "CANopenDemo: demoDevice.eds, a Euro sign; canopen#137",
     "umlaut in Latin-1": "a servo drive, byte FCh, canopen-rpi#7; German names of an inverter, libedssharp#70",
-    "quotes of Windows-1252": "kacanopen: 605.3150.51-V-EK-2-60.eds, in truth an o umlaut of a DOS code page",
+    "quotes of Windows-1252": "kacanopen: 605.3150.51-V-EK-2-60.eds, actually an o umlaut of a DOS code page",
     "mixed line ends": "Eyou_Canopen_master: YiyouServo_V1.4.eds",
     "comment lines": "rows of stars in the files of a maker of motors, CANopenEditor#54",
     "hash comment": "canopen: e35.eds; kacanopen: 301.eds",
     "blank behind the equals sign of a list": "an inverter, libedssharp#70; allowed by CiA 306 4.3",
     "blanks around the equals sign": "an example in CiA 306 4.6.3.4.1 itself",
     "trailing blanks": "kacanopen: epos2_347717.eds; libedssharp#70",
-    "text behind a section": "kacanopen: 301.eds, a note how often to repeat it",
+    "text behind a section": "kacanopen: 301.eds, a note on how often to repeat it",
     "a line of text": "libedssharp#145; CANopen-monitor#86",
     # The names
     "key in other capitals": "kacanopen: 3301001_0.eds, Baudrate_10; allowed by CiA 306 4.2",
     "line of a comment in small letters": "CANopenNode's old editor, libedssharp#72",
-    "commissioning spelled rightly": "CANopen-monitor: battery.dcf",
+    "commissioning with a double m": "CANopen-monitor: battery.dcf",
     "section twice": "CRF: master.dcf, after a merge",
     "list twice": "CRF: master.dcf, [ManufacturerObjects]",
     "key twice": "CRF: master.dcf, NrOfRxPDO",
@@ -36,13 +36,13 @@ SEEN = {
     "section of another tool": "maxon_epos4_ros1_csp: CAN_M1.dcf, [ToolInfos]",
     "modules": "a bus coupler, CANopenEditor#69",
     "vendor with leading zeros": "canopen#313; octal, and the same number, in CiA 306 4.3",
-    "vendor that is empty": "CANopenSocket: basicDevice.eds",
+    "an empty vendor": "CANopenSocket: basicDevice.eds",
     "node in hexadecimal": "lely-core: co-sdev.dcf",
-    "number of entries as the spec has it": "NrOfRxPDO in 20 public files",
+    "number of PDOs in both spellings of the standard": "NrOfRxPDO in 20 public files",
     # Numbers and values
     "capital prefix": "CRF: ERB415.eds",
     "leading zeros": "canopen#313",
-    "octal": "EDS-File-Viewer: 605.0141.01-O.eds, product 014101, hardly meant so; read so by CiA 306 4.3",
+    "octal": "EDS-File-Viewer: 605.0141.01-O.eds, product 014101, probably meant as decimal; octal by CiA 306 4.3",
     "no value": "29 of 198 public files; CiA 306 4.3: as if the key were missing",
     "negative hexadecimal": "kacanopen: 605.3150.55-D-EK-2-60.eds, a limit",
     "suffix of C": "CANOpenRobotController: CANopenSocket.eds, LL of an UNSIGNED64",
@@ -57,7 +57,7 @@ SEEN = {
     "OCTET_STRING that is text": "canopen: datatypes.eds",
     "TIME_DIFFERENCE as days and milliseconds": "lely-core: co-sdev.dcf",
     "formula": "canopen#1 and #49",
-    "formula the other way round": "libedssharp writes so; canopen#198, ros_canopen#471",
+    "formula the other way round": "written by libedssharp; canopen#198, ros_canopen#471",
     "formula with blanks": "ros2_canopen: prbt_0_1.dcf",
     "formula in other capitals": "eRob_CANopen_Python: ZeroErr_Driver_V1.5.eds; CANopenEditor#57",
     "formula of three terms": "the grammar of CiA 306 4.3",
@@ -65,7 +65,7 @@ SEEN = {
     "missing ObjectType": "40 of 198 public files; canopen#91",
     "an object of the type DOMAIN": "canopen#113",
     "no DataType": "CRF: master.dcf",
-    "DataType nobody knows": "canopen: sample.eds, 40h",
+    "unknown DataType": "canopen: sample.eds, 40h",
     "data type of CanFestival": "canopen#8",
     "no AccessType": "CRF: master.dcf",
     "AccessType in capitals": "a servo amplifier, canopen#1; emec-drv-canopen-tester",
@@ -75,7 +75,7 @@ SEEN = {
     "limits in two's complement": "canopen#658",
     "limits that are crossed": "kacanopen: 605.3150.60-B-EK-2-60.eds, 6061h from 00h to FFh, an INTEGER8",
     "not in a list": "canopen: e35.eds, 2FFFh",
-    "listed, not there": "canopen: e35.eds, 6505h",
+    "listed, but missing": "canopen: e35.eds, 6505h",
     "listed twice": "gocanopen: base.eds, 1019h",
     "Sub with a capital": "canopen: sample.eds; allowed by CiA 306 4.2",
     "sub in decimal": "kacanopen: 301.eds, [1003sub00]",
@@ -94,7 +94,7 @@ SEEN = {
 
 
 def field(name: str, file: str | bytes, rules: str, seen: str, value: Any = 5) -> Oddity:
-    """A case with the value of the object."""
+    """Return a case with the value of the object."""
     return Oddity(name, file, tuple(word.strip() for word in rules.split(",") if word.strip()), {SPEED: value}, seen)
 
 
@@ -160,7 +160,7 @@ FIELD = [
 
 
 def linted(name: str, file: str, rules: str, seen: str, at: tuple[int, int] = SPEED, value: Any = 5) -> Oddity:
-    """A case that is read without doubt, and has something to say against it: the line and rule of lint."""
+    """Return a case that is read without doubt, and has something to say against it: the line and rule of lint."""
     return Oddity(name, file, tuple(word.strip() for word in rules.split(",")), {at: value}, seen)
 
 
@@ -169,7 +169,7 @@ def information(key: str, value: str) -> str:
 
 
 def pdo(mapped: str, cob_id: str = "$NODEID+0x180") -> str:
-    """The object, and a TPDO that maps it."""
+    """Return the object, and a TPDO that maps it."""
     sub = "ParameterName={}\nObjectType=7\nDataType={}\nAccessType=rw\nDefaultValue={}\n"
     return changed(
         LIST,

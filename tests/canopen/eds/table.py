@@ -29,19 +29,19 @@ _BEST = ("DefaultValue=1Fh", "DefaultValue=010", "to be done", "[MyTool]", "Defa
 
 
 def examples() -> dict[str, str]:
-    """An example line for each rule; none if something is missing in the file as a whole."""
+    """Return an example line for each rule; none if something is missing in the file as a whole."""
     found: dict[str, list[str]] = {}
     for file in files():
         document = eds.parse(file)
-        for one in eds.lint(document):
-            if one.line:
-                found.setdefault(one.rule, []).append(document.lines[one.line - 1].text.rstrip("\r\n"))
+        for diagnostic in eds.lint(document):
+            if diagnostic.line:
+                found.setdefault(diagnostic.rule, []).append(document.lines[diagnostic.line - 1].text.rstrip("\r\n"))
     best = {rule: next((line for line in _BEST if line in lines), lines[0]) for rule, lines in found.items()}
     return best | _UNSEEN
 
 
 def files() -> Iterator[bytes]:
-    """The files of all cases, small ones first."""
+    """Yield the files of all cases, small ones first."""
     for oddity in [*FIELD, *MADE, *LINTED]:
         yield oddity.file if isinstance(oddity.file, bytes) else oddity.file.encode()
     for old, new, _, _ in FAULTS:
@@ -49,17 +49,17 @@ def files() -> Iterator[bytes]:
 
 
 def table(rules: dict[str, str]) -> str:
-    """One table, in the order of the rules."""
+    """Return one table, in the order of the rules."""
     shown = examples()
     rows = ["| rule | message | example |", "|---|---|---|"]
-    for rule, says in rules.items():
+    for rule, message in rules.items():
         line = shown.get(rule, "")
-        rows.append(f"| `{rule}` | {says} | {f'`{line}`' if line else ''} |")
+        rows.append(f"| `{rule}` | {message} | {f'`{line}`' if line else ''} |")
     return "\n".join(rows)
 
 
 def page(text: str) -> str:
-    """The page with both tables up to date."""
+    """Return the page with both tables up to date."""
     for heading, rules in (("## Rules of reading", PARSE_RULES), ("## Rules of lint", LINT_RULES)):
         pattern = re.compile(rf"({re.escape(heading)}\n.*?\n)\| rule \|.*?(?=\n\n)", re.DOTALL)
         text = pattern.sub(lambda match, rules=rules: match[1] + table(rules), text, count=1)  # type: ignore[misc]

@@ -212,13 +212,14 @@ def test_a_file_without_fault_has_no_findings() -> None:
     assert eds.lint(eds.parse(FINE.encode())) == ()
 
 
-@pytest.mark.parametrize(("old", "new", "at", "rule"), FAULTS)
-def test_one_fault_is_found_at_its_line(old: str, new: str, at: str | int, rule: str) -> None:
+@pytest.mark.parametrize(("old", "new", "place", "rule"), FAULTS)
+def test_one_fault_is_found_at_its_line(old: str, new: str, place: str | int, rule: str) -> None:
     assert old in FINE
     text = FINE.replace(old, new, 1)
-    line = at if isinstance(at, int) else max(number for number, one in enumerate(text.splitlines(), 1) if one == at)
+    lines = text.splitlines()
+    line = place if isinstance(place, int) else max(number for number, shown in enumerate(lines, 1) if shown == place)
     found = eds.lint(eds.parse(text.encode()))
-    assert (line, rule) in [(one.line, one.rule) for one in found]
+    assert (line, rule) in [(diagnostic.line, diagnostic.rule) for diagnostic in found]
 
 
 def test_every_rule_has_a_fault() -> None:
@@ -254,15 +255,15 @@ def test_correct_variants_have_no_findings(old: str, new: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("new", "says"), [("SubNumber=3", "[1018] SubNumber=3, there are 2"), ("", "[1018] no SubNumber, there are 2")]
+    ("new", "message"), [("SubNumber=3", "[1018] SubNumber=3, there are 2"), ("", "[1018] no SubNumber, there are 2")]
 )
-def test_a_wrong_count_is_reported_with_the_right_one(new: str, says: str) -> None:
+def test_a_wrong_count_is_reported_with_the_right_one(new: str, message: str) -> None:
     """The count in the message helps the reader: 528 public files had 804 of these findings."""
     found = eds.lint(eds.parse(FINE.replace("SubNumber=2", new, 1).encode()))
-    assert [str(one).split(": ")[1:3] for one in found] == [["sub-number", says]]
+    assert [str(diagnostic).split(": ")[1:3] for diagnostic in found] == [["sub-number", message]]
 
 
 def test_lint_includes_the_diagnostics_in_the_order_of_lines() -> None:
     found = eds.lint(eds.parse(FINE.replace("SubNumber=2", "SubNumber=2h", 1).replace("09:30AM", "0930").encode()))
-    assert [one.rule for one in found] == ["time-form", "number-form"]
+    assert [diagnostic.rule for diagnostic in found] == ["time-form", "number-form"]
     assert str(found[0]) == "7: time-form: CreationTime=0930: expected hh:mm with AM or PM"

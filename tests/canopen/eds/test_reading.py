@@ -29,7 +29,7 @@ def present(objects: ObjectDictionary, index: int, sub: int) -> Any:
 @pytest.mark.parametrize("oddity", ODDITIES, ids=[oddity.name for oddity in ODDITIES])
 def test_an_oddity_is_reported_and_read(oddity: Oddity) -> None:
     document = eds.parse(data_of(oddity))
-    assert [f"{one.line} {one.rule}" for one in document.diagnostics] == list(oddity.rules)
+    assert [f"{diagnostic.line} {diagnostic.rule}" for diagnostic in document.diagnostics] == list(oddity.rules)
     assert document.encode() == data_of(oddity)
     objects = document.dictionary(5)
     for place, value in oddity.values.items():
@@ -45,9 +45,9 @@ def test_an_oddity_is_reported_and_read(oddity: Oddity) -> None:
 @pytest.mark.parametrize("oddity", LINTED, ids=[oddity.name for oddity in LINTED])
 def test_an_oddity_is_reported_by_lint_only(oddity: Oddity) -> None:
     document = eds.parse(data_of(oddity))
-    found = [f"{one.line} {one.rule}" for one in eds.lint(document)]
+    found = [f"{diagnostic.line} {diagnostic.rule}" for diagnostic in eds.lint(document)]
     assert set(oddity.rules) <= set(found)
-    assert not {one.split()[1] for one in oddity.rules} & {one.rule for one in document.diagnostics}
+    assert not {line.split()[1] for line in oddity.rules} & {diagnostic.rule for diagnostic in document.diagnostics}
     assert document.encode() == data_of(oddity)
     for place, value in oddity.values.items():
         assert present(document.dictionary(5), *place) == value
@@ -66,7 +66,7 @@ def test_every_rule_has_a_case() -> None:
 def test_the_page_lists_every_rule() -> None:
     text = eds_table.PAGE.read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([a-z0-9-]+)` \| (.*) \| (.*) \|$", text, re.MULTILINE)
-    assert {rule: says for rule, says, _ in rows} == PARSE_RULES | LINT_RULES
+    assert {rule: message for rule, message, _ in rows} == PARSE_RULES | LINT_RULES
     assert [rule for rule, _, line in rows if not line] == ["missing-section", "missing-object"]
     assert eds_table.page(text) == text, "python -m tests.canopen.eds.table"
 
@@ -74,7 +74,7 @@ def test_the_page_lists_every_rule() -> None:
 def test_text_beyond_visible_string_is_read_as_its_bytes() -> None:
     file = GOOD.replace("DataType=3", "DataType=9").replace("=5\n", "=€\n").encode()
     document = eds.parse(file)
-    assert [one.rule for one in document.diagnostics] == ["bad-text", "not-ascii"]
+    assert [diagnostic.rule for diagnostic in document.diagnostics] == ["bad-text", "not-ascii"]
     entry = document.dictionary().entry(0x2000)
     assert entry.codec.encode(entry.default) == "€".encode()  # what a device with this dictionary sends
 
@@ -178,7 +178,8 @@ def check_that_nothing_raises(data: bytes) -> None:
     assert document.encode() == data
     assert document.copy().encode() == data
     eds.lint(document)
-    assert all(PARSE_RULES[one.rule] and 0 <= one.line <= max(1, len(document.lines)) for one in document.diagnostics)
+    last = max(1, len(document.lines))
+    assert all(PARSE_RULES[found.rule] and 0 <= found.line <= last for found in document.diagnostics)
     objects = document.dictionary(5)
     for entry in objects:
         entry.codec.encode(objects.get(entry.index, entry.sub))

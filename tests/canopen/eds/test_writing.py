@@ -20,7 +20,7 @@ from tests.helpers import modest
 def lines_that_differ(before: bytes, after: bytes) -> list[tuple[bytes, bytes]]:
     old, new = before.splitlines(keepends=True), after.splitlines(keepends=True)
     assert len(old) == len(new)
-    return [(one, other) for one, other in zip(old, new) if one != other]
+    return [(was, now) for was, now in zip(old, new) if was != now]
 
 
 def test_a_change_affects_one_line_and_keeps_its_form() -> None:
@@ -62,7 +62,7 @@ def test_values_are_written_in_the_form_of_the_old_one(code: str, old: str, valu
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "says"),
+    ("key", "value", "message"),
     [
         ("DefaultValue", 40000, "does not fit i16"),
         ("DefaultValue", b"x", "not a whole number"),
@@ -75,9 +75,9 @@ def test_values_are_written_in_the_form_of_the_old_one(code: str, old: str, valu
         ("Bad=Key", "x", "would not be read back"),
     ],
 )
-def test_a_refused_value_leaves_the_file_unchanged(key: str, value: Any, says: str) -> None:
+def test_a_refused_value_leaves_the_file_unchanged(key: str, value: Any, message: str) -> None:
     document = eds.parse(GOOD.encode())
-    with pytest.raises(EncodeError, match=says):
+    with pytest.raises(EncodeError, match=message):
         document.set(0x2000, 0, key, value)
     assert document.encode() == GOOD.encode()
 
@@ -174,7 +174,8 @@ def test_a_written_value_is_read_back(oddity: Any, value: int, data: st.DataObje
     """In every odd file, a written value is read back, and no other line changes."""
     before = oddity.file.encode("ascii")
     document = eds.parse(before)
-    places = [(index, item) for index, one in document.objects.items() for item in one.items if one.line]
+    written = [described for described in document.objects.values() if described.line]
+    places = [(described.index, item) for described in written for item in described.items]
     numbers = [(index, item) for index, item in places if item.type[0] in "ui" and item.type != "unicode"]
     assume(numbers)
     index, item = data.draw(st.sampled_from(numbers))
@@ -191,7 +192,7 @@ def test_a_written_value_is_read_back(oddity: Any, value: int, data: st.DataObje
         assert len(new) == len(old) + 1
         assert len(added) <= 2  # the last line may have had no end
     else:
-        assert sum(one != other for one, other in zip(old, new, strict=True)) <= 1
+        assert sum(was != now for was, now in zip(old, new, strict=True)) <= 1
 
 
 # From scratch
@@ -263,7 +264,7 @@ def test_a_dcf_is_made_of_an_eds() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "says"),
+    ("values", "message"),
     [
         ({(0x2000, 0): 11}, r"2000h:00 Speed = 11: expected -10..10"),
         ({(0x2000, 0): -11}, "expected -10..10"),
@@ -272,12 +273,12 @@ def test_a_dcf_is_made_of_an_eds() -> None:
         ({(0x2000, 0): "text"}, None),
     ],
 )
-def test_a_dcf_refuses_values_outside_of_their_limits(values: Any, says: str | None) -> None:
+def test_a_dcf_refuses_values_outside_of_their_limits(values: Any, message: str | None) -> None:
     document = eds.parse(GOOD.replace("=5\n", "=5\nLowLimit=-10\nHighLimit=10\n").encode())
-    if says is None:
-        assert [one.rule for one in eds.to_dcf(document, 5, values).diagnostics] == ["bad-number"]
+    if message is None:
+        assert [diagnostic.rule for diagnostic in eds.to_dcf(document, 5, values).diagnostics] == ["bad-number"]
         return
-    with pytest.raises(EncodeError, match=says):
+    with pytest.raises(EncodeError, match=message):
         eds.to_dcf(document, 5, values)
     with pytest.raises(EncodeError, match="expected one of 10, 20"):
         eds.to_dcf(document, 5, bitrate=33_000)

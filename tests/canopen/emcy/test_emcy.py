@@ -39,29 +39,29 @@ def test_register_bits_of_a_code(code: int, register: int) -> None:
 
 
 def test_code_0000h_reports_the_remaining_register() -> None:
-    one = device()
-    assert texts(one.error(0x3210, 1.0)) == ["085#1032050000000000"]
-    assert texts(one.error(0x8130, 2.0, info=b"\2")) == ["085#3081150200000000"]
-    assert one.error(0x8130, 2.5) == []  # active already
-    assert texts(one.error_gone(0x3210, 3.0)) == ["085#0000110000000000"]
-    assert one.error_gone(0x3210, 3.5) == []
-    assert one.objects.get(0x1001) == 0x11
-    assert texts(one.error_gone(0x8130, 4.0)) == ["085#0000000000000000"]
-    assert one.errors.active == ()
+    node = device()
+    assert texts(node.error(0x3210, 1.0)) == ["085#1032050000000000"]
+    assert texts(node.error(0x8130, 2.0, info=b"\2")) == ["085#3081150200000000"]
+    assert node.error(0x8130, 2.5) == []  # active already
+    assert texts(node.error_gone(0x3210, 3.0)) == ["085#0000110000000000"]
+    assert node.error_gone(0x3210, 3.5) == []
+    assert node.objects.get(0x1001) == 0x11
+    assert texts(node.error_gone(0x8130, 4.0)) == ["085#0000000000000000"]
+    assert node.errors.active == ()
 
 
 def test_the_same_error_from_two_sources_counts_twice() -> None:
-    one = device()
-    one.error(0x8210, 0.0, source=1)
-    assert len(one.error(0x8210, 0.0, source=2)) == 1
-    assert texts(one.error_gone(0x8210, 0.0, source=1)) == ["085#0000110000000000"]
+    node = device()
+    node.error(0x8210, 0.0, source=1)
+    assert len(node.error(0x8210, 0.0, source=2)) == 1
+    assert texts(node.error_gone(0x8210, 0.0, source=1)) == ["085#0000110000000000"]
 
 
 def test_history_is_read_and_cleared_by_1003h() -> None:
-    one = device()
+    node = device()
     for code in range(0x1001, 0x100B):
-        one.error(code, 0.0, info=b"\x34\x12")
-    objects = one.objects
+        node.error(code, 0.0, info=b"\x34\x12")
+    objects = node.objects
     assert objects.read(0x1003, 0) == b"\x08"
     assert objects.get(0x1003, 1) == 0x1234100A
     assert objects.get(0x1003, 8) == 0x12341003
@@ -76,16 +76,16 @@ def test_history_is_read_and_cleared_by_1003h() -> None:
 
 
 def test_messages_wait_for_the_inhibit_time() -> None:
-    one = device()
-    one.objects.set(0x1015, 0, 1000)  # 100 ms
-    assert len(one.error(0x1000, 0.0)) == 1
-    assert one.error(0x3210, 0.01) == []
-    assert one.error_gone(0x1000, 0.02) == []
-    assert one.deadline == pytest.approx(0.1)
-    assert texts(one.feed(None, 0.1)) == ["085#1032050000000000"]
-    assert one.deadline == pytest.approx(0.2)
-    assert texts(one.feed(None, 0.25)) == ["085#0000050000000000"]
-    assert one.deadline is None
+    node = device()
+    node.objects.set(0x1015, 0, 1000)  # 100 ms
+    assert len(node.error(0x1000, 0.0)) == 1
+    assert node.error(0x3210, 0.01) == []
+    assert node.error_gone(0x1000, 0.02) == []
+    assert node.deadline == pytest.approx(0.1)
+    assert texts(node.feed(None, 0.1)) == ["085#1032050000000000"]
+    assert node.deadline == pytest.approx(0.2)
+    assert texts(node.feed(None, 0.25)) == ["085#0000050000000000"]
+    assert node.deadline is None
 
 
 def test_the_number_of_waiting_messages_is_bounded() -> None:
@@ -97,44 +97,44 @@ def test_the_number_of_waiting_messages_is_bounded() -> None:
 
 
 def test_a_stopped_device_sends_no_emergency_but_keeps_register_and_history() -> None:
-    one = device()
-    one.feed(CanFrame.parse("000#0205"), 0.0)
-    assert one.error(0x3210, 0.0) == []
-    assert one.objects.get(0x1001) == 5
-    assert one.objects.get(0x1003, 1) == 0x3210
-    one.feed(CanFrame.parse("000#8005"), 0.0)
-    assert texts(one.error_gone(0x3210, 1.0)) == ["085#0000000000000000"]
+    node = device()
+    node.feed(CanFrame.parse("000#0205"), 0.0)
+    assert node.error(0x3210, 0.0) == []
+    assert node.objects.get(0x1001) == 5
+    assert node.objects.get(0x1003, 1) == 0x3210
+    node.feed(CanFrame.parse("000#8005"), 0.0)
+    assert texts(node.error_gone(0x3210, 1.0)) == ["085#0000000000000000"]
 
 
 def test_1014h_changes_the_identifier_and_switches_emcy_off() -> None:
-    one = device()
-    assert one.objects.get(0x1014) == 0x85
+    node = device()
+    assert node.objects.get(0x1014) == 0x85
     for word, code in ((0x86, "0609 0030h"), (0x80000605, None), (0x605, "0609 0030h"), (0x9A, None)):
         data = word.to_bytes(4, "little")
         if code is not None:
             with pytest.raises(SdoAbort, match=code):
-                one.objects.write(0x1014, 0, data)
+                node.objects.write(0x1014, 0, data)
         else:
-            one.objects.write(0x1014, 0, data)
-    assert texts(one.error(0x1000, 0.0)) == ["09A#0010010000000000"]
-    one.objects.write(0x1014, 0, (0x8000009A).to_bytes(4, "little"))
-    assert one.error_gone(0x1000, 0.0) == []
+            node.objects.write(0x1014, 0, data)
+    assert texts(node.error(0x1000, 0.0)) == ["09A#0010010000000000"]
+    node.objects.write(0x1014, 0, (0x8000009A).to_bytes(4, "little"))
+    assert node.error_gone(0x1000, 0.0) == []
 
 
 def test_a_reset_clears_communication_errors_or_all_errors() -> None:
-    one = device()
-    one.error(0x3210, 0.0)
-    one.error(0x8130, 0.0)
-    assert texts(one.feed(CanFrame.parse("000#8205"), 1.0)) == ["705#00"]
-    assert (one.errors.active, one.state) == ((0x3210,), NmtState.PRE_OPERATIONAL)
-    one.feed(CanFrame.parse("000#8105"), 2.0)
-    assert (one.errors.active, one.errors.history) == ((), ())
+    node = device()
+    node.error(0x3210, 0.0)
+    node.error(0x8130, 0.0)
+    assert texts(node.feed(CanFrame.parse("000#8205"), 1.0)) == ["705#00"]
+    assert (node.errors.active, node.state) == ((0x3210,), NmtState.PRE_OPERATIONAL)
+    node.feed(CanFrame.parse("000#8105"), 2.0)
+    assert (node.errors.active, node.errors.history) == ((), ())
 
 
 def test_a_register_computed_by_the_application_is_sent_unchanged() -> None:
-    one = LocalNode(5, ObjectDictionary([Entry(0x1001, 0, "error register", "u8", "ro", on_read=lambda: 0x20)]))
-    one.start(0.0)
-    assert texts(one.error(0xFF00, 0.0)) == ["085#00FF200000000000"]
+    node = LocalNode(5, ObjectDictionary([Entry(0x1001, 0, "error register", "u8", "ro", on_read=lambda: 0x20)]))
+    node.start(0.0)
+    assert texts(node.error(0xFF00, 0.0)) == ["085#00FF200000000000"]
 
 
 def test_the_consumer_clears_errors_whose_register_bit_is_reset() -> None:

@@ -72,7 +72,7 @@ def bus() -> VirtualBus:
 
 
 def ask(bus: VirtualBus, session: GatewaySession, line: str) -> str:
-    """The answer to a line, on a bus with a device."""
+    """Return the answer to a line, on a bus with a device."""
     (answer,) = bus.run(session.answer(line))
     return answer
 
@@ -152,7 +152,7 @@ def feed(session: GatewaySession, text: str | None, now: float) -> tuple[list[st
 
 
 def answer_to(session: GatewaySession, line: str, now: float = 0.0) -> str:
-    """The answer to a line that needs no device."""
+    """Return the answer to a line that needs no device."""
     (answer,) = play(session.answer(line), lambda frame, at: [], start=now)[0]
     return answer
 

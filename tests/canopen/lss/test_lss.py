@@ -92,22 +92,22 @@ def test_messages_that_cannot_be_encoded() -> None:
 def test_a_device_without_a_node_id_is_silent_until_lss_gives_it_one(
     stored: list[tuple[int | None, int | None]],
 ) -> None:
-    bus, one = with_device(None, stored)
+    bus, node = with_device(None, stored)
     others = ["000#0100", "67F#4000100000000000", "080#", "77F#R1"]
     for text in others:
         bus.inject(text, bus.now)
     assert bus.pass_time(10.0) == others
-    assert one.deadline is None
+    assert node.deadline is None
     assert bus.run(identify_unconfigured()) == 1
     assert bus.run(switch_selective(ADDRESS)) is True
     assert bus.run(inquire_node()) is None
     bus.run(configure_node(5))
     bus.run(store_configuration())
     assert stored == [(5, None)]
-    assert one.deadline is None  # still in configuration
+    assert node.deadline is None  # still in configuration
     bus.run(switch_global(LssState.WAITING))
     assert bus.pass_time(0.1) == ["705#00"]
-    assert (one.node, one.state) == (5, NmtState.PRE_OPERATIONAL)
+    assert (node.node, node.state) == (5, NmtState.PRE_OPERATIONAL)
     bus.inject("605#4000100000000000", bus.now)
     assert "585#4300100000000000" in bus.pass_time(0.1)
     assert bus.run(identify_unconfigured()) == 0
@@ -116,26 +116,26 @@ def test_a_device_without_a_node_id_is_silent_until_lss_gives_it_one(
 def test_a_configured_device_activates_its_new_node_id_at_the_next_reset(
     stored: list[tuple[int | None, int | None]],
 ) -> None:
-    bus, one = with_device(5, stored)
+    bus, node = with_device(5, stored)
     assert bus.pass_time(0.1) == ["705#00"]
-    assert one.objects.get(0x1014) == 0x85
+    assert node.objects.get(0x1014) == 0x85
     assert bus.run(switch_selective(ADDRESS))
     bus.run(configure_node(6))
     bus.run(switch_global(LssState.WAITING))
     assert bus.pass_time(0.1) == []
-    assert one.node == 5
+    assert node.node == 5
     confirmed = bus.run(send_nmt(NmtCommand.RESET_COMMUNICATION, 5, confirmed_by=[6]))
-    assert [(one.node, one.state) for one in confirmed] == [(6, 0)]
-    assert one.objects.get(0x1014) == 0x86
+    assert [(node.node, node.state) for node in confirmed] == [(6, 0)]
+    assert node.objects.get(0x1014) == 0x86
     bus.run(switch_global(LssState.CONFIGURATION))
     bus.run(configure_node(None))
     bus.run(send_nmt(NmtCommand.RESET_NODE, 6, confirmed_by=[]))
     assert bus.pass_time(1.0) == []
-    assert one.node is None
+    assert node.node is None
 
 
 def test_switch_selective_finds_one_of_two_devices(stored: list[tuple[int | None, int | None]]) -> None:
-    bus, one = with_device(5, stored)
+    bus, node = with_device(5, stored)
     two = device(6, OTHER, stored=stored)
     bus.add(two, sent=two.start(0.0))
     assert bus.run(switch_selective(OTHER)) is True
@@ -145,8 +145,8 @@ def test_switch_selective_finds_one_of_two_devices(stored: list[tuple[int | None
     assert bus.run(switch_selective(LssAddress(1, 2, 3, 4))) is False
     with pytest.raises(NoAnswer, match="no device in the LSS state configuration"):
         bus.run(inquire_node())
-    assert one.lss is not None
-    assert one.lss.state is LssState.WAITING
+    assert node.lss is not None
+    assert node.lss.state is LssState.WAITING
 
 
 def test_parts_of_an_address_are_accepted_in_order_only() -> None:
@@ -169,8 +169,8 @@ def test_identify_within_limits(stored: list[tuple[int | None, int | None]]) -> 
 
 def test_refused_services_raise() -> None:
     bus = VirtualBus()
-    one = LocalNode(5, ObjectDictionary(), lss=LssSlave(ADDRESS, rates=frozenset({4})))
-    bus.add(one, sent=one.start(0.0))
+    node = LocalNode(5, ObjectDictionary(), lss=LssSlave(ADDRESS, rates=frozenset({4})))
+    bus.add(node, sent=node.start(0.0))
     bus.run(switch_global(LssState.CONFIGURATION))
     with pytest.raises(LssRefused, match="store: not supported"):
         bus.run(store_configuration())
@@ -193,8 +193,8 @@ def test_a_failed_store_is_answered_with_code_2() -> None:
 def test_the_device_is_silent_while_the_bit_rate_changes() -> None:
     changes: list[tuple[int | None, float]] = []
     slave = LssSlave(ADDRESS, on_bit_timing=lambda entry, delay: changes.append((entry, delay)))
-    bus, one = VirtualBus(), LocalNode(5, ObjectDictionary(standard_objects(ADDRESS, heartbeat=100)), lss=slave)
-    bus.add(one, sent=one.start(0.0))
+    bus, node = VirtualBus(), LocalNode(5, ObjectDictionary(standard_objects(ADDRESS, heartbeat=100)), lss=slave)
+    bus.add(node, sent=node.start(0.0))
     bus.run(switch_global(LssState.CONFIGURATION))
     bus.run(configure_bit_timing(4))
     start = bus.now

@@ -109,41 +109,41 @@ def feed_device(device: LocalNode, text: str | None, now: float = 0.0) -> list[s
 
 
 def test_a_device_responds_with_its_state_and_a_toggle_bit() -> None:
-    one = device()
-    assert feed_device(one, "705#R1") == ["705#7F"]
-    feed_device(one, "000#0105")
-    assert feed_device(one, "705#R1") == ["705#85"]
-    feed_device(one, "000#0205")
-    assert feed_device(one, "705#R1") == ["705#04"]
-    assert feed_device(one, "000#8205") == ["705#00"]
-    assert feed_device(one, "705#R1") == ["705#7F"]
-    assert feed_device(one, "00000705#R1") == feed_device(one, "706#R1") == feed_device(one, "705#05") == []
+    node = device()
+    assert feed_device(node, "705#R1") == ["705#7F"]
+    feed_device(node, "000#0105")
+    assert feed_device(node, "705#R1") == ["705#85"]
+    feed_device(node, "000#0205")
+    assert feed_device(node, "705#R1") == ["705#04"]
+    assert feed_device(node, "000#8205") == ["705#00"]
+    assert feed_device(node, "705#R1") == ["705#7F"]
+    assert feed_device(node, "00000705#R1") == feed_device(node, "706#R1") == feed_device(node, "705#05") == []
 
 
 def test_heartbeat_replaces_guarding() -> None:
-    one = device()
-    one.objects.set(0x1017, 0, 1000)
-    assert feed_device(one, "705#R1", 0.0) == ["705#7F"]  # the first heartbeat, not a response
-    assert feed_device(one, "705#R1", 0.5) == []
-    one.objects.set(0x1017, 0, 0)
-    assert feed_device(one, "705#R1", 0.6) == ["705#7F"]
+    node = device()
+    node.objects.set(0x1017, 0, 1000)
+    assert feed_device(node, "705#R1", 0.0) == ["705#7F"]  # the first heartbeat, not a response
+    assert feed_device(node, "705#R1", 0.5) == []
+    node.objects.set(0x1017, 0, 0)
+    assert feed_device(node, "705#R1", 0.6) == ["705#7F"]
 
 
 @pytest.mark.parametrize(
     ("behaviour", "state"), [(0, NmtState.PRE_OPERATIONAL), (1, NmtState.OPERATIONAL), (2, NmtState.STOPPED)]
 )
 def test_life_guarding_sends_8130h_and_follows_1029h(behaviour: int, state: NmtState) -> None:
-    one = device()
-    one.objects.set(0x100C, 0, 500)
-    one.objects.set(0x100D, 0, 3)
-    one.objects.set(0x1029, 1, behaviour)
-    feed_device(one, "000#0105")
-    feed_device(one, "705#R1", 10.0)
-    assert one.deadline == 11.5
-    assert feed_device(one, None, 11.4) == []
-    assert feed_device(one, None, 11.5) == ["085#3081110000000000"]
-    assert one.state is state
-    assert one.objects.get(0x1001) == 0x11
-    sent = feed_device(one, "705#R1", 20.0)
+    node = device()
+    node.objects.set(0x100C, 0, 500)
+    node.objects.set(0x100D, 0, 3)
+    node.objects.set(0x1029, 1, behaviour)
+    feed_device(node, "000#0105")
+    feed_device(node, "705#R1", 10.0)
+    assert node.deadline == 11.5
+    assert feed_device(node, None, 11.4) == []
+    assert feed_device(node, None, 11.5) == ["085#3081110000000000"]
+    assert node.state is state
+    assert node.objects.get(0x1001) == 0x11
+    sent = feed_device(node, "705#R1", 20.0)
     assert ("085#0000000000000000" in sent) is (state is not NmtState.STOPPED)
-    assert one.objects.get(0x1001) == 0
+    assert node.objects.get(0x1001) == 0

@@ -11,7 +11,7 @@ from barewire.errors import DecodeError, EncodeError
 
 
 def row(*entries: tuple[str | None, int]) -> PdoMapping:
-    """A mapping of invented objects called a, b, c ..., each (type, bits)."""
+    """Return a mapping of invented objects called a, b, c ..., each (type, bits)."""
     return PdoMapping(
         MappedObject(0x2000 + place, 0, bits, type_, "abcdefgh"[place]) for place, (type_, bits) in enumerate(entries)
     )

@@ -37,7 +37,7 @@ def bus_with(*pdos: PdoConfig) -> tuple[VirtualBus, LocalNode]:
 
 
 def writes(bus: VirtualBus) -> list[str]:
-    """The objects written, in order, as `1800:1=80000185`."""
+    """Return the objects written, in order, as `1800:1=80000185`."""
     found = []
     for _, text in bus.log:
         frame = CanFrame.parse(text)

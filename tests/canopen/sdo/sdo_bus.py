@@ -113,7 +113,7 @@ class Bus:
             self._begin(client)
 
     def _event(self, until: float) -> bool:
-        """The next arrival or deadline until then, arrivals first."""
+        """Return the next arrival or deadline until then, arrivals first."""
         dues = [(node.deadline, node) for node in self.nodes if node.deadline is not None]
         due, node = min(dues, key=lambda pair: pair[0], default=(None, None))
         arrival = self._coming[0][0] if self._coming else None
@@ -138,7 +138,7 @@ class Bus:
             self._put(frame, node, self.now)
 
     def _put(self, frame: CanFrame, sender: object, now: float) -> float:
-        """Returns when the frame is transmitted."""
+        """Return when the frame is transmitted."""
         self.free_at = out = max(self.free_at, now) + FRAME_TIME
         self.log.append(f"{'C' if isinstance(sender, Client) else 'S'} {frame.data.hex(' ').upper()}")
         arriving = [(0.0, frame)] if self.fault is None else self.fault(self.sent, frame)
@@ -164,7 +164,7 @@ class Store:
         return None
 
     def read(self, index: int, sub: int) -> bytes:
-        """The value."""
+        """Return the value."""
         if (index, sub) not in self.objects:
             raise SdoAbort(AbortCode.NO_OBJECT, index, sub)
         return self.objects[index, sub]

@@ -146,7 +146,7 @@ def test_a_sink_that_fails_ends_the_transfer(block: bool) -> None:
 
 
 def turns_of(block: bool, downloads: bool) -> int:
-    """The number of frames in a transfer of 50 bytes."""
+    """Return the number of frames in a transfer of 50 bytes."""
     bus = Bus(server(Store(), downloads))
     bus.run(moving(Channel(5), block, downloads))
     return len(bus.log)

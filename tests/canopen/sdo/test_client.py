@@ -149,7 +149,7 @@ def test_a_write_is_not_confirmed_by_the_confirmation_of_another() -> None:
 
 
 def no_answer(conversation: Conversation[CanFrame, object], *answers: str) -> tuple[str, list[str]]:
-    """The text of the NoAnswer, and all frames sent."""
+    """Return the text of the NoAnswer, and all frames sent."""
     sent: list[str] = []
 
     def peer(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:

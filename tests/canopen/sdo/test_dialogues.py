@@ -39,7 +39,7 @@ def objects() -> ObjectDictionary:
 
 
 def lines(text: str) -> list[str]:
-    """One frame a line, without trailing zeros."""
+    """Return one frame a line, without trailing zeros."""
     frames = []
     for line in text.strip().splitlines():
         who, _, data = line.strip().partition(" ")
@@ -192,7 +192,7 @@ def test_our_client_and_our_server(name: str) -> None:
 
 
 def say(server: SdoServer | LocalNode, *texts: str, now: float = 0.0) -> list[str]:
-    """The frames of the server in response, without trailing zeros."""
+    """Return the frames of the server in response, without trailing zeros."""
     said = []
     for text in texts:
         for frame in server.feed(CanFrame(0x605, bytes.fromhex(text).ljust(8, b"\0")), now):
@@ -206,7 +206,7 @@ def full(*texts: str) -> list[str]:
 
 
 def elapse(server: SdoServer) -> list[str]:
-    """No frame arrives until the deadline of the server."""
+    """Return no frame arrives until the deadline of the server."""
     assert server.deadline is not None
     return [frame.data.hex(" ").upper() for frame in server.feed(None, server.deadline)]
 
@@ -363,7 +363,7 @@ def test_the_server_refuses_a_value_above_its_limit() -> None:
 
 
 def scripted(conversation: Conversation[CanFrame, object], *turns: tuple[str, ...]) -> tuple[object, list[str]]:
-    """A conversation with a server that responds to each frame with the next of these."""
+    """Return a conversation with a server that responds to each frame with the next of these."""
     script = Script()
     for request, *answers in turns:
         data = bytes.fromhex(request).ljust(8, b"\0")

@@ -46,7 +46,7 @@ CASES = [pytest.param(kind, length, id=f"{kind.name}, {length} bytes") for kind 
 
 
 def transfer(kind: Kind, length: int, fault: Fault | None, trusted: bool = False) -> str | int:
-    """One transfer with this fault: "right", or its abort code. Then a second transfer without faults must work."""
+    """Return one transfer with this fault: "right", or its abort code. Then a second transfer without faults must work."""
     value = VALUE[:length]
     store = Store()
     store.objects[0x2100, 0] = b"" if kind.downloads else value
@@ -76,7 +76,7 @@ def transfer(kind: Kind, length: int, fault: Fault | None, trusted: bool = False
 
 
 def frames_of(kind: Kind, length: int) -> list[str]:
-    """The frames of a transfer without faults."""
+    """Return the frames of a transfer without faults."""
     seen: list[str] = []
 
     def fault(number: int, frame: CanFrame) -> list[tuple[float, CanFrame]]:
@@ -88,7 +88,7 @@ def frames_of(kind: Kind, length: int) -> list[str]:
 
 
 def faults(kind: Kind, length: int) -> Iterator[tuple[int, str, Fault]]:
-    """Every frame of the transfer, in every bad way but corruption."""
+    """Yield every frame of the transfer, in every bad way but corruption."""
     for hit in range(len(frames_of(kind, length))):
         for name, delays in (("lost", []), ("doubled", [0.0, 0.0]), ("late", [1.5 * TIMEOUT]), ("swapped", [0.00015])):
 

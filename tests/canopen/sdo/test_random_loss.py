@@ -40,7 +40,7 @@ class RandomFaults:
 
 
 def tried(conversation: Generator[Any, Any, Any]) -> Generator[Any, Any, Any]:
-    """The result, or the exception."""
+    """Return the result, or the exception."""
     try:
         return (yield from conversation)
     except (SdoAbort, NoAnswer) as error:

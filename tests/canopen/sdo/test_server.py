@@ -50,7 +50,7 @@ def objects() -> ObjectDictionary:
 
 
 def dialogue(server: SdoServer, request: str) -> str:
-    """The response as text, '' for none; requests are written without the identifier."""
+    """Return the response as text, '' for none; requests are written without the identifier."""
     frames = server.feed(CanFrame.parse(f"605#{request.replace(' ', '')}"), 0.0)
     assert all(frame.id == 0x585 and len(frame.data) == 8 for frame in frames)
     return " ".join(frame.data.hex(" ").upper() for frame in frames)

@@ -124,7 +124,7 @@ _REQUEST = InitiateUpload(_DEVICE_TYPE, 0).encode()
 
 
 def _evaluate(result: ScanResult, frame: CanFrame, pending: dict[int, float], now: float) -> CanFrame | None:
-    """Add the evidence of a frame. Returns the abort to send, if the frame starts a transfer that is not wanted."""
+    """Add the evidence of a frame. Return the abort to send, if the frame starts a transfer that is not wanted."""
     result.frames += 1
     result.extended += frame.extended
     owner = classify(frame)

@@ -16,6 +16,6 @@ from barewire.canopen.conformance.sdo_segmented import segmented_cases
 
 
 def cases(subject: Subject) -> tuple[NodeCase, ...]:
-    """The whole battery for one device. Where the device lacks what a case needs, `lacks` of the case names it."""
+    """Return the whole battery for one device. Where the device lacks what a case needs, `lacks` of the case names it."""
     services = (expedited_cases, segmented_cases, block_cases, nmt_cases, emcy_sync_time_cases, pdo_cases, lss_cases)
     return tuple(case for service in services for case in service(subject))

@@ -14,7 +14,7 @@ _WATCH = ("1016h:01",)
 
 
 def emcy_sync_time_cases(subject: Subject) -> Iterator[NodeCase]:
-    """The cases for this device."""
+    """Yield the cases for this device."""
     yield from _consumer(subject)
     yield from _emcy(subject)
     yield from _sync(subject)

@@ -31,34 +31,34 @@ class Sdo(NamedTuple):
     node: int
 
     def request(self, text: str) -> str:
-        """A request of these bytes, padded with 00."""
+        """Return a request of these bytes, padded with 00."""
         return f"{0x600 + self.node:03X}#{text.replace(' ', '').ljust(16, '0')}"
 
     def answer(self, text: str) -> str:
-        """An answer that begins with these digits; [26] is one of the two digits."""
+        """Return an answer that begins with these digits; [26] is one of the two digits."""
         digits = re.sub(r"\[[^]]*\]", ".", text.replace(" ", ""))
         return f"{0x580 + self.node:03X}#{text.replace(' ', '')}{'.' * (16 - len(digits))}"
 
     def upload(self, index: int, sub: int = 0) -> str:
-        """The request to read an object."""
+        """Return the request to read an object."""
         return self.request("40" + multiplexer(index, sub))
 
     def download(self, index: int, sub: int, value: int, size: int) -> str:
-        """The request to write a number."""
+        """Return the request to write a number."""
         return self.request(f"{_DOWNLOADS[size]:02X}{multiplexer(index, sub)}{little(value, size)}")
 
     def accepted(self, index: int, sub: int = 0) -> str:
-        """The answer that a download is done, or may continue."""
+        """Return the answer that a download is done, or may continue."""
         return self.answer("60" + multiplexer(index, sub))
 
     def value(self, index: int, sub: int, data: bytes) -> str:
-        """The expedited answer with this value; 42h, without a size, is accepted too."""
+        """Return the expedited answer with this value; 42h, without a size, is accepted too."""
         return f"{self.answer(_UPLOADS[len(data)] + multiplexer(index, sub) + data.hex().upper())}|" + self.answer(
             "42" + multiplexer(index, sub) + data.hex().upper()
         )
 
     def any_value(self, index: int, sub: int = 0) -> str:
-        """The expedited answer with any value."""
+        """Return the expedited answer with any value."""
         return self.answer("4[2-9A-F]" + multiplexer(index, sub) + "........")
 
     def unchanged(self, index: int, value: int = 5000) -> tuple[NodeStep, NodeStep]:
@@ -67,11 +67,11 @@ class Sdo(NamedTuple):
         return before, NodeStep((self.upload(index),), (self.value(index, 0, value.to_bytes(2, "little")),))
 
     def refused(self, index: int, sub: int, *codes: int) -> str:
-        """An abort with one of these codes, or with the general error."""
+        """Return an abort with one of these codes, or with the general error."""
         return "|".join(self.answer(f"80{multiplexer(index, sub)}{little(code, 4)}") for code in (*codes, _GENERAL))
 
     def aborted(self, *codes: int) -> str:
-        """The same with any multiplexer: where a request names no object, devices differ."""
+        """Return the same with any multiplexer: where a request names no object, devices differ."""
         return "|".join(self.answer(f"80......{little(code, 4)}") for code in (*codes, _GENERAL))
 
     @property
@@ -86,32 +86,32 @@ class Sdo(NamedTuple):
 
 
 def multiplexer(index: int, sub: int) -> str:
-    """The multiplexer as in a frame."""
+    """Return the multiplexer as in a frame."""
     return f"{index & 0xFF:02X}{index >> 8:02X}{sub:02X}"
 
 
 def little(value: int, size: int) -> str:
-    """A number as in a frame."""
+    """Return a number as in a frame."""
     return value.to_bytes(size, "little").hex().upper()
 
 
 def parts(value: bytes, size: int = _SEGMENT) -> list[bytes]:
-    """The segments of a value; an empty one has one, empty."""
+    """Return the segments of a value; an empty one has one, empty."""
     return [value[at : at + size] for at in range(0, len(value), size)] or [b""]
 
 
 def segment(number: int, data: bytes, last: bool) -> str:
-    """The download or upload segment of that number, counted from 0, as bytes without padding."""
+    """Return the download or upload segment of that number, counted from 0, as bytes without padding."""
     return f"{(number & 1) << 4 | (_SEGMENT - len(data)) << 1 | last:02X}{data.hex().upper()}"
 
 
 def block_segment(number: int, data: bytes, last: bool) -> str:
-    """The segment of a block, counted from 1."""
+    """Return the segment of a block, counted from 1."""
     return f"{number | last << 7:02X}{data.hex().upper()}"
 
 
 def block_end(value: bytes, crc: int | None = None) -> str:
-    """The end of a block transfer: unused bytes of the last segment, and the CRC (0 if none is agreed on)."""
+    """Return the end of a block transfer: unused bytes of the last segment, and the CRC (0 if none is agreed on)."""
     unused = -len(value) % _SEGMENT if value else _SEGMENT
     return f"{0xC1 | unused << 2:02X}{little(crc_hqx(value, 0) if crc is None else crc, 2)}"
 
@@ -128,7 +128,7 @@ def make_case(
     needs: tuple[str, ...] = (),
     why: str = "",
 ) -> NodeCase:
-    """A case; `lacks` of the case has those of `needs` that the subject does not have."""
+    """Return a case; `lacks` of the case has those of `needs` that the subject does not have."""
     missing = [one for one in needs if not _is_there(subject, one)]
     return NodeCase(name, title, clause, effect, listens, steps, why, ", ".join(missing))
 

@@ -12,7 +12,7 @@ _CLAUSE = "CiA 305 LSS"
 
 
 def lss_cases(subject: Subject) -> Iterator[NodeCase]:
-    """The cases for this device."""
+    """Yield the cases for this device."""
     node = subject.node
     s = Sdo(node)
     address = subject.lss or LssAddress(1, 2, 3, 4)

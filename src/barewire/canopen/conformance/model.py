@@ -79,7 +79,7 @@ class Subject(NamedTuple):
     lss: LssAddress | None = None
 
     def has(self, index: int, sub: int = 0) -> bool:
-        """Whether the object could be read."""
+        """Return whether the object could be read."""
         return (index, sub) in self.values
 
     def number(self, index: int, sub: int = 0) -> int:
@@ -100,7 +100,7 @@ class Subject(NamedTuple):
         return 126 if self.node != 126 else 125
 
     def pdo(self, communication: int, mapping: int) -> SubjectPdo | None:
-        """The first PDO from these records on that is valid, maps something and has a base identifier."""
+        """Return the first PDO from these records on that is valid, maps something and has a base identifier."""
         for number in range(4):
             word = self.number(communication + number, 1)
             count = self.number(mapping + number)

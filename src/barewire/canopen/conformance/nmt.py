@@ -17,14 +17,14 @@ START, STOP, PRE, RESET, RESET_COMMUNICATION = "01", "02", "80", "81", "82"
 
 
 def nmt_cases(subject: Subject) -> Iterator[NodeCase]:
-    """The cases for this device."""
+    """Yield the cases for this device."""
     yield from _nmt(subject)
     yield from _heartbeat(subject)
     yield from _guarding(subject)
 
 
 def nmt_command(command: str, node: int) -> str:
-    """The frame of an NMT command."""
+    """Return the frame of an NMT command."""
     return f"000#{command}{node:02X}"
 
 

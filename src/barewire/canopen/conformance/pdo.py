@@ -20,7 +20,7 @@ _OFF = 0x8000_0000
 
 
 def pdo_cases(subject: Subject) -> Iterator[NodeCase]:
-    """The cases for this device."""
+    """Yield the cases for this device."""
     node = subject.node
     for what, short, tried, fallback in (
         ("RPDO", "RPD", subject.pdo(0x1400, 0x1600), SubjectPdo(0x1400, 0x1600, CobEntry(0x200 + node), 2, 2)),
@@ -34,7 +34,7 @@ def pdo_cases(subject: Subject) -> Iterator[NodeCase]:
 
 
 def _records(subject: Subject, what: str, short: str, pdo: SubjectPdo) -> Iterator[NodeCase]:
-    """The two records of a PDO, and when their objects can be written."""
+    """Yield the two records of a PDO, and when their objects can be written."""
     s = Sdo(subject.node)
     at, mapping, word = pdo.communication, pdo.mapping, pdo.cob.pack()
     elsewhere = (0x1FE if what == "TPDO" else 0x27E) | word & 0x4000_0000

@@ -24,7 +24,7 @@ _PDOS = (0x1400, 0x1600, 0x1800, 0x1A00)
 def probe(
     node: int, *, timeout: float = NODE_ANSWER_TIMEOUT, large: tuple[int, int] | None = None
 ) -> Conversation[CanFrame, Subject]:
-    """Read the communication objects of a device, and whether it supports LSS. Raises NoAnswer if there is no node.
+    """Read the communication objects of a device, and whether it supports LSS. Raise NoAnswer if there is no node.
 
     An object whose upload is refused counts as missing. Nothing is changed.
     """
@@ -63,7 +63,7 @@ def _read(
 
 
 def is_there(node: int, index: int, sub: int, *, timeout: float = NODE_ANSWER_TIMEOUT) -> Conversation[CanFrame, bool]:
-    """Whether a device has an object: its upload is requested and aborted at once, since it may be long."""
+    """Return whether a device has an object: its upload is requested and aborted at once, since it may be long."""
     place = bytes((index & 0xFF, index >> 8, sub))
     heard = yield Send(CanFrame(0x600 + check_node(node), b"\x40" + place + bytes(4)))
     until = heard.now + timeout

@@ -25,7 +25,7 @@ _SHOWN = 8
 
 
 def needs_reset(case: NodeCase, previous: NodeCase | None) -> bool:
-    """Whether the device must be reset before this case: this case changes it, or the previous one did."""
+    """Return whether the device must be reset before this case: this case changes it, or the previous one did."""
     return case.effect != "reads" or (previous is not None and previous.effect != "reads")
 
 
@@ -81,7 +81,7 @@ def _fits(step: NodeStep, frames: list[str]) -> bool:
 
 
 def _matches(pattern: str, frames: list[str]) -> bool:
-    """Whether the received frames match this pattern.
+    """Return whether the received frames match this pattern.
 
     >>> _matches("705#7F{1,3}, 585#43....", ["705#7F", "705#7F", "585#4318"])
     False
@@ -93,7 +93,7 @@ def _matches(pattern: str, frames: list[str]) -> bool:
 
 
 def _split(pattern: str) -> Iterator[str]:
-    """The parts between commas, but not at the comma in {1,3}."""
+    """Return the parts between commas, but not at the comma in {1,3}."""
     return (part.strip() for part in re.split(r",(?![0-9]+\})", pattern) if part.strip())
 
 

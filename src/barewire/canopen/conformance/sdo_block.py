@@ -29,7 +29,7 @@ _LARGE = ("large object",)
 
 
 def block_cases(subject: Subject) -> Iterator[NodeCase]:
-    """The cases for this device."""
+    """Yield the cases for this device."""
     yield from _uploads(subject)
     yield from _downloads(subject)
     yield from _large(subject)
@@ -62,7 +62,7 @@ class _Block:
         return NodeStep((self.s.request(request),), (", ".join(accepted),))
 
     def up(self, index: int, value: bytes, *, crc: bool = True, blksize: int = 20) -> list[NodeStep]:
-        """A complete upload."""
+        """Return a complete upload."""
         count, first, steps, sends = len(parts(value)), 0, [self.begin_up(index, len(value), blksize, crc=crc)], "A3"
         while first < count:
             now = min(blksize, count - first)
@@ -235,7 +235,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
 
 
 def _large(subject: Subject) -> Iterator[NodeCase]:
-    """Downloads of several segments to the object that the user has named."""
+    """Yield downloads of several segments to the object that the user has named."""
     block = _Block(subject)
     s = block.s
     index, sub = subject.large or (0x2000, 0)

@@ -17,7 +17,7 @@ _VALUE = (0x0609_0030, 0x0609_0031)
 
 
 def expedited_cases(subject: Subject) -> Iterator[NodeCase]:
-    """The cases for this device."""
+    """Yield the cases for this device."""
     yield from _uploads(subject)
     yield from _nonsense(subject)
     yield from _downloads(subject)

@@ -20,7 +20,7 @@ _LARGE = ("large object",)
 
 
 def segmented_cases(subject: Subject) -> Iterator[NodeCase]:
-    """The cases for this device."""
+    """Yield the cases for this device."""
     yield from _uploads(subject)
     yield from _downloads(subject)
     yield from _large(subject)
@@ -177,7 +177,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
 
 
 def _large(subject: Subject) -> Iterator[NodeCase]:
-    """Downloads of several segments to the object that the user has named."""
+    """Yield downloads of several segments to the object that the user has named."""
     s = Sdo(subject.node)
     index, sub = subject.large or (0x2000, 0)
     at = multiplexer(index, sub)

@@ -50,6 +50,6 @@ class DeviceConsumers:
         self.emergencies.feed(frame, now)
 
     def time_message(self, stamp: TimeStamp) -> list[CanFrame]:
-        """The TIME message, if 1012h makes this device a producer."""
+        """Return the TIME message, if 1012h makes this device a producer."""
         entry = CobEntry.unpack(integer_value(self.objects, _TIME))
         return [stamp.encode((entry.identifier, entry.extended))] if entry.bit30 else []

@@ -178,7 +178,7 @@ class LocalNode:
         return [boot_up]
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The frames to send after a frame, and after time passing. None before `start`."""
+        """Return the frames to send after a frame, and after time passing. None before `start`."""
         if not self._on or now < self._silent_until:
             return []
         if now < self._due and self._seen == self.objects.changes and frame is not None and self.sdo.accept(frame, now):
@@ -214,11 +214,11 @@ class LocalNode:
     def error(
         self, code: int, now: float, *, source: Hashable = None, info: bytes = b"", register: int | None = None
     ) -> list[CanFrame]:
-        """An error occurred: set register and history. Returns the emergency, if the NMT state allows one."""
+        """Return an error occurred: set register and history. Return the emergency, if the NMT state allows one."""
         return self.errors.error(code, now, source=source, info=info, register=register)
 
     def error_gone(self, code: int, now: float, *, source: Hashable = None, info: bytes = b"") -> list[CanFrame]:
-        """An error is cleared. Returns the emergency 0000h with the remaining register."""
+        """Return an error is cleared. Return the emergency 0000h with the remaining register."""
         return self.errors.error_gone(code, now, source=source, info=info)
 
     def bus_off(self, now: float) -> None:
@@ -229,11 +229,11 @@ class LocalNode:
             self._enter(after)
 
     def recovered(self, now: float) -> list[CanFrame]:
-        """The CAN controller recovered from bus-off: the emergency 8140h, cleared at once."""
+        """Return the CAN controller recovered from bus-off: the emergency 8140h, cleared at once."""
         return self.error(_RECOVERED, now) + self.error_gone(_RECOVERED, now)
 
     def send_time(self, stamp: TimeStamp) -> list[CanFrame]:
-        """The TIME message, if 1012h makes this device a producer and the NMT state allows it."""
+        """Return the TIME message, if 1012h makes this device a producer and the NMT state allows it."""
         return self.consumers.time_message(stamp) if self._may_communicate and self.node is not None else []
 
     def _sync_and_pdo(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
@@ -248,7 +248,7 @@ class LocalNode:
         return frames + self.pdo.feed(sync if wrong is not None or sync is not None else frame, now)
 
     def _error_control(self, node: int, resolved: bool, now: float) -> list[CanFrame]:
-        """A monitored node (0: the guarding master) is lost, or is back."""
+        """Return a monitored node (0: the guarding master) is lost, or is back."""
         source, info = ("error control", node), bytes([node])
         if resolved:
             return self.errors.error_gone(HEARTBEAT_ERROR, now, source=source, info=info)

@@ -98,13 +98,13 @@ class ErrorControl:
                 self.consumer.watch(times)
 
     def after_error(self, state: NmtState) -> NmtState:
-        """The NMT state after a communication error in `state`, by 1029h."""
+        """Return the NMT state after a communication error in `state`, by 1029h."""
         if state is not NmtState.OPERATIONAL:
             return state
         return _STATE_AFTER_ERROR.get(integer_value(self.objects, _BEHAVIOR, 1), state)
 
     def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], list[ErrorControlEvent]]:
-        """The frames to send, and the nodes that were lost or are back."""
+        """Return the frames to send, and the nodes that were lost or are back."""
         frames: list[CanFrame] = []
         events: list[ErrorControlEvent] = []
         if frame is None or frame.id >> 7 == 0x700 >> 7 or self.consumer.deadline is not None:

@@ -53,7 +53,7 @@ def validate_channel_writes(objects: ObjectDictionary) -> None:
 
 
 def _cob_ids(objects: ObjectDictionary, index: int) -> _CobIds | None:
-    """The two COB-IDs of a channel, None while it is not in use."""
+    """Return the two COB-IDs of a channel, None while it is not in use."""
     words = [integer_value(objects, index, sub, default=-1) for sub in (_REQUEST, _RESPONSE)]
     if -1 in words:
         return None
@@ -68,7 +68,7 @@ def client_channel(
     *,
     node_monitor: NodeMonitor | None = None,
 ) -> Channel:
-    """The channel of SDO client number `client` of a dictionary: for a device that is an SDO client itself.
+    """Return the channel of SDO client number `client` of a dictionary: for a device that is an SDO client itself.
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> words = {1: 0x6A0, 2: 0x5A0 + 0x140, 3: 7}
@@ -154,7 +154,7 @@ class AdditionalServers:
         self._in_use = []
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The responses of the servers to a frame, and after time passing."""
+        """Return the responses of the servers to a frame, and after time passing."""
         frames: list[CanFrame] = []
         addressed = None if frame is None else self._keys.get((frame.id, frame.extended))
         for server in self.servers.values():

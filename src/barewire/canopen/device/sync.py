@@ -85,7 +85,7 @@ class DeviceSync:
             self.producer.start(now)
 
     def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], CanFrame | None, bool | None]:
-        """Returns (frames to send; the SYNC that takes effect now, or None; whether the received SYNC had the wrong
+        """Return (frames to send; the SYNC that takes effect now, or None; whether the received SYNC had the wrong
         length, or None if the frame was no SYNC)."""
         if frame is not None and frame.key == self.key and not frame.remote:
             if self._counts is not None and len(frame.data) != (self._counts > 0):

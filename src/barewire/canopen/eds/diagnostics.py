@@ -1,15 +1,15 @@
 """Diagnostics of an EDS: the closed list of rules, and the report of a broken one.
 
-    12: number-form: [1018] SubNumber = 3h: another form of a number; read as meant
+    12: number-form: [1018] SubNumber = 3h: another notation of a number; read as that number
     |   |            |                      |
-    |   |            where, and what        the text of the rule, from PARSE_RULES or LINT_RULES
+    |   |            place and content      the text of the rule, from PARSE_RULES or LINT_RULES
     |   rule
     line of the file, from 1; 0 is the file as a whole
 
-`PARSE_RULES` are checked by `parse`. Each is a departure from CiA 306 (or, as an octal number, from what was probably
-meant) with a defined reading, so that the file can be used; only `strict=True` makes it an error.
-`LINT_RULES` are checked by `lint`: the file can be read without doubt, but keys are missing, or two places contradict
-each other.
+`PARSE_RULES` are checked by `parse`. Each is a departure from CiA 306 (or, as an octal number, from what the author
+probably meant). It has a defined reading, so that the file can be used; only `strict=True` makes it an error.
+`LINT_RULES` are checked by `lint`. They concern files that can be read without doubt, but lack keys or contradict
+themselves.
 """
 
 from __future__ import annotations
@@ -123,14 +123,14 @@ class Diagnostic(NamedTuple):
         return f"{self.line}: {self.rule}: {self.text}"
 
 
-def diagnostic(line: int, rule: str, what: str) -> Diagnostic:
-    """A finding with the text of its rule.
+def diagnostic(line: int, rule: str, found: str) -> Diagnostic:
+    """Return a finding with the text of its rule.
 
     >>> print(diagnostic(3, "blanks", "1 = 0x1003"))
     3: blanks: 1 = 0x1003: blanks before or inside a name, or before the equals sign; ignored
     """
     rule_text = PARSE_RULES.get(rule) or LINT_RULES[rule]
-    shown = what if len(what) <= 80 else what[:77] + "..."
+    shown = found if len(found) <= 80 else found[:77] + "..."
     return Diagnostic(line, rule, f"{shown}: {rule_text}")
 
 

@@ -40,12 +40,12 @@ class Document:
         self._discard_computed()
 
     def _discard_computed(self) -> None:
-        """The lines were changed: compute sections and diagnostics again when they are needed."""
+        """Discard sections and diagnostics, because lines were changed; they are computed again when needed."""
         self._sections: dict[str, Section] | None = None
         self._name_diagnostics: list[Diagnostic] = []
 
     def copy(self) -> Self:
-        """Another document with the same lines."""
+        """Return another document with the same lines."""
         other = type(self)(self._text._replace(text=""))
         other._lines = list(self._lines)
         return other
@@ -63,7 +63,7 @@ class Document:
         return tuple(self._lines)
 
     def encode(self) -> bytes:
-        """The bytes of the file: as parsed, except for changed lines."""
+        """Return the bytes of the file: as parsed, except for changed lines."""
         return self._text.mark + "".join(line.text for line in self._lines).encode(self._text.encoding)
 
     @property
@@ -82,14 +82,14 @@ class Document:
         return self._sections
 
     def get(self, section: str, key: str) -> str | None:
-        """The text of a key; None if it is missing. Capitals do not matter in either name."""
+        """Return the text of a key; None if it is missing. Capitals do not matter in either name."""
         found = self.sections.get(section_name(section).key)
         return None if found is None else self.value(found, key_name(found.name, key).key)
 
     def value(self, section: Section, key: str) -> str | None:
-        """The text of a key, given in lower case, of a section; None if it is missing."""
-        at = section.keys.get(key)
-        return None if at is None else self._lines[at].value
+        """Return the text of a key, given in lower case, of a section; None if it is missing."""
+        position = section.keys.get(key)
+        return None if position is None else self._lines[position].value
 
     @property
     def node_id(self) -> int | None:
@@ -110,21 +110,21 @@ class Document:
     def put(self, section: str, key: str, value: str | None) -> None:
         """Set the text of a key: in its line, or in a new one at the end of the section, which is added if missing.
 
-        None removes the key. Raises EncodeError for a text that would not be read back unchanged.
+        None removes the key. Raise EncodeError for a text that would not be read back unchanged.
         """
         name = section_name(section)
         found = self.sections.get(name.key)
         new_key = key_name(found.name if found else name, key)
-        at = None if found is None else found.keys.get(new_key.key)
+        position = None if found is None else found.keys.get(new_key.key)
         if value is None:
-            while at is not None:  # the key may occur more than once
-                del self._lines[at]
+            while position is not None:  # the key may occur more than once
+                del self._lines[position]
                 self._discard_computed()
-                at = self.sections[name.key].keys.get(new_key.key)
-        elif at is not None:
-            old = self._lines[at]
+                position = self.sections[name.key].keys.get(new_key.key)
+        elif position is not None:
+            old = self._lines[position]
             after = f" {old.after}" if old.after.startswith(";") else old.after  # a comment needs a blank before it
-            self._lines[at] = self._checked(old._replace(value=value, after=after))
+            self._lines[position] = self._checked(old._replace(value=value, after=after))
         else:
             end = self._line_end()
             new = self._checked(EdsLine("pair", "", new_key.proper, "=", value, "", end))
@@ -133,7 +133,7 @@ class Document:
                 gap = [EdsLine("blank", end=end)] if self._lines else []
                 self._insert(len(self._lines), [*gap, head, new])
             else:
-                self._insert(max([found.line, *(place + 1 for place in found.keys.values())]), [new])
+                self._insert(max([found.line, *(line + 1 for line in found.keys.values())]), [new])
         self._discard_computed()
 
     def append(self, lines: Iterable[str]) -> None:
@@ -145,14 +145,14 @@ class Document:
     def _line_end(self) -> str:
         return next((line.end for line in self._lines if line.end), "\r\n")
 
-    def _insert(self, at: int, new: list[EdsLine]) -> None:
-        """Insert lines before the one at `at`; a last line without an end gets one."""
-        if at and not self._lines[at - 1].end:
-            self._lines[at - 1] = self._lines[at - 1]._replace(end=self._line_end())
-        self._lines[at:at] = new
+    def _insert(self, position: int, new: list[EdsLine]) -> None:
+        """Insert lines before the one at `position`; a last line without an end gets one."""
+        if position and not self._lines[position - 1].end:
+            self._lines[position - 1] = self._lines[position - 1]._replace(end=self._line_end())
+        self._lines[position:position] = new
 
     def _checked(self, line: EdsLine) -> EdsLine:
-        """The line. Raises EncodeError if it cannot be encoded, or would be read back as another line."""
+        """Return the line. Raise EncodeError if it cannot be encoded, or would be read back as another line."""
         try:
             line.text.encode(self._text.encoding)
         except UnicodeEncodeError:
@@ -166,33 +166,33 @@ class Document:
         return line
 
     def _find_sections(self) -> Iterator[Section]:
-        """Every section once; a later one of the same name adds to the first."""
+        """Return every section once. A later section of the same name adds its keys to the first."""
         found: dict[str, Section] = {}
         current: Section | None = None
-        for at, line in enumerate(self._lines):
+        for position, line in enumerate(self._lines):
             if line.kind == "section":
                 name = section_name(line.key)
                 if name.rule:
-                    self._report(at, name.rule, f"[{line.key}]")
+                    self._report(position, name.rule, f"[{line.key}]")
                 if name.key in found:
-                    self._report(at, "duplicate-section", f"[{line.key}]")
-                current = found.setdefault(name.key, Section(name, at + 1, {}, {}))
+                    self._report(position, "duplicate-section", f"[{line.key}]")
+                current = found.setdefault(name.key, Section(name, position + 1, {}, {}))
             elif line.kind == "pair" and line.key:
                 if current is None:
-                    self._report(at, "no-section", line.shown)
+                    self._report(position, "no-section", line.shown)
                 else:
-                    self._add_key(current, at, line)
+                    self._add_key(current, position, line)
         return iter(found.values())
 
-    def _add_key(self, section: Section, at: int, line: EdsLine) -> None:
+    def _add_key(self, section: Section, position: int, line: EdsLine) -> None:
         name = key_name(section.name, line.key)
         if name.rule:
-            self._report(at, name.rule, f"[{section.name.proper}] {line.key}")
+            self._report(position, name.rule, f"[{section.name.proper}] {line.key}")
         if name.key in section.keys:
-            self._report(at, "duplicate-key", f"[{section.name.proper}] {line.key}={line.value}")
+            self._report(position, "duplicate-key", f"[{section.name.proper}] {line.key}={line.value}")
         else:
-            section.keys[name.key] = at
+            section.keys[name.key] = position
             section.names[name.key] = name
 
-    def _report(self, at: int, rule: str, shown: str) -> None:
-        self._name_diagnostics.append(diagnostic(at + 1, rule, shown))
+    def _report(self, position: int, rule: str, shown: str) -> None:
+        self._name_diagnostics.append(diagnostic(position + 1, rule, shown))

@@ -26,7 +26,7 @@ _PARTS = {"parametername": "Name", "parametervalue": "Value", "denotation": "Den
 
 
 def set_key(document: Document, described: EdsObject, item: EdsItem, key: str, value: str | Expression | None) -> None:
-    """Write a key of one sub-index: see `Eds.set`."""
+    """Write a key of one sub-index; see `Eds.set`."""
     if described.line == 0 and f"{described.index:04x}" not in document.sections:
         add_object(document, described)
     section, at_key = _place(document, described, item.sub, key)
@@ -36,11 +36,11 @@ def set_key(document: Document, described: EdsObject, item: EdsItem, key: str, v
         document.put(section, "NrOfEntries", "0")
     document.put(section, at_key, text)
     if at_key != key and (found := document.sections.get(section.casefold())) is not None:
-        document.put(section, "NrOfEntries", str(sum(entry_number(one) is not None for one in found.keys)))
+        document.put(section, "NrOfEntries", str(sum(entry_number(name) is not None for name in found.keys)))
 
 
 def _place(document: Document, described: EdsObject, sub: int, key: str) -> tuple[str, str]:
-    """The section and key that describe a sub-index."""
+    """Return the section and key that describe a sub-index."""
     own = f"{described.index:04X}sub{sub:X}"
     if own.casefold() in document.sections:
         return own, key
@@ -61,7 +61,7 @@ def _text(item: EdsItem, key: str, value: Expression, old: str) -> str:
 
 
 def list_name(index: int) -> str:
-    """The list that an object belongs to.
+    """Return the list that an object belongs to.
 
     >>> list_name(0x1018), list_name(0x2000), list_name(0x6040)
     ('MandatoryObjects', 'ManufacturerObjects', 'OptionalObjects')
@@ -74,7 +74,7 @@ def list_name(index: int) -> str:
 def add_object(document: Document, described: EdsObject) -> None:
     """Add an object: its sections at the end of the file, its index at the end of its list.
 
-    Raises EncodeError if the object exists.
+    Raise EncodeError if the object exists.
     """
     if f"{described.index:04x}" in document.sections:
         raise EncodeError(f"{described.index:04X}h exists already")
@@ -87,7 +87,7 @@ def add_object(document: Document, described: EdsObject) -> None:
 
 
 def object_lines(described: EdsObject) -> Iterator[str]:
-    """The sections of an object, line by line."""
+    """Yield the sections of an object, line by line."""
     yield from ("", f"[{described.index:04X}]")
     if not described.is_record:
         yield from _item_lines(described.items[0], described.object_type)
@@ -118,7 +118,7 @@ def _item_lines(item: EdsItem, object_type: int) -> Iterator[str]:
 
 
 def pair_line(key: str, value: str) -> str:
-    """A line `key=value`. Raises EncodeError if it would not be read back unchanged."""
+    """Return a line `key=value`. Raise EncodeError if it would not be read back unchanged."""
     lines = split_lines(f"{key}={value}")
     if len(lines) != 1 or lines[0][1:6] != ("", key, "=", value, ""):
         raise EncodeError(f"{key}={value!r} would not be read back unchanged: it has a line end, ' ;' or outer blanks")

@@ -40,7 +40,7 @@ class EdsText(NamedTuple):
 
 
 def decode_text(data: bytes) -> EdsText:
-    """The bytes as text. Never raises; encoding the text reproduces the bytes.
+    """Decode the bytes. Never raises; encoding the text reproduces the bytes.
 
     >>> decode_text(b"[1000]"), decode_text(b"\\xdcberlast").encoding
     (EdsText(mark=b'', encoding='ascii', text='[1000]'), 'cp1252')
@@ -80,7 +80,7 @@ class EdsLine(NamedTuple):
 
 
 def split_lines(text: str) -> list[EdsLine]:
-    """All lines of a text.
+    """Return all lines of a text.
 
     >>> [line.kind for line in split_lines("; hello\\n\\n[1000]\\nParameterName=Device type\\n?")]
     ['comment', 'blank', 'section', 'pair', 'junk']
@@ -123,27 +123,27 @@ def _section(body: str, end: str) -> EdsLine:
 
 
 def _comment(key: str, rest: str) -> int:
-    """Where the comment after a value begins: at a semicolon after a blank, since names may contain a semicolon.
+    """Return where the comment after a value begins: at a semicolon after a blank, since names may contain a semicolon.
 
     >>> _comment("ParameterName", "speed;torque ; in words")
     13
     """
     if _FREE_TEXT.fullmatch(key):
         return len(rest)
-    at = rest.find(";")
-    while at > 0 and not rest[at - 1].isspace():
-        at = rest.find(";", at + 1)
-    return len(rest) if at < 0 else at
+    position = rest.find(";")
+    while position > 0 and not rest[position - 1].isspace():
+        position = rest.find(";", position + 1)
+    return len(rest) if position < 0 else position
 
 
 def text_diagnostics(read_as: EdsText, lines: list[EdsLine]) -> list[Diagnostic]:
-    """Diagnostics of the text and of each line by itself."""
+    """Return the diagnostics of the text, and of each line by itself."""
     found = []
     if read_as.mark:
         found.append(diagnostic(1, "byte-order-mark", read_as.mark.hex(" ").upper()))
     if not read_as.text.isascii():
-        first = next(number for number, line in enumerate(lines, 1) if not line.text.isascii())
-        found.append(diagnostic(first, "not-ascii", f"{lines[first - 1].shown} ({read_as.encoding})"))
+        number = next(number for number, line in enumerate(lines, 1) if not line.text.isascii())
+        found.append(diagnostic(number, "not-ascii", f"{lines[number - 1].shown} ({read_as.encoding})"))
     ends = [line.end for line in lines if line.end]
     for number, line in enumerate(lines, 1):
         if line.end and (line.end != ends[0] or line.end == "\r"):

@@ -34,7 +34,7 @@ _PDOS = (("RPDO", "NrOfRXPDO", 0x1400, 0x1600), ("TPDO", "NrOfTXPDO", 0x1800, 0x
 
 
 def lint(eds: Eds) -> tuple[Diagnostic, ...]:
-    """All findings: the diagnostics of the file, missing parts and contradictions.
+    """Return all findings: the diagnostics of the file, missing parts and contradictions.
 
     >>> from barewire.canopen.eds.eds_file import parse
     >>> print(lint(parse(b""))[0])
@@ -46,9 +46,9 @@ def lint(eds: Eds) -> tuple[Diagnostic, ...]:
 
 
 def _at(section: Section, key: str) -> int:
-    """The line of a key, or of the section."""
-    at = section.keys.get(key.casefold())
-    return section.line if at is None else at + 1
+    """Return the line of a key, or of the section."""
+    position = section.keys.get(key.casefold())
+    return section.line if position is None else position + 1
 
 
 def _line(eds: Eds, described: EdsObject, sub: int, key: str) -> int:
@@ -61,7 +61,7 @@ def _number(eds: Eds, section: str, key: str) -> int | None:
 
 
 def _keys(eds: Eds) -> Iterator[Diagnostic]:
-    """Missing sections and keys, and those that CiA 306 does not define."""
+    """Check for missing sections and keys, and for names that CiA 306 does not define."""
     for name, keys in _REQUIRED.items():
         section = eds.sections.get(name.casefold())
         if section is None:
@@ -91,13 +91,13 @@ def _keys(eds: Eds) -> Iterator[Diagnostic]:
 
 
 def _forms(eds: Eds) -> Iterator[Diagnostic]:
-    """Dates, times and versions of [FileInfo]."""
+    """Check dates, times and versions of [FileInfo]."""
     section = eds.sections.get("fileinfo")
     for key in ("FileVersion", "FileRevision", "EDSVersion") if section else ():
         text = eds.get("FileInfo", key)
         number = read_integer(text or "").value
-        fine = _VERSION.fullmatch(text or "") if key == "EDSVersion" else number is not None and 0 <= number <= 255
-        if text and section is not None and not fine:
+        valid = _VERSION.fullmatch(text or "") if key == "EDSVersion" else number is not None and 0 <= number <= 255
+        if text and section is not None and not valid:
             yield diagnostic(_at(section, key), "version-form", f"{key}={text}")
     for word in ("Creation", "Modification") if section else ():
         for key, form, rule in ((f"{word}Date", _DATE, "date-form"), (f"{word}Time", _TIME, "time-form")):
@@ -107,7 +107,7 @@ def _forms(eds: Eds) -> Iterator[Diagnostic]:
 
 
 def _lists(eds: Eds) -> Iterator[Diagnostic]:
-    """The lists of objects, and other sections that count their entries."""
+    """Check the lists of objects, and other sections that count their entries."""
     for section in eds.sections.values():
         name = section.name
         counter = {"list": "supportedobjects", "compact": "nrofentries"}.get(name.kind)
@@ -119,8 +119,8 @@ def _lists(eds: Eds) -> Iterator[Diagnostic]:
         numbers = [number for number in found if number is not None]
         count = _number(eds, name.proper, counter)
         if count is not None and count != len(numbers):
-            what = f"[{name.proper}] {count} stated, {len(numbers)} there"
-            yield diagnostic(_at(section, counter), "list-count", what)
+            text = f"[{name.proper}] {count} stated, {len(numbers)} there"
+            yield diagnostic(_at(section, counter), "list-count", text)
         if name.kind == "list" and sorted(numbers) != list(range(1, len(numbers) + 1)):
             yield diagnostic(section.line, "list-gap", f"[{name.proper}]")
         for key in section.keys if name.kind == "list" else ():
@@ -130,18 +130,18 @@ def _lists(eds: Eds) -> Iterator[Diagnostic]:
 
 
 def _objects(eds: Eds) -> Iterator[Diagnostic]:
-    """Objects one by one."""
+    """Check the objects one by one."""
     for described in eds.objects.values():
         section = eds.sections.get(f"{described.index:04x}")
         if section is None:
             continue
         if described.is_record and not described.compact:
             stated = _number(eds, section.name.proper, "SubNumber")
-            there = sum(item.sub < 0xFF for item in described.items)  # FFh describes the type, and is not counted
-            if stated != there:
+            present = sum(item.sub < 0xFF for item in described.items)  # FFh describes the type, and is not counted
+            if stated != present:
                 number = "no SubNumber" if stated is None else f"SubNumber={stated}"
-                what = f"[{section.name.proper}] {number}, there are {there}"
-                yield diagnostic(_at(section, "SubNumber"), "sub-number", what)
+                text = f"[{section.name.proper}] {number}, there are {present}"
+                yield diagnostic(_at(section, "SubNumber"), "sub-number", text)
             yield from _sub0(eds, described)
             for key in _ITEM_KEYS:
                 if eds.get(section.name.proper, key):
@@ -151,33 +151,33 @@ def _objects(eds: Eds) -> Iterator[Diagnostic]:
 
 
 def _sub0(eds: Eds, described: EdsObject) -> Iterator[Diagnostic]:
-    first = described.items[0]
-    if first.sub != 0:
+    sub0 = described.items[0]
+    if sub0.sub != 0:
         return
-    what = f"[{described.index:04X}sub0]"
-    if first.type != "u8":
-        yield diagnostic(_line(eds, described, 0, "DataType"), "sub0-type", f"{what} {first.type}")
+    section = f"[{described.index:04X}sub0]"
+    if sub0.type != "u8":
+        yield diagnostic(_line(eds, described, 0, "DataType"), "sub0-type", f"{section} {sub0.type}")
     highest = max(item.sub for item in described.items if item.sub < 0xFF)
     # A writable sub-index 0 (of errors, consumers, mapped objects) need not be the highest sub-index.
-    if first.access in ("ro", "const") and isinstance(first.default, int) and first.default != highest:
+    if sub0.access in ("ro", "const") and isinstance(sub0.default, int) and sub0.default != highest:
         line = _line(eds, described, 0, "DefaultValue")
-        yield diagnostic(line, "sub0-value", f"{what} {int(first.default)}, there are {highest}")
+        yield diagnostic(line, "sub0-value", f"{section} {int(sub0.default)}, there are {highest}")
 
 
 def _item(eds: Eds, described: EdsObject, item: EdsItem) -> Iterator[Diagnostic]:
-    what = f"{described.index:04X}h:{item.sub:02X}"
+    address = f"{described.index:04X}h:{item.sub:02X}"
     for key, value in (("DefaultValue", item.default), ("ParameterValue", item.value)):
         low, high = item.limits
         if not isinstance(value, (int, float)) or isinstance(low, Formula) or isinstance(high, Formula):
             continue
         if (low is not None and value < low) or (high is not None and value > high):
-            yield diagnostic(_line(eds, described, item.sub, key), "default-outside", f"{what} {key}={value}")
+            yield diagnostic(_line(eds, described, item.sub, key), "default-outside", f"{address} {key}={value}")
     if item.flags & ~3:
-        yield diagnostic(_line(eds, described, item.sub, "ObjFlags"), "flags", f"{what} {item.flags:X}h")
+        yield diagnostic(_line(eds, described, item.sub, "ObjFlags"), "flags", f"{address} {item.flags:X}h")
 
 
 def _info(eds: Eds) -> Iterator[Diagnostic]:
-    """Contradictions between [DeviceInfo] and the objects."""
+    """Check for contradictions between [DeviceInfo] and the objects."""
     section = eds.sections.get("deviceinfo")
     if section is None:
         return
@@ -193,9 +193,9 @@ def _info(eds: Eds) -> Iterator[Diagnostic]:
         yield diagnostic(_at(section, "Granularity"), "granularity", str(granularity))
     for name, key, first, _ in _PDOS:
         stated = _number(eds, "DeviceInfo", key)
-        there = sum(first <= index < first + 0x200 for index in eds.objects)
-        if stated is not None and stated != there:
-            yield diagnostic(_at(section, key), "pdo-count", f"{key}={stated}, there are {there} {name}s")
+        present = sum(first <= index < first + 0x200 for index in eds.objects)
+        if stated is not None and stated != present:
+            yield diagnostic(_at(section, key), "pdo-count", f"{key}={stated}, there are {present} {name}s")
 
 
 def _commissioning(eds: Eds) -> Iterator[Diagnostic]:
@@ -215,15 +215,15 @@ def _commissioning(eds: Eds) -> Iterator[Diagnostic]:
 
 
 def _pdos(eds: Eds) -> Iterator[Diagnostic]:
-    """PDO records: complete pairs, unrestricted identifiers, mappings of existing objects."""
+    """Check PDO records: complete pairs, unrestricted identifiers, mappings of existing objects."""
     objects = eds.objects
     items = {(described.index, item.sub): item for described, item in every_item(eds.objects.values())}
     for name, _, communication, mapping in _PDOS:
         for number in range(0x200):
             pair = objects.get(communication + number), objects.get(mapping + number)
-            there = [one for one in pair if one is not None]
-            if len(there) == 1:
-                yield diagnostic(there[0].line, "pdo-pair", f"{name}{number + 1} has {there[0].index:04X}h only")
+            present = [record for record in pair if record is not None]
+            if len(present) == 1:
+                yield diagnostic(present[0].line, "pdo-pair", f"{name}{number + 1} has {present[0].index:04X}h only")
             cob_id = items.get((communication + number, 1))
             word = cob_id.default if cob_id else None
             # Bit 31: not in use. Bit 29: an identifier of 29 bits, of which none are restricted.
@@ -244,22 +244,22 @@ def _mapping(eds: Eds, name: str, record: EdsObject, items: dict[tuple[int, int]
         index, sub, width = word >> 16, word >> 8 & 0xFF, word & 0xFF
         bits += width
         target = items.get((index, sub))
-        why = ""
+        reason = ""
         if index < 8 and sub == 0:
-            why = "" if name == "RPDO" and index in eds.dummies else "no dummy of an RPDO in [DummyUsage]"
+            reason = "" if name == "RPDO" and index in eds.dummies else "no dummy of an RPDO in [DummyUsage]"
         elif target is None:
-            why = "there is no such object"
+            reason = "there is no such object"
         elif not target.pdo:
-            why = "PDOMapping is 0"
+            reason = "PDOMapping is 0"
         elif BY_NAME[target.type].bits not in (0, width):
-            why = f"it has {BY_NAME[target.type].bits} bits"
-        if why:
+            reason = f"it has {BY_NAME[target.type].bits} bits"
+        if reason:
             line = _line(eds, record, item.sub, "DefaultValue")
-            yield diagnostic(line, "pdo-mapping", f"{record.index:04X}h:{item.sub:02X} {word:08X}h, {why}")
+            yield diagnostic(line, "pdo-mapping", f"{record.index:04X}h:{item.sub:02X} {word:08X}h, {reason}")
     if bits > 64:
         yield diagnostic(record.line, "pdo-bits", f"{record.index:04X}h maps {bits}")
 
 
 def _mapped(items: Iterable[EdsItem], count: int) -> Iterator[EdsItem]:
-    """The active entries."""
+    """Return the active entries."""
     return (item for item in items if 1 <= item.sub <= count)

@@ -36,7 +36,7 @@ MAPPABLE: dict[EdsAccess, tuple[Literal["RPDO", "TPDO"], ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class EdsItem:
-    """The description of one index and sub-index. `code` is the number of DataType, `type` its meaning."""
+    """The description of one sub-index of an object. `code` is the number of DataType, `type` its meaning."""
 
     sub: int
     name: str
@@ -71,11 +71,11 @@ class EdsObject:
 
     @property
     def is_record(self) -> bool:
-        """Whether it has sub-indices."""
+        """Whether the object has sub-indices."""
         return self.object_type in (ARRAY, RECORD, DEFSTRUCT)
 
     def item(self, sub: int = 0) -> EdsItem:
-        """One sub-index. Raises EncodeError if there is none."""
+        """Return the item of a sub-index. Raise EncodeError if there is none."""
         for item in self.items:
             if item.sub == sub:
                 return item
@@ -83,7 +83,7 @@ class EdsObject:
 
 
 def every_item(objects: Iterable[EdsObject]) -> Iterator[tuple[EdsObject, EdsItem]]:
-    """All items that have a value: not those of DEFTYPE and DEFSTRUCT, which describe types."""
+    """Yield all items that have a value. Items of DEFTYPE and DEFSTRUCT have none: they describe types."""
     for described in objects:
         if described.object_type not in (DEFTYPE, DEFSTRUCT):
             for item in described.items:
@@ -91,9 +91,9 @@ def every_item(objects: Iterable[EdsObject]) -> Iterator[tuple[EdsObject, EdsIte
 
 
 def to_dictionary(objects: Iterable[EdsObject], node: int | None) -> ObjectDictionary:
-    """The object dictionary of a node, with each ParameterValue as the present value.
+    """Return the object dictionary of a node, with each ParameterValue as the present value.
 
-    Raises EncodeError if `node` is None and a formula needs it.
+    Raise EncodeError if `node` is None and a formula needs it.
     """
     if node is not None:
         check_node(node)

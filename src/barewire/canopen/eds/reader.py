@@ -4,8 +4,8 @@
         CompactSubObj, [hhhhName]       ---+--> EdsObject
         CompactPDO, NrOfRxPDO           --'
 
-Each object is read in the order of doubt: its section, the object type, the data type, then the values of that type.
-What the file does not state clearly gets a defined reading, and a diagnostic with the line where it should be.
+An object is read in this order: its section, the object type, the data type, then the values of that type. Whatever
+the file does not state clearly gets a defined reading, and a diagnostic with the line where it should be.
 
 Compact storage describes sub-indices and PDO records without a section for each:
 
@@ -59,9 +59,9 @@ _ACCESS_WORDS: dict[str, EdsAccess] = {
 _OPTIONAL = frozenset({"objecttype", "pdomapping", "subnumber", "objflags", "compactsubobj", "compactpdo"})
 """Keys with numbers that may be missing, and so may be empty as well [CiA 306 4.3]."""
 _TYPES_END = 0x1000
-_PDOS = 512
+_PDOS_MAX = 512  # of each direction
 _NOT_USED = 0x8000_0000  # bit 31 of a COB-ID
-_PDO_KINDS = (("RPDO", "nrofrxpdo", 0x1400, 0x200), ("TPDO", "nroftxpdo", 0x1800, 0x180))
+_PDOS = (("RPDO", "nrofrxpdo", 0x1400, 0x200), ("TPDO", "nroftxpdo", 0x1800, 0x180))
 _COMMUNICATION = (
     ("COB-ID", "u32", 0x07),
     ("Transmission type", "u8", 0x05),
@@ -73,7 +73,7 @@ _COMMUNICATION = (
 
 
 def read_objects(document: Document, found: list[Diagnostic]) -> dict[int, EdsObject]:
-    """All objects of a document, in the order of their indices. Diagnostics are added to `found`."""
+    """Return all objects of a document, in the order of their indices. Diagnostics are added to `found`."""
     reader = _Reader(document, found)
     objects = {index: reader.object(index) for index in sorted(reader.indices)}
     reader.check_heads()
@@ -101,19 +101,19 @@ class _Reader:
     # Single keys
 
     def report(self, section: Section, key: str, rule: str) -> None:
-        """Report a broken rule at the line of a key, or at the head of the section without that key."""
-        at = section.keys.get(key)
+        """Report a broken rule at the line of a key, or at the head of a section that lacks the key."""
+        position = section.keys.get(key)
         text = f"[{section.name.proper}]"
-        if at is not None:
-            text += f" {section.names[key].proper} = {self.document.lines[at].value}"
-        self._found.append(diagnostic(section.line if at is None else at + 1, rule, text))
+        if position is not None:
+            text += f" {section.names[key].proper} = {self.document.lines[position].value}"
+        self._found.append(diagnostic(section.line if position is None else position + 1, rule, text))
 
     def text(self, section: Section, key: str) -> str:
-        """The text of a key in lower case, empty without it."""
+        """Return the text of a key, given in lower case; empty if the key is missing."""
         return self.document.value(section, key) or ""
 
     def number(self, section: Section | None, key: str, missing: int = 0) -> int:
-        """The integer of a key."""
+        """Return the integer of a key, or `missing`."""
         if section is None or key not in section.keys:
             return missing
         value, rules = read_integer(self.text(section, key))
@@ -123,7 +123,7 @@ class _Reader:
         return missing if value is None else value
 
     def value(self, section: Section, key: str, type: str) -> Expression | None:
-        """The value of a key, of a data type."""
+        """Return the value of a key, read as a data type; None if the key is missing."""
         if key not in section.keys:
             return None
         reading = read_value(self.text(section, key), type)
@@ -132,77 +132,79 @@ class _Reader:
         return reading.value
 
     def value_unchecked(self, section: Section, key: str, type: str) -> Expression | None:
-        """As `value`, without diagnostics."""
+        """Return the same as `value`, without diagnostics."""
         return read_value(self.text(section, key), type).value if key in section.keys else None
 
     # Objects
 
     def object(self, index: int) -> EdsObject:
-        """One object with its sub-indices."""
+        """Read one object with its sub-indices."""
         section = self.document.sections.get(f"{index:04x}")
         subs = dict(sorted(self.subs.get(index, {}).items()))
         if section is None:
             first = next(iter(subs.values()))
             self.report(first, "", "no-parent")
-            items = tuple(self.item(sub, one) for sub, one in subs.items())
+            items = tuple(self.item(sub, own) for sub, own in subs.items())
             return EdsObject(index, f"{index:04X}h", RECORD, items, first.line)
-        kind = self.kind(section)
+        object_type = self.object_type(section)
         name = self.name(section)
         self.number(section, "subnumber")
         compact = min(max(self.number(section, "compactsubobj"), 0), 0xFE)
-        if subs and kind not in (ARRAY, RECORD, DEFSTRUCT, DEFTYPE):
+        if subs and object_type not in (ARRAY, RECORD, DEFSTRUCT, DEFTYPE):
             if "objecttype" in section.keys:
                 self.report(section, "objecttype", "subs-of-variable")
-            kind = RECORD
-        if compact and kind == VAR:
+            object_type = RECORD
+        if compact and object_type == VAR:
             self.report(section, "compactsubobj", "compact-variable")
-            kind = ARRAY
-        if compact and kind in (ARRAY, RECORD):
+            object_type = ARRAY
+        if compact and object_type in (ARRAY, RECORD):
             if subs:
                 self.report(section, "compactsubobj", "compact-and-subs")
             implied = {item.sub: item for item in self.compact_items(section, compact)}
-            own = {sub: self.item(sub, one) for sub, one in subs.items()}
-            items = tuple(item for _, item in sorted((implied | own).items()))
-            return EdsObject(index, name, kind, items, section.line, compact=True)
-        if kind in (ARRAY, RECORD) and not subs:
+            own_items = {sub: self.item(sub, own) for sub, own in subs.items()}
+            items = tuple(item for _, item in sorted((implied | own_items).items()))
+            return EdsObject(index, name, object_type, items, section.line, compact=True)
+        if object_type in (ARRAY, RECORD) and not subs:
             self.report(section, "objecttype", "no-subs")
-            kind = VAR
+            object_type = VAR
         if subs:
-            if 0 not in subs and kind in (ARRAY, RECORD):
+            if 0 not in subs and object_type in (ARRAY, RECORD):
                 self.report(section, "", "no-sub0")
-            return EdsObject(index, name, kind, tuple(self.item(sub, one) for sub, one in subs.items()), section.line)
-        return EdsObject(index, name, kind, (self.item(0, section),), section.line)
+            return EdsObject(
+                index, name, object_type, tuple(self.item(sub, own) for sub, own in subs.items()), section.line
+            )
+        return EdsObject(index, name, object_type, (self.item(0, section),), section.line)
 
-    def kind(self, section: Section) -> int:
-        """The object type; without one VAR [CiA 306], or RECORD if there are sub-indices."""
-        kind = self.number(section, "objecttype", VAR)
-        if kind not in (DOMAIN, DEFTYPE, DEFSTRUCT, VAR, ARRAY, RECORD):
+    def object_type(self, section: Section) -> int:
+        """Return the object type; without one VAR [CiA 306], or RECORD if there are sub-indices."""
+        object_type = self.number(section, "objecttype", VAR)
+        if object_type not in (DOMAIN, DEFTYPE, DEFSTRUCT, VAR, ARRAY, RECORD):
             self.report(section, "objecttype", "bad-object-type")
             return VAR
-        return kind
+        return object_type
 
     def name(self, section: Section) -> str:
-        """The ParameterName, or the name of the section."""
+        """Return the ParameterName, or the name of the section."""
         name = self.text(section, "parametername")
         if not name:
             self.report(section, "parametername", "no-name")
         return name or section.name.proper
 
     def item(self, sub: int, section: Section) -> EdsItem:
-        """The description of one sub-index in its section."""
-        kind = self.kind(section)
-        if section.name.kind == "sub" and kind not in (VAR, DOMAIN):
+        """Read the description of one sub-index from its section."""
+        object_type = self.object_type(section)
+        if section.name.kind == "sub" and object_type not in (VAR, DOMAIN):
             self.report(section, "objecttype", "sub-type")
-            kind = VAR
-        code, type = self.data_type(section, kind)
+            object_type = VAR
+        code, type = self.data_type(section, object_type)
         # The form of a value of an unknown type is unknown, and the unknown type is reported already.
-        value = self.value if code in BY_CODE or type != "domain" or kind == DOMAIN else self.value_unchecked
+        value = self.value if code in BY_CODE or type != "domain" or object_type == DOMAIN else self.value_unchecked
         low, high = self.limits(section, type)
         return EdsItem(
             sub,
             self.name(section),
             type,
-            self.access(section, kind),
+            self.access(section, object_type),
             value(section, "defaultvalue", type),
             low,
             high,
@@ -211,15 +213,15 @@ class _Reader:
             self.text(section, "denotation"),
             self.number(section, "objflags"),
             code,
-            kind,
+            object_type,
         )
 
-    def data_type(self, section: Section, kind: int) -> tuple[int, str]:
-        """The number of the data type, and the type; for a number above 1Bh the file may have a DEFTYPE."""
+    def data_type(self, section: Section, object_type: int) -> tuple[int, str]:
+        """Return the number of the data type, and the type; for a number above 1Bh the file may have a DEFTYPE."""
         if "datatype" not in section.keys:
-            if kind not in (DOMAIN, DEFTYPE, DEFSTRUCT):
+            if object_type not in (DOMAIN, DEFTYPE, DEFSTRUCT):
                 self.report(section, "", "no-data-type")
-            return 0, "domain" if kind not in (DEFTYPE, DEFSTRUCT) else "u32"
+            return 0, "domain" if object_type not in (DEFTYPE, DEFSTRUCT) else "u32"
         code = self.number(section, "datatype")
         if code in BY_CODE:
             return code, BY_CODE[code].name
@@ -228,20 +230,20 @@ class _Reader:
         return code, BY_CODE[base].name if base else "domain"
 
     def _base_type(self, code: int) -> int:
-        """The base type of a DEFTYPE, 0 if unknown. CanFestival writes it as the default of sub-index 1."""
+        """Return the base type of a DEFTYPE, 0 if unknown. CanFestival writes it as the default of sub-index 1."""
         if not 0 <= code < _TYPES_END:
             return 0
         section = self.document.sections.get(f"{code:04x}sub1")
         base = read_integer(self.text(section, "defaultvalue")).value if section else None
         return base if base in BY_CODE else 0
 
-    def access(self, section: Section, kind: int) -> EdsAccess:
-        """The access right; a DOMAIN needs none."""
+    def access(self, section: Section, object_type: int) -> EdsAccess:
+        """Return the access right; a DOMAIN needs none."""
         text = self.text(section, "accesstype")
         if "accesstype" not in section.keys:
-            if kind not in (DOMAIN, DEFTYPE, DEFSTRUCT):
+            if object_type not in (DOMAIN, DEFTYPE, DEFSTRUCT):
                 self.report(section, "", "no-access")
-            return "rw" if kind == DOMAIN else "ro"
+            return "rw" if object_type == DOMAIN else "ro"
         bare, comments = strip_comment(text)
         word = "".join(bare.casefold().replace("-", " ").split())
         access = _ACCESS.get(word) or _ACCESS_WORDS.get(word)
@@ -252,7 +254,7 @@ class _Reader:
         return access or "ro"
 
     def limits(self, section: Section, type: str) -> tuple[int | float | Formula | None, int | float | Formula | None]:
-        """LowLimit and HighLimit of numbers."""
+        """Return LowLimit and HighLimit of a number."""
         if type not in _NUMBERS:
             return None, None
         low, high = (self._limit(section, key, type) for key in ("lowlimit", "highlimit"))
@@ -270,7 +272,7 @@ class _Reader:
     # Compact storage
 
     def compact_items(self, section: Section, highest: int) -> Iterator[EdsItem]:
-        """The sub-indices that CompactSubObj makes: they differ in name, value and denotation only."""
+        """Yield the sub-indices that CompactSubObj makes. They differ in name, value and denotation only."""
         like = self.item(1, section)
         names = self._compact_texts(section, "name", highest)
         values = self._compact_texts(section, "value", highest)
@@ -285,7 +287,7 @@ class _Reader:
             yield replace(like, object_type=VAR, sub=sub, name=name, value=value, denotation=denotations.get(key, ""))
 
     def _compact_texts(self, section: Section, part: str, highest: int) -> dict[str, str]:
-        """The texts of [hhhhName], [hhhhValue] or [hhhhDenotation], by sub-index."""
+        """Return the texts of [hhhhName], [hhhhValue] or [hhhhDenotation], by sub-index."""
         found = self.document.sections.get(f"{section.name.key}{part}")
         if found is None:
             return {}
@@ -300,21 +302,23 @@ class _Reader:
         return texts
 
     def implied_pdos(self, objects: dict[int, EdsObject]) -> Iterator[EdsObject]:
-        """The PDO records that CompactPDO implies: those without a section, up to the stated number of PDOs."""
+        """Yield the PDO records without a section that CompactPDO implies, up to the stated number of PDOs."""
         info = self.document.sections.get("deviceinfo")
         mask = self.number(info, "compactpdo") & 0x3F
-        for name, key, first, cob_id in _PDO_KINDS:
-            wanted = min(max(self.number(info, key), 0), _PDOS)
+        for direction, key, first, cob_id in _PDOS:
+            wanted = min(max(self.number(info, key), 0), _PDOS_MAX)
             if not mask:
                 continue
-            own = [number for number in range(_PDOS) if first + number in objects or first + 0x200 + number in objects]
-            free = [number for number in range(_PDOS) if number not in own][: max(wanted - len(own), 0)]
+            own = [
+                number for number in range(_PDOS_MAX) if first + number in objects or first + 0x200 + number in objects
+            ]
+            free = [number for number in range(_PDOS_MAX) if number not in own][: max(wanted - len(own), 0)]
             for number in sorted([*own, *free]):
                 if first + number not in objects:
                     default = Formula(cob_id + 0x100 * number) if number < 4 else _NOT_USED
-                    yield _communication_record(first + number, name, mask, default)
+                    yield _communication_record(first + number, direction, mask, default)
                 if first + 0x200 + number not in objects:
-                    yield _mapping_record(first + 0x200 + number, name)
+                    yield _mapping_record(first + 0x200 + number, direction)
 
     # Checks
 
@@ -344,21 +348,20 @@ class _Reader:
             self.number(section, "supportedobjects")
         for index, described in objects.items():
             if index not in listed and index >= _TYPES_END and described.line:
-                text = f"[{index:04X}]"
-                self._found.append(diagnostic(described.line, "not-listed", text))
+                self._found.append(diagnostic(described.line, "not-listed", f"[{index:04X}]"))
 
 
-def _communication_record(index: int, name: str, mask: int, cob_id: Expression) -> EdsObject:
-    """The communication record with the sub-indices whose bit is set in the mask."""
+def _communication_record(index: int, direction: str, mask: int, cob_id: Expression) -> EdsObject:
+    """Return the communication record with the sub-indices whose bit is set in the mask."""
     items = [EdsItem(0, "Highest sub-index supported", "u8", "const", mask.bit_length(), code=0x05)]
-    for bit, (what, type, code) in enumerate(_COMMUNICATION):
+    for bit, (name, type, code) in enumerate(_COMMUNICATION):
         if mask >> bit & 1:
-            items.append(EdsItem(bit + 1, what, type, "rw", cob_id if bit == 0 else None, code=code))
-    return EdsObject(index, f"{name} communication parameter", RECORD, tuple(items))
+            items.append(EdsItem(bit + 1, name, type, "rw", cob_id if bit == 0 else None, code=code))
+    return EdsObject(index, f"{direction} communication parameter", RECORD, tuple(items))
 
 
-def _mapping_record(index: int, name: str, entries: int = 64) -> EdsObject:
-    """The mapping record with room for `entries`."""
+def _mapping_record(index: int, direction: str, entries: int = 64) -> EdsObject:
+    """Return the mapping record with room for `entries`."""
     items = [EdsItem(0, "Number of mapped objects", "u8", "rw", 0, code=0x05)]
     items += [EdsItem(sub, f"Application object {sub}", "u32", "rw", 0, code=0x07) for sub in range(1, entries + 1)]
-    return EdsObject(index, f"{name} mapping parameter", RECORD, tuple(items))
+    return EdsObject(index, f"{direction} mapping parameter", RECORD, tuple(items))

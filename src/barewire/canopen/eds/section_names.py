@@ -92,7 +92,7 @@ class SectionName(NamedTuple):
         return self.proper.casefold()
 
     def other_capitals(self, name: str) -> bool:
-        """Whether a spelling differs from the proper one in capitals only; hexadecimal digits may have either."""
+        """Return whether a name differs from the proper one in capitals only; hexadecimal digits may have either."""
         if name.casefold() != self.key or self.kind == "object":
             return False
         word = "sub" if self.kind == "sub" else self.part
@@ -100,7 +100,7 @@ class SectionName(NamedTuple):
 
 
 def section_name(name: str) -> SectionName:
-    """The meaning of a name between brackets.
+    """Return the meaning of a name between brackets.
 
     >>> section_name("1018Sub1")
     SectionName(kind='sub', proper='1018sub1', rule='', object=4120, sub=1, part='')
@@ -114,7 +114,7 @@ def section_name(name: str) -> SectionName:
     if listed:
         return SectionName("list", listed)
     match = _OBJECT.fullmatch(name)
-    # A short one must have a digit, or [Add] would be an object.
+    # A short name must have a digit, or [Add] would be an object.
     if match and (len(match[2]) >= 4 or any(letter.isdigit() for letter in match[2])):
         return _object(name, match)
     return SectionName("module" if _MODULE.fullmatch(name) else "unknown", name)
@@ -147,7 +147,7 @@ class KeyName(NamedTuple):
 
 
 def key_name(section: SectionName, key: str) -> KeyName:
-    """The meaning of a key of that section.
+    """Return the meaning of a key of that section.
 
     >>> key_name(section_name("1018"), "subnumber")
     KeyName(proper='SubNumber', known=True, rule='', capitals=True)
@@ -170,7 +170,7 @@ def key_name(section: SectionName, key: str) -> KeyName:
 
 
 def entry_number(key: str) -> int | None:
-    """The number of a numbered key in lower case, None for a name.
+    """Return the number of a numbered key in lower case, None for a name.
 
     >>> entry_number("12"), entry_number("lines"), entry_number("²")
     (12, None, None)

@@ -5,7 +5,7 @@
         1.5  0x3FC00000       REAL32, either way    FFFEh of an INTEGER16   -2
         01020A                OCTET_STRING, DOMAIN  Device type             VISIBLE_STRING, unchanged
 
-Reading never raises: the result is a value, or None, and the rules that the text breaks.
+Reading never raises. The result is a value or None, and the rules that the text breaks.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ class Formula(NamedTuple):
     offset: int
 
     def at(self, node: int) -> int:
-        """The number for a node."""
+        """Return the number for a node."""
         return self.offset + node
 
     def __str__(self) -> str:
-        # The sum is optional [CiA 306 4.3], but there are readers that find no number without it.
+        # The sum is optional [CiA 306 4.3], but some readers find no number without it.
         return f"$NODEID+0x{self.offset:X}"
 
 
@@ -49,7 +49,7 @@ class ReadValue(NamedTuple):
 
 
 class ReadInteger(NamedTuple):
-    """As `ReadValue`, of an integer."""
+    """The integer of a text, None without one, and the rules that the text breaks."""
 
     value: int | None
     rules: tuple[str, ...] = ()
@@ -112,7 +112,7 @@ def read_integer(text: str) -> ReadInteger:
 
 
 def _strip_syntax(text: str) -> tuple[str, list[str]]:
-    """A number without comment, quotes and inner blanks, and the rules that these break."""
+    """Return the text of a number without comment, quotes and inner blanks, and the rules that these break."""
     plain, rules = text.strip(), []
     plain, comments = strip_comment(plain)
     rules += comments
@@ -126,18 +126,19 @@ def _strip_syntax(text: str) -> tuple[str, list[str]]:
 
 
 def strip_comment(text: str) -> tuple[str, list[str]]:
-    """The text before a comment, of CiA 306 or of a programming language, and the rule it breaks.
+    """Return the text before a comment, of CiA 306 or of a programming language, and the rule it breaks.
 
     >>> strip_comment("0x07 # VAR"), strip_comment("5;rpm")
     (('0x07', ['foreign-comment']), ('5', ['inline-comment']))
     """
-    at, mark = min(((text.index(mark), mark) for mark in (";", "#", "//") if mark in text), default=(len(text), ""))
+    found = ((text.index(mark), mark) for mark in (";", "#", "//") if mark in text)
+    position, mark = min(found, default=(len(text), ""))
     rules = ["inline-comment"] if mark == ";" else ["foreign-comment"] if mark else []
-    return text[:at].rstrip(), rules
+    return text[:position].rstrip(), rules
 
 
 def read_expression(text: str) -> ReadValue:
-    """An integer or a formula.
+    """Read an integer or a formula.
 
     >>> read_expression("0x200 + $NODEID").value
     Formula(offset=512)
@@ -186,7 +187,7 @@ def _is_quoted(text: str) -> bool:
 
 
 def _encodes(text: str) -> bool:
-    return all(ord(letter) < 0x100 for letter in text)
+    return all(ord(character) < 0x100 for character in text)
 
 
 def _octets(text: str) -> ReadValue:
@@ -246,12 +247,12 @@ def _integer_of_type(reading: ReadValue, type: str, text: str) -> ReadValue:
 
 
 def write_value(value: Expression, type: str, like: str = "") -> str:
-    """A value as text, in the notation of `like`, the text that it replaces.
+    """Write a value as text, in the notation of `like`, the text that it replaces.
 
     >>> write_value(10, "u16"), write_value(10, "u16", like="0x0005"), write_value(-2, "i16", like="0xFFFF")
     ('10', '0x000A', '0xFFFE')
 
-    Raises EncodeError if the type has no such value.
+    Raise EncodeError if the type has no such value.
     """
     codec = object_codec(type)
     if isinstance(value, Formula):

@@ -70,15 +70,15 @@ class EmcyConsumer:
         return None
 
     def active(self, node: int) -> tuple[int, ...]:
-        """The active error codes of a node, the oldest first."""
+        """Return the active error codes of a node, the oldest first."""
         return tuple(self._active.get(node, ()))
 
     def register(self, node: int) -> int | None:
-        """The last error register that a node reported, None before the first."""
+        """Return the last error register that a node reported, None before the first."""
         return self._registers.get(node)
 
     def feed(self, frame: CanFrame | None, now: float) -> list[EmcyEvent]:
-        """The event of an emergency message. The boot-up message of a node clears its errors without an event."""
+        """Return the event of an emergency message. The boot-up message of a node clears its errors without an event."""
         if frame is None or frame.remote:
             return []
         node = self.cob_ids.get(frame.key)

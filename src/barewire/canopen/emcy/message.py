@@ -61,7 +61,7 @@ REGISTER_BITS = ("generic", "current", "voltage", "temperature", "communication"
 
 
 def error_text(code: int) -> str:
-    """The meaning of an error code: the most specific entry of the table.
+    """Return the meaning of an error code: the most specific entry of the table.
 
     >>> error_text(0x8130)
     'life guarding or heartbeat error'
@@ -77,7 +77,7 @@ def error_text(code: int) -> str:
 
 
 def register_names(register: int) -> tuple[str, ...]:
-    """The set bits of an error register in words.
+    """Return the set bits of an error register in words.
 
     >>> register_names(0x11)
     ('generic', 'communication')
@@ -90,7 +90,7 @@ _CLASS_BITS = {2: 1, 3: 2, 4: 3, 8: 4}
 
 
 def register_of(code: int) -> int:
-    """The bits of the error register that an error of this code sets: the bit of its class, and the generic bit.
+    """Return the bits of the error register that an error of this code sets: the bit of its class, and the generic bit.
 
     >>> register_names(register_of(0x3210)), register_names(register_of(0xFF01)), register_names(register_of(0x6100))
     (('generic', 'voltage'), ('generic', 'manufacturer'), ('generic',))
@@ -125,7 +125,7 @@ class Emergency:
         return error_text(self.code)
 
     def encode(self) -> CanFrame:
-        """The frame on 080h+n, always 8 bytes. EncodeError for more than 5 bytes of manufacturer information."""
+        """Return the frame on 080h+n, always 8 bytes. Raise EncodeError for more than 5 bytes of manufacturer information."""
         if len(self.info) > 5:
             raise EncodeError(f"{len(self.info)} bytes of manufacturer information: expected at most 5")
         return CanFrame(
@@ -134,9 +134,9 @@ class Emergency:
 
     @classmethod
     def decode(cls, frame: CanFrame) -> Emergency:
-        """A short message, as some devices send it, is filled with zeros and marked `padded` rather than lost.
+        """Return a short message, as some devices send it, is filled with zeros and marked `padded` rather than lost.
 
-        Raises DecodeError for another identifier and for a frame without a whole error code.
+        Raise DecodeError for another identifier and for a frame without a whole error code.
         """
         found = classify(frame)
         if found is None or found[0].name != "EMCY" or frame.remote:

@@ -117,7 +117,7 @@ class EmcyProducer:
     def error(
         self, code: int, now: float, *, source: Hashable = None, info: bytes = b"", register: int | None = None
     ) -> list[CanFrame]:
-        """An error occurred. `register` are its bits of 1001h, by default those of the class of its code."""
+        """Return an error occurred. `register` are its bits of 1001h, by default those of the class of its code."""
         if (code, source) in self._active:
             return []
         self._active[code, source] = register_of(code) if register is None else register
@@ -125,7 +125,7 @@ class EmcyProducer:
         return self._send(code, info, now)
 
     def error_gone(self, code: int, now: float, *, source: Hashable = None, info: bytes = b"") -> list[CanFrame]:
-        """An error is cleared: code 0000h with the remaining register."""
+        """Return an error is cleared: code 0000h with the remaining register."""
         if self._active.pop((code, source), None) is None:
             return []
         return self._send(0, info, now)
@@ -140,7 +140,7 @@ class EmcyProducer:
             self._history.clear()
 
     def feed(self, item: None, now: float) -> list[CanFrame]:
-        """The waiting messages, one for each inhibit time."""
+        """Return the waiting messages, one for each inhibit time."""
         if not self.allowed:
             self._waiting.clear()
         if not self._waiting or now < self._free_at:

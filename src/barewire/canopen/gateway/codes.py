@@ -55,7 +55,7 @@ class GatewayError(BarewireError):
 
 
 def error_line(sequence: int, code: int, text: str) -> str:
-    """The line that reports an error.
+    """Return the line that reports an error.
 
     >>> error_line(7, GatewayCode.SYNTAX, 'no command "raed"'), error_line(8, 0x06020000, "no such object")
     ('[7] ERROR:101 #no command "raed"', '[8] ERROR:0x06020000 #no such object')

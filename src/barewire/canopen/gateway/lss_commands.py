@@ -43,12 +43,12 @@ _CODES = {
 
 
 def lss_error_code(refused: LssRefused) -> GatewayCode:
-    """The gateway's error code for a refusal of an LSS device."""
+    """Return the gateway's error code for a refusal of an LSS device."""
     return _CODES.get((refused.service, refused.code), GatewayCode.LSS_ERROR)
 
 
 def run_lss(command: LssCommand) -> Conversation[CanFrame, str]:
-    """Execute an LSS command; returns its answer. Raises GatewayError, LssRefused, NoAnswer, EncodeError."""
+    """Execute an LSS command; returns its answer. Raise GatewayError, LssRefused, NoAnswer, EncodeError."""
     return _COMMANDS[command.service](*command.numbers)
 
 
@@ -87,7 +87,7 @@ def _store() -> Conversation[CanFrame, str]:
 
 
 def _inquire(which: int | None = None) -> Conversation[CanFrame, str]:
-    """All four numbers of the address, or one: 0 to 3, or its command byte 5Ah to 5Dh."""
+    """Return all four numbers of the address, or one: 0 to 3, or its command byte 5Ah to 5Dh."""
     if which is not None and which >= LssService.INQUIRE_VENDOR:
         which -= LssService.INQUIRE_VENDOR
     if which is not None and not 0 <= which <= 3:

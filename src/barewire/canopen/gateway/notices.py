@@ -56,7 +56,7 @@ class Notices:
         self._guarding = GuardingMaster(self._guards, now)
 
     def set_pdo(self, settings: SetPdo) -> None:
-        """Replace the PDO of this number. Raises GatewayError if another one has its COB-ID."""
+        """Replace the PDO of this number. Raise GatewayError if another one has its COB-ID."""
         place = settings.send, settings.number
         for other, pdo in self.pdos.items():
             if other != place and pdo.settings.cob_id == settings.cob_id:
@@ -68,7 +68,7 @@ class Notices:
             self.pdos.pop(place, None)
 
     def pdo(self, send: bool, number: int) -> GatewayPdo:
-        """A configured PDO. Raises GatewayError if there is none."""
+        """Return a configured PDO. Raise GatewayError if there is none."""
         found = self.pdos.get((send, number))
         if found is None:
             text = f"there is no {'t' if send else 'r'}pdo {number}: set it first"
@@ -76,7 +76,7 @@ class Notices:
         return found
 
     def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], list[str]]:
-        """The frames to send, and the lines to report."""
+        """Return the frames to send, and the lines to report."""
         frames: list[CanFrame] = []
         lines: list[str] = []
         for event in self._heartbeats.feed(frame, now):
@@ -97,7 +97,7 @@ class Notices:
         return frames, lines
 
     def bus_error(self, code: GatewayCode, text: str) -> str:
-        """The line for a report of the CAN controller or the port."""
+        """Return the line for a report of the CAN controller or the port."""
         return f"{self.net} ERROR {int(code)} #{' '.join(text.split())}"
 
     def _error(self, node: int, code: GatewayCode, text: str) -> str:

@@ -82,7 +82,7 @@ def parse_line(line: str) -> CommandLine:
 
 
 def split_line(line: str) -> list[str]:
-    """The words of a line, without its comment, which begins at a number sign outside of quotes.
+    """Return the words of a line, without its comment, which begins at a number sign outside of quotes.
 
     >>> split_line('5 w 0x2000 0 vs "say ""no"" #1"  # a text')
     ['5', 'w', '0x2000', '0', 'vs', 'say "no" #1']
@@ -116,7 +116,7 @@ def _quoted(line: str, at: int) -> tuple[str, int]:
 
 
 def sequence_of(line: str) -> tuple[int, str]:
-    """The sequence number and the rest of a line. Raises GatewayError.
+    """Return the sequence number and the rest of a line. Raise GatewayError.
 
     >>> sequence_of("[ 7 ] start")
     (7, ' start')
@@ -144,17 +144,17 @@ class _Words:
         return bool(self._words)
 
     def peek(self) -> str:
-        """The next word in lower case, or an empty text."""
+        """Return the next word in lower case, or an empty text."""
         return self._words[0].lower() if self._words else ""
 
     def take(self, what: str) -> str:
-        """The next word, unchanged."""
+        """Return the next word, unchanged."""
         if not self._words:
             raise GatewayError(GatewayCode.SYNTAX, f"the line ends where {what} was expected")
         return self._words.pop(0)
 
     def choice(self, what: str, *choices: str) -> str:
-        """The next word, one of these; a choice `long|short` has two spellings and returns the first."""
+        """Return the next word, one of these; a choice `long|short` has two spellings and returns the first."""
         word = self.take(what).lower()
         for choice in choices:
             if word in choice.split("|"):
@@ -163,7 +163,7 @@ class _Words:
         raise GatewayError(GatewayCode.SYNTAX, f"{shown(word)} is not a {what}: expected {expected}")
 
     def number(self, what: str, low: int, high: int) -> int:
-        """An integer within limits, both included."""
+        """Return an integer within limits, both included."""
         word = self.take(what)
         try:
             value = read_number(word)
@@ -174,7 +174,7 @@ class _Words:
         return value
 
     def rest(self) -> list[str]:
-        """All remaining words."""
+        """Return all remaining words."""
         words, self._words = self._words, []
         return words
 

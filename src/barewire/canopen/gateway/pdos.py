@@ -64,17 +64,17 @@ class GatewayPdo:
         return self._engine.deadline
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The frames to send now. Emergencies of the engine are not sent: a short PDO is not reported."""
+        """Return the frames to send now. Emergencies of the engine are not sent: a short PDO is not reported."""
         return [sent for sent in self._engine.feed(frame, now) if sent.id == self.settings.cob_id]
 
     def receives(self, frame: CanFrame) -> bool:
-        """Whether this frame is this PDO, received completely."""
+        """Return whether this frame is this PDO, received completely."""
         settings = self.settings
         whole = len(frame.data) * 8 >= sum(map(width, settings.types))
         return not settings.send and not frame.remote and frame.key == (settings.cob_id, False) and whole
 
     def write(self, words: tuple[str, ...]) -> None:
-        """Set the values of a TPDO. Raises GatewayError."""
+        """Set the values of a TPDO. Raise GatewayError."""
         if not self.settings.send:
             text = f"PDO {self.settings.number} is received by the gateway, not sent"
             raise GatewayError(GatewayCode.INTERNAL_STATE, text)
@@ -97,7 +97,7 @@ class GatewayPdo:
             self._engine.start()
 
     def text(self) -> str:
-        """The number of values and the values: integers in hexadecimal as in other gateways, others as in a read."""
+        """Return the number of values and the values: integers in hexadecimal as in other gateways, others as in a read."""
         words = [str(len(self.settings.types))]
         for sub, type in enumerate(self.settings.types, 1):
             data = self._objects.read(_INDEX, sub)

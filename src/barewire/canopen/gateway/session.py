@@ -113,7 +113,7 @@ class GatewaySession:
         self._block = False
 
     def answer(self, text: str) -> Conversation[CanFrame, list[str]]:
-        """Execute one line. Returns the lines of the answer, none for an empty line or a comment. Never raises."""
+        """Execute one line. Return the lines of the answer, none for an empty line or a comment. Never raises."""
         if not text.partition("#")[0].strip():
             return []
         sequence = 0
@@ -141,7 +141,7 @@ class GatewaySession:
         return [f"[{sequence}] {answer}"]
 
     def target(self, text: str) -> Channel | Literal["LSS"] | None:
-        """What a line will use exclusively: an SDO channel, LSS, or nothing."""
+        """Return what a line will use exclusively: an SDO channel, LSS, or nothing."""
         try:
             line = parse_line(text)
             if isinstance(line.command, (ReadSdo, WriteSdo)):
@@ -243,6 +243,6 @@ class GatewaySession:
 
 
 def _time() -> Conversation[CanFrame, float]:
-    """The present time, without waiting. A frame received by that is left to the notices."""
+    """Return the present time, without waiting. A frame received by that is left to the notices."""
     heard: Heard[CanFrame] = yield Listen(float("-inf"))
     return heard.now

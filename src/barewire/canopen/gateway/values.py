@@ -43,19 +43,19 @@ _BASE64 = ("os", "us", "d")
 
 
 def width(type: str) -> int:
-    """The bits of a type in a PDO, 0 for types without a fixed size."""
+    """Return the bits of a type in a PDO, 0 for types without a fixed size."""
     if type == "b":
         return 1
     return 8 * (object_codec(TYPE_NAMES[type]).size or 0)
 
 
 def word_count(type: str) -> int:
-    """How many words of a line a value takes, 0 for all remaining ones."""
+    """Return how many words of a line a value takes, 0 for all remaining ones."""
     return {"t": 2, "td": 2, "hex": 0}.get(type, 1)
 
 
 def to_text(type: str, data: bytes) -> str:
-    r"""The bytes of an object as text.
+    r"""Return the bytes of an object as text.
 
     >>> to_text("i16", b"\xFE\xFF"), to_text("x16", b"\xFE\xFF"), to_text("vs", b'say "no" now')
     ('-2', '0xFFFE', '"say ""no"" now"')
@@ -78,7 +78,7 @@ def to_text(type: str, data: bytes) -> str:
 
 
 def from_text(type: str, words: list[str]) -> bytes:
-    """The bytes of the value that these words represent. Raises GatewayError 101 if they represent none.
+    """Return the bytes of the value that these words represent. Raise GatewayError 101 if they represent none.
 
     >>> from_text("u16", ["0x1234"]).hex(" "), from_text("td", ["1", "1000"]).hex(" "), from_text("hex", ["01", "0203"])
     ('34 12', 'e8 03 00 00 01 00', b'\\x01\\x02\\x03')
@@ -109,12 +109,12 @@ def _value(type: str, words: list[str]) -> Value:
 
 
 def read_number(word: str) -> int:
-    """An integer in decimal, or in hexadecimal after 0x. Raises ValueError."""
+    """Return an integer in decimal, or in hexadecimal after 0x. Raise ValueError."""
     if len(word) > 40 or not word.isascii() or "_" in word:
         raise ValueError(word)
     return int(word, 16 if word.lower().startswith(("0x", "-0x", "+0x")) else 10)
 
 
 def is_wrong_length(error: DecodeError) -> bool:
-    """Whether the object has another size than the type, for which SDO has an abort code."""
+    """Return whether the object has another size than the type, for which SDO has an abort code."""
     return error.reason in ("short", "long")

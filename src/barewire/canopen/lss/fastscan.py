@@ -91,7 +91,7 @@ def fastscan(
     attempts: int = 10,
     progress: Callable[[FastscanProgress], None] | None = None,
 ) -> Conversation[CanFrame, LssAddress | None]:
-    """Find one device without a node-ID and switch it to configuration. Returns its address, None if there is none.
+    """Find one device without a node-ID and switch it to configuration. Return its address, None if there is none.
 
     `known` parts are not scanned but confirmed with one request each; None then means that no device matches them.
     `timeout` and `floor` (seconds) are the time-out of the begin request and the shortest of all others. Raises
@@ -136,7 +136,7 @@ def _scan(
     timing: _Timing,
     progress: Callable[[FastscanProgress], None] | None,
 ) -> Conversation[CanFrame, int | None]:
-    """One pass over the four parts, collected in `found`. Returns the part that was not confirmed, None if all were."""
+    """Return one pass over the four parts, collected in `found`. Return the part that was not confirmed, None if all were."""
     for part in range(4):
         number = known[part] if known[part] is not None else found[part]
         if number is None:
@@ -161,7 +161,7 @@ def _scan_part(
 
 
 def _matches(request: Fastscan, timing: _Timing) -> Conversation[CanFrame, bool]:
-    """Whether any device answers the request."""
+    """Return whether any device answers the request."""
     for _ in range(timing.attempts):
         times = yield from _request(request, timing.wait, timing.linger)
         if times:
@@ -171,7 +171,7 @@ def _matches(request: Fastscan, timing: _Timing) -> Conversation[CanFrame, bool]
 
 
 def _request(request: Fastscan, wait: float, linger: float | None) -> Conversation[CanFrame, list[float]]:
-    """The response times of a request: wait for a first answer, then `linger` for others (None: the whole `wait`)."""
+    """Return the response times of a request: wait for a first answer, then `linger` for others (None: the whole `wait`)."""
     sent: Heard[CanFrame] = yield Send(request.encode())
     until = sent.now + wait
     times: list[float] = []
@@ -205,7 +205,7 @@ def assign_node_ids(
 ) -> Conversation[CanFrame, list[AssignedNode]]:
     """Find devices without a node-ID and assign `nodes` to them in order, until no device or no node-ID is left.
 
-    `known`, `timeout` and `floor` as in `fastscan`; `found` is called for each device. Raises LssRefused if a device
+    `known`, `timeout` and `floor` as in `fastscan`; `found` is called for each device. Raise LssRefused if a device
     refuses its node-ID or, with `store`, cannot store it.
     """
     assigned: list[AssignedNode] = []

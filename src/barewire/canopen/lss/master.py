@@ -34,7 +34,7 @@ LSS_TIMEOUT = 0.5
 
 
 def send_lss(message: LssMessage) -> Conversation[CanFrame, float]:
-    """Send a message without waiting for an answer. Returns the time at which it was sent."""
+    """Send a message without waiting for an answer. Return the time at which it was sent."""
     sent: Heard[CanFrame] = yield Send(message.encode())
     return sent.now
 
@@ -56,7 +56,7 @@ def request_lss(
 
 
 def read_answer(frame: CanFrame, wanted: int) -> LssMessage | None:
-    """The frame as an answer of the service `wanted`, None for every other frame."""
+    """Return the frame as an answer of the service `wanted`, None for every other frame."""
     try:
         message = LssMessage.decode(frame)
     except DecodeError:
@@ -98,7 +98,7 @@ def identify_slaves(
     *,
     timeout: float = LSS_TIMEOUT,
 ) -> Conversation[CanFrame, int]:
-    """The number of answers of devices within these limits, both ends included."""
+    """Return the number of answers of devices within these limits, both ends included."""
     numbers = (vendor, product, *revisions, *serials)
     services = [LssService(LssService.IDENTIFY_VENDOR + step) for step in range(6)]
     for service, number in list(zip(services, numbers))[:-1]:
@@ -107,13 +107,13 @@ def identify_slaves(
 
 
 def identify_unconfigured(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, int]:
-    """The number of answers of devices without a node-ID."""
+    """Return the number of answers of devices without a node-ID."""
     request = LssMessage(LssService.IDENTIFY_UNCONFIGURED)
     return (yield from count_answers(request, LssService.UNCONFIGURED_IDENTIFIED, timeout))
 
 
 def inquire_address(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, LssAddress]:
-    """The address of the device in configuration. Raises NoAnswer."""
+    """Return the address of the device in configuration. Raise NoAnswer."""
     parts = []
     for step in range(4):
         answer = yield from _must_answer(LssMessage(LssService(LssService.INQUIRE_VENDOR + step)), timeout)
@@ -122,28 +122,28 @@ def inquire_address(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, L
 
 
 def inquire_node(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, int | None]:
-    """The node-ID of the device in configuration, None if it has none. Raises NoAnswer."""
+    """Return the node-ID of the device in configuration, None if it has none. Raise NoAnswer."""
     answer = yield from _must_answer(LssMessage(LssService.INQUIRE_NODE), timeout)
     return None if answer.body[0] == UNCONFIGURED else answer.body[0]
 
 
 def configure_node(node: int | None, *, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, None]:
-    """Set the pending node-ID of the device in configuration, or remove it. Raises LssRefused and NoAnswer."""
+    """Set the pending node-ID of the device in configuration, or remove it. Raise LssRefused and NoAnswer."""
     number = UNCONFIGURED if node is None else check_node(node)
     yield from _must_agree(LssMessage(LssService.CONFIGURE_NODE, bytes([number])), timeout)
 
 
 def configure_bit_timing(entry: int, table: int = 0, *, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, None]:
-    """Set the bit rate of the device in configuration, an entry of `BIT_RATES`. Raises LssRefused and NoAnswer."""
+    """Set the bit rate of the device in configuration, an entry of `BIT_RATES`. Raise LssRefused and NoAnswer."""
     if not (0 <= entry <= 255 and 0 <= table <= 255):
         raise EncodeError(f"bit timing table {table}, entry {entry}: expected 0..255 for both")
     yield from _must_agree(LssMessage(LssService.CONFIGURE_BIT_TIMING, bytes([table, entry])), timeout)
 
 
 def activate_bit_timing(delay: float) -> Conversation[CanFrame, float]:
-    """All devices in configuration change their bit rate after `delay` seconds and stay silent for as long again.
+    """Return all devices in configuration change their bit rate after `delay` seconds and stay silent for as long again.
 
-    Returns the time at which they send again; by then the caller must have changed the bit rate of its own port.
+    Return the time at which they send again; by then the caller must have changed the bit rate of its own port.
     EncodeError for a delay outside 0..65.535 s.
     """
     milliseconds = round(delay * 1000)
@@ -155,7 +155,7 @@ def activate_bit_timing(delay: float) -> Conversation[CanFrame, float]:
 
 
 def store_configuration(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, None]:
-    """Have the device in configuration store node-ID and bit rate. Raises LssRefused and NoAnswer."""
+    """Have the device in configuration store node-ID and bit rate. Raise LssRefused and NoAnswer."""
     yield from _must_agree(LssMessage(LssService.STORE), timeout)
 
 

@@ -102,7 +102,7 @@ class LssMessage:
     answer: bool = False
 
     def encode(self) -> CanFrame:
-        """The frame of the master, or of a device if `answer`. EncodeError for more than 7 bytes."""
+        """Return the frame of the master, or of a device if `answer`. Raise EncodeError for more than 7 bytes."""
         if len(self.body) > 7:
             raise EncodeError(f"{len(self.body)} bytes behind the service: expected at most 7")
         data = bytes([self.service]) + self.body
@@ -110,7 +110,7 @@ class LssMessage:
 
     @classmethod
     def decode(cls, frame: CanFrame) -> LssMessage:
-        """Raises DecodeError for another identifier, for other than 8 bytes, for a service that does not exist."""
+        """Decode a frame. Raise DecodeError for another identifier, for other than 8 bytes, for a service that does not exist."""
         if frame.key not in (REQUEST_KEY, ANSWER_KEY) or frame.remote:
             raise DecodeError("mismatch", frame.data, 0, f"{frame} is no LSS message: expected COB-ID 7E5h or 7E4h")
         if len(frame.data) != 8:
@@ -132,7 +132,7 @@ LSS_REQUESTS = frozenset(int(service) for service in LssService) - {0x44, 0x4F, 
 
 
 def with_number(service: LssService, number: int) -> LssMessage:
-    """A request with a 32-bit number. EncodeError if the number needs more bits."""
+    """Return a request with a 32-bit number. Raise EncodeError if the number needs more bits."""
     return LssMessage(service, Layout("<I", "number").pack(number))
 
 
@@ -157,14 +157,14 @@ class Fastscan:
     layout = Layout("<IBBB", "number", "bit", "sub", "next")
 
     def encode(self) -> CanFrame:
-        """The frame. Raises EncodeError as `check`."""
+        """Return the frame. Raise EncodeError as `check`."""
         self.check()
         body = self.layout.pack(self.number, self.bit, self.sub, self.next)
         return LssMessage(LssService.FASTSCAN, body).encode()
 
     @classmethod
     def of_body(cls, body: bytes) -> Fastscan:
-        """The request behind the service byte. DecodeError for a bit or a part that does not exist."""
+        """Return the request behind the service byte. Raise DecodeError for a bit or a part that does not exist."""
         request = cls(*cls.layout.unpack(body))
         try:
             request.check()
@@ -173,7 +173,7 @@ class Fastscan:
         return request
 
     def check(self) -> None:
-        """Raises EncodeError for a bit or a part that does not exist."""
+        """Raise EncodeError for a bit or a part that does not exist."""
         if not (self.bit <= 31 or self.bit == BEGIN):
             raise EncodeError(f"fastscan of bit {self.bit}: expected 0..31, or {BEGIN:02X}h")
         if self.sub > 3 or self.next > 3:

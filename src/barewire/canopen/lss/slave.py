@@ -92,13 +92,13 @@ class LssSlave:
         return self.state is LssState.WAITING and self.node is None and self.pending is not None
 
     def take_over(self) -> int | None:
-        """A reset: activate the pending node-ID and return it."""
+        """Return a reset: activate the pending node-ID and return it."""
         self.state = LssState.WAITING
         self.node = self.pending
         return self.node
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The answer, if the request concerns this device in its state."""
+        """Return the answer, if the request concerns this device in its state."""
         if frame is None or frame.key != REQUEST_KEY:
             return []
         try:
@@ -152,7 +152,7 @@ class LssSlave:
         return LssService.IDENTIFIED, b""
 
     def _matches_scan(self, body: bytes) -> bool:
-        """Whether the device answers a fastscan request."""
+        """Return whether the device answers a fastscan request."""
         if not self._is_unconfigured or self.state is not LssState.WAITING:
             return False
         try:
@@ -171,7 +171,7 @@ class LssSlave:
         return True
 
     def _configure(self, service: int, body: bytes, now: float) -> tuple[int, bytes] | None:
-        """The services of the state CONFIGURATION."""
+        """Return the services of the state CONFIGURATION."""
         if service == LssService.CONFIGURE_NODE:
             return service, bytes([self._set_node(body[0])])
         if service == LssService.CONFIGURE_BIT_TIMING:

@@ -58,14 +58,14 @@ class NodeState:
         return _NAMES.get(self.state, f"state {self.state:02X}h")
 
     def encode(self) -> CanFrame:
-        """One byte on 700h+n."""
+        """Return one byte on 700h+n."""
         return CanFrame(cob_id("error control", self.node), bytes([STATE_BYTE.encode(t=self.toggle, s=self.state)]))
 
     @classmethod
     def decode(cls, frame: CanFrame) -> NodeState:
-        """The message of a frame. Bytes behind the first are ignored, because some devices send them.
+        """Return the message of a frame. Bytes behind the first are ignored, because some devices send them.
 
-        Raises DecodeError for another identifier and for a frame without data.
+        Raise DecodeError for another identifier and for a frame without data.
         """
         found = classify(frame)
         if found is None or found[0].name != "error control" or frame.remote:
@@ -77,7 +77,7 @@ class NodeState:
 
 
 def guarding_request(node: int) -> CanFrame:
-    """The remote frame by which a master requests the state of a node.
+    """Return the remote frame by which a master requests the state of a node.
 
     >>> str(guarding_request(5))
     '705#R1'
@@ -86,7 +86,7 @@ def guarding_request(node: int) -> CanFrame:
 
 
 def consumer_entry(word: int) -> tuple[int, float] | None:
-    """One entry of 1016h as (node, seconds); None if it is unused, which is node 0 or time 0.
+    """Return one entry of 1016h as (node, seconds); None if it is unused, which is node 0 or time 0.
 
     >>> consumer_entry(134072)
     (2, 3.0)
@@ -128,12 +128,12 @@ class HeartbeatProducer:
         self._next = now if period > 0 else None
 
     def boot_up(self, now: float) -> CanFrame:
-        """The boot-up message; the first heartbeat is due one period later."""
+        """Return the boot-up message; the first heartbeat is due one period later."""
         self._next = now + self._period if self._period > 0 else None
         return NodeState(self.node, NmtState.INITIALISING).encode()
 
     def feed(self, item: None, now: float) -> list[CanFrame]:
-        """The heartbeat, if one is due."""
+        """Return the heartbeat, if one is due."""
         if self._next is None or now < self._next:
             return []
         missed = int((now - self._next) / self._period)
@@ -205,17 +205,17 @@ class HeartbeatConsumer:
         return min((w.deadline for w in self._nodes.values() if w.deadline is not None), default=None)
 
     def liveness(self, node: int) -> Liveness:
-        """The condition of a node."""
+        """Return the condition of a node."""
         watched = self._nodes.get(node)
         return "unknown" if watched is None else watched.liveness
 
     def state(self, node: int) -> int | None:
-        """The last NMT state that the node reported, None before the first."""
+        """Return the last NMT state that the node reported, None before the first."""
         watched = self._nodes.get(node)
         return None if watched is None else watched.state
 
     def feed(self, frame: CanFrame | None, now: float) -> list[HeartbeatEvent]:
-        """The events of nodes lost by now, then of the frame. Frames of other services cause none."""
+        """Return the events of nodes lost by now, then of the frame. Frames of other services cause none."""
         events: list[HeartbeatEvent] = []
         for node, watched in self._nodes.items():
             if watched.deadline is not None and now >= watched.deadline:

@@ -83,7 +83,7 @@ def send_nmt(
 
 
 def request_state(node: int, *, timeout: float = 0.5) -> Conversation[CanFrame, NodeState]:
-    """Request the state of a node by node guarding; a heartbeat that arrives meanwhile counts too. Raises NoAnswer."""
+    """Request the state of a node by node guarding; a heartbeat that arrives meanwhile counts too. Raise NoAnswer."""
     sent: Heard[CanFrame] = yield Send(guarding_request(check_node(node)))
     until = sent.now + timeout
     frames = 0
@@ -99,7 +99,7 @@ def request_state(node: int, *, timeout: float = 0.5) -> Conversation[CanFrame, 
 
 
 def wait_for_boot_up(node: int | None = None, *, timeout: float = 10.0) -> Conversation[CanFrame, NodeState]:
-    """Wait for the boot-up message of a node, or of any node with None. Raises NoAnswer.
+    """Wait for the boot-up message of a node, or of any node with None. Raise NoAnswer.
 
     >>> from barewire.conversation import play
     >>> play(wait_for_state(5, [NmtState.STOPPED], timeout=0.5), lambda frame, now: [])
@@ -115,7 +115,7 @@ def wait_for_heartbeat(node: int | None = None, *, timeout: float = 10.0) -> Con
 
 
 def wait_for_state(node: int, states: Collection[int], *, timeout: float = 10.0) -> Conversation[CanFrame, NodeState]:
-    """Wait until a node reports one of these states. Raises NoAnswer."""
+    """Wait until a node reports one of these states. Raise NoAnswer."""
     names = " or ".join(NodeState(node, state).name for state in states)
     return _wait(node, f"state {names}", lambda received: received.state in states, timeout)
 

@@ -83,7 +83,7 @@ class NmtMessage:
     layout = Layout("<BB", "command", "node")
 
     def encode(self) -> CanFrame:
-        """The frame with COB-ID 000h. EncodeError for an unknown command or a node outside 0..127."""
+        """Return the frame with COB-ID 000h. Raise EncodeError for an unknown command or a node outside 0..127."""
         if self.node:
             check_node(self.node)
         if not isinstance(self.command, int):
@@ -93,7 +93,7 @@ class NmtMessage:
 
     @classmethod
     def decode(cls, frame: CanFrame) -> NmtMessage:
-        """Raises DecodeError for another identifier, another length, an unknown command, a node above 127."""
+        """Decode a frame. Raise DecodeError for another identifier, another length, an unknown command, a node above 127."""
         if frame.key != (cob_id("NMT"), False) or frame.remote:
             raise DecodeError("mismatch", frame.data, 0, f"{frame} is no NMT command: expected COB-ID 000h")
         command, node = cls.layout.unpack(frame.data)
@@ -154,5 +154,5 @@ class NmtSlave:
         return [NmtChange(message.command, before, self.state)]
 
     def may(self, service: ServiceName) -> bool:
-        """Whether a service works in the present state."""
+        """Return whether a service works in the present state."""
         return service in SERVICES_IN[self.state]

@@ -89,12 +89,12 @@ class GuardingMaster:
         return min(dues, default=None)
 
     def state(self, node: int) -> int | None:
-        """The last state that the node reported, None before the first and while it is lost."""
+        """Return the last state that the node reported, None before the first and while it is lost."""
         guarded = self._nodes.get(node)
         return None if guarded is None or guarded.lost else guarded.state
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame | GuardEvent]:
-        """The events of the frame, of nodes lost by now, and the requests that are due."""
+        """Return the events of the frame, of nodes lost by now, and the requests that are due."""
         output: list[CanFrame | GuardEvent] = []
         if frame is not None:
             output += self._receive(frame, now)
@@ -174,7 +174,7 @@ class GuardedNode:
         self._toggle, self._asked_at, self._lost = False, None, False
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame | LifeEvent]:
-        """The response to a request, and the events of life guarding."""
+        """Return the response to a request, and the events of life guarding."""
         output: list[CanFrame | LifeEvent] = []
         due = self.deadline
         if due is not None and now >= due:

@@ -60,7 +60,7 @@ class NodeMonitor:
         return None
 
     def feed(self, frame: CanFrame | None, now: float) -> list[None]:
-        """Record a frame. Returns no events."""
+        """Record a frame. Return no events."""
         if frame is None:
             return []
         self.frames += 1
@@ -79,23 +79,23 @@ class NodeMonitor:
         self.error, self.error_at = error, now
 
     def count(self, identifier: int) -> int:
-        """The number of base frames with this identifier."""
+        """Return the number of base frames with this identifier."""
         known = self._base.get(identifier)
         return 0 if known is None else known[0]
 
     def last_heard(self, node: int) -> float | None:
-        """When the node last sent a frame of the predefined connection set; None if never."""
+        """Return when the node last sent a frame of the predefined connection set; None if never."""
         times = [self._base[base + node][1] for base in _OF_DEVICES if base + node in self._base]
         return max(times, default=None)
 
     def nodes(self) -> list[int]:
-        """The nodes that sent frames of the predefined connection set."""
+        """Return the nodes that sent frames of the predefined connection set."""
         return [
             node for node in range(NODE_MIN, NODE_MAX + 1) if any(base + node in self._base for base in _OF_DEVICES)
         ]
 
     def state(self, node: int) -> NodeState | None:
-        """The last state that the node reported."""
+        """Return the last state that the node reported."""
         known = self._base.get(0x700 + check_node(node))
         try:
             return None if known is None else NodeState.decode(known[2])
@@ -103,11 +103,11 @@ class NodeMonitor:
             return None
 
     def mark(self, answer_id: int) -> TrafficMark:
-        """The present counts, to be given to `explain_silence` later."""
+        """Return the present counts, to be given to `explain_silence` later."""
         return TrafficMark(self.frames, self._extended.get(answer_id, 0))
 
     def explain_silence(self, node: int, answer_id: int, since: TrafficMark, now: float, *, answers: int) -> str:
-        """One sentence on why a node may not have answered. `answers` is the number of frames on `answer_id` since."""
+        """Return one sentence on why a node may not have answered. `answers` is the number of frames on `answer_id` since."""
         frames = self.frames - since.frames
         last, state = self.last_heard(node), self.state(node)
         parts = []

@@ -78,7 +78,7 @@ class ActivePdo:
         return self.sent_at + max(self.event_timer, self.inhibit) if self.event_timer else None
 
     def next_data(self) -> bytes:
-        """The data of the frame to be sent now."""
+        """Return the data of the frame to be sent now."""
         if self.mpdo_producer is None:
             return self.sample()
         data = self.mpdo_producer.next() or b""
@@ -86,7 +86,7 @@ class ActivePdo:
         return data
 
     def sample(self) -> bytes:
-        """The present data of a TPDO. If a value does not fit its bits, all are sent as 0, and that is counted."""
+        """Return the present data of a TPDO. If a value does not fit its bits, all are sent as 0, and that is counted."""
         try:
             values: dict[str, Value] = {
                 m.name: self.objects.get(m.index, m.sub) for m in self.mapping.entries if not m.is_dummy

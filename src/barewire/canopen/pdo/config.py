@@ -116,7 +116,7 @@ class PdoConfig:
         return next((count for count, kind in MPDO_COUNTS.items() if kind == self.multiplexed), len(self.mapping))
 
     def cob_entry(self, node: int) -> CobEntry:
-        """The COB-ID of this PDO for a node-ID."""
+        """Return the COB-ID of this PDO for a node-ID."""
         if self.cob_id is not None:
             return CobEntry.unpack(self.cob_id)
         service = _DEFAULT_SERVICE.get((self.direction, self.number))
@@ -124,7 +124,7 @@ class PdoConfig:
 
 
 def pdos_of(objects: ObjectDictionary, node: int) -> list[PdoConfig]:
-    """The PDOs whose records a dictionary has, for example one from an EDS: an argument of `LocalNode`.
+    """Return the PDOs whose records a dictionary has, for example one from an EDS: an argument of `LocalNode`.
 
     A COB-ID of the predefined connection set is left out, so it follows the node-ID.
     """
@@ -157,7 +157,7 @@ def add_records(objects: ObjectDictionary, node: int, pdo: PdoConfig, changed: C
 
     An entry that the dictionary has already (from a device description) keeps its name and gets its default and its
     rules from here; the reserved sub-index 04 is left alone. `changed` is called when a write has been accepted, before
-    it is stored. EncodeError if `pdo` itself breaks a rule.
+    it is stored. Raise EncodeError if `pdo` itself breaks a rule.
     """
     if not (0 <= pdo.type <= 255 and has_type(pdo.direction, pdo.type)):
         raise EncodeError(f"{pdo.direction}{pdo.number}: transmission type {pdo.type} does not exist")
@@ -187,12 +187,12 @@ def add_records(objects: ObjectDictionary, node: int, pdo: PdoConfig, changed: C
 
 
 def has_type(direction: PdoDirection, type: int) -> bool:
-    """Whether a transmission type exists: 241 to 251 are reserved, and an RPDO cannot be sent on request."""
+    """Return whether a transmission type exists: 241 to 251 are reserved, and an RPDO cannot be sent on request."""
     return not LAST_CYCLIC < type < RTR_AT_SYNC and not (direction == "RPDO" and type in (RTR_AT_SYNC, RTR_AT_ONCE))
 
 
 def resolve(objects: ObjectDictionary, direction: PdoDirection, words: tuple[int, ...]) -> PdoMapping:
-    """The mapping of 32-bit entries with the types of the dictionary. EncodeError if an object cannot be mapped."""
+    """Return the mapping of 32-bit entries with the types of the dictionary. Raise EncodeError if an object cannot be mapped."""
     entries = []
     for word in words:
         mapped = MappedObject.of_word(word)

@@ -112,7 +112,7 @@ class PdoEngine:
         self._synced_at = None
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The PDOs and emergencies to send after a received frame, or after time passed (None)."""
+        """Return the PDOs and emergencies to send after a received frame, or after time passed (None)."""
         if not self._running:
             return []
         frames: list[CanFrame] = []
@@ -176,7 +176,7 @@ class PdoEngine:
     def send_mpdo(self, number: int, message: Mpdo, now: float) -> list[CanFrame]:
         """Queue a message for TPDO `number`, a DAM MPDO. Its node is the destination; 0 stands for all nodes.
 
-        The inhibit time applies as for any TPDO. Returns the frames to send now. Raises EncodeError if there is no such
+        The inhibit time applies as for any TPDO. Return the frames to send now. Raise EncodeError if there is no such
         TPDO, or if the device is not operational.
         """
         for pdo in self.active if self._running else ():
@@ -219,7 +219,7 @@ class PdoEngine:
         return frames
 
     def _remote_request(self, frame: CanFrame, now: float) -> list[CanFrame]:
-        """The TPDOs that a remote frame requests."""
+        """Return the TPDOs that a remote frame requests."""
         frames: list[CanFrame] = []
         for pdo in self.active:
             if not pdo.is_tpdo or not pdo.is_on or pdo.cob.bit30 or frame.key != pdo.key:

@@ -66,7 +66,7 @@ class MappedObject:
 
     @classmethod
     def of_word(cls, word: int, type: str | None = None, name: str = "") -> MappedObject:
-        """The object of a 32-bit mapping entry."""
+        """Return the object of a 32-bit mapping entry."""
         return cls(word >> 16 & 0xFFFF, word >> 8 & 0xFF, word & 0xFF, type, name)
 
 
@@ -123,7 +123,7 @@ class PdoMapping:
         return f"PdoMapping([{', '.join(f'{entry.word:08X}h' for entry in self.entries)}])"
 
     def pack(self, values: Mapping[str, Value]) -> bytes:
-        """The data of a PDO from values by name; an object without a value is 0.
+        """Return the data of a PDO from values by name; an object without a value is 0.
 
         EncodeError for an unknown name, and for a value that does not fit.
         """
@@ -145,7 +145,7 @@ class PdoMapping:
         return stream.to_bytes(self.size, "little")
 
     def unpack(self, data: bytes) -> dict[str, Value]:
-        """The values by name from the data of a PDO. DecodeError if the data is not as long as mapped."""
+        """Return the values by name from the data of a PDO. Raise DecodeError if the data is not as long as mapped."""
         if len(data) < self.size:
             raise DecodeError("short", data, len(data), f"{self.size} bytes are mapped, got {len(data)}")
         if len(data) > self.size:
@@ -163,7 +163,7 @@ class PdoMapping:
 
 
 def _struct_of(entries: tuple[MappedObject, ...]) -> struct.Struct | None:
-    """The whole mapping as one struct, None if an object is not of a type and width of `_STRUCT`."""
+    """Return the whole mapping as one struct, None if an object is not of a type and width of `_STRUCT`."""
     kinds = ""
     for entry in entries:
         kind = _STRUCT.get(entry.type or f"u{entry.bits}")
@@ -177,7 +177,7 @@ def _struct_of(entries: tuple[MappedObject, ...]) -> struct.Struct | None:
 
 
 def _step(entry: MappedObject, offset: int) -> _Step:
-    """The packing step of an object. EncodeError if its type and its bits do not fit each other."""
+    """Return the packing step of an object. Raise EncodeError if its type and its bits do not fit each other."""
     if not 1 <= entry.bits <= BITS_MAX:
         raise EncodeError(f"{entry.name} has {entry.bits} bits: expected 1..{BITS_MAX}")
     mask = (1 << entry.bits) - 1
@@ -206,7 +206,7 @@ def _step(entry: MappedObject, offset: int) -> _Step:
 
 
 def _to_bits(step: _Step, value: Value) -> int:
-    """The bits of one value."""
+    """Return the bits of one value."""
     if step.codec is not None:
         return int.from_bytes(step.codec.encode(value), "little")
     if step.length:
@@ -223,7 +223,7 @@ def _to_bits(step: _Step, value: Value) -> int:
 
 
 def _from_bits(step: _Step, bits: int) -> Value:
-    """The value of the bits of one object."""
+    """Return the value of the bits of one object."""
     if step.codec is not None:
         return step.codec.decode(bits.to_bytes(step.codec.size, "little"))
     if step.length:

@@ -62,11 +62,11 @@ class Mpdo:
     layout = Layout("<BHB", "address", "index", "sub", tail="data")
 
     def encode(self, key: tuple[int, bool]) -> CanFrame:
-        """The frame, with the COB-ID of its PDO. Raises EncodeError as `pack`."""
+        """Return the frame, with the COB-ID of its PDO. Raise EncodeError as `pack`."""
         return CanFrame(key[0], self.pack(), key[1])
 
     def pack(self) -> bytes:
-        """The 8 bytes. EncodeError for more than 4 bytes of data, and for node 0 as a source address."""
+        """Return the 8 bytes. Raise EncodeError for more than 4 bytes of data, and for node 0 as a source address."""
         least = 1 if self.addressing == "SAM" else 0
         if not least <= self.node <= NODE_MAX:
             raise EncodeError(f"node {self.node} in a {self.addressing} MPDO: expected {least}..{NODE_MAX}")
@@ -77,7 +77,7 @@ class Mpdo:
 
     @classmethod
     def decode(cls, frame: CanFrame) -> Mpdo:
-        """Raises DecodeError for a frame that has not 8 bytes, and for source address 0."""
+        """Decode a frame. Raise DecodeError for a frame that has not 8 bytes, and for source address 0."""
         data = frame.data
         if len(data) != MPDO_SIZE or frame.remote:
             raise DecodeError(
@@ -90,7 +90,7 @@ class Mpdo:
 
 
 def scanner_list(objects: ObjectDictionary) -> list[ObjectAddress]:
-    """The objects of the scanner list of a dictionary in its order, each once.
+    """Return the objects of the scanner list of a dictionary in its order, each once.
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> scanner_list(ObjectDictionary([Entry(0x1FA0, 1, "scanner", "u32", "rw", 0x02_6401_01)]))
@@ -104,7 +104,7 @@ def scanner_list(objects: ObjectDictionary) -> list[ObjectAddress]:
 
 
 def dispatcher_list(objects: ObjectDictionary) -> dict[tuple[int, int, int], ObjectAddress]:
-    """The dispatcher list of a dictionary: (node, index, sub) of the producer -> own object.
+    """Return the dispatcher list of a dictionary: (node, index, sub) of the producer -> own object.
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> word = 0x01_2000_02_6401_01_07
@@ -156,7 +156,7 @@ class MpdoProducer:
         self._waiting.append(data)
 
     def next(self) -> bytes | None:
-        """The data of the next frame, None if there is nothing to send."""
+        """Return the data of the next frame, None if there is nothing to send."""
         if self._waiting:
             return self._waiting[0]
         for address in list(self._scanned):

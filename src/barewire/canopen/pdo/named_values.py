@@ -52,11 +52,11 @@ class RemotePdo:
         return cls(node, pdo, mapping_of(pdo, objects), (entry.identifier, entry.extended))
 
     def encode(self, values: Mapping[str, Value]) -> CanFrame:
-        """The frame with these values. Raises EncodeError."""
+        """Return the frame with these values. Raise EncodeError."""
         return CanFrame(self.key[0], self.mapping.pack(values), self.key[1])
 
     def decode(self, frame: CanFrame) -> dict[str, Value]:
-        """The values of a frame of this PDO. Raises DecodeError."""
+        """Return the values of a frame of this PDO. Raise DecodeError."""
         if frame.key != self.key or frame.remote:
             raise DecodeError("mismatch", frame.data, 0, f"{frame} is not {self.pdo.direction}{self.pdo.number}")
         return self.mapping.unpack(frame.data)
@@ -70,7 +70,7 @@ def remote_pdo(
     *,
     timeout: float = DEFAULT_TIMEOUT,
 ) -> Conversation[CanFrame, RemotePdo]:
-    """Read a PDO configuration from a device. SdoAbort if it does not exist, EncodeError if it is switched off."""
+    """Read a PDO configuration from a device. Raise SdoAbort if it does not exist, EncodeError if it is switched off."""
     pdo = yield from read_pdo(channel, direction, number, timeout=timeout)
     return RemotePdo.of(channel.node, pdo, objects)
 
@@ -104,7 +104,7 @@ class PdoConsumer:
         return None
 
     def feed(self, frame: CanFrame | None, now: float) -> list[PdoReceived]:
-        """The values, if the frame is one of these PDOs."""
+        """Return the values, if the frame is one of these PDOs."""
         source = None if frame is None or frame.remote else self.sources.get(frame.key)
         if source is None or frame is None:
             return []

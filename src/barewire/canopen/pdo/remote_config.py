@@ -62,7 +62,7 @@ def read_pdo(
 ) -> Conversation[CanFrame, PdoConfig]:
     """Read the configuration of a PDO, with its COB-ID as stored in the device. Time-out in seconds for each SDO.
 
-    Raises SdoAbort if the PDO does not exist, NoAnswer, and DecodeError("value") if the reported mapping is invalid.
+    Raise SdoAbort if the PDO does not exist, NoAnswer, and DecodeError("value") if the reported mapping is invalid.
     """
     channel = channel_to(node, None)
     blank = PdoConfig(direction, number, ())
@@ -88,7 +88,7 @@ def write_pdo(
 ) -> Conversation[CanFrame, None]:
     """Write the configuration of a PDO. The device should be pre-operational. Time-out in seconds for each SDO.
 
-    Without a `cob_id` the PDO gets the identifier of the predefined connection set. Raises SdoAbort or NoAnswer, and
+    Without a `cob_id` the PDO gets the identifier of the predefined connection set. Raise SdoAbort or NoAnswer, and
     EncodeError if the mapping is a different one and cannot be changed.
     """
     channel = channel_to(node, None)
@@ -162,7 +162,7 @@ def _write_parameters(
 def _read(
     channel: Channel, index: int, sub: int, timeout: float, *, needed: bool
 ) -> Conversation[CanFrame, int | None]:
-    """A value of a communication record; None if the device does not have it and it is not `needed`."""
+    """Return a value of a communication record; None if the device does not have it and it is not `needed`."""
     try:
         data = yield from upload(channel, index, sub, timeout=timeout, size=_SIZES[sub])
     except SdoAbort as refusal:
@@ -201,7 +201,7 @@ def _other_mapping(pdo: PdoConfig, has: _Content) -> EncodeError:
 
 
 def mapping_of(pdo: PdoConfig, objects: ObjectDictionary | None = None) -> PdoMapping:
-    """The mapping of a PDO, which packs and unpacks values by the names and types of a dictionary.
+    """Return the mapping of a PDO, which packs and unpacks values by the names and types of a dictionary.
 
     An object that the dictionary does not have, or has with another width, is named by index and sub-index and keeps
     its bits, so the position of the objects behind it is right.

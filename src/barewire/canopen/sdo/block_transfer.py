@@ -55,7 +55,7 @@ _NUMBERS = bytes(range(1, BLOCK_MAX + 1))
 
 
 def segments(data: bytes, *, last: bool) -> list[bytes]:
-    """The frames of a block.
+    """Return the frames of a block.
 
     >>> [frame.hex(" ") for frame in segments(b"CANopen32", last=True)]
     ['01 43 41 4e 6f 70 65 6e', '82 33 32 00 00 00 00 00']
@@ -75,7 +75,7 @@ def segments(data: bytes, *, last: bool) -> list[bytes]:
 
 
 def joined(block: list[bytes]) -> bytes:
-    """The data of a block's frames: the inverse of `segments`, with the padding of the last one.
+    """Return the data of a block's frames: the inverse of `segments`, with the padding of the last one.
 
     >>> joined(segments(b"CANopen32", last=True))
     b'CANopen32\\x00\\x00\\x00\\x00\\x00'
@@ -86,7 +86,7 @@ def joined(block: list[bytes]) -> bytes:
 
 
 def check_blksize(blksize: int) -> int:
-    """The block size that the peer requests. Raises ProtocolViolation if there is no such size."""
+    """Return the block size that the peer requests. Raise ProtocolViolation if there is no such size."""
     if not 1 <= blksize <= BLOCK_MAX:
         raise ProtocolViolation(
             AbortCode.BLOCK_SIZE, f"a block of {blksize} segments was requested: expected 1..{BLOCK_MAX}"
@@ -131,7 +131,7 @@ class BlockSender:
         self._sent = 0
 
     def feed(self, message: ReceiverMessage | None, now: float) -> list[bytes]:
-        """The next frames. Raises ProtocolViolation when the receiver broke the rules or was silent for too long."""
+        """Return the next frames. Raise ProtocolViolation when the receiver broke the rules or was silent for too long."""
         if isinstance(message, BlockEnded):
             if not self.ended:
                 raise ProtocolViolation(AbortCode.COMMAND, "the receiver ended the transfer before its end")
@@ -149,7 +149,7 @@ class BlockSender:
         return self._next_burst(now)
 
     def _next_burst(self, now: float) -> list[bytes]:
-        """The next burst of this block; nothing if all of it is sent."""
+        """Return the next burst of this block; nothing if all of it is sent."""
         burst = self._block[self._sent : self._sent + self._burst]
         if burst:
             self._sent += len(burst)
@@ -220,9 +220,9 @@ class BlockReceiver:
         return 0 if self.complete else len(self._parts) + 1
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
-        """The reaction to a frame, or to time passing.
+        """Return the reaction to a frame, or to time passing.
 
-        Raises ProtocolViolation when the sender broke the rules or was silent for too long.
+        Raise ProtocolViolation when the sender broke the rules or was silent for too long.
         """
         if data is None:
             return self._remind(now) if now >= self.deadline else []
@@ -242,7 +242,7 @@ class BlockReceiver:
         return self._acknowledge()
 
     def accept(self, data: bytes, now: float) -> bool:
-        """The path of nearly every frame: the next segment, inside a block. If it returns False, call `feed`."""
+        """Return the path of nearly every frame: the next segment, inside a block. If it returns False, call `feed`."""
         parts = self._parts
         number = len(parts) + 1
         if len(data) != FRAME or data[0] != number or number > self._inside:
@@ -276,7 +276,7 @@ class BlockReceiver:
         self._value.add(data)
 
     def _stray(self, data: bytes) -> list[bytes]:
-        """A segment that is not the next one: a repeated one, or one after a gap."""
+        """Return a segment that is not the next one: a repeated one, or one after a gap."""
         sequence, last = data[0] & ~LAST, data[0] & LAST
         if not 1 <= sequence <= self._blksize:
             raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came: expected 1..{self._blksize}")

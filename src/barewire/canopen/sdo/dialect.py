@@ -29,7 +29,7 @@ class SdoDialect(NamedTuple):
     lengths: Literal["exact", "in four"] = "exact"
 
     def read_command(self, size: int | None) -> int:
-        """The command byte that requests an object of `size` bytes; of 4 bytes if the size is unknown.
+        """Return the command byte that requests an object of `size` bytes; of 4 bytes if the size is unknown.
 
         >>> sized = SdoDialect("sized", ((2, 0x4B), (4, 0x43)))
         >>> hex(STANDARD.read_command(2)), hex(sized.read_command(2)), hex(sized.read_command(None))

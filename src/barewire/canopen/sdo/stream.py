@@ -58,7 +58,7 @@ class Outgoing:
         return False
 
     def take(self, count: int) -> bytes:
-        """The next `count` bytes; fewer only at the end."""
+        """Return the next `count` bytes; fewer only at the end."""
         parts = []
         while count > 0 and not self.exhausted:
             part = self._piece[self._at : self._at + count]

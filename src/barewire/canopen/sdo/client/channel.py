@@ -61,7 +61,7 @@ class ChannelCounters:
         return self.answers + self.signs
 
     def explain(self, node: int, answer_id: int) -> str:
-        """The counters as one sentence."""
+        """Return the counters as one sentence."""
         if not self.frames:
             return "no frame was received on the bus"
         parts = [f"received {_count(self.frames, 'frame')}", f"{self.from_node or 'none'} from node {node}"]
@@ -75,7 +75,7 @@ class ChannelCounters:
         return ", ".join(parts)
 
     def oddities(self) -> list[str]:
-        """What arrived on the channel itself and was not the response."""
+        """Return what arrived on the channel itself and was not the response."""
         parts = []
         if self.late:
             parts.append(f"{_count(self.late, 'response')} to another request")
@@ -157,7 +157,7 @@ class Channel:
         return frame.data
 
     def decode(self, data: bytes, wanted: tuple[type[M], ...]) -> M | None:
-        """The message, if it is of a wanted kind; otherwise None, counted as late or garbled."""
+        """Return the message, if it is of a wanted kind; otherwise None, counted as late or garbled."""
         counters = self.counters
         try:
             message = decode_one_of(data, wanted)
@@ -184,7 +184,7 @@ class Channel:
     def begin(self, what: str) -> None:
         """Begin a transfer: the counters go into `total` and restart; the last heartbeat remains.
 
-        Raises EncodeError while another transfer runs.
+        Raise EncodeError while another transfer runs.
         """
         if self.busy:
             raise EncodeError(f"{what} must wait: the SDO channel to node {self.node} carries one transfer at a time")
@@ -194,7 +194,7 @@ class Channel:
         self.busy = True
 
     def explain(self, now: float) -> str:
-        """The received frames in words, as an explanation of why there was no response."""
+        """Return the received frames in words, as an explanation of why there was no response."""
         if self.node_monitor is None or self._mark is None:
             return self.counters.explain(self.node, self.answer_id)
         monitor, answers = self.node_monitor, self.counters.answers
@@ -216,7 +216,7 @@ class Channel:
 
 
 def channel_to(node: int | Channel, dialect: SdoDialect | None) -> Channel:
-    """The given channel, or a new one to the default server of a node. Raises EncodeError if the dialects differ."""
+    """Return the given channel, or a new one to the default server of a node. Raise EncodeError if the dialects differ."""
     if isinstance(node, int):
         return Channel(node, STANDARD if dialect is None else dialect)
     if dialect is not None and dialect != node.dialect:

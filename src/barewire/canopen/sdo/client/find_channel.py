@@ -20,9 +20,9 @@ SERVERS_MAX = 128
 
 
 def find_channel(default: Channel, server: int, *, timeout: float = DEFAULT_TIMEOUT) -> Conversation[CanFrame, Channel]:
-    """The channel to server number `server` of a device, read over its default channel, which is number 1.
+    """Return the channel to server number `server` of a device, read over its default channel, which is number 1.
 
-    Raises SdoAbort if there is no such server, and EncodeError if its channel is not in use.
+    Raise SdoAbort if there is no such server, and EncodeError if its channel is not in use.
     """
     if not 1 <= server <= SERVERS_MAX:
         raise EncodeError(f"SDO server {server}: expected 1..{SERVERS_MAX}")

@@ -108,7 +108,7 @@ class ClientTransfer:
         return (yield from self.response(wanted))
 
     def response(self, wanted: tuple[type[M], ...]) -> Conversation[CanFrame, M]:
-        """Wait for a message of a wanted kind. Raises SdoAbort, and ProtocolViolation at the time-out."""
+        """Wait for a message of a wanted kind. Raise SdoAbort, and ProtocolViolation at the time-out."""
         channel, until = self.channel, self.until or 0.0
         while True:
             heard: Heard[CanFrame] = yield Listen(until)
@@ -125,11 +125,11 @@ class ClientTransfer:
                 raise ProtocolViolation(AbortCode.TIMED_OUT, "no answer")
 
     def _concerns_object(self, answer: object) -> bool:
-        """Whether a response names the object of this transfer, or none."""
+        """Return whether a response names the object of this transfer, or none."""
         return (getattr(answer, "index", self.index), getattr(answer, "sub", self.sub)) == (self.index, self.sub)
 
     def receive(self, frame: CanFrame) -> bytes | None:
-        """The data of a frame on this channel, None for other frames. Raises SdoAbort for an abort."""
+        """Return the data of a frame on this channel, None for other frames. Raise SdoAbort for an abort."""
         data = self.channel.receive(frame)
         return self.check_abort(data) if data and data[0] == ABORT else data
 

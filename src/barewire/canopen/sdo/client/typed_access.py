@@ -27,7 +27,7 @@ def read_object(
     dialect: SdoDialect | None = None,
     block: BlockMode = False,
 ) -> Conversation[CanFrame, Value]:
-    """The value of an object: by name, by index, or by (index, sub-index).
+    """Return the value of an object: by name, by index, or by (index, sub-index).
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> from barewire.conversation import play
@@ -64,7 +64,7 @@ def write_object(
     dialect: SdoDialect | None = None,
     block: BlockMode = False,
 ) -> Conversation[CanFrame, None]:
-    """Write a value to an object. Raises EncodeError at once for a value that its type cannot have."""
+    """Write a value to an object. Raise EncodeError at once for a value that its type cannot have."""
     entry = objects.at(place)
     try:
         data = entry.codec.encode(value)

@@ -66,13 +66,13 @@ class InitiateBlockDownload:
     pattern: ClassVar = BitPattern("110- -cs0")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the request."""
+        """Return the 8 bytes of the request."""
         size = b"" if self.size is None else SIZE_FIELD.pack(self.size)
         return object_message(self.pattern.encode(c=self.crc, s=self.size is not None), self.index, self.sub, size)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the 8 bytes; unused bytes at the end may be missing."""
+        """Decode the 8 bytes; unused bytes at the end may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, indicated_size(cls.pattern, data), bool(cls.pattern.decode(data[0])["c"]))
 
@@ -106,13 +106,13 @@ class BlockDownloadInitiated:
     pattern: ClassVar = BitPattern("101- -c00")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the response."""
+        """Return the 8 bytes of the response."""
         _check_blksize(self.blksize)
         return object_message(self.pattern.encode(c=self.crc), self.index, self.sub, bytes([self.blksize]))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the 8 bytes; the transfer checks the block size."""
+        """Decode the 8 bytes; the transfer checks the block size."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, _byte(data, 4, "blksize"), bool(cls.pattern.decode(data[0])["c"]))
 
@@ -139,7 +139,7 @@ class InitiateBlockUpload:
     pattern: ClassVar = BitPattern("101- -c00")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the request."""
+        """Return the 8 bytes of the request."""
         _check_blksize(self.blksize)
         if not 0 <= self.switch <= 0xFF:
             raise EncodeError(f"protocol switch at {self.switch} bytes: expected 0..255")
@@ -147,7 +147,7 @@ class InitiateBlockUpload:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the 8 bytes; the transfer checks the block size."""
+        """Decode the 8 bytes; the transfer checks the block size."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         switch = _byte(data, 5, "protocol switch")
         return cls(index, sub, data[4], switch, bool(cls.pattern.decode(data[0])["c"]))
@@ -160,12 +160,12 @@ class _CommandOnly:
     pattern: ClassVar[BitPattern]
 
     def encode(self) -> bytes:
-        """The 8 bytes."""
+        """Return the 8 bytes."""
         return bytes([self.pattern.encode()]).ljust(8, b"\0")
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the command byte."""
+        """Decode the command byte."""
         cls.pattern.decode(data[0])
         return cls()
 
@@ -200,7 +200,7 @@ class BlockSegment:
     pattern: ClassVar = BitPattern("cqqq qqqq")
 
     def encode(self) -> bytes:
-        """The 8 bytes."""
+        """Return the 8 bytes."""
         if not 1 <= self.sequence <= BLOCK_MAX:
             raise EncodeError(f"segment {self.sequence}: expected 1..{BLOCK_MAX}")
         if len(self.data) > SEGMENT or (len(self.data) < SEGMENT and not self.last):
@@ -209,7 +209,7 @@ class BlockSegment:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the 8 bytes. Raises DecodeError("value") for 00h and 80h, which are not segments."""
+        """Decode the 8 bytes. Raise DecodeError("value") for 00h and 80h, which are not segments."""
         if len(data) < 1 + SEGMENT:
             raise DecodeError("short", data, len(data), f"a segment has {SEGMENT} bytes of data")
         if not data[0] & ~LAST:
@@ -233,13 +233,13 @@ class BlockAck:
     pattern: ClassVar = BitPattern("101- --10")
 
     def encode(self) -> bytes:
-        """The 8 bytes."""
+        """Return the 8 bytes."""
         _check_blksize(self.blksize)
         return _ACK.pack(self.pattern.encode(), self.sequence, self.blksize, tail=bytes(5))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the first 3 bytes; the transfer checks the numbers."""
+        """Decode the first 3 bytes; the transfer checks the numbers."""
         return cls(*_ACK.unpack(data)[1:3])
 
 
@@ -259,12 +259,12 @@ class BlockEnd:
     pattern: ClassVar = BitPattern("110n nn-1")
 
     def encode(self) -> bytes:
-        """The 8 bytes."""
+        """Return the 8 bytes."""
         return _END.pack(self.pattern.encode(n=self.unused), self.crc, tail=bytes(5))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the first 3 bytes."""
+        """Decode the first 3 bytes."""
         return cls(cls.pattern.decode(data[0])["n"], _END.unpack(data)[1])
 
 

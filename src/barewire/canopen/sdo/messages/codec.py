@@ -115,7 +115,7 @@ def decode_sdo_response(data: bytes) -> SdoResponse:
 
 
 def is_any_response(data: bytes) -> bool:
-    """Whether these bytes are a response in any state of a transfer; if none was expected now, a late one.
+    """Return whether these bytes are a response in any state of a transfer; if none was expected now, a late one.
 
     >>> is_any_response(BlockEnded().encode()), is_any_response(bytes.fromhex("E0 00 00 00 00 00 00 00"))
     (True, False)

@@ -36,7 +36,7 @@ _CODE_FIELD = Layout("<I", "code")
 
 
 def object_message(command: int, index: int, sub: int, data: bytes = b"") -> bytes:
-    """The 8 bytes of a message about an object; unused bytes are zero."""
+    """Return the 8 bytes of a message about an object; unused bytes are zero."""
     return OBJECT_LAYOUT.pack(command, index, sub, tail=data.ljust(4, b"\0"))
 
 
@@ -66,7 +66,7 @@ class InitiateUpload:
     pattern: ClassVar = BitPattern("010- ----")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the request."""
+        """Return the 8 bytes of the request."""
         if not self.pattern.matches(self.command):
             raise EncodeError(
                 f"command {self.command:02X}h does not request an upload: expected {self.pattern.pattern}"
@@ -75,7 +75,7 @@ class InitiateUpload:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the 8 bytes. Reserved bits are ignored, so 43h is an upload request."""
+        """Decode the 8 bytes. Reserved bits are ignored, so 43h is an upload request."""
         command, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, command)
 
@@ -100,7 +100,7 @@ class ExpeditedUpload:
     pattern: ClassVar = BitPattern("010- nn1s")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the response."""
+        """Return the 8 bytes of the response."""
         _check_expedited(self.data, self.indicated)
         return object_message(
             self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data
@@ -108,7 +108,7 @@ class ExpeditedUpload:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the bytes of the response; unused bytes at the end may be missing."""
+        """Decode the bytes of the response; unused bytes at the end may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, *_expedited(cls.pattern, data))
 
@@ -130,13 +130,13 @@ class UploadInitiated:
     pattern: ClassVar = BitPattern("010- --0s")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the response."""
+        """Return the 8 bytes of the response."""
         size = b"" if self.size is None else SIZE_FIELD.pack(self.size)
         return object_message(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the bytes of the response; unused bytes at the end may be missing."""
+        """Decode the bytes of the response; unused bytes at the end may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, indicated_size(cls.pattern, data))
 
@@ -159,7 +159,7 @@ class ExpeditedDownload:
     pattern: ClassVar = BitPattern("001- nn1s")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the request."""
+        """Return the 8 bytes of the request."""
         _check_expedited(self.data, self.indicated)
         return object_message(
             self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data
@@ -167,7 +167,7 @@ class ExpeditedDownload:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the bytes of the request; unused bytes at the end may be missing."""
+        """Decode the bytes of the request; unused bytes at the end may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, *_expedited(cls.pattern, data))
 
@@ -189,13 +189,13 @@ class InitiateDownload:
     pattern: ClassVar = BitPattern("001- --0s")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the request."""
+        """Return the 8 bytes of the request."""
         size = b"" if self.size is None else SIZE_FIELD.pack(self.size)
         return object_message(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the bytes of the request; unused bytes at the end may be missing."""
+        """Decode the bytes of the request; unused bytes at the end may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, indicated_size(cls.pattern, data))
 
@@ -216,12 +216,12 @@ class DownloadInitiated:
     pattern: ClassVar = BitPattern("011- ----")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the response."""
+        """Return the 8 bytes of the response."""
         return object_message(self.pattern.encode(), self.index, self.sub)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the bytes of the response; the last four are unused and may be missing."""
+        """Decode the bytes of the response; the last four are unused and may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub)
 
@@ -245,18 +245,18 @@ class Abort:
     pattern: ClassVar = BitPattern("1000 0000")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the message."""
+        """Return the 8 bytes of the message."""
         return object_message(self.pattern.encode(), self.index, self.sub, _CODE_FIELD.pack(self.code))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the bytes of the message. Raises DecodeError("short") without a whole code."""
+        """Decode the bytes of the message. Raise DecodeError("short") without a whole code."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, _number(data))
 
 
 def has_reserved_bits(pattern: BitPattern, command: int) -> bool:
-    """Whether any bit of a command byte that is drawn as '-' is set.
+    """Return whether any bit of a command byte that is drawn as '-' is set.
 
     >>> has_reserved_bits(InitiateUpload.pattern, 0x40), has_reserved_bits(InitiateUpload.pattern, 0x43)
     (False, True)
@@ -274,12 +274,12 @@ def _expedited(pattern: BitPattern, data: bytes) -> tuple[bytes, bool]:
 
 
 def indicated_size(pattern: BitPattern, data: bytes) -> int | None:
-    """The announced size, None if there is none."""
+    """Return the announced size, None if there is none."""
     return _number(data) if pattern.decode(data[0])["s"] else None
 
 
 def _number(data: bytes) -> int:
-    """Bytes 4 to 7, little-endian."""
+    """Return bytes 4 to 7, little-endian."""
     if len(data) < 8:
         raise DecodeError("short", data, len(data), f"bytes 4..7 are needed, but there are only {len(data)}")
     return int.from_bytes(data[4:8], "little")

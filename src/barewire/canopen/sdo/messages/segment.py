@@ -46,7 +46,7 @@ class SdoSegment:
     pattern: ClassVar = BitPattern("000t nnnc")
 
     def encode(self) -> bytes:
-        """The 8 bytes."""
+        """Return the 8 bytes."""
         if len(self.data) > SEGMENT:
             raise EncodeError(f"{len(self.data)} bytes of data: a segment carries at most {SEGMENT}")
         command = self.pattern.encode(t=self.toggle, n=SEGMENT - len(self.data), c=self.last)
@@ -54,7 +54,7 @@ class SdoSegment:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the 8 bytes; unused bytes at the end may be missing."""
+        """Decode the 8 bytes; unused bytes at the end may be missing."""
         fields = cls.pattern.decode(data[0])
         end = 1 + SEGMENT - fields["n"]
         if len(data) < end:
@@ -77,12 +77,12 @@ class NextSegment:
     pattern: ClassVar = BitPattern("011t ----")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the request."""
+        """Return the 8 bytes of the request."""
         return bytes([self.pattern.encode(t=self.toggle)]).ljust(8, b"\0")
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the command byte."""
+        """Decode the command byte."""
         return cls(cls.pattern.decode(data[0])["t"])
 
 
@@ -101,10 +101,10 @@ class SegmentTaken:
     pattern: ClassVar = BitPattern("001t ----")
 
     def encode(self) -> bytes:
-        """The 8 bytes of the response."""
+        """Return the 8 bytes of the response."""
         return bytes([self.pattern.encode(t=self.toggle)]).ljust(8, b"\0")
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """From the command byte."""
+        """Decode the command byte."""
         return cls(cls.pattern.decode(data[0])["t"])

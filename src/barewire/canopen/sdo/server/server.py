@@ -70,10 +70,10 @@ class ObjectStore(Protocol):
     """The part of an object dictionary that a server uses. Every method refuses by raising SdoAbort."""
 
     def size(self, index: int, sub: int) -> int | None:
-        """The number of bytes of the object, None if it varies."""
+        """Return the number of bytes of the object, None if it varies."""
 
     def read(self, index: int, sub: int) -> bytes:
-        """The value, little-endian."""
+        """Return the value, little-endian."""
 
     def may_write(self, index: int, sub: int, size: int | None) -> None:
         """Called before a download in segments or blocks of `size` bytes (None: unknown), to refuse it before a
@@ -160,7 +160,7 @@ class SdoServer:
         self._stray_until = 0.0
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The frames that respond to a frame, or to time passing."""
+        """Return the frames that respond to a frame, or to time passing."""
         if frame is not None and self.accept(frame, now):
             return []
         data, transfer = None if frame is None else self._request_data(frame), self._transfer
@@ -203,7 +203,7 @@ class SdoServer:
         return self._begin(data, now) if transfer is None else self._continue(transfer, data, now)
 
     def _is_stray(self, data: bytes, now: float) -> bool:
-        """Whether it is a late segment of an aborted block, which must not be taken for a command."""
+        """Return whether it is a late segment of an aborted block, which must not be taken for a command."""
         if data[0] & ~LAST != self._stray or now >= self._stray_until:
             self._stray = 0
             return False
@@ -292,7 +292,7 @@ class SdoServer:
         return BlockUploadInitiated(index, sub, len(value)).encode()
 
     def _trimmed(self, request: ExpeditedDownload) -> bytes:
-        """The bytes of a download that are the value.
+        """Return the bytes of a download that are the value.
 
         Without an indicated size, as many as the object has; the same in a dialect that sends every number in four
         bytes, if the others are zero. Otherwise all of them: the dictionary checks the length.
@@ -314,12 +314,12 @@ class SdoServer:
 
 
 def _following(segment: bytes) -> int:
-    """The number of the segment after this one; 0 if none follows in this block."""
+    """Return the number of the segment after this one; 0 if none follows in this block."""
     return segment[0] + 1 if segment[0] < BLOCK_MAX else 0
 
 
 def _is_initiate(data: bytes) -> bool:
-    """Whether these bytes begin a transfer."""
+    """Return whether these bytes begin a transfer."""
     try:
         decode_sdo_request(data)
     except DecodeError:

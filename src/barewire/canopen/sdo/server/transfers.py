@@ -49,7 +49,7 @@ class ServerTransfer(Protocol):
 
 
 def _never(data: bytes, now: float) -> bool:
-    """The `accept` of the transfers that respond to every frame."""
+    """Return the `accept` of the transfers that respond to every frame."""
     return False
 
 
@@ -83,7 +83,7 @@ class SegmentedUpload:
         self.over = False
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
-        """The next segment."""
+        """Return the next segment."""
         if data is None:
             return _check_timeout(now, self.deadline)
         toggle = _expect(data, NextSegment).toggle
@@ -116,7 +116,7 @@ class SegmentedDownload:
         self.over = False
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
-        """The confirmation of a segment; of the last one after the value is written."""
+        """Return the confirmation of a segment; of the last one after the value is written."""
         if data is None:
             return _check_timeout(now, self.deadline)
         segment = _expect(data, SdoSegment)
@@ -156,7 +156,7 @@ class BlockUpload:
         return self._sender is not None and self._sender.ended
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
-        """The next segments, or the end."""
+        """Return the next segments, or the end."""
         sender = self._sender
         if sender is None:
             if data is None:
@@ -197,7 +197,7 @@ class BlockDownload:
         return self._receiver.next_segment
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
-        """The acknowledgement of a block; of the whole value after it is written."""
+        """Return the acknowledgement of a block; of the whole value after it is written."""
         receiver = self._receiver
         frames = receiver.feed(data, now)
         if receiver.over:
