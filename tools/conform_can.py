@@ -68,7 +68,7 @@ as well. This tests a device of your own in a second, with the cases that do not
 from barewire.canopen import LocalNode, ObjectDictionary, standard_objects
 from barewire.canopen.conformance.battery import cases
 from barewire.canopen.conformance.probe import probe
-from barewire.canopen.conformance.runner import prepare, run_case
+from barewire.canopen.conformance.battery import prepare, run_case
 from barewire.conversation import play
 
 device = LocalNode(5, ObjectDictionary(standard_objects()))

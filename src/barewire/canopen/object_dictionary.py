@@ -138,7 +138,7 @@ class ObjectDictionary:
         return found
 
     def find(self, name: str) -> Entry:
-        """Return the entry of a name, ignoring case and extra blanks; "object.entry" where the entry's name is ambiguous.
+        """Return the entry of a name, ignoring case and extra blanks; "object.entry" if the entry's name is ambiguous.
 
         >>> objects = ObjectDictionary([Entry(0x1018, 1, "Vendor-ID", "u32", object_name="Identity")])
         >>> objects.find("identity.vendor-id").sub

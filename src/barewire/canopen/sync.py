@@ -35,7 +35,7 @@ class SyncMessage:
     counter: int | None = None
 
     def encode(self, key: tuple[int, bool] = SYNC_KEY) -> CanFrame:
-        """Return the frame, with COB-ID 080h unless 1005h configures another. Raise EncodeError for a counter outside 1..240."""
+        """Return the frame; the default COB-ID is 080h. Raise EncodeError for a counter outside 1..240."""
         if self.counter is None:
             return CanFrame(key[0], b"", key[1])
         if not 1 <= self.counter <= COUNTER_MAX:
@@ -44,7 +44,7 @@ class SyncMessage:
 
     @classmethod
     def decode(cls, frame: CanFrame, key: tuple[int, bool] = SYNC_KEY) -> SyncMessage:
-        """Decode a frame. Raise DecodeError for another identifier, for more than one byte, for a counter of 0 or above 240."""
+        """Decode a frame. Raise DecodeError for another identifier, more than one byte, or a counter outside 1..240."""
         if frame.key != key or frame.remote:
             raise DecodeError("mismatch", frame.data, 0, f"{frame} is no SYNC: expected COB-ID {key[0]:03X}h")
         return cls(sync_counter(frame.data))
@@ -191,7 +191,7 @@ class SyncMonitor:
         return [*events, SyncEvent(kind, counter, now, since)]
 
     def _follows(self, counter: int | None) -> bool:
-        """Return whether this counter follows the previous one. If `overflow` is unknown, a wrap to 1 is always accepted."""
+        """Return whether this counter follows the previous one. If `overflow` is unknown, 1 follows every counter."""
         if counter is None or self._previous is None:
             return True
         if self.overflow is None and counter == 1:

@@ -52,7 +52,7 @@ class TimeStamp:
         return EPOCH_UNIX + int(self.moment) / 1000
 
     def encode(self, key: tuple[int, bool] = TIME_KEY) -> CanFrame:
-        """Return the frame, with COB-ID 100h unless the network uses another. Raise EncodeError for a day out of range."""
+        """Return the frame; the default COB-ID is 100h. Raise EncodeError for a day out of range."""
         return CanFrame(key[0], _CODEC.encode(self.moment), key[1])
 
     @classmethod

@@ -14,10 +14,9 @@ from barewire.canopen import (
     PdoConfig,
     standard_objects,
 )
-from barewire.canopen.conformance.battery import cases
+from barewire.canopen.conformance.battery import cases, needs_reset, prepare, run_case
 from barewire.canopen.conformance.model import NodeCase, NodeOutcome, Subject
 from barewire.canopen.conformance.probe import probe
-from barewire.canopen.conformance.runner import needs_reset, prepare, run_case
 from barewire.devices.sim import simulator
 from tests.canopen.virtual_bus import Participant, VirtualBus
 

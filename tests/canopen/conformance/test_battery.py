@@ -8,11 +8,10 @@ from collections.abc import Callable
 import pytest
 
 from barewire.canopen import CanFrame, LocalNode, NmtState
-from barewire.canopen.conformance.battery import cases
+from barewire.canopen.conformance.battery import FLOOD, cases, run_case
 from barewire.canopen.conformance.frames import Sdo
 from barewire.canopen.conformance.model import NodeCase, NodeStep, Subject
 from barewire.canopen.conformance.probe import probe
-from barewire.canopen.conformance.runner import FLOOD, run_case
 from barewire.conversation import play
 from barewire.errors import NoAnswer
 from tests.canopen.conformance.devices import (
@@ -105,12 +104,12 @@ Change = Callable[[LocalNode, CanFrame | None, list[CanFrame]], list[CanFrame]]
 
 
 def without(identifier: int) -> Change:
-    """Return no frame is sent with this identifier."""
+    """Return a change that drops the frames with this identifier."""
     return lambda device, received, sent: [frame for frame in sent if frame.id != identifier]
 
 
 def other(old: str, new: str) -> Change:
-    """Frames that begin with the digits `old` are sent with `new`."""
+    """Return a change that replaces the first digits `old` of frames by `new`."""
 
     def change(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
         texts = [new + str(frame)[len(old) :] if str(frame).startswith(old) else str(frame) for frame in sent]
@@ -126,7 +125,7 @@ def answers_when_stopped(device: LocalNode, received: CanFrame | None, sent: lis
 
 
 def answers_twice(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
-    return [one for frame in sent for one in ([frame, frame] if frame.id == 0x580 + NODE else [frame])]
+    return [frame for frame in sent for _ in range(2 if frame.id == 0x580 + NODE else 1)]
 
 
 def answers_aborts(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
@@ -151,13 +150,13 @@ SILENT_LSS = without(0x7E4)
 @pytest.mark.parametrize(
     ("change", "found"),
     [
-        pytest.param(answers_when_stopped, {"NMT-02", "NMT-03", "NMT-06", "NMT-12"}, id="talks when stopped"),
+        pytest.param(answers_when_stopped, {"NMT-02", "NMT-03", "NMT-06", "NMT-12"}, id="responds when stopped"),
         pytest.param(answers_twice, {"SDO-01", "SDO-06", "SDO-45"}, id="answers twice"),
         pytest.param(answers_aborts, {"SDO-27", "SEG-06", "BLK-17"}, id="answers aborts"),
         pytest.param(sends_with_every_sync, {"TPD-31", "TPD-33", "TPD-34", "TPD-36"}, id="a PDO with every SYNC"),
         pytest.param(boots_twice, {"NMT-10", "NMT-11"}, id="boots twice"),
         pytest.param(without(0x085), {"HBC-01", "EMC-02", "GRD-06", "RPD-31", "SYN-11"}, id="no emergencies"),
-        pytest.param(SILENT_LSS, set(), id="no LSS at all is no failure"),
+        pytest.param(SILENT_LSS, set(), id="a device without LSS does not fail"),
         pytest.param(other("705#05", "705#85"), {"HB-02"}, id="bit 7 in a heartbeat"),
         pytest.param(other("705#FF", "705#7F"), {"GRD-01"}, id="guarding without a toggle"),
         pytest.param(other("585#10", "585#00"), {"SEG-01", "SEG-43"}, id="segments without a toggle"),
@@ -190,13 +189,13 @@ def test_a_failure_is_described_in_one_sentence() -> None:
 
 
 def test_a_flood_of_frames_ends_the_case() -> None:
-    """Endless frames that the case listens for: the step ends after FLOOD of them, and the message stays short."""
+    """A step ends after FLOOD of the frames that the case listens for, and the message stays short."""
     case = NodeCase(
         "X-1", "any", "CiA 301", "reads", ("585",), (NodeStep(("605#4000100000000000",), ("585#43......",)),)
     )
 
     def flood(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
-        return [(now + at / 1e6, CanFrame.parse(f"585#{at:016X}")) for at in range(30_000)]
+        return [(now + number / 1e6, CanFrame.parse(f"585#{number:016X}")) for number in range(30_000)]
 
     outcome, _ = play(run_case(case), flood)
     assert outcome.failure is not None
@@ -215,7 +214,7 @@ def test_an_accepted_end_ends_the_case() -> None:
 def test_other_frames_are_ignored() -> None:
     case = case_of(NodeStep(("605#4000100000000000",), ("585#43",)))
     answers = ["705#7F", "181#0000", "00000585#80", "585#43"]
-    coming = [(0.1 * multiplexer, CanFrame.parse(text)) for multiplexer, text in enumerate(answers)]
+    coming = [(0.1 * number, CanFrame.parse(text)) for number, text in enumerate(answers)]
     outcome, _ = play(run_case(case), lambda frame, now: coming)
     assert outcome.failure is None
 
@@ -224,8 +223,8 @@ def case_of(*steps: NodeStep) -> NodeCase:
     return PLAIN[0]._replace(steps=steps, listens=("585#", "185#"))
 
 
-def test_answers_are_padded_and_a_class_of_digits_is_one_digit() -> None:
-    assert Sdo(5).answer("A[04]171000") == "585#A[04]171000........"
+def test_responses_are_padded_and_a_class_of_digits_is_one_digit() -> None:
+    assert Sdo(5).response("A[04]171000") == "585#A[04]171000........"
     assert Sdo(5).value(0x1001, 0, b"\x11") == "585#4F01100011......|585#4201100011......"
 
 

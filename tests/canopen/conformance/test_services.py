@@ -160,15 +160,15 @@ def fits(answers: str, received: list[str]) -> bool:
     wanted = [] if answers == "-" else [answer.strip() for answer in answers.split(",")]
     if len(wanted) != len(received):
         return False
-    return all(any(re.fullmatch(one, text) for one in answer.split("|")) for answer, text in zip(wanted, received))
+    return all(any(re.fullmatch(pattern, text) for pattern in answer.split("|")) for answer, text in zip(wanted, received))
 
 
 @pytest.mark.parametrize("script", CASES.values(), ids=CASES)
 def test_exchange(script: str) -> None:
-    one, now = device(), 0.0
+    node, now = device(), 0.0
     for line in script.split(";"):
-        question, _, answers = line.partition("->")
-        at, _, frame = question.strip().rpartition(" ")
-        now = float(at.removeprefix("at ")) if at else now
-        received = one.feed(None if frame == "-" else CanFrame.parse(frame), now)
+        sent, _, answers = line.partition("->")
+        time, _, frame = sent.strip().rpartition(" ")
+        now = float(time.removeprefix("at ")) if time else now
+        received = node.feed(None if frame == "-" else CanFrame.parse(frame), now)
         assert fits(answers.strip(), [str(answer) for answer in received]), (line, [str(answer) for answer in received])

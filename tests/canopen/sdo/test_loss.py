@@ -46,7 +46,7 @@ CASES = [pytest.param(kind, length, id=f"{kind.name}, {length} bytes") for kind 
 
 
 def transfer(kind: Kind, length: int, fault: Fault | None, trusted: bool = False) -> str | int:
-    """Return one transfer with this fault: "right", or its abort code. Then a second transfer without faults must work."""
+    """Return the result of a transfer with this fault: "right" or its abort code. A second transfer must then work."""
     value = VALUE[:length]
     store = Store()
     store.objects[0x2100, 0] = b"" if kind.downloads else value

@@ -66,7 +66,7 @@ class ChannelLocks:
     def request(self, keys: LockKeys | None, owner: Hashable = None, wake: Callable[[], None] = _ignore) -> ChannelLock:
         """Append a request. Every request must be released, whether it was granted or given up.
 
-        `owner` is the thread or task of the conversation, if known. Raise EncodeError if the owner already holds a lock that
+        `owner` is the thread or task of the conversation, if known. Raise EncodeError if it already holds a lock that
         this request would wait for, because then it would wait for itself.
         """
         lock = ChannelLock(keys, owner, wake)

@@ -3,9 +3,8 @@
     model           the device under test, a case, its steps, its outcome
     frames          frames as text, of which the cases are made
     probe           which objects a device has
-    runner          carries out one case
     sdo_expedited, sdo_segmented, sdo_block, nmt, emcy_sync_time, pdo, lss     the cases of each service
-    battery         all cases for one device
+    battery         all cases for one device, and how one is run
 
 Depends on: the messages of canopen.  Used by: `io.canopen.conformance`, `tools/conform_can.py`.
 """

@@ -1,21 +1,127 @@
-"""The conformance battery: all cases for one CANopen device, in their order.   [CiA 301, CiA 305]
+"""The conformance battery of CANopen devices: all cases in their order, and how one is run.   [CiA 301, CiA 305]
 
-Depends on: the files with the cases of each service.  Used by: `io.canopen.conformance`, `tools/conform_can.py`.
+    cases         all cases for one device
+    prepare       resets the communication of the device, before and after a case that changes it
+    run_case      sends the steps of a case, compares received frames with the accepted patterns, stops at a difference
+
+Frames that a case does not listen for (heartbeats, process data of other nodes) are ignored.
+
+Depends on: the model, the files with the cases.  Used by: `io.canopen.conformance`, `tools/conform_can.py`.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+
 from barewire.canopen.conformance.emcy_sync_time import emcy_sync_time_cases
 from barewire.canopen.conformance.lss import lss_cases
-from barewire.canopen.conformance.model import NodeCase, Subject
+from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, NodeStep, Subject
 from barewire.canopen.conformance.nmt import nmt_cases
 from barewire.canopen.conformance.pdo import pdo_cases
 from barewire.canopen.conformance.sdo_block import block_cases
 from barewire.canopen.conformance.sdo_expedited import expedited_cases
 from barewire.canopen.conformance.sdo_segmented import segmented_cases
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.nmt.messages import NmtCommand
+from barewire.conversation import Conversation, Listen, Send
+
+_SETTLE = 0.01
+"""Seconds of silence after the last response of a case, in which a repeated one is noticed."""
+FLOOD = 500
+"""A step ends after this many frames: the longest accepted response, a block, has 128."""
+_SHOWN = 8
+"""The text of a difference shows at most this many received frames."""
 
 
 def cases(subject: Subject) -> tuple[NodeCase, ...]:
-    """Return the whole battery for one device. Where the device lacks what a case needs, `lacks` of the case names it."""
+    """Return all cases for one device, in order. A case that needs something the device lacks names it in `lacks`."""
     services = (expedited_cases, segmented_cases, block_cases, nmt_cases, emcy_sync_time_cases, pdo_cases, lss_cases)
     return tuple(case for service in services for case in service(subject))
+
+
+def needs_reset(case: NodeCase, previous: NodeCase | None) -> bool:
+    """Return whether the device must be reset before this case: this case changes it, or the previous one did."""
+    return case.effect != "reads" or (previous is not None and previous.effect != "reads")
+
+
+def prepare(subject: Subject, *, boot: float = BOOT) -> Conversation[CanFrame, bool]:
+    """Reset the communication of the device; return whether its boot-up message was received within `boot` seconds.
+
+    A device without a boot-up message is switched to pre-operational, so that it responds to further requests.
+    """
+    heard = yield Send(CanFrame(0, bytes([NmtCommand.RESET_COMMUNICATION, subject.node])))
+    until = heard.now + boot
+    while heard.now < until:
+        heard = yield Listen(until)
+        frame = heard.item
+        if frame is not None and frame.key == (0x700 + subject.node, False) and frame.data == b"\0":
+            return True
+    yield Send(CanFrame(0, bytes([NmtCommand.ENTER_PRE_OPERATIONAL, subject.node])))
+    return False
+
+
+def run_case(case: NodeCase, *, timeout: float = NODE_ANSWER_TIMEOUT) -> Conversation[CanFrame, NodeOutcome]:
+    """Send the steps of a case and compare the responses with the accepted patterns. `timeout` is in seconds."""
+    received: list[tuple[str, ...]] = []
+    for number, step in enumerate(case.steps):
+        heard = None
+        for text in step.sends:
+            heard = yield Send(CanFrame.parse(text))
+        if heard is None:
+            heard = yield Listen(float("-inf"))  # returns at once, with the time
+        frames: list[str] = []
+        if heard.item is not None and str(heard.item).startswith(case.listens):
+            frames.append(str(heard.item))
+        until = heard.now + (timeout if step.wait is None else step.wait)
+        while heard.now < until:
+            if frames and not step.full_wait and _fits(step, frames):
+                if number + 1 < len(case.steps):
+                    break
+                until = min(until, heard.now + _SETTLE)
+            if len(frames) >= FLOOD:
+                return NodeOutcome(case, (*received, tuple(frames)), _difference(step, frames))
+            heard = yield Listen(until)
+            if heard.item is not None and str(heard.item).startswith(case.listens):
+                frames.append(str(heard.item))
+        received.append(tuple(frames))
+        if any(_matches(pattern, frames) for pattern in step.ends):
+            break
+        if not any(_matches(pattern, frames) for pattern in step.accepts):
+            return NodeOutcome(case, tuple(received), _difference(step, frames))
+    return NodeOutcome(case, tuple(received), None)
+
+
+def _fits(step: NodeStep, frames: list[str]) -> bool:
+    return any(_matches(pattern, frames) for pattern in (*step.accepts, *step.ends))
+
+
+def _matches(pattern: str, frames: list[str]) -> bool:
+    """Return whether the received frames match this pattern.
+
+    >>> _matches("705#7F{1,3}, 585#43....", ["705#7F", "705#7F", "585#4318"])
+    False
+    >>> _matches("705#7F{1,3}, 585#43....|585#60....", ["705#7F", "585#600017"])
+    True
+    """
+    regex = "".join(map(_regex, _split(pattern)))
+    return re.fullmatch(regex, "".join(f"{frame} " for frame in frames)) is not None
+
+
+def _split(pattern: str) -> Iterator[str]:
+    """Return the parts between commas, but not at the comma in {1,3}."""
+    return (part.strip() for part in re.split(r",(?![0-9]+\})", pattern) if part.strip())
+
+
+def _regex(part: str) -> str:
+    frame, brace, count = part.partition("{")
+    return f"(?:(?:{frame.replace('.', '[0-9A-F]')}) ){brace}{count}"
+
+
+def _difference(step: NodeStep, frames: list[str]) -> str:
+    sent = ", ".join(step.sends) or "a while"
+    expected = " or ".join(pattern or "silence" for pattern in dict.fromkeys((*step.accepts, *step.ends)))
+    responses = ", ".join(frames[:_SHOWN]) or "silence"
+    if len(frames) > _SHOWN:
+        responses += f" ... {len(frames)} frames{' and more' if len(frames) >= FLOOD else ''}"
+    return f"after {sent}: {responses}, expected {expected}"

@@ -3,9 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
-from barewire.canopen.conformance.frames import Sdo, little, make_case
-from barewire.canopen.conformance.model import BOOT, SILENCE, Effect, NodeCase, NodeStep, Subject
+from barewire.canopen.conformance.frames import (
+    RESET_COMMUNICATION,
+    START,
+    STOP,
+    Sdo,
+    little,
+    make_case,
+    nmt_command,
+    silence,
+)
+from barewire.canopen.conformance.model import BOOT, SILENCE, NodeCase, NodeStep, Subject
+
+# Each case is a row: name, title, steps, needs, reason.
+# fmt: off
 
 CONSUMER = "CiA 301 7.2.8 heartbeat consumer"
 EMCY, SYNC, TIME = "CiA 301 7.2.7 EMCY", "CiA 301 7.2.5 SYNC", "CiA 301 7.2.6 TIME"
@@ -14,7 +27,7 @@ _WATCH = ("1016h:01",)
 
 
 def emcy_sync_time_cases(subject: Subject) -> Iterator[NodeCase]:
-    """Yield the cases for this device."""
+    """Yield the cases of this service for one device."""
     yield from _consumer(subject)
     yield from _emcy(subject)
     yield from _sync(subject)
@@ -27,51 +40,36 @@ def _consumer(subject: Subject) -> Iterator[NodeCase]:
     alarm = f"{0x80 + node:03X}#"
     beat = f"{0x700 + other:03X}#05"
     entry = other << 16 | 100
-    watch = NodeStep((s.download(0x1016, 1, entry, 4),), (s.accepted(0x1016, 1),))
-    beats_once = NodeStep((beat,), (SILENCE,), wait=0.05)
+    watch = s.write(0x1016, 1, entry, 4)
+    beats_once = silence(beat, wait=0.05)
     lost = NodeStep((), (f"{alarm}3081............",), wait=0.5)
-    quiet = NodeStep((), (SILENCE,), wait=0.3)
+    quiet = silence(wait=0.3)
 
-    def case(
-        name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = (*_WATCH, "1014h"), why: str = ""
-    ) -> NodeCase:
-        listens = (alarm, s.answer("")[:4])
-        return make_case(
-            subject, name, title, CONSUMER, steps, effect="commands", listens=listens, needs=needs, why=why
-        )
-
+    case = partial(make_case, subject, CONSUMER, (alarm, s.responses), effect="commands", needs=(*_WATCH, "1014h"))
     yield case("HBC-01", "a monitored node stops: one emergency 8130h", watch, beats_once, lost, quiet)
     again = NodeStep((beat,), (f"{alarm}0000............", SILENCE), wait=0.1)
     yield case("HBC-02", "the monitored node returns", watch, beats_once, lost, again, why="emergency 0000h, or none")
     yield case("HBC-03", "no error for a node that has sent no heartbeat yet", watch, quiet)
-    boot_up = NodeStep((f"{0x700 + other:03X}#00",), (SILENCE,), wait=0.3)
-    yield case(
-        "HBC-04", "a boot-up message does not start the monitoring", watch, boot_up, why="the first heartbeat does"
-    )
-    steady = [NodeStep((beat,), (SILENCE,), wait=0.04)] * 6
+    boot_up = silence(f"{0x700 + other:03X}#00", wait=0.3)
+    yield case("HBC-04", "a boot-up message does not start the monitoring", watch, boot_up,
+               why="the first heartbeat does")
+    steady = [silence(beat, wait=0.04)] * 6
     yield case("HBC-05", "no error for a node that keeps sending", watch, *steady)
-    off = NodeStep((s.download(0x1016, 1, 0, 4),), (s.accepted(0x1016, 1),))
+    off = s.write(0x1016, 1, 0, 4)
     yield case("HBC-06", "an entry of 0 monitors no node", watch, beats_once, off, quiet)
-    yield case(
-        "HBC-07",
-        "the same node in two entries",
-        watch,
-        NodeStep((s.download(0x1016, 2, entry, 4),), (s.refused(0x1016, 2, 0x0604_0043, _VALUE),)),
-        needs=("1016h:02",),
-        why="06040043",
-    )
-    yield case("HBC-08", "two entries of 0 are accepted", off,
-               NodeStep((s.download(0x1016, 2, 0, 4),), (s.accepted(0x1016, 2),)), needs=("1016h:02",))  # fmt: skip
-    start = NodeStep((f"000#01{node:02X}",), (SILENCE,), wait=0.02)
-    works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
-    stopped = NodeStep((s.upload(0x1000),), (SILENCE,), wait=0.1)
-    for name, behavior, what, after in (
+    yield case("HBC-07", "the same node in two entries", watch, s.refuse(0x1016, 2, entry, 4, 0x0604_0043, _VALUE),
+               needs=("1016h:02",), why="06040043")
+    yield case("HBC-08", "two entries of 0 are accepted", off, s.write(0x1016, 2, 0, 4), needs=("1016h:02",))
+    start = silence(nmt_command(START, node), wait=0.02)
+    works = s.works
+    stopped = silence(s.upload(0x1000), wait=0.1)
+    for name, behavior, effect, after in (
         ("HBC-09", 1, "no change of state", works),
         ("HBC-10", 2, "STOPPED", stopped),
     ):
-        behave = NodeStep((s.download(0x1029, 1, behavior, 1),), (s.accepted(0x1029, 1),))
-        yield case(name, f"1029h:01 is {behavior}: {what} when a node is lost in OPERATIONAL", behave, watch, start,
-                   beats_once, lost, after, needs=(*_WATCH, "1014h", "1029h:01"))  # fmt: skip
+        behave = s.write(0x1029, 1, behavior, 1)
+        yield case(name, f"1029h:01 is {behavior}: {effect} when a node is lost in OPERATIONAL", behave, watch, start,
+                   beats_once, lost, after, needs=(*_WATCH, "1014h", "1029h:01"))
 
 
 def _emcy(subject: Subject) -> Iterator[NodeCase]:
@@ -80,118 +78,101 @@ def _emcy(subject: Subject) -> Iterator[NodeCase]:
     alarm = f"{0x80 + node:03X}#"
     rpdo = subject.pdo(0x1400, 0x1600)
     identifier, size = (rpdo.cob.identifier, rpdo.size) if rpdo else (0x200 + node, 2)
-    start = NodeStep((f"000#01{node:02X}",), (SILENCE,), wait=0.02)
+    start = silence(nmt_command(START, node), wait=0.02)
     short = NodeStep((f"{identifier:03X}#{'00' * (size - 1)}",), (f"{alarm}1082............",))
     right = NodeStep((f"{identifier:03X}#{'00' * size}",), (f"{alarm}0000............", SILENCE), wait=0.1)
     both = ("RPDO", "1014h")
 
-    def case(
-        name: str, title: str, *steps: NodeStep, needs: tuple[str, ...], why: str = "", effect: Effect = "commands"
-    ) -> NodeCase:
-        listens = (alarm, s.answer("")[:4])
-        return make_case(subject, name, title, EMCY, steps, effect=effect, listens=listens, needs=needs, why=why)
-
+    case = partial(make_case, subject, EMCY, (alarm, s.responses), effect="commands")
     expected = s.value(0x1014, 0, (0x80 + node).to_bytes(4, "little"))
     yield case("EMC-01", "1014h is 80h plus the node-ID", NodeStep((s.upload(0x1014),), (expected,)), needs=("1014h",),
-               effect="reads")  # fmt: skip
+               effect="reads")
     yield case("EMC-02", "an RPDO that is too short: emergency 8210h", start, short, needs=both)
-    register = NodeStep((s.upload(0x1001),), (s.answer("4F011000[13579BDF][13579BDF]"),))
+    register = NodeStep((s.upload(0x1001),), (s.response("4F011000[13579BDF][13579BDF]"),))
     yield case("EMC-03", "afterwards 1001h shows a communication error", start, short, register, needs=both,
-               why="bit 4, and bit 0 with every error")  # fmt: skip
-    yield case(
-        "EMC-04", "a correct RPDO ends the error", start, short, right, needs=both, why="emergency 0000h, or none"
-    )
-    clear = NodeStep((s.download(0x1003, 0, 0, 1),), (s.accepted(0x1003),))
-    one = NodeStep((s.upload(0x1003),), (s.value(0x1003, 0, b"\1"),))
-    newest = NodeStep((s.upload(0x1003, 1),), (s.answer("430310011082"),))
+               why="bit 4, and bit 0 with every error")
+    yield case("EMC-04", "a correct RPDO ends the error", start, short, right, needs=both,
+               why="emergency 0000h, or none")
+    clear = s.write(0x1003, 0, 0, 1)
+    one_entry = s.read(0x1003, 0, b"\1")
+    newest = NodeStep((s.upload(0x1003, 1),), (s.response("430310011082"),))
     history = (*both, "1003h")
-    yield case("EMC-05", "1003h holds the error, and its number", clear, start, short, one, newest, needs=history)
-    none = NodeStep((s.upload(0x1003),), (s.value(0x1003, 0, b"\0"),))
-    yield case("EMC-06", "0 written to 1003h:00 clears the history", start, short, clear, none, needs=history)
-    yield case("EMC-07", "1003h:00 accepts only 0",
-               NodeStep((s.download(0x1003, 0, 1, 1),), (s.refused(0x1003, 0, _VALUE, 0x0609_0031),)), needs=("1003h",),
-               effect="writes", why="06090030")  # fmt: skip
-    empty = NodeStep((s.upload(0x1003, 1),), (s.refused(0x1003, 1, 0x0800_0024, 0x0609_0011),
-                                          s.value(0x1003, 1, bytes(4))))  # fmt: skip
+    yield case("EMC-05", "1003h holds the error, and its number", clear, start, short, one_entry, newest, needs=history)
+    no_entry = s.read(0x1003, 0, b"\0")
+    yield case("EMC-06", "0 written to 1003h:00 clears the history", start, short, clear, no_entry, needs=history)
+    yield case("EMC-07", "1003h:00 accepts only 0", s.refuse(0x1003, 0, 1, 1, _VALUE, 0x0609_0031), needs=("1003h",),
+               effect="writes", why="06090030")
+    empty = NodeStep(
+        (s.upload(0x1003, 1),), (s.refused(0x1003, 1, 0x0800_0024, 0x0609_0011), s.value(0x1003, 1, bytes(4)))
+    )
     yield case("EMC-08", "an entry of an empty history", clear, empty, needs=("1003h",), effect="writes",
-               why="08000024 or 06090011; some devices return 0")  # fmt: skip
-    moved = NodeStep((s.download(0x1014, 0, 0x80 + subject.other_node, 4),), (s.refused(0x1014, 0, _VALUE),))
+               why="08000024 or 06090011; some devices return 0")
+    moved = s.refuse(0x1014, 0, 0x80 + subject.other_node, 4, _VALUE)
     yield case("EMC-09", "1014h keeps its identifier while it is valid", moved, needs=("1014h",), effect="writes",
-               why="06090030")  # fmt: skip
-    off = NodeStep((s.download(0x1014, 0, 0x8000_0080 + node, 4),), (s.accepted(0x1014),))
+               why="06090030")
+    off = s.write(0x1014, 0, 0x8000_0080 + node, 4)
     no_emergency = short._replace(accepts=(SILENCE,), wait=0.2)
     yield case("EMC-10", "1014h not valid: no emergency", off, start, no_emergency, needs=both, why="bit 31")
-    stop = NodeStep((f"000#02{node:02X}",), (SILENCE,), wait=0.02)
+    stop = silence(nmt_command(STOP, node), wait=0.02)
     yield case("EMC-11", "no emergency in STOPPED", stop, no_emergency, needs=both)
 
 
 def _sync(subject: Subject) -> Iterator[NodeCase]:
     node = subject.node
     s = Sdo(node)
-    effect: Effect = "commands"
     makes = ("1005h", "1006h")
 
-    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...], why: str = "") -> NodeCase:
-        listens = ("080#", s.answer("")[:4], f"{0x80 + node:03X}#", f"{0x700 + node:03X}#00")
-        return make_case(subject, name, title, SYNC, steps, effect=effect, listens=listens, needs=needs, why=why)
-
-    def write(index: int, value: int, size: int) -> NodeStep:
-        return NodeStep((s.download(index, 0, value, size),), (s.accepted(index),))
-
-    def refuse(index: int, value: int, size: int, *codes: int) -> NodeStep:
-        return NodeStep((s.download(index, 0, value, size),), (s.refused(index, 0, *codes),))
-
-    on = write(0x1005, 0x4000_0080, 4)
-    period = write(0x1006, 100_000, 4)
+    listens = ("080#", s.responses, f"{0x80 + node:03X}#", f"{0x700 + node:03X}#00")
+    case = partial(make_case, subject, SYNC, listens, effect="commands")
+    on = s.write(0x1005, 0, 0x4000_0080, 4)
+    period = s.write(0x1006, 0, 100_000, 4)
     beats = NodeStep((), ("080#{2,5}",), wait=0.35, full_wait=True)
     # A device that only consumes SYNC refuses to produce it, and passes.
     may = on._replace(ends=(s.refused(0x1005, 0, _VALUE, 0x0609_0031),))
     yield case("SYN-01", "1005h bit 30: SYNC every 100 ms", period, may, beats, needs=makes)
-    quiet = NodeStep((), (SILENCE,), wait=0.3)
+    quiet = silence(wait=0.3)
     yield case("SYN-02", "1005h bit 30 cleared: no SYNC", period, may, beats,
                NodeStep((s.download(0x1005, 0, 0x80, 4),), (s.accepted(0x1005), f"080#, {s.accepted(0x1005)}")), quiet,
-               needs=makes)  # fmt: skip
+               needs=makes)
     yield case("SYN-03", "no period: no SYNC", may, quiet, needs=makes, why="1006h is 0")
     counted = NodeStep((), ("080#01, 080#02, 080#03, 080#01",), wait=1.0)
-    overflow = write(0x1019, 3, 1)
+    overflow = s.write(0x1019, 0, 3, 1)
     yield case("SYN-04", "1019h is 3: the counter goes 1, 2, 3, 1", overflow, period, may, counted,
-               needs=(*makes, "1019h"))  # fmt: skip
-    boots = NodeStep((f"000#82{node:02X}",), (f"{0x700 + node:03X}#00", f"080#, {0x700 + node:03X}#00"), wait=BOOT)
+               needs=(*makes, "1019h"))
+    boots = NodeStep(
+        (nmt_command(RESET_COMMUNICATION, node),), (f"{0x700 + node:03X}#00", f"080#, {0x700 + node:03X}#00"), wait=BOOT
+    )
     yield case("SYN-05", "a reset stops SYNC", period, may, beats, boots, quiet, needs=makes)
-    stop = NodeStep((f"000#02{node:02X}",), (SILENCE, "080#"), wait=0.02)
+    stop = NodeStep((nmt_command(STOP, node),), (SILENCE, "080#"), wait=0.02)
     yield case("SYN-06", "no SYNC in STOPPED", period, may, beats, stop, quiet, needs=makes)
-    yield case("SYN-07", "1019h may not be 241", refuse(0x1019, 241, 1, _VALUE, 0x0609_0031), needs=("1019h",),
-               why="06090030 or 06090031")  # fmt: skip
-    yield case("SYN-08", "1019h is refused while 1006h is not 0", period, refuse(0x1019, 10, 1, _STATE, 0x0800_0000),
-               needs=("1006h", "1019h"), why="08000022")  # fmt: skip
+    yield case("SYN-07", "1019h may not be 241", s.refuse(0x1019, 0, 241, 1, _VALUE, 0x0609_0031), needs=("1019h",),
+               why="06090030 or 06090031")
+    yield case("SYN-08", "1019h is refused while 1006h is not 0", period,
+               s.refuse(0x1019, 0, 10, 1, _STATE, 0x0800_0000), needs=("1006h", "1019h"), why="08000022")
     yield case("SYN-09", "1005h keeps its identifier while the device produces SYNC", period, may,
-               refuse(0x1005, 0x4000_0081, 4, _VALUE), needs=makes, why="06090030")  # fmt: skip
-    yield case("SYN-10", "1005h accepts no reserved identifier", refuse(0x1005, 0x601, 4, _VALUE, 0x0609_0031),
-               needs=("1005h",), why="06090030")  # fmt: skip
-    start = NodeStep((f"000#01{node:02X}",), (SILENCE,), wait=0.02)
+               s.refuse(0x1005, 0, 0x4000_0081, 4, _VALUE), needs=makes, why="06090030")
+    yield case("SYN-10", "1005h accepts no reserved identifier", s.refuse(0x1005, 0, 0x601, 4, _VALUE, 0x0609_0031),
+               needs=("1005h",), why="06090030")
+    start = silence(nmt_command(START, node), wait=0.02)
     wrong = NodeStep(("080#01",), (f"{0x80 + node:03X}#4082............",))
-    yield case("SYN-11", "an unexpected counter: emergency 8240h", start, wrong,
-               needs=("1005h", "1019h", "1014h"))  # fmt: skip
-    window = write(0x1007, 20_000, 4)
-    read_back = NodeStep((s.upload(0x1007),), (s.value(0x1007, 0, (20_000).to_bytes(4, "little")),))
+    yield case("SYN-11", "an unexpected counter: emergency 8240h", start, wrong, needs=("1005h", "1019h", "1014h"))
+    window = s.write(0x1007, 0, 20_000, 4)
+    read_back = s.read(0x1007, 0, (20_000).to_bytes(4, "little"))
     yield case("SYN-12", "1007h, the window, keeps its value", window, read_back, needs=("1007h",))
 
 
 def _time(subject: Subject) -> Iterator[NodeCase]:
     s = Sdo(subject.node)
-    listens = (s.answer("")[:4], f"{0x80 + subject.node:03X}#")
-    works = NodeStep((s.upload(0x1000),), (s.any_value(0x1000),))
+    listens = (s.responses, f"{0x80 + subject.node:03X}#")
+    works = s.works
 
-    def case(name: str, title: str, *steps: NodeStep, effect: Effect, why: str = "") -> NodeCase:
-        return make_case(subject, name, title, TIME, steps, effect=effect, listens=listens, needs=("1012h",), why=why)
-
-    yield case("TIM-01", "1012h is 100h with its flags",
-               NodeStep((s.upload(0x1012),), (s.answer("43121000000100"),)),
-               effect="reads")  # fmt: skip
-    yield case("TIM-02", "TIME of six bytes has no lasting effect",
-               NodeStep(("100#FF5B26059F3C",), (SILENCE,), wait=0.05), works, effect="commands")  # fmt: skip
-    yield case("TIM-03", "TIME of two bytes has no lasting effect",
-               NodeStep(("100#FF5B",), (SILENCE,), wait=0.05), works, effect="commands")  # fmt: skip
-    consumes = NodeStep((s.download(0x1012, 0, 0x8000_0100, 4),), (s.accepted(0x1012),))
-    read_back = NodeStep((s.upload(0x1012),), (s.answer(f"43121000{little(0x8000_0100, 4)}"),))
+    case = partial(make_case, subject, TIME, listens, needs=("1012h",))
+    yield case("TIM-01", "1012h is 100h with its flags", NodeStep((s.upload(0x1012),), (s.response("43121000000100"),)),
+               effect="reads")
+    yield case("TIM-02", "TIME of six bytes has no lasting effect", silence("100#FF5B26059F3C", wait=0.05), works,
+               effect="commands")
+    yield case("TIM-03", "TIME of two bytes has no lasting effect", silence("100#FF5B", wait=0.05), works,
+               effect="commands")
+    consumes = s.write(0x1012, 0, 0x8000_0100, 4)
+    read_back = NodeStep((s.upload(0x1012),), (s.response(f"43121000{little(0x8000_0100, 4)}"),))
     yield case("TIM-04", "1012h bit 31: the device consumes TIME", consumes, read_back, effect="writes")

@@ -13,12 +13,15 @@ import re
 from binascii import crc_hqx
 from typing import NamedTuple
 
-from barewire.canopen.conformance.model import Effect, NodeCase, NodeStep, Subject
+from barewire.canopen.conformance.model import SILENCE, Effect, NodeCase, NodeStep, Subject
 
 NOWHERE = 0x0FFF
 """An index in the reserved range: no device can have it."""
 _GENERAL = 0x0800_0000
 """An abort with the general error is always accepted as a refusal."""
+
+START, STOP, PRE, RESET, RESET_COMMUNICATION = "01", "02", "80", "81", "82"
+"""NMT commands."""
 
 _DOWNLOADS = {1: 0x2F, 2: 0x2B, 3: 0x27, 4: 0x23}
 _UPLOADS = {1: "4F", 2: "4B", 3: "47", 4: "43"}
@@ -34,8 +37,8 @@ class Sdo(NamedTuple):
         """Return a request of these bytes, padded with 00."""
         return f"{0x600 + self.node:03X}#{text.replace(' ', '').ljust(16, '0')}"
 
-    def answer(self, text: str) -> str:
-        """Return an answer that begins with these digits; [26] is one of the two digits."""
+    def response(self, text: str) -> str:
+        """Return a response that begins with these digits; [26] is one of the two digits."""
         digits = re.sub(r"\[[^]]*\]", ".", text.replace(" ", ""))
         return f"{0x580 + self.node:03X}#{text.replace(' ', '')}{'.' * (16 - len(digits))}"
 
@@ -48,45 +51,82 @@ class Sdo(NamedTuple):
         return self.request(f"{_DOWNLOADS[size]:02X}{multiplexer(index, sub)}{little(value, size)}")
 
     def accepted(self, index: int, sub: int = 0) -> str:
-        """Return the answer that a download is done, or may continue."""
-        return self.answer("60" + multiplexer(index, sub))
+        """Return the response that a download is done, or may continue."""
+        return self.response("60" + multiplexer(index, sub))
 
     def value(self, index: int, sub: int, data: bytes) -> str:
-        """Return the expedited answer with this value; 42h, without a size, is accepted too."""
-        return f"{self.answer(_UPLOADS[len(data)] + multiplexer(index, sub) + data.hex().upper())}|" + self.answer(
+        """Return the expedited response with this value; 42h, without a size, is accepted too."""
+        return f"{self.response(_UPLOADS[len(data)] + multiplexer(index, sub) + data.hex().upper())}|" + self.response(
             "42" + multiplexer(index, sub) + data.hex().upper()
         )
 
     def any_value(self, index: int, sub: int = 0) -> str:
-        """Return the expedited answer with any value."""
-        return self.answer("4[2-9A-F]" + multiplexer(index, sub) + "........")
-
-    def unchanged(self, index: int, value: int = 5000) -> tuple[NodeStep, NodeStep]:
-        """Two steps of a case in which an object of two bytes must keep its value: write it first, read it later."""
-        before = NodeStep((self.download(index, 0, value, 2),), (self.accepted(index),))
-        return before, NodeStep((self.upload(index),), (self.value(index, 0, value.to_bytes(2, "little")),))
+        """Return the expedited response with any value."""
+        return self.response("4[2-9A-F]" + multiplexer(index, sub) + "........")
 
     def refused(self, index: int, sub: int, *codes: int) -> str:
         """Return an abort with one of these codes, or with the general error."""
-        return "|".join(self.answer(f"80{multiplexer(index, sub)}{little(code, 4)}") for code in (*codes, _GENERAL))
+        return "|".join(self.response(f"80{multiplexer(index, sub)}{little(code, 4)}") for code in (*codes, _GENERAL))
 
     def aborted(self, *codes: int) -> str:
-        """Return the same with any multiplexer: where a request names no object, devices differ."""
-        return "|".join(self.answer(f"80......{little(code, 4)}") for code in (*codes, _GENERAL))
+        """Return the same with any multiplexer, because devices differ where a request names no object."""
+        return "|".join(self.response(f"80......{little(code, 4)}") for code in (*codes, _GENERAL))
+
+    @property
+    def responses(self) -> str:
+        """The beginning of all responses."""
+        return self.response("")[:4]
 
     @property
     def any_abort(self) -> str:
         """An abort with any code."""
-        return self.answer("80")
+        return self.response("80")
 
     @property
     def abort(self) -> str:
         """The abort of the client."""
         return self.request("80 0010 00 0000 0008")
 
+    # Steps
+
+    @property
+    def works(self) -> NodeStep:
+        """A step in which the device responds: the device type is read."""
+        return NodeStep((self.upload(0x1000),), (self.any_value(0x1000),))
+
+    def read(self, index: int, sub: int, data: bytes) -> NodeStep:
+        """Return a step that reads this value."""
+        return NodeStep((self.upload(index, sub),), (self.value(index, sub, data),))
+
+    def write(self, index: int, sub: int, value: int, size: int) -> NodeStep:
+        """Return a step that writes a number."""
+        return NodeStep((self.download(index, sub, value, size),), (self.accepted(index, sub),))
+
+    def refuse_read(self, index: int, sub: int, *codes: int) -> NodeStep:
+        """Return a step in which a read is refused with one of these codes."""
+        return NodeStep((self.upload(index, sub),), (self.refused(index, sub, *codes),))
+
+    def refuse(self, index: int, sub: int, value: int, size: int, *codes: int) -> NodeStep:
+        """Return a step in which a number is refused with one of these codes."""
+        return NodeStep((self.download(index, sub, value, size),), (self.refused(index, sub, *codes),))
+
+    def unchanged(self, index: int, value: int = 5000) -> tuple[NodeStep, NodeStep]:
+        """Return the first and the last step of a case that must not change an object: it is written, and read back."""
+        return self.write(index, 0, value, 2), self.read(index, 0, value.to_bytes(2, "little"))
+
+
+def silence(*sends: str, wait: float | None = None) -> NodeStep:
+    """Return a step that sends frames and accepts no response."""
+    return NodeStep(sends, (SILENCE,), wait=wait)
+
+
+def nmt_command(command: str, node: int) -> str:
+    """Return the frame of an NMT command."""
+    return f"000#{command}{node:02X}"
+
 
 def multiplexer(index: int, sub: int) -> str:
-    """Return the multiplexer as in a frame."""
+    """Return index and sub-index as in a frame."""
     return f"{index & 0xFF:02X}{index >> 8:02X}{sub:02X}"
 
 
@@ -96,8 +136,8 @@ def little(value: int, size: int) -> str:
 
 
 def parts(value: bytes, size: int = _SEGMENT) -> list[bytes]:
-    """Return the segments of a value; an empty one has one, empty."""
-    return [value[at : at + size] for at in range(0, len(value), size)] or [b""]
+    """Return the segments of a value; an empty value has one empty segment."""
+    return [value[start : start + size] for start in range(0, len(value), size)] or [b""]
 
 
 def segment(number: int, data: bytes, last: bool) -> str:
@@ -118,23 +158,22 @@ def block_end(value: bytes, crc: int | None = None) -> str:
 
 def make_case(
     subject: Subject,
+    clause: str,
+    listens: tuple[str, ...],
     name: str,
     title: str,
-    clause: str,
-    steps: tuple[NodeStep, ...],
-    *,
+    *steps: NodeStep,
     effect: Effect,
-    listens: tuple[str, ...],
     needs: tuple[str, ...] = (),
     why: str = "",
 ) -> NodeCase:
     """Return a case; `lacks` of the case has those of `needs` that the subject does not have."""
-    missing = [one for one in needs if not _is_there(subject, one)]
+    missing = [need for need in needs if not _provides(subject, need)]
     return NodeCase(name, title, clause, effect, listens, steps, why, ", ".join(missing))
 
 
-def _is_there(subject: Subject, need: str) -> bool:
-    """`need` is an object (1019h, 1016h:02) or one of: text, large object, TPDO, RPDO, LSS, own heartbeat."""
+def _provides(subject: Subject, need: str) -> bool:
+    """Return whether the subject has what a case needs: an object (1019h, 1016h:02), or one of the names below."""
     if need == "large object":
         return subject.large is not None
     if need == "text of 8 bytes":

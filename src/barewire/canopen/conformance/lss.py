@@ -4,68 +4,67 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.frames import Sdo, little, make_case
-from barewire.canopen.conformance.model import SILENCE, Effect, NodeCase, NodeStep, Subject
+from barewire.canopen.conformance.frames import Sdo, little, make_case, silence
+from barewire.canopen.conformance.model import Effect, NodeCase, NodeStep, Subject
 from barewire.canopen.lss.messages import LssAddress
+
+# Each case is a row: name, title, steps, needs, reason.
+# fmt: off
 
 _CLAUSE = "CiA 305 LSS"
 
 
 def lss_cases(subject: Subject) -> Iterator[NodeCase]:
-    """Yield the cases for this device."""
+    """Yield the cases of this service for one device."""
     node = subject.node
     s = Sdo(node)
     address = subject.lss or LssAddress(1, 2, 3, 4)
 
     def case(name: str, title: str, *steps: NodeStep, effect: Effect = "commands", why: str = "") -> NodeCase:
-        listens = ("7E4#", s.answer("")[:4])
         # However the case ends, no device is left in CONFIGURATION.
-        done = (*steps, NodeStep((_request("04 00"),), (SILENCE,), wait=0.02))
-        return make_case(subject, name, title, _CLAUSE, done, effect=effect, listens=listens, needs=("LSS",), why=why)
+        done = (*steps, silence(_request("04 00"), wait=0.02))
+        return make_case(
+            subject, _CLAUSE, ("7E4#", s.responses), name, title, *done, effect=effect, needs=("LSS",), why=why
+        )
 
-    def silence(*sends: str) -> NodeStep:
-        return NodeStep(sends, (SILENCE,), wait=0.1)
+    def ignored(*sends: str) -> NodeStep:
+        return silence(*sends, wait=0.1)
 
     def select(*numbers: int) -> tuple[str, ...]:
-        return tuple(_request(f"{0x40 + number:02X}{little(one, 4)}") for number, one in enumerate(numbers))
+        return tuple(_request(f"{0x40 + number:02X}{little(part, 4)}") for number, part in enumerate(numbers))
 
     def identify(vendor: int, low: int, high: int) -> tuple[str, ...]:
         numbers = (vendor, address.product, low, high, address.serial, address.serial)
-        return tuple(_request(f"{0x46 + number:02X}{little(one, 4)}") for number, one in enumerate(numbers))
+        return tuple(_request(f"{0x46 + number:02X}{little(part, 4)}") for number, part in enumerate(numbers))
 
-    switch = silence(_request("04 01"))
+    switch = ignored(_request("04 01"))
     node_is = NodeStep((_request("5E"),), (_answer(f"5E{node:02X}"),))
     yield case("LSS-01", "all to CONFIGURATION: inquire the node-ID", switch, node_is)
-    for number, what in enumerate(("vendor-ID", "product code", "revision number", "serial number")):
+    for number, part in enumerate(("vendor-ID", "product code", "revision number", "serial number")):
         ask = NodeStep(
             (_request(f"{0x5A + number:02X}"),), (_answer(f"{0x5A + number:02X}{little(address[number], 4)}"),)
         )
-        yield case(f"LSS-0{2 + number}", f"inquire the {what}, as 1018h:0{number + 1}", switch, ask)
-    yield case(
-        "LSS-06",
-        "in WAITING there is no answer",
-        silence(_request("5E"), _request("5A"), _request("11 05"), _request("17")),
-    )
+        yield case(f"LSS-0{2 + number}", f"inquire the {part}, as 1018h:0{number + 1}", switch, ask)
+    yield case("LSS-06", "in WAITING there is no answer",
+               ignored(_request("5E"), _request("5A"), _request("11 05"), _request("17")))
     selected = NodeStep(select(*address), (_answer("44"),))
     yield case("LSS-07", "selected by its whole address", selected, node_is)
-    other = silence(*select(*address[:3], address.serial ^ 1))
-    yield case("LSS-08", "another serial number does not select the device", other, silence(_request("5E")))
-    disordered = silence(*(select(*address)[number] for number in (1, 0, 3, 2)))
-    yield case(
-        "LSS-09", "the parts of the address out of order do not select the device", disordered, silence(_request("5E"))
-    )
+    other = ignored(*select(*address[:3], address.serial ^ 1))
+    yield case("LSS-08", "another serial number does not select the device", other, ignored(_request("5E")))
+    disordered = ignored(*(select(*address)[number] for number in (1, 0, 3, 2)))
+    yield case("LSS-09", "the parts of the address out of order do not select the device", disordered,
+               ignored(_request("5E")))
     found = NodeStep(identify(address.vendor, 0, 0xFFFF_FFFF), (_answer("4F"),))
     yield case("LSS-10", "identified by limits that contain it", found, effect="reads")
-    yield case("LSS-11", "another vendor: not identified", silence(*identify(address.vendor ^ 1, 0, 0xFFFF_FFFF)),
-               effect="reads")  # fmt: skip
+    yield case("LSS-11", "another vendor: not identified", ignored(*identify(address.vendor ^ 1, 0, 0xFFFF_FFFF)),
+               effect="reads")
     highest = 0xFFFF_FFFF
     above = (address.revision + 1, highest) if address.revision < highest else (0, highest - 1)
-    yield case("LSS-12", "a revision outside the limits: not identified", silence(*identify(address.vendor, *above)),
-               effect="reads")  # fmt: skip
-    yield case(
-        "LSS-13", "configured: no answer to 'identify non-configured devices'", silence(_request("4C")), effect="reads"
-    )
-    yield case("LSS-14", "configured: no answer in a fastscan", silence(_request("51 00000000 80")), effect="reads")
+    yield case("LSS-12", "a revision outside the limits: not identified", ignored(*identify(address.vendor, *above)),
+               effect="reads")
+    yield case("LSS-13", "configured: no answer to 'identify non-configured devices'", ignored(_request("4C")),
+               effect="reads")
+    yield case("LSS-14", "configured: no answer in a fastscan", ignored(_request("51 00000000 80")), effect="reads")
     for name, wrong_id in (("LSS-15", 0), ("LSS-16", 128)):
         wrong = NodeStep((_request(f"11{wrong_id:02X}"),), (_answer("1101"), _answer("11FF")))
         yield case(name, f"node-ID {wrong_id} is out of range", switch, wrong, node_is, why="error 1")
@@ -75,13 +74,12 @@ def lss_cases(subject: Subject) -> Iterator[NodeCase]:
     yield case("LSS-18", "bit rate 5 of table 0 is reserved", switch, reserved, why="error 1")
     table = NodeStep((_request("13 7F 00"),), (_answer("1301"), _answer("13FF")))
     yield case("LSS-19", "a bit rate table that does not exist", switch, table, why="error 1")
-    yield case("LSS-20", "a service that does not exist", switch, silence(_request("60")), node_is)
-    stop = silence(f"000#02{node:02X}")
+    yield case("LSS-20", "a service that does not exist", switch, ignored(_request("60")), node_is)
+    stop = ignored(f"000#02{node:02X}")
     yield case("LSS-21", "LSS works in STOPPED", stop, switch, node_is)
-    short = silence("7E5#0401")
-    yield case(
-        "LSS-22", "a request of two bytes is ignored", short, silence(_request("5E")), why="LSS frames have 8 bytes"
-    )
+    short = ignored("7E5#0401")
+    yield case("LSS-22", "a request of two bytes is ignored", short, ignored(_request("5E")),
+               why="LSS frames have 8 bytes")
 
 
 def _request(text: str) -> str:

@@ -1,10 +1,10 @@
-"""Values of the conformance battery: the device under test, a case, its steps, and how it went.
+"""Values of the conformance battery: the device under test, a case, its steps, and its outcome.
 
     Subject     the device under test: its node-ID and its objects, as `probe` read them
-    NodeCase    a name, the clause, the reason, and steps; or what the device lacks, and then the case is not run
-    NodeStep    frames that are sent at once, and the accepted patterns of answers
-    pattern     frames as text with a dot for any digit: "585#6017100...", a comma between two, a bar between two that
-                are equally good, {2,5} after a frame that may come so often, SILENCE for no frame
+    NodeCase    a name, the clause, the reason, and the steps; it is not run if the device lacks what it needs
+    NodeStep    frames that are sent at once, and the accepted patterns of responses
+    pattern     frames as text with a dot for any digit: "585#6017100..."; a comma separates two frames, a bar two
+                alternatives; {2,5} after a frame allows two to five of it; SILENCE stands for no frame
 
 Depends on: COB-IDs and LSS addresses.  Used by: every file of this room.
 """
@@ -23,14 +23,14 @@ starts, stops and resets it, sends process data, and sends in the name of anothe
 
 SILENCE = ""
 NODE_ANSWER_TIMEOUT = 0.5
-"""Seconds without an answer after which none is expected any more."""
+"""Seconds after which no response is expected any more."""
 BOOT = 3.0
 """Seconds that a reset may take."""
 
 
 class NodeStep(NamedTuple):
     """One step. It ends when a pattern is complete, at the latest after `wait` seconds (None: the time-out of the
-    runner); with `full_wait` it listens all that time. `ends` are further accepted patterns, which end the case."""
+    run); with `full_wait` it always lasts that long. `ends` are further accepted patterns, which end the case."""
 
     sends: tuple[str, ...]
     accepts: tuple[str, ...]
@@ -53,7 +53,7 @@ class NodeCase(NamedTuple):
 
 
 class NodeOutcome(NamedTuple):
-    """How a case went: the frames received in each step, and None or the difference as a sentence."""
+    """The outcome of a case: the frames received in each step, and the difference as a sentence, None if it passed."""
 
     case: NodeCase
     received: tuple[tuple[str, ...], ...]
@@ -71,7 +71,7 @@ class SubjectPdo(NamedTuple):
 
 
 class Subject(NamedTuple):
-    """The device under test and its objects. `large` is an object for any bytes, if the user names one."""
+    """The device under test and its objects. `large` is an object that takes any bytes, if the user names one."""
 
     node: int
     values: Mapping[tuple[int, int], bytes]
@@ -83,12 +83,12 @@ class Subject(NamedTuple):
         return (index, sub) in self.values
 
     def number(self, index: int, sub: int = 0) -> int:
-        """Its value, 0 if it has none."""
+        """Return the value of an object as a number, 0 if it could not be read."""
         return int.from_bytes(self.values.get((index, sub), b""), "little")
 
     @property
     def text_object(self) -> tuple[int, bytes]:
-        """A text of at least two segments that can be read, and its index: 1008h, 1009h or 100Ah."""
+        """The index and the value of a text of at least two segments: 1008h, 1009h or 100Ah."""
         for index in (0x1008, 0x1009, 0x100A):
             if len(value := self.values.get((index, 0), b"")) > 7:
                 return index, value
@@ -100,7 +100,7 @@ class Subject(NamedTuple):
         return 126 if self.node != 126 else 125
 
     def pdo(self, communication: int, mapping: int) -> SubjectPdo | None:
-        """Return the first PDO from these records on that is valid, maps something and has a base identifier."""
+        """Return the first of four PDOs, from these records on, that is valid, maps bits and has a base identifier."""
         for number in range(4):
             word = self.number(communication + number, 1)
             count = self.number(mapping + number)

@@ -1,4 +1,4 @@
-"""Reads which objects a device has, so that the battery holds only cases that can be run against it.
+"""Reads which objects a device has, so that the battery contains only cases that can be run.
 
 Depends on: SDO uploads, LSS identification.  Used by: `io.canopen.conformance`, before the first case.
 """

@@ -97,7 +97,7 @@ class GatewayPdo:
             self._engine.start()
 
     def text(self) -> str:
-        """Return the number of values and the values: integers in hexadecimal as in other gateways, others as in a read."""
+        """Return the number of values, then the values: integers in hexadecimal as in other gateways, others as in a read."""
         words = [str(len(self.settings.types))]
         for sub, type in enumerate(self.settings.types, 1):
             data = self._objects.read(_INDEX, sub)

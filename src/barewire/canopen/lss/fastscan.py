@@ -136,7 +136,7 @@ def _scan(
     timing: _Timing,
     progress: Callable[[FastscanProgress], None] | None,
 ) -> Conversation[CanFrame, int | None]:
-    """Return one pass over the four parts, collected in `found`. Return the part that was not confirmed, None if all were."""
+    """Scan the four parts once, into `found`. Return the part that was not confirmed, None if all were."""
     for part in range(4):
         number = known[part] if known[part] is not None else found[part]
         if number is None:
@@ -171,7 +171,7 @@ def _matches(request: Fastscan, timing: _Timing) -> Conversation[CanFrame, bool]
 
 
 def _request(request: Fastscan, wait: float, linger: float | None) -> Conversation[CanFrame, list[float]]:
-    """Return the response times of a request: wait for a first answer, then `linger` for others (None: the whole `wait`)."""
+    """Return the response times of a request: wait for an answer, then `linger` for others (None: the whole `wait`)."""
     sent: Heard[CanFrame] = yield Send(request.encode())
     until = sent.now + wait
     times: list[float] = []

@@ -141,7 +141,7 @@ def configure_bit_timing(entry: int, table: int = 0, *, timeout: float = LSS_TIM
 
 
 def activate_bit_timing(delay: float) -> Conversation[CanFrame, float]:
-    """Return all devices in configuration change their bit rate after `delay` seconds and stay silent for as long again.
+    """Let all devices in configuration change their bit rate after `delay` seconds and stay silent for as long again.
 
     Return the time at which they send again; by then the caller must have changed the bit rate of its own port.
     EncodeError for a delay outside 0..65.535 s.

@@ -107,7 +107,7 @@ class NodeMonitor:
         return TrafficMark(self.frames, self._extended.get(answer_id, 0))
 
     def explain_silence(self, node: int, answer_id: int, since: TrafficMark, now: float, *, answers: int) -> str:
-        """Return one sentence on why a node may not have answered. `answers` is the number of frames on `answer_id` since."""
+        """Return a sentence on why a node may not have responded; `answers` is the number of frames on `answer_id` since."""
         frames = self.frames - since.frames
         last, state = self.last_heard(node), self.state(node)
         parts = []

@@ -86,7 +86,7 @@ class ActivePdo:
         return data
 
     def sample(self) -> bytes:
-        """Return the present data of a TPDO. If a value does not fit its bits, all are sent as 0, and that is counted."""
+        """Return the present data of a TPDO. If a value does not fit its bits, all are sent as 0 and `refused` counts it."""
         try:
             values: dict[str, Value] = {
                 m.name: self.objects.get(m.index, m.sub) for m in self.mapping.entries if not m.is_dummy
@@ -109,7 +109,7 @@ class ActivePdo:
                 self._refused += 1
 
     def is_due_at_sync(self, counter: int | None) -> bool:
-        """Count a SYNC; whether this synchronous TPDO is sent at it."""
+        """Count a SYNC. Return whether this synchronous TPDO is sent at it."""
         if self._waits_for_start and counter is not None and counter != self._start:
             return False
         self._waits_for_start = False

@@ -192,7 +192,7 @@ def has_type(direction: PdoDirection, type: int) -> bool:
 
 
 def resolve(objects: ObjectDictionary, direction: PdoDirection, words: tuple[int, ...]) -> PdoMapping:
-    """Return the mapping of 32-bit entries with the types of the dictionary. Raise EncodeError if an object cannot be mapped."""
+    """Return the mapping of 32-bit entries, typed by the dictionary. Raise EncodeError if an object cannot be mapped."""
     entries = []
     for word in words:
         mapped = MappedObject.of_word(word)

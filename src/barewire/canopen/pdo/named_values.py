@@ -70,7 +70,7 @@ def remote_pdo(
     *,
     timeout: float = DEFAULT_TIMEOUT,
 ) -> Conversation[CanFrame, RemotePdo]:
-    """Read a PDO configuration from a device. Raise SdoAbort if it does not exist, EncodeError if it is switched off."""
+    """Read a PDO configuration of a device. Raise SdoAbort if it does not exist, EncodeError if it is switched off."""
     pdo = yield from read_pdo(channel, direction, number, timeout=timeout)
     return RemotePdo.of(channel.node, pdo, objects)
 

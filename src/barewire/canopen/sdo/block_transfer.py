@@ -131,7 +131,7 @@ class BlockSender:
         self._sent = 0
 
     def feed(self, message: ReceiverMessage | None, now: float) -> list[bytes]:
-        """Return the next frames. Raise ProtocolViolation when the receiver broke the rules or was silent for too long."""
+        """Return the next frames. Raise ProtocolViolation if the receiver broke the rules or sent nothing for too long."""
         if isinstance(message, BlockEnded):
             if not self.ended:
                 raise ProtocolViolation(AbortCode.COMMAND, "the receiver ended the transfer before its end")

@@ -13,10 +13,9 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from barewire.canopen.conformance.battery import cases
+from barewire.canopen.conformance.battery import cases, needs_reset, prepare, run_case
 from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome
 from barewire.canopen.conformance.probe import is_there, probe
-from barewire.canopen.conformance.runner import needs_reset, prepare, run_case
 from barewire.canopen.frame import CanFrame
 from barewire.conversation import Conversation, Listen, Send
 from barewire.errors import EncodeError, NoAnswer, PortError

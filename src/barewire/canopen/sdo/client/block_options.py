@@ -32,7 +32,7 @@ the server has refused a block transfer."""
 
 
 def block_options(mode: BlockMode, channel: Channel, length: int | None = None) -> BlockSettings | None:
-    """Return the options of a block transfer, None for no block transfer. `length` is that of the value, if it is known.
+    """Return the options of a block transfer, None for no block transfer. `length` is that of the value, if known.
 
     >>> channel = Channel(5)
     >>> block_options(True, channel), block_options(False, channel)

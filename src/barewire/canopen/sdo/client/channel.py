@@ -216,7 +216,7 @@ class Channel:
 
 
 def channel_to(node: int | Channel, dialect: SdoDialect | None) -> Channel:
-    """Return the given channel, or a new one to the default server of a node. Raise EncodeError if the dialects differ."""
+    """Return the given channel, or one to the default server of a node. Raise EncodeError if the dialects differ."""
     if isinstance(node, int):
         return Channel(node, STANDARD if dialect is None else dialect)
     if dialect is not None and dialect != node.dialect:

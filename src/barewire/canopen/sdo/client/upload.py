@@ -224,7 +224,7 @@ def _in_blocks(
 
 
 def _padded(transfer: ClientTransfer, data: bytes) -> bytes | None:
-    """Return a frame that is not a whole segment: an abort, or a segment without its trailing zeros, as some devices send it.
+    """Return a frame that is shorter than a segment: an abort, or a segment without its trailing zeros.
 
     None for a frame without data, or an abort that cannot be decoded.
     """
