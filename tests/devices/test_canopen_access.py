@@ -132,7 +132,7 @@ def test_writing_one_bit_of_an_object_keeps_the_others(dialect: Any) -> None:
 def test_a_given_channel_is_used(machine: Machine) -> None:
     channel = Channel(NODE, STANDARD)
     play(read_canopen(channel, DRIVE, ["STATUS WORD"]), machine)
-    assert channel.counters.answers == 1
+    assert channel.counters.responses == 1
     with refused(EncodeError, "the channel to node 5 has the SDO dialect standard, not az3"):
         read_canopen(channel, DRIVE, ["STATUS WORD"], dialect=AZ3)
 

@@ -102,7 +102,7 @@ class TimeCodec:
         return milliseconds.to_bytes(4, "little") + days.to_bytes(2, "little")
 
     def decode(self, data: bytes) -> TimeOfDay | TimeDifference:
-        """Decode six bytes, without the four void bits. Raise DecodeError("value") for a time of day of 24 hours or more."""
+        """Decode six bytes; the four void bits are ignored. Raise DecodeError("value") for 24 hours or more."""
         if len(data) != self.size:
             short = len(data) < self.size
             text = f"{self.name} takes {self.size} bytes, got {len(data)}"

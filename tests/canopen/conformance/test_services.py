@@ -160,7 +160,7 @@ def fits(answers: str, received: list[str]) -> bool:
     wanted = [] if answers == "-" else [answer.strip() for answer in answers.split(",")]
     if len(wanted) != len(received):
         return False
-    return all(any(re.fullmatch(pattern, text) for pattern in answer.split("|")) for answer, text in zip(wanted, received))
+    return all(any(re.fullmatch(form, text) for form in answer.split("|")) for answer, text in zip(wanted, received))
 
 
 @pytest.mark.parametrize("script", CASES.values(), ids=CASES)

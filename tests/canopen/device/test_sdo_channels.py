@@ -56,7 +56,7 @@ def test_every_server_of_the_dictionary_answers_on_its_channel() -> None:
             assert bus.run(upload(channel, 0x2100, block=block)) == value
             bus.run(download(channel, 0x2100, 0, value, block=block))
     assert sorted(node.channels.servers) == [2, 8]
-    assert node.channels.servers[8].answer_extended
+    assert node.channels.servers[8].response_extended
     assert any(text.startswith("00000585#") for _, text in bus.log)
     assert bus.run(upload(default, 0x1200, 1)) == (0x605).to_bytes(4, "little")
 

@@ -20,22 +20,22 @@ def monitor_of(*lines: tuple[float, str]) -> NodeMonitor:
 @pytest.mark.parametrize(
     ("lines", "expected"),
     [
-        ((), "node 5 was never heard, 0 frames on 585h, nothing at all on the bus meanwhile"),
-        (((7.0, "705#7F"),), "node 5 last heard 3 s ago, pre-operational, 0 frames on 585h, 1 frame on the bus"),
+        ((), "node 5 has sent no frame, 0 frames on 585h, nothing at all on the bus meanwhile"),
+        (((7.0, "705#7F"),), "node 5 last sent a frame 3 s ago, pre-operational, 0 frames on 585h, 1 frame on the bus"),
         (((7.0, "705#04"),), "stopped, and a stopped node answers no SDO"),
-        (((7.0, "705#00"),), "node 5 last heard 3 s ago, booting"),
-        (((8.0, "705#7F"), (9.5, "185#00")), "node 5 last heard 0.5 s ago, pre-operational"),
-        (((7.0, "605#4000100000000000"),), "node 5 was never heard"),
+        (((7.0, "705#00"),), "node 5 last sent a frame 3 s ago, booting"),
+        (((8.0, "705#7F"), (9.5, "185#00")), "node 5 last sent a frame 0.5 s ago, pre-operational"),
+        (((7.0, "605#4000100000000000"),), "node 5 has sent no frame"),
         (((7.0, "00000585#4000100000000000"),), "1 frame on extended 00000585h, which is another identifier"),
         (
             ((7.0, "706#7F"), (7.0, "706#7F")),
-            "node 5 was never heard (heard so far: node 6), 0 frames on 585h, 2 frames on the bus",
+            "node 5 has sent no frame (others: node 6), 0 frames on 585h, 2 frames on the bus",
         ),
     ],
 )
 def test_explanation_of_silence(lines: tuple[tuple[float, str], ...], expected: str) -> None:
     mark = NodeMonitor().mark(0x585)
-    assert expected in monitor_of(*lines).explain_silence(5, 0x585, mark, 10.0, answers=0)
+    assert expected in monitor_of(*lines).explain_silence(5, 0x585, mark, 10.0, responses=0)
 
 
 def test_a_recent_report_of_the_controller_is_included() -> None:
@@ -43,8 +43,8 @@ def test_a_recent_report_of_the_controller_is_included() -> None:
     monitor.report(ErrorFrame(0x60), 10.0)
     mark = monitor.mark(0x585)
     report = "the controller reported no acknowledgement, bus off 0.5 s ago"
-    assert report in monitor.explain_silence(5, 0x585, mark, 10.5, answers=0)
-    assert report[:14] not in monitor.explain_silence(5, 0x585, mark, 30.0, answers=0)
+    assert report in monitor.explain_silence(5, 0x585, mark, 10.5, responses=0)
+    assert report[:14] not in monitor.explain_silence(5, 0x585, mark, 30.0, responses=0)
 
 
 def test_another_protocol_does_not_fill_the_memory() -> None:
@@ -59,7 +59,7 @@ def test_the_time_out_of_a_channel_is_explained() -> None:
     with pytest.raises(NoAnswer) as caught:
         play(upload(Channel(5, node_monitor=monitor), 0x6041), lambda frame, now: [])
     assert str(caught.value) == (
-        "node 5 did not answer the upload of 6041h:00 within 1 s: node 5 last heard 4 s ago, pre-operational, "
+        "node 5 did not answer the upload of 6041h:00 within 1 s: node 5 last sent a frame 4 s ago, pre-operational, "
         "0 frames on 585h, nothing at all on the bus meanwhile"
     )
 
@@ -68,8 +68,8 @@ def test_other_nodes_are_listed_when_the_node_was_never_heard() -> None:
     monitor = NodeMonitor()
     mark = monitor.mark(0x585)
     monitor.feed(CanFrame.parse("581#0000000000000000"), 1.0)
-    text = "node 5 was never heard (heard so far: node {}), 0 frames on 585h, {} on the bus meanwhile"
-    assert monitor.explain_silence(5, 0x585, mark, 2.0, answers=0) == text.format("1", "1 frame")
+    text = "node 5 has sent no frame (others: node {}), 0 frames on 585h, {} on the bus meanwhile"
+    assert monitor.explain_silence(5, 0x585, mark, 2.0, responses=0) == text.format("1", "1 frame")
     for node in (2, 3, 4, 6, 7):
         monitor.feed(CanFrame.parse(f"{0x700 + node:03X}#05"), 1.0)
-    assert monitor.explain_silence(5, 0x585, mark, 2.0, answers=0) == text.format("1, 2, 3, 4, 6, ...", "6 frames")
+    assert monitor.explain_silence(5, 0x585, mark, 2.0, responses=0) == text.format("1, 2, 3, 4, 6, ...", "6 frames")

@@ -21,7 +21,7 @@ def test_a_second_server_has_its_own_channel() -> None:
     bus = Bus(SdoServer(5, first), SdoServer(5, second, cob_ids=CHANNEL))
     default = Channel(5)
     channel = bus.run(find_channel(default, 2))
-    assert (channel.request_id, channel.request_extended, channel.answer_id) == (0x1234565, True, 0x6E5)
+    assert (channel.request_id, channel.request_extended, channel.response_id) == (0x1234565, True, 0x6E5)
     value = bytes(range(200))
     bus.run_all(download(default, 0x2100, 0, b"first"), download(channel, 0x2100, 0, value, block=True))
     assert (first.objects[0x2100, 0], second.objects[0x2100, 0]) == (b"first", value)

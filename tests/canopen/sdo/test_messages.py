@@ -202,7 +202,7 @@ def test_invalid_initiate_messages_do_not_encode() -> None:
     for data in (b"", bytes(5)):
         with pytest.raises(EncodeError, match="carries 1 to 4"):
             ExpeditedDownload(0x1017, 0, data).encode()
-    with pytest.raises(EncodeError, match="give 4"):
+    with pytest.raises(EncodeError, match="expected 4"):
         ExpeditedUpload(0x1017, 0, b"12", indicated=False).encode()
     with pytest.raises(EncodeError, match="index"):
         InitiateUpload(0x10000, 0).encode()

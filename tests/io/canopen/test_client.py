@@ -97,7 +97,7 @@ def test_sdo(kind: str, thing: tuple[str, LocalNode]) -> None:
         parts: list[bytes] = []
         assert await get(client.node().sdo.upload_to(0x2100, 0, parts.append)) == 5000
         assert b"".join(parts) == value
-        with pytest.raises(NoAnswer, match=r"node 9 was never heard .*, 0 frames on 589h"):
+        with pytest.raises(NoAnswer, match=r"node 9 has sent no frame .*, 0 frames on 589h"):
             await get(client.node(9, timeout=0.02).sdo.upload(0x1000))
         assert await get(client.node(9, timeout=0.02).nmt.send(NmtCommand.START)) is None
         with pytest.raises(SdoAbort, match="1201h:01"):

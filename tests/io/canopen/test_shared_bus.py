@@ -172,12 +172,12 @@ def test_a_transfer_inside_another_on_one_channel_is_refused_and_does_not_hang()
         assert client.node().sdo.upload(0x2001) == b"\x32"
 
 
-def test_no_answer_says_when_the_node_was_last_heard() -> None:
+def test_no_answer_reports_when_the_node_last_sent_a_frame() -> None:
     port = MemoryPort()
     with CanBus(port) as bus, CanopenClient(bus, node=5, timeout=0.02) as client, Subscriber(bus, None) as subscriber:
         port.come(frame("705#7F"))
         subscriber.receive(30.0)
-        with pytest.raises(NoAnswer, match=r"node 5 last heard 0.\S+ s ago, pre-operational, 0 frames on 585h"):
+        with pytest.raises(NoAnswer, match=r"node 5 last sent a frame 0.\S+ s ago, pre-operational, 0 frames on 585h"):
             client.node().sdo.upload(0x6041)
 
 

@@ -74,7 +74,7 @@ def client_channel(
     >>> words = {1: 0x6A0, 2: 0x5A0 + 0x140, 3: 7}
     >>> objects = ObjectDictionary([Entry(0x1280, sub, "client", "u32", "rw", word) for sub, word in words.items()])
     >>> channel = client_channel(objects)
-    >>> channel.node, f"{channel.request_id:X}h {channel.answer_id:X}h"
+    >>> channel.node, f"{channel.request_id:X}h {channel.response_id:X}h"
     (7, '6A0h 6E0h')
 
     EncodeError if there is no such client, or its channel is not in use.

@@ -78,7 +78,7 @@ class EmcyConsumer:
         return self._registers.get(node)
 
     def feed(self, frame: CanFrame | None, now: float) -> list[EmcyEvent]:
-        """Return the event of an emergency message. A boot-up message clears the errors of its node without an event."""
+        """Return the event of an emergency. A boot-up message clears the errors of its node, without an event."""
         if frame is None or frame.remote:
             return []
         node = self.cob_ids.get(frame.key)

@@ -125,7 +125,7 @@ class Emergency:
         return error_text(self.code)
 
     def encode(self) -> CanFrame:
-        """Return the frame of 8 bytes on 080h+n. Raise EncodeError for more than 5 bytes of manufacturer information."""
+        """Return the frame on 080h+n. Raise EncodeError for more than 5 bytes of manufacturer information."""
         if len(self.info) > 5:
             raise EncodeError(f"{len(self.info)} bytes of manufacturer information: expected at most 5")
         return CanFrame(

@@ -48,7 +48,7 @@ def lss_error_code(refused: LssRefused) -> GatewayCode:
 
 
 def run_lss(command: LssCommand) -> Conversation[CanFrame, str]:
-    """Execute an LSS command; returns its answer. Raise GatewayError, LssRefused, NoAnswer, EncodeError."""
+    """Execute an LSS command and return its answer. Raise GatewayError, LssRefused, NoAnswer or EncodeError."""
     return _COMMANDS[command.service](*command.numbers)
 
 
@@ -86,14 +86,14 @@ def _store() -> Conversation[CanFrame, str]:
     return "OK"
 
 
-def _inquire(which: int | None = None) -> Conversation[CanFrame, str]:
+def _inquire(part: int | None = None) -> Conversation[CanFrame, str]:
     """Return all four numbers of the address, or one: 0 to 3, or its command byte 5Ah to 5Dh."""
-    if which is not None and which >= LssService.INQUIRE_VENDOR:
-        which -= LssService.INQUIRE_VENDOR
-    if which is not None and not 0 <= which <= 3:
+    if part is not None and part >= LssService.INQUIRE_VENDOR:
+        part -= LssService.INQUIRE_VENDOR
+    if part is not None and not 0 <= part <= 3:
         raise GatewayError(GatewayCode.SYNTAX, "lss_inquire_addr: expected 0..3, or 0x5A..0x5D, or nothing")
     address = yield from inquire_address()
-    return _shown(address) if which is None else f"0x{address[which]:08X}"
+    return _shown(address) if part is None else f"0x{address[part]:08X}"
 
 
 def _node() -> Conversation[CanFrame, str]:
@@ -123,7 +123,7 @@ def _fastscan(milliseconds: int = 0) -> Conversation[CanFrame, str]:
 
 
 def _all_nodes(milliseconds: int = 0, first: int = 2, store: int = 1) -> Conversation[CanFrame, str]:
-    """Find each device without a node-ID and assign one, from `first` upwards."""
+    """Find all devices without a node-ID, and assign node-IDs from `first` upwards."""
     if not 1 <= first <= NODE_MAX or store > 1:
         raise GatewayError(GatewayCode.SYNTAX, "lss_allnodes: expected [timeout_ms [first_node 1..127 [store 0|1]]]")
     found = yield from assign_node_ids(range(first, NODE_MAX + 1), store=bool(store), timeout=_seconds(milliseconds))

@@ -44,12 +44,12 @@ class Notices:
         return min((due for due in dues if due is not None), default=None)
 
     def heartbeat(self, node: int, seconds: float) -> None:
-        """Report this node if no heartbeat arrives for so many seconds; 0: stop that."""
+        """Report this node when no heartbeat arrived for that many seconds; 0 ends this."""
         times = {other: time for other, time in self._heartbeats.times.items() if other != node}
         self._heartbeats.watch(times | ({node: seconds} if seconds else {}))
 
     def guard(self, node: int, seconds: float, factor: int, now: float) -> None:
-        """Guard this node every `seconds`; 0: stop that. The guarding of other nodes restarts."""
+        """Guard this node every `seconds`; 0 ends this. The guarding of other nodes restarts."""
         self._guards.pop(node, None)
         if seconds:
             self._guards[node] = Guard(seconds, factor)
@@ -57,23 +57,23 @@ class Notices:
 
     def set_pdo(self, settings: SetPdo) -> None:
         """Replace the PDO of this number. Raise GatewayError if another one has its COB-ID."""
-        place = settings.send, settings.number
+        key = settings.send, settings.number
         for other, pdo in self.pdos.items():
-            if other != place and pdo.settings.cob_id == settings.cob_id:
+            if other != key and pdo.settings.cob_id == settings.cob_id:
                 text = f"COB-ID {settings.cob_id:03X}h belongs to {'t' if other[0] else 'r'}pdo {other[1]}"
                 raise GatewayError(GatewayCode.PDO_ALREADY_USED, text)
         if settings.types:
-            self.pdos[place] = GatewayPdo(settings)
+            self.pdos[key] = GatewayPdo(settings)
         else:
-            self.pdos.pop(place, None)
+            self.pdos.pop(key, None)
 
     def pdo(self, send: bool, number: int) -> GatewayPdo:
         """Return a configured PDO. Raise GatewayError if there is none."""
-        found = self.pdos.get((send, number))
-        if found is None:
+        pdo = self.pdos.get((send, number))
+        if pdo is None:
             text = f"there is no {'t' if send else 'r'}pdo {number}: set it first"
             raise GatewayError(GatewayCode.INTERNAL_STATE, text)
-        return found
+        return pdo
 
     def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], list[str]]:
         """Return the frames to send, and the lines to report."""

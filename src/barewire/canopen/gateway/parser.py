@@ -3,16 +3,16 @@
         [12] 1 5 read 0x6041 0 u16   # the status word
          |   | | |                     |
          |   | | command and words     comment, to the end of the line
-         |   | node; 0 is all nodes (NMT); without it, the default that `set node` gave
+         |   | node; 0 is all nodes (NMT); the default is the one of `set node`
          |   net, may be omitted too
-         sequence number: repeated in the answer
+         sequence number, repeated in the answer
 
 Capitals do not matter in the words of a command; read and write may be shortened to r and w. Double quotes hold a word
 together, and are doubled inside it:
 
         [1] 5 w 0x2000 0 vs "say ""no"" now" # a text    ->   w | 0x2000 | 0 | vs | say "no" now
 
-A missing or unexpected word raises GatewayError 101, whose text names it. The parser only parses; `session` executes.
+A missing or unexpected word raises GatewayError 101, whose text names it. Commands are executed by `session`.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def parse_line(line: str) -> CommandLine:
     >>> parse_line("[12] 1 5 read 0x6041 0 u16")
     CommandLine(sequence=12, net=1, node=5, command=ReadSdo(index=24641, sub=0, type='u16'))
 
-    Raises GatewayError 101.
+    Raise GatewayError 101 for a line that breaks the syntax.
     """
     sequence, rest = sequence_of(line)
     words = _Words(split_line(rest))
@@ -82,37 +82,38 @@ def parse_line(line: str) -> CommandLine:
 
 
 def split_line(line: str) -> list[str]:
-    """Return the words of a line, without its comment, which begins at a number sign outside of quotes.
+    """Return the words of a line without its comment, which begins at a number sign outside of quotes.
 
     >>> split_line('5 w 0x2000 0 vs "say ""no"" #1"  # a text')
     ['5', 'w', '0x2000', '0', 'vs', 'say "no" #1']
     """
     words: list[str] = []
-    at, end = 0, len(line)
-    while at < end and line[at] != "#":
-        if line[at].isspace():
-            at += 1
-        elif line[at] == '"':
-            word, at = _quoted(line, at + 1)
+    position, end = 0, len(line)
+    while position < end and line[position] != "#":
+        if line[position].isspace():
+            position += 1
+        elif line[position] == '"':
+            word, position = _quoted(line, position + 1)
             words.append(word)
         else:
-            begin = at
-            while at < end and not line[at].isspace() and line[at] not in '#"':
-                at += 1
-            words.append(line[begin:at])
+            begin = position
+            while position < end and not line[position].isspace() and line[position] not in '#"':
+                position += 1
+            words.append(line[begin:position])
     return words
 
 
-def _quoted(line: str, at: int) -> tuple[str, int]:
+def _quoted(line: str, begin: int) -> tuple[str, int]:
+    """Return the word in double quotes whose text begins at this position, and the position after it."""
     parts: list[str] = []
     while True:
-        closing = line.find('"', at)
+        closing = line.find('"', begin)
         if closing < 0:
             raise GatewayError(GatewayCode.SYNTAX, "a double quote is not closed")
-        parts.append(line[at:closing])
+        parts.append(line[begin:closing])
         if line[closing + 1 : closing + 2] != '"':
             return '"'.join(parts), closing + 1
-        at = closing + 2
+        begin = closing + 2
 
 
 def sequence_of(line: str) -> tuple[int, str]:
@@ -147,34 +148,34 @@ class _Words:
         """Return the next word in lower case, or an empty text."""
         return self._words[0].lower() if self._words else ""
 
-    def take(self, what: str) -> str:
-        """Return the next word, unchanged."""
+    def take(self, name: str) -> str:
+        """Remove and return the next word, unchanged."""
         if not self._words:
-            raise GatewayError(GatewayCode.SYNTAX, f"the line ends where {what} was expected")
+            raise GatewayError(GatewayCode.SYNTAX, f"the line ends where {name} was expected")
         return self._words.pop(0)
 
-    def choice(self, what: str, *choices: str) -> str:
-        """Return the next word, one of these; a choice `long|short` has two spellings and returns the first."""
-        word = self.take(what).lower()
+    def choice(self, name: str, *choices: str) -> str:
+        """Remove and return the next word, one of these. For a choice `long|short`, both return `long`."""
+        word = self.take(name).lower()
         for choice in choices:
             if word in choice.split("|"):
                 return choice.split("|")[0]
         expected = ", ".join(choice.replace("|", " or ") for choice in choices)
-        raise GatewayError(GatewayCode.SYNTAX, f"{shown(word)} is not a {what}: expected {expected}")
+        raise GatewayError(GatewayCode.SYNTAX, f"{shown(word)} is not a {name}: expected {expected}")
 
-    def number(self, what: str, low: int, high: int) -> int:
-        """Return an integer within limits, both included."""
-        word = self.take(what)
+    def number(self, name: str, low: int, high: int) -> int:
+        """Remove and return the next word as an integer within these limits, both included."""
+        word = self.take(name)
         try:
             value = read_number(word)
         except ValueError:
-            raise GatewayError(GatewayCode.SYNTAX, f"{what} {shown(word)}: expected an integer") from None
+            raise GatewayError(GatewayCode.SYNTAX, f"{name} {shown(word)}: expected an integer") from None
         if not low <= value <= high:
-            raise GatewayError(GatewayCode.SYNTAX, f"{what} {word}: expected {low}..{high}")
+            raise GatewayError(GatewayCode.SYNTAX, f"{name} {word}: expected {low}..{high}")
         return value
 
     def rest(self) -> list[str]:
-        """Return all remaining words."""
+        """Remove and return all remaining words."""
         words, self._words = self._words, []
         return words
 
@@ -188,8 +189,8 @@ def _command(words: _Words) -> GatewayCommand:
     if word in _NMT:
         return SendNmt(_NMT[word])
     if word == "reset":
-        which = words.choice("kind of reset", "node", "comm|communication")
-        return SendNmt(NmtCommand.RESET_NODE if which == "node" else NmtCommand.RESET_COMMUNICATION)
+        target = words.choice("kind of reset", "node", "comm|communication")
+        return SendNmt(NmtCommand.RESET_NODE if target == "node" else NmtCommand.RESET_COMMUNICATION)
     if word == "set":
         return _set(words)
     if word in ("enable", "disable"):
@@ -254,33 +255,33 @@ def _write(words: _Words) -> GatewayCommand:
 
 
 def _set(words: _Words) -> GatewayCommand:
-    what = words.choice(
+    setting = words.choice(
         "setting",
         *("network", "node", "sdo_timeout", "sdo_block", "rpdo", "tpdo", "tpdox"),
         *("heartbeat", "id", "command_timeout", "command_size"),
     )
-    if what in ("rpdo", "tpdo", "tpdox"):
-        return _set_pdo(words, what)
-    if what in ("heartbeat", "id", "command_timeout", "command_size"):
-        why = "is not a node itself" if what in ("heartbeat", "id") else "has no limit of this kind"
-        raise GatewayError(GatewayCode.NOT_SUPPORTED, f"set {what}: this gateway {why}")
-    high = {"network": 127, "node": 127, "sdo_timeout": 65_535, "sdo_block": 1}[what]
-    return SetOption(what, words.number(what, 0, high))
+    if setting in ("rpdo", "tpdo", "tpdox"):
+        return _set_pdo(words, setting)
+    if setting in ("heartbeat", "id", "command_timeout", "command_size"):
+        reason = "is not a node itself" if setting in ("heartbeat", "id") else "has no limit of this kind"
+        raise GatewayError(GatewayCode.NOT_SUPPORTED, f"set {setting}: this gateway {reason}")
+    high = {"network": 127, "node": 127, "sdo_timeout": 65_535, "sdo_block": 1}[setting]
+    return SetOption(setting, words.number(setting, 0, high))
 
 
 def _pdo_number(words: _Words) -> int:
     return words.number("number of a PDO", 1, 512)
 
 
-def _set_pdo(words: _Words, what: str) -> SetPdo:
+def _set_pdo(words: _Words, setting: str) -> SetPdo:
     number = _pdo_number(words)
     cob_id = words.number("COB-ID", 1, 0x7FF)
-    kind = words.take("a transmission type").lower()
-    if kind not in ("event", "rtr", *(f"sync{period}" for period in range(241))):
-        text = f"transmission type {shown(kind)}: expected event, rtr or sync0..sync240"
+    transmission = words.take("a transmission type").lower()
+    if transmission not in ("event", "rtr", *(f"sync{period}" for period in range(241))):
+        text = f"transmission type {shown(transmission)}: expected event, rtr or sync0..sync240"
         raise GatewayError(GatewayCode.SYNTAX, text)
     inhibit = timer = start = 0
-    if what == "tpdox":
+    if setting == "tpdox":
         inhibit = words.number("inhibit time in 0.1 ms", 0, 0xFFFF)
         timer = words.number("event timer in ms", 0, 0xFFFF)
         start = words.number("SYNC start value", 0, 240)
@@ -292,7 +293,7 @@ def _set_pdo(words: _Words, what: str) -> SetPdo:
             raise GatewayError(GatewayCode.SYNTAX, f"type {types[-1]} has no fixed size: no PDO holds it")
     if sum(map(width, types)) > BITS_MAX:
         raise GatewayError(GatewayCode.PDO_LENGTH_EXCEEDED, f"{sum(map(width, types))} bits: a PDO has {BITS_MAX}")
-    return SetPdo(what != "rpdo", number, cob_id, kind, tuple(types), inhibit, timer, start)
+    return SetPdo(setting != "rpdo", number, cob_id, transmission, tuple(types), inhibit, timer, start)
 
 
 def _control(words: _Words, on: bool) -> GatewayCommand:

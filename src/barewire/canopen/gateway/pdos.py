@@ -1,4 +1,4 @@
-"""The gateway's own PDOs: received ones, which it reports, and those that it sends.   [CiA 309-3, PDO configuration]
+"""The PDOs of the gateway: received ones, which it reports, and sent ones.   [CiA 309-3, PDO configuration]
 
         [1] set rpdo 1 0x185 event 2 0x6041 0 u16 0x2005 0 u16
         1 pdo 1 2 0x0637 0x0000                    reported whenever one is received
@@ -23,7 +23,7 @@ from barewire.codecs import Value
 
 _INDEX = 0x2000
 _OWN_NODE = 127
-"""The gateway is not a node, but the engine needs a node-ID for its records; it sends nothing with it."""
+"""The gateway is not a node, but the records of the engine need a node-ID. It is in no frame that is sent."""
 
 _EVENT, _RTR = 255, 253
 
@@ -42,7 +42,6 @@ class GatewayPdo:
         transmission = {"event": _EVENT, "rtr": _RTR}.get(settings.transmission)
         if transmission is None:
             transmission = int(settings.transmission.removeprefix("sync"))
-        # The gateway receives its RPDO, so it is an RPDO for the engine too; likewise the TPDO.
         pdo = PdoConfig(
             "TPDO" if settings.send else "RPDO",
             1,
@@ -64,7 +63,7 @@ class GatewayPdo:
         return self._engine.deadline
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """Return the frames to send now. Emergencies of the engine are not sent: a short PDO is not reported."""
+        """Return the PDOs to send now. Emergencies of the engine, about PDOs that are too short, are not sent."""
         return [sent for sent in self._engine.feed(frame, now) if sent.id == self.settings.cob_id]
 
     def receives(self, frame: CanFrame) -> bool:
@@ -84,11 +83,11 @@ class GatewayPdo:
             text = f"PDO {self.settings.number} has {count} values in {wanted} words, not {len(words)}"
             raise GatewayError(GatewayCode.SYNTAX, text)
         values: list[Value] = []
-        at = 0
+        position = 0
         for sub, type in enumerate(self.settings.types, 1):
-            data = from_text(type, list(words[at : at + word_count(type)]))
+            data = from_text(type, list(words[position : position + word_count(type)]))
             values.append(self._objects.entry(_INDEX, sub).codec.decode(data))
-            at += word_count(type)
+            position += word_count(type)
         for sub, value in enumerate(values, 1):
             self._objects.set(_INDEX, sub, value)
         for pdo in self._engine.active:
@@ -97,7 +96,7 @@ class GatewayPdo:
             self._engine.start()
 
     def text(self) -> str:
-        """Return the number of values, then the values: integers in hexadecimal as in other gateways, others as in a read."""
+        """Return the number of values, and the values: integers in hexadecimal, others as in a read."""
         words = [str(len(self.settings.types))]
         for sub, type in enumerate(self.settings.types, 1):
             data = self._objects.read(_INDEX, sub)

@@ -72,7 +72,7 @@ types: b i8..i64 u8..u64 x8..x64 r32 r64 vs os us d t td hex;  # begins a commen
 
 
 class _WrongType(Exception):
-    """A value was read that is not of the requested type; the node did not refuse it."""
+    """The value that a node returned is not of the requested type."""
 
     def __init__(self, code: AbortCode, text: str) -> None:
         super().__init__(text)
@@ -83,8 +83,11 @@ class _WrongType(Exception):
 class GatewaySession:
     """The settings of one connection, and the execution of its lines.
 
-    `channel` returns the SDO channel to a node, for connections that share a bus; without it the session has its own
-    channels. `remote`: whether the bus carries remote frames, which node guarding needs.
+        net       the number of the net that the gateway serves
+        version   the answer to `info version`
+        dialect   the SDO dialect of the nodes
+        channel   returns the SDO channel to a node, for connections that share a bus; default: channels of its own
+        remote    whether the bus carries remote frames, which node guarding needs
 
     >>> from barewire.conversation import play
     >>> node = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
@@ -113,7 +116,7 @@ class GatewaySession:
         self._block = False
 
     def answer(self, text: str) -> Conversation[CanFrame, list[str]]:
-        """Execute one line. Return the lines of the answer, none for an empty line or a comment. Never raises."""
+        """Execute one line. Return the lines of the answer: none for an empty line or a comment. Never raises."""
         if not text.partition("#")[0].strip():
             return []
         sequence = 0
@@ -141,7 +144,7 @@ class GatewaySession:
         return [f"[{sequence}] {answer}"]
 
     def target(self, text: str) -> Channel | Literal["LSS"] | None:
-        """Return what a line will use exclusively: an SDO channel, LSS, or nothing."""
+        """Return what a line needs for itself: an SDO channel, LSS, or nothing."""
         try:
             line = parse_line(text)
             if isinstance(line.command, (ReadSdo, WriteSdo)):
@@ -243,6 +246,6 @@ class GatewaySession:
 
 
 def _time() -> Conversation[CanFrame, float]:
-    """Return the present time, without waiting. A frame received by that is left to the notices."""
+    """Return the present time without waiting. A frame received with it is left to the notices."""
     heard: Heard[CanFrame] = yield Listen(float("-inf"))
     return heard.now

@@ -37,7 +37,7 @@ TYPE_NAMES: dict[str, str] = {
     "d": "domain",
     "hex": "domain",
 }
-"""The gateway's name of a type, and that of `datatypes`."""
+"""The name of a type in the gateway: its name in `datatypes`."""
 
 _BASE64 = ("os", "us", "d")
 
@@ -50,7 +50,7 @@ def width(type: str) -> int:
 
 
 def word_count(type: str) -> int:
-    """Return how many words of a line a value takes, 0 for all remaining ones."""
+    """Return how many words of a line a value has; 0 stands for all remaining words."""
     return {"t": 2, "td": 2, "hex": 0}.get(type, 1)
 
 
@@ -60,7 +60,7 @@ def to_text(type: str, data: bytes) -> str:
     >>> to_text("i16", b"\xFE\xFF"), to_text("x16", b"\xFE\xFF"), to_text("vs", b'say "no" now')
     ('-2', '0xFFFE', '"say ""no"" now"')
 
-    Raises DecodeError for bytes that are not a value of the type.
+    Raise DecodeError for bytes that are not a value of the type.
     """
     if type == "hex":
         return data.hex(" ").upper()
@@ -109,12 +109,12 @@ def _value(type: str, words: list[str]) -> Value:
 
 
 def read_number(word: str) -> int:
-    """Return an integer in decimal, or in hexadecimal after 0x. Raise ValueError."""
+    """Read an integer in decimal, or in hexadecimal after 0x. Raise ValueError."""
     if len(word) > 40 or not word.isascii() or "_" in word:
         raise ValueError(word)
     return int(word, 16 if word.lower().startswith(("0x", "-0x", "+0x")) else 10)
 
 
 def is_wrong_length(error: DecodeError) -> bool:
-    """Return whether the object has another size than the type, for which SDO has an abort code."""
+    """Return whether the object has another size than the type, which has an SDO abort code."""
     return error.reason in ("short", "long")

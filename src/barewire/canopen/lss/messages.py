@@ -110,7 +110,7 @@ class LssMessage:
 
     @classmethod
     def decode(cls, frame: CanFrame) -> LssMessage:
-        """Decode a frame. Raise DecodeError for another identifier, another length, or a service that does not exist."""
+        """Decode a frame. Raise DecodeError for another identifier or length, and for an unknown service."""
         if frame.key not in (REQUEST_KEY, ANSWER_KEY) or frame.remote:
             raise DecodeError("mismatch", frame.data, 0, f"{frame} is no LSS message: expected COB-ID 7E5h or 7E4h")
         if len(frame.data) != 8:

@@ -93,7 +93,7 @@ class NmtMessage:
 
     @classmethod
     def decode(cls, frame: CanFrame) -> NmtMessage:
-        """Decode a frame. Raise DecodeError for another identifier or length, an unknown command, or a node above 127."""
+        """Decode a frame. Raise DecodeError for another identifier or length, an unknown command, a node above 127."""
         if frame.key != (cob_id("NMT"), False) or frame.remote:
             raise DecodeError("mismatch", frame.data, 0, f"{frame} is no NMT command: expected COB-ID 000h")
         command, node = cls.layout.unpack(frame.data)

@@ -1,4 +1,4 @@
-"""The node monitor: which nodes sent frames and when, to explain why a node does not answer.
+"""The node monitor: which nodes sent frames and when, to explain why a node does not respond.
 
         705#7F          sent by node 5, which is pre-operational
         185#...         sent by node 5
@@ -6,7 +6,8 @@
 
 There is one dictionary entry for each identifier: the last frame and the number of frames. It is evaluated only to
 explain a time-out, so recording a frame costs next to nothing. Of extended identifiers only those up to 7FFh are kept,
-which are easily mistaken for base identifiers; all others are counted, so another protocol does not fill the memory.
+because they are easily mistaken for base identifiers. All others are only counted, so another protocol does not fill
+the memory.
 """
 
 from __future__ import annotations
@@ -20,17 +21,17 @@ from barewire.canopen.nmt.messages import NmtState
 from barewire.errors import DecodeError
 
 _SHOWN = 5
-"""How many other nodes are listed if the wanted one was never heard."""
+"""How many other nodes are listed if the wanted one has sent nothing."""
 _OF_DEVICES = tuple(service.base for service in SERVICES if service.from_device and not service.broadcast)
 _RECENT = 10.0
 """Seconds for which a report of the controller is part of an explanation."""
 
 
 class TrafficMark(NamedTuple):
-    """The frame counts at one moment, to count frames from then on."""
+    """The frame counts at one moment, from which later frames are counted."""
 
     frames: int
-    extended: int  # extended frames with the number of the answer identifier
+    extended: int  # extended frames with the number of the response identifier
 
 
 class NodeMonitor:
@@ -40,8 +41,8 @@ class NodeMonitor:
     >>> mark = monitor.mark(0x585)
     >>> monitor.feed(CanFrame.parse("705#7F"), 1.0)
     []
-    >>> monitor.explain_silence(5, 0x585, mark, 4.0, answers=0)
-    'node 5 last heard 3 s ago, pre-operational, 0 frames on 585h, 1 frame on the bus meanwhile'
+    >>> monitor.explain_silence(5, 0x585, mark, 4.0, responses=0)
+    'node 5 last sent a frame 3 s ago, pre-operational, 0 frames on 585h, 1 frame on the bus meanwhile'
     """
 
     __slots__ = ("_base", "_extended", "error", "error_at", "foreign", "frames")
@@ -60,7 +61,7 @@ class NodeMonitor:
         return None
 
     def feed(self, frame: CanFrame | None, now: float) -> list[None]:
-        """Record a frame. Return no events."""
+        """Record a frame. Return an empty list, since there are no events."""
         if frame is None:
             return []
         self.frames += 1
@@ -83,7 +84,7 @@ class NodeMonitor:
         known = self._base.get(identifier)
         return 0 if known is None else known[0]
 
-    def last_heard(self, node: int) -> float | None:
+    def last_sent(self, node: int) -> float | None:
         """Return when the node last sent a frame of the predefined connection set; None if never."""
         times = [self._base[base + node][1] for base in _OF_DEVICES if base + node in self._base]
         return max(times, default=None)
@@ -102,29 +103,29 @@ class NodeMonitor:
         except DecodeError:
             return None
 
-    def mark(self, answer_id: int) -> TrafficMark:
+    def mark(self, response_id: int) -> TrafficMark:
         """Return the present counts, to be given to `explain_silence` later."""
-        return TrafficMark(self.frames, self._extended.get(answer_id, 0))
+        return TrafficMark(self.frames, self._extended.get(response_id, 0))
 
-    def explain_silence(self, node: int, answer_id: int, since: TrafficMark, now: float, *, answers: int) -> str:
-        """Return a sentence on why a node may not have responded; `answers` is the number of frames on `answer_id` since."""
+    def explain_silence(self, node: int, response_id: int, since: TrafficMark, now: float, *, responses: int) -> str:
+        """Return a sentence on why a node may not have responded; it sent `responses` frames on `response_id`."""
         frames = self.frames - since.frames
-        last, state = self.last_heard(node), self.state(node)
+        last, state = self.last_sent(node), self.state(node)
         parts = []
         if last is None:
             others = self.nodes()
             more = ", ..." if len(others) > _SHOWN else ""
-            hint = f" (heard so far: node {', '.join(map(str, others[:_SHOWN]))}{more})" if others else ""
-            parts.append(f"node {node} was never heard{hint}")
+            hint = f" (others: node {', '.join(map(str, others[:_SHOWN]))}{more})" if others else ""
+            parts.append(f"node {node} has sent no frame{hint}")
         else:
-            parts.append(f"node {node} last heard {_seconds(now - last)} ago")
+            parts.append(f"node {node} last sent a frame {_seconds(now - last)} ago")
         if state is not None:
             stopped = ", and a stopped node answers no SDO" if state.state == NmtState.STOPPED else ""
             parts.append(("booting" if state.is_boot_up else state.name) + stopped)
-        parts.append(f"{_frames(answers)} on {answer_id:03X}h")
-        extended = self._extended.get(answer_id, 0) - since.extended
+        parts.append(f"{_frames(responses)} on {response_id:03X}h")
+        extended = self._extended.get(response_id, 0) - since.extended
         if extended:
-            parts.append(f"{_frames(extended)} on extended {answer_id:08X}h, which is another identifier")
+            parts.append(f"{_frames(extended)} on extended {response_id:08X}h, which is another identifier")
         parts.append(f"{_frames(frames) if frames else 'nothing at all'} on the bus meanwhile")
         if self.error is not None and now - self.error_at < _RECENT:
             parts.append(f"the controller reported {self.error.text} {_seconds(now - self.error_at)} ago")

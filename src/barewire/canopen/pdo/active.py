@@ -35,13 +35,13 @@ class ActivePdo:
         self.event_timer = number(config.communication, 5) / 1000
         self._start = number(config.communication, 6)
         count = number(config.map, 0)
-        kind = MPDO_COUNTS.get(count)
-        self.mpdo_producer = MpdoProducer(kind, node, objects) if kind and self.is_tpdo else None
-        self.mpdo_consumer = MpdoConsumer(kind, node, objects) if kind and not self.is_tpdo else None
-        words = () if kind else tuple(number(config.map, sub) for sub in range(1, count + 1))
+        addressing = MPDO_COUNTS.get(count)
+        self.mpdo_producer = MpdoProducer(addressing, node, objects) if addressing and self.is_tpdo else None
+        self.mpdo_consumer = MpdoConsumer(addressing, node, objects) if addressing and not self.is_tpdo else None
+        words = () if addressing else tuple(number(config.map, sub) for sub in range(1, count + 1))
         self.mapping: PdoMapping = resolve(objects, config.direction, words)
-        # The records refuse other types for an MPDO; one set by the device itself must not make it synchronous.
-        has_content = self.type > RTR_AT_ONCE if kind else bool(self.mapping.entries)
+        # The records refuse other types for an MPDO, but the device itself may have set one: the MPDO is then off.
+        has_content = self.type > RTR_AT_ONCE if addressing else bool(self.mapping.entries)
         self.is_on = not self.cob.bit31 and has_content
         self.held: bytes | None = None  # the data of an RPDO that waits for SYNC
         self.received_at: float | None = None  # of an RPDO, while its event timer runs
@@ -86,10 +86,12 @@ class ActivePdo:
         return data
 
     def sample(self) -> bytes:
-        """Return the present data of a TPDO. If a value does not fit its bits, all are sent as 0 and `refused` counts it."""
+        """Return the present data of a TPDO. If a value does not fit its bits, count it in `refused` and send zeros."""
         try:
             values: dict[str, Value] = {
-                m.name: self.objects.get(m.index, m.sub) for m in self.mapping.entries if not m.is_dummy
+                mapped.name: self.objects.get(mapped.index, mapped.sub)
+                for mapped in self.mapping.entries
+                if not mapped.is_dummy
             }
             return self.mapping.pack(values)
         except BarewireError:
@@ -97,7 +99,7 @@ class ActivePdo:
             return bytes(self.mapping.size)
 
     def store(self, data: bytes) -> None:
-        """Write the values of an RPDO to the dictionary one by one: a refused value does not affect the others."""
+        """Write the values of an RPDO to the dictionary. A refused value does not affect the others."""
         values = self.mapping.unpack(data)
         for mapped in self.mapping.entries:
             if mapped.is_dummy:

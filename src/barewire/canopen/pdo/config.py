@@ -59,10 +59,17 @@ _DEFAULT_SERVICE: dict[tuple[PdoDirection, int], ServiceName] = {
 
 @dataclass(frozen=True, slots=True)
 class PdoConfig:
-    """The configuration of one PDO: mapping, transmission type, COB-ID.
+    """The configuration of one PDO.
 
-    `mapping` are the 32-bit entries, `inhibit` is in 100 us, `event_timer` in ms. Without a `cob_id`, PDO 1 to 4 have
-    the identifier of the predefined connection set, and any further PDO is switched off until it is given one.
+        mapping       the mapped objects, as 32-bit entries
+        type          transmission type
+        cob_id        COB-ID; without it, PDO 1 to 4 have the identifier of the predefined connection set, and any
+                      further PDO is switched off
+        inhibit       shortest time between two frames, in 100 us
+        event_timer   longest time between two frames, in ms
+        sync_start    the SYNC counter at which a synchronous TPDO begins; 0: any
+        slots         sub-indices of the mapping record, if not more are mapped
+        multiplexed   the addressing of an MPDO, which has no mapping: each frame names its object
 
     >>> PdoConfig("TPDO", 1, (0x60410010, 0x20050010), type=1).cob_entry(5).identifier == 0x185
     True
@@ -78,11 +85,11 @@ class PdoConfig:
     inhibit: int = 0
     event_timer: int = 0
     sync_start: int = 0
-    slots: int = 8  # sub-indices of the mapping record, if not more are mapped
-    multiplexed: Addressing | None = None  # an MPDO: without mapping, each frame names its object
+    slots: int = 8
+    multiplexed: Addressing | None = None
 
     def __post_init__(self) -> None:
-        # Behind the last record of one kind begins another: 1800h + 512 would be a mapping record.
+        # A number above 512 would reach into the records of another kind: 1800h + 512 is a mapping record.
         if self.direction not in _COMMUNICATION:
             raise EncodeError(f"direction {self.direction!r}: expected RPDO or TPDO")
         if not 1 <= self.number <= PDOS_MAX:
@@ -113,7 +120,7 @@ class PdoConfig:
     @property
     def count(self) -> int:
         """The value of sub-index 00 of the mapping record."""
-        return next((count for count, kind in MPDO_COUNTS.items() if kind == self.multiplexed), len(self.mapping))
+        return next((count for count, value in MPDO_COUNTS.items() if value == self.multiplexed), len(self.mapping))
 
     def cob_entry(self, node: int) -> CobEntry:
         """Return the COB-ID of this PDO for a node-ID."""
@@ -124,7 +131,7 @@ class PdoConfig:
 
 
 def pdos_of(objects: ObjectDictionary, node: int) -> list[PdoConfig]:
-    """Return the PDOs whose records a dictionary has, for example one from an EDS: an argument of `LocalNode`.
+    """Return the PDOs whose records a dictionary has, for example one from an EDS. They are an argument of `LocalNode`.
 
     A COB-ID of the predefined connection set is left out, so it follows the node-ID.
     """
@@ -155,9 +162,9 @@ def _value(objects: ObjectDictionary, index: int, sub: int) -> int:
 def add_records(objects: ObjectDictionary, node: int, pdo: PdoConfig, changed: Callable[[], object]) -> None:
     """Add the two records of a PDO to the dictionary, with the rules for writing them.
 
-    An entry that the dictionary has already (from a device description) keeps its name and gets its default and its
-    rules from here; the reserved sub-index 04 is left alone. `changed` is called when a write has been accepted, before
-    it is stored. Raise EncodeError if `pdo` itself breaks a rule.
+    An entry that the dictionary has already (from a device description) keeps its name, but gets a new default and
+    rules; the reserved sub-index 04 is not touched. `changed` is called when a write has been accepted, before it is
+    stored. Raise EncodeError if `pdo` itself breaks a rule.
     """
     if not (0 <= pdo.type <= 255 and has_type(pdo.direction, pdo.type)):
         raise EncodeError(f"{pdo.direction}{pdo.number}: transmission type {pdo.type} does not exist")
@@ -165,20 +172,20 @@ def add_records(objects: ObjectDictionary, node: int, pdo: PdoConfig, changed: C
         raise EncodeError(f"{pdo.direction}{pdo.number} is multiplexed: expected type 254 or 255, not {pdo.type}")
     resolve(objects, pdo.direction, pdo.mapping)
     rules = _Rules(objects, pdo, changed)
-    at, name = pdo.communication, f"{pdo.direction}{pdo.number}"
+    record, name = pdo.communication, f"{pdo.direction}{pdo.number}"
 
-    def add(index: int, sub: int, what: str, type: str, default: int, check: Callable[[int], None] | None) -> None:
+    def add(index: int, sub: int, title: str, type: str, default: int, check: Callable[[int], None] | None) -> None:
         access: Literal["const", "rw"] = "const" if check is None else "rw"
         hook = None if check is None else rules.hook(check)
-        title = objects.entry(index, sub).name if (index, sub) in objects else f"{name} {what}"
-        objects.replace(Entry(index, sub, title, type, access, default, on_write=hook))
+        own = objects.entry(index, sub).name if (index, sub) in objects else f"{name} {title}"
+        objects.replace(Entry(index, sub, own, type, access, default, on_write=hook))
 
-    add(at, 0, "highest sub-index", "u8", 6, None)
-    add(at, 1, "COB-ID", "u32", pdo.cob_entry(node).pack(), rules.cob_id)
-    add(at, 2, "transmission type", "u8", pdo.type, rules.type)
-    add(at, 3, "inhibit time", "u16", pdo.inhibit, rules.switched_off(at, 3))
-    add(at, 5, "event timer", "u16", pdo.event_timer, lambda value: None)
-    add(at, 6, "SYNC start value", "u8", pdo.sync_start, rules.switched_off(at, 6))
+    add(record, 0, "highest sub-index", "u8", 6, None)
+    add(record, 1, "COB-ID", "u32", pdo.cob_entry(node).pack(), rules.cob_id)
+    add(record, 2, "transmission type", "u8", pdo.type, rules.type)
+    add(record, 3, "inhibit time", "u16", pdo.inhibit, rules.switched_off(record, 3))
+    add(record, 5, "event timer", "u16", pdo.event_timer, lambda value: None)
+    add(record, 6, "SYNC start value", "u8", pdo.sync_start, rules.switched_off(record, 6))
     slots = min(max(pdo.slots, len(pdo.mapping)), ENTRIES_MAX)
     add(pdo.map, 0, "entries", "u8", pdo.count, rules.count)
     for sub in range(1, slots + 1):
@@ -192,7 +199,7 @@ def has_type(direction: PdoDirection, type: int) -> bool:
 
 
 def resolve(objects: ObjectDictionary, direction: PdoDirection, words: tuple[int, ...]) -> PdoMapping:
-    """Return the mapping of 32-bit entries, typed by the dictionary. Raise EncodeError if an object cannot be mapped."""
+    """Return the mapping of 32-bit entries. Raise EncodeError if an object cannot be mapped."""
     entries = []
     for word in words:
         mapped = MappedObject.of_word(word)
@@ -210,7 +217,7 @@ def resolve(objects: ObjectDictionary, direction: PdoDirection, words: tuple[int
 
 
 class _Rules:
-    """The checks of writes to the records of one PDO."""
+    """The checks of writes to the records of one PDO, one method for each sub-index."""
 
     def __init__(self, objects: ObjectDictionary, pdo: PdoConfig, changed: Callable[[], object]) -> None:
         self.objects = objects

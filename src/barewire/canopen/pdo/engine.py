@@ -41,8 +41,8 @@ class PdoEngine:
     """All PDOs of one device: a machine that is fed while the device is operational.
 
     The engine adds the records of the PDOs to the dictionary, so that they can be changed by SDO, and reads them again
-    after a write. `outside_window` counts synchronous RPDOs that came more than `window` seconds after a SYNC (0: no
-    limit). `sync_key` is the (identifier, extended) of SYNC.
+    after a write. `outside_window` counts synchronous RPDOs that arrived more than `window` seconds after a SYNC
+    (0: no limit). `sync_key` is the (identifier, extended) of SYNC.
     """
 
     __slots__ = ("_active", "_pdos_changed", "_refused", "_running", "_synced_at", "errors", "node", "objects",
@@ -99,12 +99,12 @@ class PdoEngine:
         return min((due for pdo in self.active if pdo.is_on and (due := pdo.due) is not None), default=None)
 
     def start(self) -> None:
-        """The device became operational: all TPDOs of type 254 and 255 are due, counting of SYNCs starts."""
+        """Start, because the device became operational: TPDOs of type 254 and 255 are due, SYNCs are counted."""
         self.stop()
         self._running = True
 
     def stop(self) -> None:
-        """The device is no longer operational: held data is discarded."""
+        """Stop, because the device is no longer operational, and discard held data."""
         self._refused = self.refused
         self._active.clear()
         self._pdos_changed = True
@@ -138,7 +138,7 @@ class PdoEngine:
         return frames
 
     def _receive(self, frame: CanFrame, now: float) -> list[CanFrame]:
-        """Take an RPDO; returns the emergencies about its length."""
+        """Receive an RPDO. Return the emergencies about its length."""
         frames: list[CanFrame] = []
         for pdo in self.active:
             if pdo.is_tpdo or not pdo.is_on or frame.key != pdo.key:
@@ -174,7 +174,7 @@ class PdoEngine:
         return self.errors.error(_NO_DESTINATION, now, source=source, info=info)
 
     def send_mpdo(self, number: int, message: Mpdo, now: float) -> list[CanFrame]:
-        """Queue a message for TPDO `number`, a DAM MPDO. Its node is the destination; 0 stands for all nodes.
+        """Queue a DAM message for TPDO `number`. Its node is the destination; 0 stands for all nodes.
 
         The inhibit time applies as for any TPDO. Return the frames to send now. Raise EncodeError if there is no such
         TPDO, or if the device is not operational.
@@ -189,7 +189,7 @@ class PdoEngine:
         raise EncodeError(f"TPDO{number} is not a DAM MPDO in use now")
 
     def _check_length(self, pdo: ActivePdo, length: int, size: int, now: float) -> list[CanFrame]:
-        """Report an RPDO of wrong length, and clear the errors that this RPDO disproves."""
+        """Report an RPDO of wrong length, and clear the errors that no longer apply."""
         source = pdo.config.number
         wrong = _TOO_SHORT if length < size else _TOO_LONG if length > size else 0
         frames = self.errors.error(wrong, now, source=source, info=bytes([length, size])) if wrong else []

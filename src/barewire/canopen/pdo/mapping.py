@@ -11,7 +11,7 @@ number, and every object is a shift and a mask in it:
 
         5 : 4 bits, ABh : 8 bits, Ch : 4 bits    ->    CAB5h    ->    B5 CA
 
-An unknown object and a dummy (0001h to 0007h) keep their bits, so the position of the objects behind them is right.
+Unknown objects and dummies (0001h to 0007h) occupy their bits too, so the objects behind them keep their position.
 """
 
 from __future__ import annotations
@@ -71,19 +71,19 @@ class MappedObject:
 
 
 class _Step(NamedTuple):
-    """Everything about packing one object that does not depend on its value."""
+    """How one object is packed, as far as it does not depend on its value."""
 
     name: str
     offset: int
     mask: int
     sign: int  # the value of the sign bit, 0 for an unsigned object
-    codec: Number | TimeCodec | None  # for floats and times; the rest is arithmetic
+    codec: Number | TimeCodec | None  # for floats and times; all others are packed by shifts
     is_bool: bool
     length: int  # bytes of a string, 0 for a number
 
 
 class PdoMapping:
-    """A row of objects and how to pack them, computed once.
+    """The objects of a PDO in their order, with the steps to pack and unpack them.
 
     >>> controlword = MappedObject(0x6040, 0, 16, "u16", "controlword")
     >>> rpdo1 = PdoMapping([controlword, MappedObject(0x60FF, 0, 32, "i32", "velocity")])
@@ -125,14 +125,14 @@ class PdoMapping:
     def pack(self, values: Mapping[str, Value]) -> bytes:
         """Return the data of a PDO from values by name; an object without a value is 0.
 
-        EncodeError for an unknown name, and for a value that does not fit.
+        Raise EncodeError for an unknown name, and for a value that does not fit.
         """
         if self._struct is not None:
             try:
                 if len(values) == len(self._names):
                     return self._struct.pack(*[values[name] for name in self._names])
             except (KeyError, struct.error, OverflowError):
-                pass  # a value is missing or does not fit: the general path below finds out which
+                pass  # a value is missing or does not fit: the loop below reports which
         stream = 0
         used = 0
         for step in self._steps:
@@ -164,16 +164,16 @@ class PdoMapping:
 
 def _struct_of(entries: tuple[MappedObject, ...]) -> struct.Struct | None:
     """Return the whole mapping as one struct, None if an object is not of a type and width of `_STRUCT`."""
-    kinds = ""
+    codes = ""
     for entry in entries:
-        kind = _STRUCT.get(entry.type or f"u{entry.bits}")
+        code = _STRUCT.get(entry.type or f"u{entry.bits}")
         if entry.is_dummy and entry.bits % 8 == 0:
-            kinds += f"{entry.bits // 8}x"
-        elif kind is not None and struct.calcsize(f"<{kind}") * 8 == entry.bits:
-            kinds += kind
+            codes += f"{entry.bits // 8}x"
+        elif code is not None and struct.calcsize(f"<{code}") * 8 == entry.bits:
+            codes += code
         else:
             return None
-    return struct.Struct(f"<{kinds}")
+    return struct.Struct(f"<{codes}")
 
 
 def _step(entry: MappedObject, offset: int) -> _Step:
@@ -206,7 +206,7 @@ def _step(entry: MappedObject, offset: int) -> _Step:
 
 
 def _to_bits(step: _Step, value: Value) -> int:
-    """Return the bits of one value."""
+    """Return the bits of a value."""
     if step.codec is not None:
         return int.from_bytes(step.codec.encode(value), "little")
     if step.length:
@@ -223,7 +223,7 @@ def _to_bits(step: _Step, value: Value) -> int:
 
 
 def _from_bits(step: _Step, bits: int) -> Value:
-    """Return the value of the bits of one object."""
+    """Return the value of the bits of an object."""
     if step.codec is not None:
         return step.codec.decode(bits.to_bytes(step.codec.size, "little"))
     if step.length:

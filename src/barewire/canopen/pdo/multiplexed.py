@@ -8,9 +8,9 @@
 
         mapping :00  FEh  this PDO is SAM           FFh  this PDO is DAM            its type is 254 or 255
 
-A SAM producer has a list of the objects that it sends when they change (scanner list), a SAM consumer a list of the
-objects that it takes from each producer and of where it stores them (dispatcher list). One entry of either list is a
-block of consecutive sub-indices:
+A SAM producer has a list of the objects that it sends when they change (scanner list). A SAM consumer has a list of
+the objects that it receives from each producer, and of where it stores them (dispatcher list). One entry of either list
+is a block of consecutive sub-indices:
 
         1FA0h ... 1FCFh   u32    block 1 | index 2 | sub 1
         1FD0h ... 1FFFh   u64    block 1 | own index 2 | own sub 1 | index 2 | sub 1 | node 1       (of the producer)
@@ -39,7 +39,7 @@ _SCANNER, _DISPATCHER = range(0x1FA0, 0x1FD0), range(0x1FD0, 0x2000)
 MPDO_SIZE = 8
 _DATA_SIZE = 4
 _WAITING_MAX = 32
-"""How many DAM messages may wait for the inhibit time; beyond that the oldest are dropped and counted."""
+"""How many DAM messages may wait for the inhibit time. If there are more, the oldest are dropped and counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class Mpdo:
 
     @classmethod
     def decode(cls, frame: CanFrame) -> Mpdo:
-        """Decode a frame. Raise DecodeError for a frame that has not 8 bytes, and for source address 0."""
+        """Decode a frame. Raise DecodeError for another length than 8 bytes, and for source address 0."""
         data = frame.data
         if len(data) != MPDO_SIZE or frame.remote:
             raise DecodeError(
@@ -90,7 +90,7 @@ class Mpdo:
 
 
 def scanner_list(objects: ObjectDictionary) -> list[ObjectAddress]:
-    """Return the objects of the scanner list of a dictionary in its order, each once.
+    """Return the objects of the scanner list of a dictionary, in order and each once.
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> scanner_list(ObjectDictionary([Entry(0x1FA0, 1, "scanner", "u32", "rw", 0x02_6401_01)]))
@@ -130,7 +130,7 @@ def _words(objects: ObjectDictionary, indices: range) -> Iterator[int]:
 
 
 class MpdoProducer:
-    """The messages that an MPDO of this device has to send: `next` returns the first, `sent` reports it as sent.
+    """The messages that an MPDO of this device has to send. `next` returns the first, `sent` removes it.
 
     A SAM producer sends every object of its scanner list once, then those that change. A DAM producer sends the
     messages given to `queue`. `refused` counts values longer than four bytes or not readable, and dropped messages.
@@ -148,7 +148,7 @@ class MpdoProducer:
         self._waiting: deque[bytes] = deque()
 
     def queue(self, message: Mpdo) -> None:
-        """Append a message; if too many wait, the oldest is dropped."""
+        """Append a message; drop the oldest one if too many wait."""
         data = message.pack()
         if len(self._waiting) >= _WAITING_MAX:
             self._waiting.popleft()
@@ -178,7 +178,7 @@ class MpdoProducer:
         return value
 
     def sent(self, data: bytes) -> None:
-        """Report the data of `next` as sent."""
+        """Record that the data of `next` was sent."""
         if self._waiting:
             self._waiting.popleft()
             return
@@ -199,8 +199,8 @@ class MpdoConsumer:
         self._table = dispatcher_list(objects) if addressing == "SAM" else {}
 
     def store(self, message: Mpdo) -> bool | None:
-        """Store a message. True: stored. False: it is for this device, but the object is missing or refuses the value.
-        None: it is for other nodes."""
+        """Store a message. Return True if it was stored, None if it is for other nodes, and False if it is for this
+        device but its object is missing or refuses the value."""
         if message.addressing != self.addressing:
             return None
         address: ObjectAddress | None = (message.index, message.sub)

@@ -39,14 +39,16 @@ class RemotePdo:
 
     @classmethod
     def of(cls, node: int, pdo: PdoConfig, objects: ObjectDictionary | None = None) -> Self:
-        """From a configuration, with the names and types of a dictionary.
+        """Make one from a configuration, with the names and types of a dictionary.
 
-        EncodeError if the PDO is switched off, or multiplexed: then each frame names its object (`Mpdo`).
+        Raise EncodeError if the PDO is switched off, or multiplexed: then each frame names its object (`Mpdo`).
         """
         entry = pdo.cob_entry(node)
         if pdo.multiplexed is not None:
-            what = f"{pdo.direction}{pdo.number} of node {node} is a multiplexed PDO ({pdo.multiplexed})"
-            raise EncodeError(f"{what}: it has no mapping, each frame names its object; Mpdo.decode reads one")
+            raise EncodeError(
+                f"{pdo.direction}{pdo.number} of node {node} is a multiplexed PDO ({pdo.multiplexed}): "
+                "it has no mapping, each frame names its object; Mpdo.decode reads one"
+            )
         if entry.bit31:
             raise EncodeError(f"{pdo.direction}{pdo.number} of node {node} is switched off")
         return cls(node, pdo, mapping_of(pdo, objects), (entry.identifier, entry.extended))

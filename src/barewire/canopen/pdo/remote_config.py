@@ -9,8 +9,8 @@
 
 A multiplexed PDO has FEh or FFh in step 4, no entries, and its type (254 or 255) is written first.
 
-`PdoConfigPolicy` describes devices that deviate: a mapping that cannot be changed is compared instead of written; some
-devices need the parameters before the mapping. A missing sub-index (:05, :06) is accepted if its value is 0.
+`PdoConfigPolicy` is for devices that deviate, for example because their mapping cannot be changed. A missing sub-index
+(:05, :06) is accepted if its value would be 0.
 
 If a step fails, the PDO is left off and the error reports that: half a mapping is worse than none.
 """
@@ -44,9 +44,10 @@ _LOCKED = frozenset({AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS})
 class PdoConfigPolicy(NamedTuple):
     """How the PDOs of a device are configured.
 
-    `mapping`: `variable` is written; `fixed` is compared and not written; `try` is written, and compared if the device
-    reports its mapping as read-only. `order`: type and timers are written `last`, or `first`, before the mapping.
-    `skip_equal` does not write values that the device has already, because some devices refuse that.
+    mapping      "variable": it is written; "fixed": it is compared instead; "try": it is written, and compared if
+                 the device reports it as read-only
+    order        type and timers are written "last", or "first", before the mapping
+    skip_equal   values that the device has already are not written, because some devices refuse that
     """
 
     mapping: Literal["try", "variable", "fixed"] = "try"
@@ -100,20 +101,20 @@ def write_pdo(
 def _write_pdo(
     channel: Channel, pdo: PdoConfig, entry: CobEntry, policy: PdoConfigPolicy, timeout: float
 ) -> Conversation[CanFrame, None]:
-    at = pdo.communication
+    record = pdo.communication
     # Switched off with its present identifier: some devices refuse another one in the same write.
-    before = (yield from _read(channel, at, _COB_ID, timeout, needed=True)) or 0
+    before = (yield from _read(channel, record, _COB_ID, timeout, needed=True)) or 0
     if not (policy.skip_equal and before & _OFF):
-        yield from _write(channel, at, _COB_ID, before | _OFF, 4, timeout)
+        yield from _write(channel, record, _COB_ID, before | _OFF, 4, timeout)
     try:
-        first = policy.order == "first" or pdo.multiplexed is not None
-        if first:
+        parameters_first = policy.order == "first" or pdo.multiplexed is not None
+        if parameters_first:
             yield from _write_parameters(channel, pdo, policy, timeout)
         yield from _write_mapping(channel, pdo, policy, timeout)
-        if not first:
+        if not parameters_first:
             yield from _write_parameters(channel, pdo, policy, timeout)
         if not (policy.skip_equal and entry.pack() == before | _OFF):
-            yield from _write(channel, at, _COB_ID, entry.pack(), 4, timeout)
+            yield from _write(channel, record, _COB_ID, entry.pack(), 4, timeout)
     except BarewireError as error:
         error.add_note(f"{pdo.direction}{pdo.number} of node {channel.node} is left switched off")
         raise
@@ -123,19 +124,19 @@ def _write_mapping(
     channel: Channel, pdo: PdoConfig, policy: PdoConfigPolicy, timeout: float
 ) -> Conversation[CanFrame, None]:
     if policy.skip_equal or policy.mapping == "fixed":
-        has = yield from _read_mapping(channel, pdo, timeout)
-        if has == (pdo.mapping, pdo.multiplexed):
+        present = yield from _read_mapping(channel, pdo, timeout)
+        if present == (pdo.mapping, pdo.multiplexed):
             return
         if policy.mapping == "fixed":
-            raise _other_mapping(pdo, has)
+            raise _other_mapping(pdo, present)
     try:
         yield from _write(channel, pdo.map, 0, 0, 1, timeout)
     except SdoAbort as refusal:
         if policy.mapping == "variable" or refusal.code not in _LOCKED:
             raise
-        has = yield from _read_mapping(channel, pdo, timeout)
-        if has != (pdo.mapping, pdo.multiplexed):
-            raise _other_mapping(pdo, has) from refusal
+        present = yield from _read_mapping(channel, pdo, timeout)
+        if present != (pdo.mapping, pdo.multiplexed):
+            raise _other_mapping(pdo, present) from refusal
         return
     for sub, word in enumerate(pdo.mapping, start=1):
         yield from _write(channel, pdo.map, sub, word, 4, timeout)
@@ -149,8 +150,8 @@ def _write_parameters(
     wanted = {_TYPE: pdo.type, _INHIBIT: pdo.inhibit, _EVENT_TIMER: pdo.event_timer, _SYNC_START: pdo.sync_start}
     for sub, value in wanted.items():
         if policy.skip_equal:
-            has = yield from _read(channel, pdo.communication, sub, timeout, needed=False)
-            if (has or 0) == value:
+            present = yield from _read(channel, pdo.communication, sub, timeout, needed=False)
+            if (present or 0) == value:
                 continue
         try:
             yield from _write(channel, pdo.communication, sub, value, _SIZES[sub], timeout)
@@ -192,19 +193,18 @@ def _write(
     yield from download(channel, index, sub, value.to_bytes(size, "little"), timeout=timeout)
 
 
-def _other_mapping(pdo: PdoConfig, has: _Content) -> EncodeError:
+def _other_mapping(pdo: PdoConfig, present: _Content) -> EncodeError:
     shown, wanted = (
-        kind or " ".join(f"{word:08X}" for word in words) or "nothing"
-        for words, kind in (has, (pdo.mapping, pdo.multiplexed))
+        addressing or " ".join(f"{word:08X}" for word in words) or "nothing"
+        for words, addressing in (present, (pdo.mapping, pdo.multiplexed))
     )
     return EncodeError(f"{pdo.direction}{pdo.number} maps {shown} and cannot be changed; expected {wanted}")
 
 
 def mapping_of(pdo: PdoConfig, objects: ObjectDictionary | None = None) -> PdoMapping:
-    """Return the mapping of a PDO, which packs and unpacks values by the names and types of a dictionary.
+    """Return the mapping of a PDO, with the names and types of a dictionary.
 
-    An object that the dictionary does not have, or has with another width, is named by index and sub-index and keeps
-    its bits, so the position of the objects behind it is right.
+    An object that the dictionary does not have, or has with another width, is named by index and sub-index.
 
     >>> mapping_of(PdoConfig("TPDO", 1, (0x60410010, 0x20050010))).unpack(bytes.fromhex("3706 18FC"))
     {'6041h:00': 1591, '2005h:00': 64536}

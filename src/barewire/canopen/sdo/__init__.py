@@ -1,17 +1,17 @@
-"""SDO: read and write any object of another node, with a confirmation for each.   [CiA 301, SDO]
+"""SDO: read and write the objects of another node, each with a confirmation.   [CiA 301, SDO]
 
         600h+n   client -> server          580h+n   server -> client
 
         | command | index 2 | sub 1 | 4 bytes |        8 bytes, always; numbers little-endian
 
         1 to 4 bytes         expedited: the request or the response itself has the value
-        any length           segmented: 7 bytes in a frame, each confirmed
+        any length           segmented: 7 bytes in a frame, and a confirmation for each frame
         any length, fast     block: up to 127 frames in a row for one acknowledgement, and a CRC over the whole value
 
 Files, in reading order:
 
     messages/initiate, segment, block       the messages of the three kinds of transfer
-    messages/codec         which message eight bytes are, by the state of the transfer
+    messages/codec         eight bytes <-> a message, by the state of the transfer
     dialect                how a device departs from the standard
     stream                 the bytes of a value, as they are sent or received
     block_transfer         sender and receiver of blocks, used by client and server

@@ -20,10 +20,10 @@ In a download the client is the sender, in an upload the server. Sequence number
 in when they acknowledge: at the end of a block, at its first gap, or after a silence; the sender accepts an
 acknowledgement at any time.
 
-Our receiver acknowledges the segments received in order when a block has ended. If the last segment was lost, no frame
-marks the end, so after 70 % of the time-out it acknowledges what it has; if no segment arrived at all it repeats its
-last acknowledgement, which may be what was lost. Segments out of order are ignored, before segment 1 too. A repeated
-segment with different data ends the transfer: the two sides no longer refer to the same block.
+This receiver acknowledges the segments received in order when a block has ended. If the last segment was lost, no frame
+marks the end, so after 70 % of the time-out it acknowledges the segments it has. If no segment arrived at all, it
+repeats its last acknowledgement, which may have been lost. Segments out of order are ignored, also before segment 1.
+A repeated segment with different data ends the transfer, because the two sides no longer refer to the same block.
 
 Depends on: frame data and times passed in. Used by: client (upload, download), server (transfers).
 """
@@ -40,7 +40,7 @@ from barewire.canopen.sdo.messages.segment import SEGMENT
 from barewire.canopen.sdo.stream import Incoming, Outgoing
 
 BURST = 16
-"""Segments sent before the sender listens again: an abort is noticed at most so many frames late."""
+"""Segments sent before the sender listens again, so an abort is noticed at most this many frames late."""
 FRAME = 1 + SEGMENT
 """Bytes of the frame of a segment: its number and the data."""
 FUTILE_MAX = 5
@@ -97,8 +97,8 @@ def check_blksize(blksize: int) -> int:
 class BlockSender:
     """Sends a value in blocks. A machine: acknowledgements in, frames out.
 
-    It returns at most `burst` segments at a time, and then `deadline` is now: the caller listens in between, because
-    an acknowledgement or an abort may arrive at any time.
+    It returns at most `burst` segments at a time. Until the block is sent, `deadline` is now: the caller listens
+    between the bursts, because an acknowledgement or an abort may arrive at any time.
     """
 
     __slots__ = (
@@ -131,7 +131,7 @@ class BlockSender:
         self._sent = 0
 
     def feed(self, message: ReceiverMessage | None, now: float) -> list[bytes]:
-        """Return the next frames. Raise ProtocolViolation if the receiver broke the rules or sent nothing for too long."""
+        """Return the next frames. Raise ProtocolViolation if the receiver broke the rules or its time ran out."""
         if isinstance(message, BlockEnded):
             if not self.ended:
                 raise ProtocolViolation(AbortCode.COMMAND, "the receiver ended the transfer before its end")
@@ -144,12 +144,12 @@ class BlockSender:
                 unused = len(self._block) * SEGMENT - len(self._held)
                 return [BlockEnd(unused, self._crc if self.with_crc else 0).encode()]
         if now >= self.deadline and self._sent == len(self._block):
-            what = "end" if self.ended else "block"
-            raise ProtocolViolation(AbortCode.TIMED_OUT, f"no acknowledgement of the {what} within {self._timeout:g} s")
+            part = "end" if self.ended else "block"
+            raise ProtocolViolation(AbortCode.TIMED_OUT, f"no acknowledgement of the {part} within {self._timeout:g} s")
         return self._next_burst(now)
 
     def _next_burst(self, now: float) -> list[bytes]:
-        """Return the next burst of this block; nothing if all of it is sent."""
+        """Return the next burst of this block; nothing if the whole block is sent."""
         burst = self._block[self._sent : self._sent + self._burst]
         if burst:
             self._sent += len(burst)
@@ -163,7 +163,7 @@ class BlockSender:
             if ack != self._acknowledged:
                 text = f"segment {ack.sequence} was acknowledged, but only {self._sent} were sent"
                 raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, text)
-            # The last acknowledgement again. If all of this block is sent, the receiver got nothing of it.
+            # The last acknowledgement is repeated. If all of this block is sent, the receiver has nothing of it.
             if whole:
                 self._start_over()
             return
@@ -188,7 +188,7 @@ class BlockSender:
 class BlockReceiver:
     """Receives a value in blocks. A machine: the data of frames in, acknowledgements out.
 
-    `over` is true when the whole value is in the sink; what `feed` returned then (A1) must still be sent.
+    `over` is true when the whole value is in the sink; the frame that `feed` returned with it (A1) must still be sent.
     """
 
     __slots__ = (
@@ -216,13 +216,13 @@ class BlockReceiver:
 
     @property
     def next_segment(self) -> int:
-        """The number of the next segment in order; 0 when all of them are here."""
+        """The number of the next segment in order; 0 when all of them have arrived."""
         return 0 if self.complete else len(self._parts) + 1
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
         """Return the reaction to a frame, or to time passing.
 
-        Raise ProtocolViolation when the sender broke the rules or was silent for too long.
+        Raise ProtocolViolation if the sender broke the rules or sent nothing for too long.
         """
         if data is None:
             return self._remind(now) if now >= self.deadline else []
@@ -242,7 +242,7 @@ class BlockReceiver:
         return self._acknowledge()
 
     def accept(self, data: bytes, now: float) -> bool:
-        """Return the path of nearly every frame: the next segment, inside a block. If it returns False, call `feed`."""
+        """Accept the next segment inside a block: the path of nearly every frame. If it returns False, call `feed`."""
         parts = self._parts
         number = len(parts) + 1
         if len(data) != FRAME or data[0] != number or number > self._inside:
@@ -253,13 +253,13 @@ class BlockReceiver:
         return True
 
     def _move_deadline(self, now: float) -> None:
-        """A frame arrived. The next move waits for `_STEP`, since frames arrive a thousand times a second."""
+        """Move the deadline after a frame, but not for each of the thousand frames a second: see `_STEP`."""
         self.deadline = now + self._early
         self._stale = now + self._step
         self._reminded = False
 
     def _acknowledge(self) -> list[bytes]:
-        """Acknowledge the segments in order. The last block is held until the end gives its number of unused bytes."""
+        """Acknowledge the segments in order. The last block is kept until the end gives its number of unused bytes."""
         self._strays = 0
         self._prepare_ack(len(self._parts))
         if not self.complete:
@@ -276,7 +276,7 @@ class BlockReceiver:
         self._value.add(data)
 
     def _stray(self, data: bytes) -> list[bytes]:
-        """Return a segment that is not the next one: a repeated one, or one after a gap."""
+        """Handle a segment that is not the next one: a repeated segment, or one after a gap."""
         sequence, last = data[0] & ~LAST, data[0] & LAST
         if not 1 <= sequence <= self._blksize:
             raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came: expected 1..{self._blksize}")

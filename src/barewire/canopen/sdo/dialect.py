@@ -6,7 +6,7 @@ repeats the command byte of the response (43h for 4 bytes), and send every numbe
         standard     C  40 40 60 00 00 00 00 00        S  4B 40 60 00 06 00 00 00
         sized        C  43 40 60 00 00 00 00 00        S  43 40 60 00 06 00 00 00
 
-A client speaks the dialect of its device. A server accepts both, because bits 7 to 5, which make the command, are the
+A client uses the dialect of its device. A server accepts both, because bits 7 to 5, which are the command, are the
 same; it counts the departure. The dialects of known devices, by name, are in `barewire.devices.sdo_dialects`.
 """
 
@@ -20,8 +20,8 @@ from barewire.errors import DecodeError, EncodeError, Reason
 class SdoDialect(NamedTuple):
     """One variant of SDO.
 
-    `read_commands` are pairs (size of the requested type, command byte); none means 40h for all. `lengths` is how
-    many bytes a number has: `exact`, those of its type, or `in four`, four bytes whatever its type.
+    read_commands   pairs (size of the requested type in bytes, command byte); empty: 40h for all
+    lengths         the bytes of a number: "exact", as many as its type has; "in four", always four
     """
 
     name: str
@@ -35,7 +35,7 @@ class SdoDialect(NamedTuple):
         >>> hex(STANDARD.read_command(2)), hex(sized.read_command(2)), hex(sized.read_command(None))
         ('0x40', '0x4b', '0x43')
 
-        Raises EncodeError if the dialect has no command for that size.
+        Raise EncodeError if the dialect has no command for that size.
         """
         if not self.read_commands:
             return 0x40

@@ -1,10 +1,9 @@
-"""The bytes of one transfer, taken as they are sent and passed on as they are received.
+"""The bytes of one transfer, read as they are sent and passed on as they are received.
 
         Outgoing   pieces of any length --> take(n)                      used by the sender, for segments or blocks
         Incoming   add(bytes) --> sink(bytes), counted and limited       used by the receiver
 
-Nothing is buffered but the piece being taken from. Both check the number of bytes against the announced size, if there
-is one.
+Only the present piece is buffered. Both check the number of bytes against the announced size, if there is one.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ SdoProgress = Callable[[int, int | None], object]
 
 
 def _ignore(done: int, size: int | None) -> None:
-    """The default progress callback."""
+    """Do nothing: the default progress callback."""
 
 
 class Outgoing:
@@ -32,39 +31,39 @@ class Outgoing:
     >>> value.take(5), value.exhausted, value.take(5), value.exhausted
     (b'abcde', False, b'fg', True)
 
-    Raises EncodeError if the pieces are more or fewer bytes than `size`.
+    Raises EncodeError if the pieces have more or fewer bytes than `size`.
     """
 
-    __slots__ = ("_at", "_piece", "_pieces", "_progress", "_size", "taken")
+    __slots__ = ("_offset", "_piece", "_pieces", "_progress", "_size", "taken")
 
     def __init__(self, pieces: Iterable[bytes], size: int | None, progress: SdoProgress | None = None) -> None:
         self._pieces = iter(pieces)
         self._piece = memoryview(b"")
-        self._at = 0
+        self._offset = 0
         self._size = size
         self._progress = progress or _ignore
         self.taken = 0
 
     @property
     def exhausted(self) -> bool:
-        """Whether all bytes are taken. Fetches the next piece when the present one is used up."""
-        while self._at == len(self._piece):
+        """Whether all bytes are taken. It fetches the next piece when the present one is used up."""
+        while self._offset == len(self._piece):
             piece = next(self._pieces, None)
             if piece is None:
                 if self._size is not None and self.taken < self._size:
                     raise EncodeError(f"{self._size} bytes were announced, the data ends after {self.taken}")
                 return True
-            self._piece, self._at = memoryview(piece), 0
+            self._piece, self._offset = memoryview(piece), 0
         return False
 
     def take(self, count: int) -> bytes:
         """Return the next `count` bytes; fewer only at the end."""
         parts = []
         while count > 0 and not self.exhausted:
-            part = self._piece[self._at : self._at + count]
+            part = self._piece[self._offset : self._offset + count]
             parts.append(part)
             count -= len(part)
-            self._at += len(part)
+            self._offset += len(part)
             self.taken += len(part)
         if self._size is not None and self.taken > self._size:
             raise EncodeError(f"{self._size} bytes were announced, the data goes on")
@@ -113,6 +112,6 @@ class Incoming:
         self._progress(self.count, self._size)
 
     def end(self) -> None:
-        """Check the size: all bytes have been received."""
+        """Check the size, because all bytes have been received."""
         if self._size is not None and self.count < self._size:
             raise ProtocolViolation(AbortCode.TOO_SHORT, f"{self._size} bytes announced, {self.count} came")

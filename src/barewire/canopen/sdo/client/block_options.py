@@ -15,9 +15,10 @@ _WORTH_IT = 28
 class BlockSettings(NamedTuple):
     """Options of a block transfer; `block=True` stands for the defaults.
 
-    `size` is the number of segments in a block of an upload, 1 to 127; in a download the server decides. `crc` offers
-    a CRC. `switch` is the protocol switch threshold: the server may send a value of at most so many bytes as an
-    ordinary upload. `falls_back` continues in segments if the server has no block transfer.
+    size         segments in a block of an upload, 1 to 127; in a download the server decides
+    crc          offer a CRC
+    switch       protocol switch threshold: the server may send values of at most this many bytes without blocks
+    falls_back   continue in segments if the server has no block transfer
     """
 
     size: int = BLOCK_MAX
@@ -27,8 +28,8 @@ class BlockSettings(NamedTuple):
 
 
 BlockMode: TypeAlias = BlockSettings | bool | Literal["auto"]
-"""`True` requests blocks, `False` does not; `"auto"` does for values longer than 28 bytes or of unknown length, until
-the server has refused a block transfer."""
+"""True requests blocks, False does not. "auto" requests them for values longer than 28 bytes or of unknown length,
+until the server has refused a block transfer."""
 
 
 def block_options(mode: BlockMode, channel: Channel, length: int | None = None) -> BlockSettings | None:

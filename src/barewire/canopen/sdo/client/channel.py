@@ -6,11 +6,10 @@
 A device may have further servers with their own channels; objects 1201h to 127Fh give their identifiers (`cob_ids`).
 
 Frames that are not the response to the present request are normal, and counted in `ChannelCounters`. A bus that passes
-a channel only its own frames gives it a `node_monitor`, from which a time-out is explained with what the node sent
-before.
+a channel only its own frames gives it a `node_monitor`, which explains a time-out by what the node sent before.
 
-After a time-out the channel waits until `quiet_until`, one more time-out, before the next request, so that a late
-response is not taken for the response to that one.
+After a time-out the channel waits for one more time-out, until `quiet_until`, before the next request, so that a late
+response is not mistaken for the response to that request.
 
 Depends on: messages, times passed in. Used by: transfers, the CAN bus, which keeps one for each node.
 """
@@ -31,36 +30,36 @@ from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import DecodeError, EncodeError
 
 _BACKLOG = 0.1
-"""Seconds that reading the waiting frames may take at most, on a bus that is never silent."""
+"""Seconds that reading the waiting frames may take at most: a busy bus is never silent."""
 
 _PAST = float("-inf")
 
 
 @dataclass(slots=True)
 class ChannelCounters:
-    """Counts of the frames that a client received while it waited; they explain a time-out."""
+    """Counts of the frames that a client received while it waited for a response. They explain a time-out."""
 
-    answers: int = 0  # frames on the response identifier of this channel
+    responses: int = 0  # frames on the response identifier of this channel
     others: int = 0  # frames on other identifiers
-    signs: int = 0  # of these: sent by the node of this channel
-    late: int = 0  # of `answers`: responses to an earlier request
-    garbled: int = 0  # of `answers`: cannot be decoded
-    short: int = 0  # of `answers`: decoded, with fewer than 8 bytes
-    unsized: int = 0  # of `answers`: 42h, a value without its size
+    signs: int = 0  # of `others`: sent by the node of this channel
+    late: int = 0  # of `responses`: responses to an earlier request
+    garbled: int = 0  # of `responses`: cannot be decoded
+    short: int = 0  # of `responses`: decoded, with fewer than 8 bytes
+    unsized: int = 0  # of `responses`: 42h, a value without its size
     extended: int = 0  # extended frames with the number of the response identifier
     state: NodeState | None = None  # the last heartbeat of the node
 
     @property
     def frames(self) -> int:
         """All frames received."""
-        return self.answers + self.others
+        return self.responses + self.others
 
     @property
     def from_node(self) -> int:
         """Frames from the node, on any of its identifiers."""
-        return self.answers + self.signs
+        return self.responses + self.signs
 
-    def explain(self, node: int, answer_id: int) -> str:
+    def explain(self, node: int, response_id: int) -> str:
         """Return the counters as one sentence."""
         if not self.frames:
             return "no frame was received on the bus"
@@ -68,14 +67,14 @@ class ChannelCounters:
         if self.state is not None:
             stopped = ", and a stopped node answers no SDO" if self.state.state == NmtState.STOPPED else ""
             parts.append(f"its heartbeat reports {self.state.name}{stopped}")
-        parts.append(f"{self.answers or 'none'} on {answer_id:03X}h")
+        parts.append(f"{self.responses or 'none'} on {response_id:03X}h")
         parts += self.oddities()
         if self.extended:
-            parts.append(f"{_count(self.extended, 'extended frame')} {answer_id:08X}h, which is another identifier")
+            parts.append(f"{_count(self.extended, 'extended frame')} {response_id:08X}h, which is another identifier")
         return ", ".join(parts)
 
     def oddities(self) -> list[str]:
-        """Return what arrived on the channel itself and was not the response."""
+        """Return the irregular frames on the channel itself, in words."""
         parts = []
         if self.late:
             parts.append(f"{_count(self.late, 'response')} to another request")
@@ -84,7 +83,7 @@ class ChannelCounters:
         return parts
 
     def add(self, other: ChannelCounters) -> None:
-        """Add the counters of `other`, and take over its state, which is the later one."""
+        """Add the counters of `other`, and adopt its state, which is the later one."""
         for name in _COUNTERS:
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.state = other.state
@@ -100,18 +99,16 @@ def _count(number: int, noun: str) -> str:
 class Channel:
     """The client's end of one SDO channel.
 
-    Keep one for each node and pass it to every transfer: it records that the last one timed out. `counters` counts
-    during the present transfer, `total` has the sums of the ones before.
+    Keep one for each node and pass it to every transfer, because it records whether the last transfer timed out.
+    `counters` counts during the present transfer, `total` is the sum of the transfers before.
 
     >>> channel = Channel(5)
-    >>> f"{channel.request_id:X}h {channel.answer_id:X}h"
+    >>> f"{channel.request_id:X}h {channel.response_id:X}h"
     '605h 585h'
     """
 
     __slots__ = (
         "_mark",
-        "answer_extended",
-        "answer_id",
         "blocks",
         "busy",
         "counters",
@@ -121,6 +118,8 @@ class Channel:
         "quiet_until",
         "request_extended",
         "request_id",
+        "response_extended",
+        "response_id",
         "total",
     )
 
@@ -135,14 +134,14 @@ class Channel:
         self.node = node
         self.dialect = dialect
         self.request_id = cob_id("SDO request", node)
-        self.answer_id = cob_id("SDO answer", node)
-        self.request_extended = self.answer_extended = False
+        self.response_id = cob_id("SDO answer", node)
+        self.request_extended = self.response_extended = False
         if cob_ids is not None:
             self.request_id, self.request_extended = cob_ids[0][:2]
-            self.answer_id, self.answer_extended = cob_ids[1][:2]
+            self.response_id, self.response_extended = cob_ids[1][:2]
         self.node_monitor = node_monitor
         self._mark: TrafficMark | None = None
-        self.blocks = True  # False once the server has refused: then `block="auto"` does not ask again
+        self.blocks = True  # False after the server has refused blocks: `block="auto"` does not request them again
         self.quiet_until: float | None = None
         self.busy = False
         self.counters = ChannelCounters()
@@ -150,14 +149,14 @@ class Channel:
 
     def receive(self, frame: CanFrame) -> bytes | None:
         """Count a frame, and return its data if it is on the response identifier."""
-        if frame.id != self.answer_id or frame.extended != self.answer_extended or frame.remote:
+        if frame.id != self.response_id or frame.extended != self.response_extended or frame.remote:
             self._count_other(frame)
             return None
-        self.counters.answers += 1
+        self.counters.responses += 1
         return frame.data
 
     def decode(self, data: bytes, wanted: tuple[type[M], ...]) -> M | None:
-        """Return the message, if it is of a wanted kind; otherwise None, counted as late or garbled."""
+        """Return the message if it is of a wanted kind. Otherwise count it as late or garbled, and return None."""
         counters = self.counters
         try:
             message = decode_one_of(data, wanted)
@@ -173,7 +172,7 @@ class Channel:
 
     def _count_other(self, frame: CanFrame) -> None:
         self.counters.others += 1
-        self.counters.extended += frame.extended and not self.answer_extended and frame.id == self.answer_id
+        self.counters.extended += frame.extended and not self.response_extended and frame.id == self.response_id
         owner = classify(frame)
         if owner is None or owner[1] != self.node or not owner[0].from_device or frame.remote:
             return
@@ -181,28 +180,28 @@ class Channel:
         if owner[0].name == "error control" and frame.data:
             self.counters.state = NodeState.decode(frame)
 
-    def begin(self, what: str) -> None:
-        """Begin a transfer: the counters go into `total` and restart; the last heartbeat remains.
+    def begin(self, place: str) -> None:
+        """Begin a transfer: add the counters to `total` and restart them; the last heartbeat remains.
 
         Raise EncodeError while another transfer runs.
         """
         if self.busy:
-            raise EncodeError(f"{what} must wait: the SDO channel to node {self.node} carries one transfer at a time")
+            raise EncodeError(f"{place} must wait: the SDO channel to node {self.node} carries one transfer at a time")
         self.total.add(self.counters)
         self.counters = ChannelCounters(state=self.counters.state)
-        self._mark = None if self.node_monitor is None else self.node_monitor.mark(self.answer_id)
+        self._mark = None if self.node_monitor is None else self.node_monitor.mark(self.response_id)
         self.busy = True
 
     def explain(self, now: float) -> str:
-        """Return the received frames in words, as an explanation of why there was no response."""
+        """Return a sentence on the received frames, which explains why there was no response."""
         if self.node_monitor is None or self._mark is None:
-            return self.counters.explain(self.node, self.answer_id)
-        monitor, answers = self.node_monitor, self.counters.answers
-        text = monitor.explain_silence(self.node, self.answer_id, self._mark, now, answers=answers)
+            return self.counters.explain(self.node, self.response_id)
+        monitor, count = self.node_monitor, self.counters.responses
+        text = monitor.explain_silence(self.node, self.response_id, self._mark, now, responses=count)
         return ", ".join([text, *self.counters.oddities()])
 
     def settle(self) -> Conversation[CanFrame, None]:
-        """Before a transfer: discard the frames that wait, and after a time-out those that come until `quiet_until`."""
+        """Discard the frames that wait; after a time-out, also those that arrive until `quiet_until`."""
         quiet = _PAST if self.quiet_until is None else self.quiet_until
         end: float | None = None
         while True:

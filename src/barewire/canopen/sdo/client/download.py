@@ -50,19 +50,24 @@ def download(
 ) -> Conversation[CanFrame, None]:
     """Write `data`, little-endian, to object `index`:`sub`.
 
-    1 to 4 bytes are sent in one frame, more (or none) in segments, or in blocks as set by `block`. `data` may also be
-    an iterable of pieces, taken as they are sent; then `size` is their total, if it is known. With `indicated` false
-    the request does not state the size: of four bytes the server takes as many low ones as its object has (22h), of
-    segments as many as arrive. `timeout` in seconds applies to each response.
+        data        1 to 4 bytes are sent in one frame, more (or none) in segments or blocks; it may also be an iterable
+                    of pieces, which are read as they are sent
+        timeout     seconds to wait for each response
+        size        the sum of the pieces in bytes, if it is known
+        indicated   False: the request does not state the size; of four bytes the server uses as many low ones as its
+                    object has (22h), of segments as many as arrive
+        dialect     the SDO dialect of the server
+        block       request a block transfer, which is several times faster for long values
+        progress    called with the number of bytes so far and their total, None if it is unknown
 
-    The request is never repeated: after NoAnswer it is unknown whether the server took the value.
+    The request is never repeated: after NoAnswer it is unknown whether the server has written the value.
 
     >>> from barewire.conversation import play
     >>> server = lambda frame, now: [(now + 0.001, CanFrame.parse("585#6040600000000000"))]
     >>> play(download(5, 0x6040, 0, b"\\x0f\\x00"), server)
     (None, 0.001)
 
-    Raises EncodeError at once for arguments that cannot be encoded; in the conversation SdoAbort and NoAnswer, and
+    Raise EncodeError at once for arguments that cannot be encoded; in the conversation SdoAbort and NoAnswer, and
     EncodeError if the pieces are not `size` bytes.
     """
     channel = channel_to(node, dialect)
@@ -70,8 +75,8 @@ def download(
     if isinstance(data, str):
         raise EncodeError(f"{data!r} is text: an object takes bytes, or pieces of bytes")
     if not isinstance(data, Iterable):
-        what = "an object takes bytes, as many as its type has, such as (1500).to_bytes(4, 'little')"
-        raise EncodeError(f"{data!r} is not bytes: {what}")
+        expected = "an object takes bytes, as many as its type has, such as (1500).to_bytes(4, 'little')"
+        raise EncodeError(f"{data!r} is not bytes: {expected}")
     if isinstance(data, (bytes, bytearray, memoryview)):
         whole = bytes(data)
         options = block_options(block, channel, len(whole))
@@ -117,27 +122,27 @@ def _in_blocks(
 ) -> Conversation[CanFrame, None]:
     initiate = InitiateBlockDownload(request.index, request.sub, request.size, options.crc)
     try:
-        answer = yield from transfer.request(initiate, (BlockDownloadInitiated,))
+        response = yield from transfer.request(initiate, (BlockDownloadInitiated,))
     except SdoAbort as refusal:
         if not options.falls_back or refusal.code != AbortCode.COMMAND:
             raise
         transfer.channel.blocks = False
         return (yield from _in_segments(transfer, request, value))
-    crc = options.crc and answer.crc
-    sender = BlockSender(value, answer.blksize, crc=crc, timeout=transfer.timeout, burst=BURST, now=transfer.now)
+    crc = options.crc and response.crc
+    sender = BlockSender(value, response.blksize, crc=crc, timeout=transfer.timeout, burst=BURST, now=transfer.now)
     frames = sender.feed(None, transfer.now)
     while not sender.over:
         if frames:
             sent: Heard[CanFrame] = yield transfer.send_all(frames)
             transfer.now = sent.now
         transfer.until = transfer.now + transfer.timeout
-        # In the middle of a block the deadline is now: take a waiting frame, and go on.
+        # In the middle of a block the deadline is now: read a waiting frame if there is one, and go on.
         heard: Heard[CanFrame] = yield Listen(sender.deadline)
         transfer.now = heard.now
         try:
             data = None if heard.item is None else transfer.receive(heard.item)
         except SdoAbort:
-            # The server may take the segments still in transit for requests, and respond to them.
+            # The server may mistake the segments still in transit for requests, and respond to them.
             transfer.channel.quiet_until = heard.now + transfer.timeout
             raise
         message = None if data is None else transfer.channel.decode(data, RECEIVER_MESSAGES)

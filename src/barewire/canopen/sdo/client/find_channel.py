@@ -3,7 +3,7 @@
         1200h          the default server: 600h + node, 580h + node
         1201h ... 127Fh, server 2 ... 128:      01  COB-ID client -> server     02  COB-ID server -> client
 
-Bit 31 of either COB-ID: the channel is not in use.
+If bit 31 of either COB-ID is set, the channel is not in use.
 """
 
 from __future__ import annotations

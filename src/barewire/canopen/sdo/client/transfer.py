@@ -1,4 +1,4 @@
-"""One transfer of a client: requests, responses, and an end that the server learns of.
+"""One transfer of a client: requests, responses, and an end that is reported to the server.
 
         response  request -> ... -> a response of a wanted kind, about the same object          `request`
         refused   an abort arrived, whatever object it names                                    SdoAbort
@@ -8,9 +8,9 @@
 
 A request is never repeated automatically: after a time-out it is unknown whether the first one arrived.
 
-A server that aborts because it is out of step (0503 0000h, 0504 0000h, 0504 0001h, 0504 0003h) received something that
-the client did not intend, a frame twice perhaps, and may respond to that too. So the channel is quiet for a time before
-the next transfer, as after a time-out, or this response would confirm it.
+A server that aborts because it is out of step (0503 0000h, 0504 0000h, 0504 0001h, 0504 0003h) has received something
+unintended, perhaps a frame twice, and may respond to that too. So the channel is quiet for a time before the next
+transfer, as after a time-out; otherwise this response could confirm the next request.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _OUT_OF_STEP = frozenset({AbortCode.COMMAND, AbortCode.TOGGLE, AbortCode.SEQUENC
 
 
 class ClientTransfer:
-    """One transfer on a channel. `until` is when the present wait ends, None before the first request; `now` is the
+    """One transfer on a channel. `until` is the end of the present wait, None before the first request; `now` is the
     time of the last frame sent or received."""
 
     __slots__ = ("channel", "index", "now", "sub", "timeout", "until", "verb")
@@ -72,21 +72,21 @@ class ClientTransfer:
         except GeneratorExit:
             raise  # the conversation is closed: nothing can be sent any more
         except BaseException:
-            # Abandoned, or the caller's data or sink failed (with Ctrl-C, too). The server must not be left waiting.
+            # Abandoned, or the caller's data or sink failed (also by Ctrl-C). The server must not be left waiting.
             yield from self._abort(AbortCode.GENERAL)
             raise
         finally:
             channel.busy = False
 
     def _abort(self, code: AbortCode) -> Conversation[CanFrame, None]:
-        """Send an abort; `quiet_until` keeps late responses away from the next request."""
+        """Send an abort, and set `quiet_until` so that late responses do not reach the next transfer."""
         if self.until is not None:
             self.channel.quiet_until = self.now + self.timeout
             yield self.send(Abort(self.index, self.sub, code).encode())
 
     def _explain(self) -> str:
-        what = f"node {self.channel.node} did not answer the {self.verb} of {self} within {self.timeout:g} s"
-        return f"{what}: {self.channel.explain(self.now)}"
+        text = f"node {self.channel.node} did not answer the {self.verb} of {self} within {self.timeout:g} s"
+        return f"{text}: {self.channel.explain(self.now)}"
 
     def send(self, data: bytes) -> Send[CanFrame]:
         """Send eight bytes to the server."""
@@ -97,7 +97,7 @@ class ClientTransfer:
         return SendAll(CanFrame.each(self.channel.request_id, every, self.channel.request_extended))
 
     def send_request(self, data: bytes) -> Conversation[CanFrame, None]:
-        """Send; the time-out for the response starts then."""
+        """Send a request; its time-out starts when it is sent."""
         sent: Heard[CanFrame] = yield self.send(data)
         self.now = sent.now
         self.until = sent.now + self.timeout
@@ -115,18 +115,18 @@ class ClientTransfer:
             self.now = heard.now
             if heard.item is not None:
                 data = self.receive(heard.item)
-                answer = None if data is None else channel.decode(data, wanted)
-                if answer is not None:
-                    if self._concerns_object(answer):
-                        return answer
+                response = None if data is None else channel.decode(data, wanted)
+                if response is not None:
+                    if self._concerns_object(response):
+                        return response
                     channel.counters.late += 1
-            # Checked after frames, too: a bus that is never silent must not extend the time-out.
+            # Checked after frames too, because a busy bus must not extend the time-out.
             if heard.now >= until:
-                raise ProtocolViolation(AbortCode.TIMED_OUT, "no answer")
+                raise ProtocolViolation(AbortCode.TIMED_OUT, "no response")
 
-    def _concerns_object(self, answer: object) -> bool:
+    def _concerns_object(self, response: object) -> bool:
         """Return whether a response names the object of this transfer, or none."""
-        return (getattr(answer, "index", self.index), getattr(answer, "sub", self.sub)) == (self.index, self.sub)
+        return (getattr(response, "index", self.index), getattr(response, "sub", self.sub)) == (self.index, self.sub)
 
     def receive(self, frame: CanFrame) -> bytes | None:
         """Return the data of a frame on this channel, None for other frames. Raise SdoAbort for an abort."""
@@ -134,7 +134,7 @@ class ClientTransfer:
         return self.check_abort(data) if data and data[0] == ABORT else data
 
     def check_abort(self, data: bytes) -> bytes | None:
-        """Raise SdoAbort if the data is an abort. An abort that cannot be decoded is counted and ignored: None."""
+        """Raise SdoAbort if the data is an abort. Return None for an abort that cannot be decoded, which is counted."""
         if data and data[0] == ABORT:
             try:
                 abort = Abort.decode(data)

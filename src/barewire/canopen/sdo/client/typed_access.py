@@ -3,7 +3,7 @@
         "speed"  --find-->  60FFh:00 i32        DC 05 00 00  <--encode--  1500        write_object
                                                 DC 05 00 00  --decode-->  1500        read_object
 
-The dictionary may be your own, or come from an EDS. The device checks access rights and limits, and refuses by abort
+The dictionary may be your own, or come from an EDS. The device checks access rights and limits, and refuses by an abort
 code. Only a value that the type cannot have is refused here, before anything is sent.
 """
 
@@ -27,7 +27,7 @@ def read_object(
     dialect: SdoDialect | None = None,
     block: BlockMode = False,
 ) -> Conversation[CanFrame, Value]:
-    """Return the value of an object: by name, by index, or by (index, sub-index).
+    """Read the value of an object, given by its name, its index, or (index, sub-index).
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> from barewire.conversation import play
@@ -36,7 +36,7 @@ def read_object(
     >>> play(read_object(5, objects, "speed"), server)
     (-1500, 0.001)
 
-    Raises EncodeError for an object that the dictionary does not have; in the conversation SdoAbort, NoAnswer, and
+    Raise EncodeError for an object that the dictionary does not have; in the conversation SdoAbort, NoAnswer, and
     DecodeError for bytes that are not a value of the type.
     """
     entry = objects.at(place)

@@ -50,21 +50,24 @@ def upload(
 ) -> Conversation[CanFrame, bytes]:
     """Read the bytes of object `index`:`sub`, little-endian as received, as many as the server indicated.
 
-    `size` is the number of bytes that the type of the object has, if known. It matters for two kinds of
-    servers: those whose dialect requests an object by its size, and those that respond with 42h, four bytes without
-    their number. Then the low `size` bytes are the value, or all four if the size is unknown, and
-    `Channel.counters.unsized` counts it. A size that the server indicated is never changed here: see `fit`.
+        timeout    seconds to wait for each response
+        size       bytes of the object's type, if known; used if the dialect requests an object by its size, and if the
+                   server responds with 42h, four bytes without their number: the low `size` bytes are then the value
+        dialect    the SDO dialect of the server
+        block      request a block transfer, which is several times faster for long values; with "auto" the server
+                   decides by the length
+        limit      a longer value, in bytes, is refused; None: no limit
+        progress   called with the number of bytes so far and their total, None if it is unknown
 
-    `block` requests a block transfer, which is several times faster with long values; with `"auto"` the server decides
-    by the length. A value longer than `limit` bytes is refused; `upload_to` has no limit. `timeout` in seconds applies
-    to each response.
+    A size that the server indicated is never changed here, see `fit`. Responses with 42h are counted in
+    `Channel.counters.unsized`.
 
     >>> from barewire.conversation import play
     >>> server = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
     >>> play(upload(5, 0x6041), server)
     (b'7\\x06', 0.001)
 
-    Raises EncodeError at once for arguments that cannot be encoded; in the conversation SdoAbort and NoAnswer.
+    Raise EncodeError at once for arguments that cannot be encoded; in the conversation SdoAbort and NoAnswer.
     """
     parts: list[bytes] = []
     count = upload_to(
@@ -100,7 +103,7 @@ def upload_to(
     limit: int | None = None,
     progress: SdoProgress | None = None,
 ) -> Conversation[CanFrame, int]:
-    """As `upload`, but each part goes to `sink` as it arrives; the result is the number of bytes.
+    """Read an object as `upload` does, but pass each part to `sink` as it arrives; return the number of bytes.
 
     The value is valid only when the conversation has returned: size and CRC are checked at the end.
 
@@ -131,19 +134,19 @@ def _upload(
     options: BlockSettings | None,
     incoming: Callable[[int | None], Incoming],
 ) -> Conversation[CanFrame, int]:
-    answer: BlockUploadResponse
+    response: BlockUploadResponse
     if options is None:
-        answer = yield from transfer.request(request, UPLOAD_RESPONSES)
+        response = yield from transfer.request(request, UPLOAD_RESPONSES)
     else:
-        answer = yield from _request_blocks(transfer, request, options)
-    if isinstance(answer, ExpeditedUpload):
-        data = answer.data if answer.indicated or size is None else answer.data[:size]
+        response = yield from _request_blocks(transfer, request, options)
+    if isinstance(response, ExpeditedUpload):
+        data = response.data if response.indicated or size is None else response.data[:size]
         value = incoming(len(data))
         value.add(data)
         return value.count
-    value = incoming(answer.size)
-    if isinstance(answer, BlockUploadInitiated) and options is not None:
-        crc = options.crc and answer.crc
+    value = incoming(response.size)
+    if isinstance(response, BlockUploadInitiated) and options is not None:
+        crc = options.crc and response.crc
         yield from _in_blocks(transfer, options, crc, value)
     else:
         yield from _in_segments(transfer, value)
@@ -153,21 +156,21 @@ def _upload(
 def _request_blocks(
     transfer: ClientTransfer, request: InitiateUpload, options: BlockSettings
 ) -> Conversation[CanFrame, BlockUploadResponse]:
-    """Request blocks. A server without them sends an abort, or the response to an ordinary upload."""
+    """Request blocks. A server without block transfers sends an abort, or the response to an ordinary upload."""
     index, sub = request.index, request.sub
     initiate = InitiateBlockUpload(index, sub, options.size, options.switch, options.crc)
     try:
-        answer = yield from transfer.request(initiate, BLOCK_UPLOAD_RESPONSES)
+        response = yield from transfer.request(initiate, BLOCK_UPLOAD_RESPONSES)
     except SdoAbort as refusal:
         if not options.falls_back or refusal.code != AbortCode.COMMAND:
             raise
         transfer.channel.blocks = False
         return (yield from transfer.request(request, UPLOAD_RESPONSES))
-    if not isinstance(answer, BlockUploadInitiated) and not options.falls_back:
-        announced = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
+    if not isinstance(response, BlockUploadInitiated) and not options.falls_back:
+        announced = len(response.data) if isinstance(response, ExpeditedUpload) else response.size
         if announced is None or announced > options.switch:
             raise ProtocolViolation(AbortCode.COMMAND, "an ordinary upload came instead of the requested blocks")
-    return answer
+    return response
 
 
 def _in_segments(transfer: ClientTransfer, value: Incoming) -> Conversation[CanFrame, None]:
@@ -192,7 +195,7 @@ def _in_blocks(
 ) -> Conversation[CanFrame, None]:
     yield from transfer.send_request(StartBlockUpload().encode())
     channel = transfer.channel
-    identifier, extended = channel.answer_id, channel.answer_extended
+    identifier, extended = channel.response_id, channel.response_extended
     receiver = BlockReceiver(value, options.size, crc=crc, timeout=transfer.timeout, now=transfer.now)
     accept, accepted = receiver.accept, 0
     listen = Listen(receiver.deadline)
@@ -220,13 +223,13 @@ def _in_blocks(
                 listen = Listen(receiver.deadline)
     finally:
         transfer.now = max(transfer.now, heard.now)
-        channel.counters.answers += accepted
+        channel.counters.responses += accepted
 
 
 def _padded(transfer: ClientTransfer, data: bytes) -> bytes | None:
-    """Return a frame that is shorter than a segment: an abort, or a segment without its trailing zeros.
+    """Pad a segment that a device has sent without its trailing zeros. Raise SdoAbort if the frame is an abort.
 
-    None for a frame without data, or an abort that cannot be decoded.
+    Return None for a frame without data, or an abort that cannot be decoded.
     """
     if not data:
         transfer.channel.counters.garbled += 1

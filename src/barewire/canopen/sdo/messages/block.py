@@ -17,8 +17,8 @@
         BlockEnd               110n nn-1    ->                                             C1 C5 ... DD
                                             <-    BlockEnded              101- --01        A1
 
-In a download the client is the sender, in an upload the server. Inside a block 80h is an abort as everywhere: there
-is no segment 0. A segment does not state how many of its bytes are data: BlockEnd does, for the last one.
+In a download the client is the sender, in an upload the server. There is no segment 0, so 80h is an abort inside a
+block too. A segment does not state how many of its bytes are data; BlockEnd states it for the last segment.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ def _check_blksize(blksize: int) -> None:
         raise EncodeError(f"{blksize} segments in a block: expected 1..{BLOCK_MAX}")
 
 
-def _byte(data: bytes, at: int, name: str) -> int:
-    if len(data) <= at:
-        raise DecodeError("short", data, len(data), f"{name} is byte {at}, but there are only {len(data)}")
-    return data[at]
+def _byte(data: bytes, offset: int, name: str) -> int:
+    if len(data) <= offset:
+        raise DecodeError("short", data, len(data), f"{name} is byte {offset}, but there are only {len(data)}")
+    return data[offset]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class InitiateBlockDownload:
 
 @dataclass(frozen=True, slots=True)
 class BlockUploadInitiated(InitiateBlockDownload):
-    """The server will send a value in blocks, after StartBlockUpload. The same bytes as the request of a download.
+    """The server will send a value in blocks, after StartBlockUpload. Its bytes are those of the request of a download.
 
         110- -cs0 | index 2 | sub 1 | size 4
 
@@ -123,8 +123,7 @@ class InitiateBlockUpload:
 
         101- -c00 | index 2 | sub 1 | blksize 1 | switch 1 | reserved 2
 
-    `switch` is the protocol switch threshold: a value of at most so many bytes may be sent as an ordinary upload;
-    0 means never.
+    `switch` is the protocol switch threshold: a value of at most this many bytes may be sent as an ordinary upload.
 
     >>> InitiateBlockUpload(0x1008, 0, 20).encode().hex(" ")
     'a4 08 10 00 14 00 00 00'

@@ -1,10 +1,10 @@
-"""Which message eight bytes are: that depends on the state of the transfer.
+"""Decodes eight bytes as a message, which depends on the state of the transfer.
 
         C1 34 12 ...      the end of a block transfer    if the last segment is acknowledged
                           segment 41h, the last          inside a block
                           not a valid message            outside a transfer
 
-So `decode_one_of` takes the message kinds that are possible now. The tuples below are such states.
+So `decode_one_of` takes the message types that are possible now. The tuples below are such states.
 """
 
 from __future__ import annotations
@@ -76,19 +76,19 @@ RECEIVER_MESSAGES: tuple[type[ReceiverMessage], ...] = (BlockAck, BlockEnded)
 _LATE = (SdoSegment, SegmentTaken, BlockAck, BlockEnd, BlockEnded)
 
 
-def decode_one_of(data: bytes, kinds: tuple[type[M], ...]) -> M:
-    """Decode the bytes as the one of these message kinds that they are.
+def decode_one_of(data: bytes, types: tuple[type[M], ...]) -> M:
+    """Decode the bytes as a message of one of these types.
 
     >>> decode_one_of(bytes.fromhex("A2 02 7F 00 00 00 00 00"), RECEIVER_MESSAGES)
     BlockAck(sequence=2, blksize=127)
 
-    Raises DecodeError("short") if bytes are missing and ("function") if they are no SDO message.
+    Raise DecodeError("short") if bytes are missing, and ("function") if the message is not of these types.
     """
     if not data:
         raise DecodeError("short", data, 0, "the command is byte 0, but there are none")
-    for kind in kinds:
-        if kind.pattern.matches(data[0]):
-            return kind.decode(data)
+    for type in types:
+        if type.pattern.matches(data[0]):
+            return type.decode(data)
     raise DecodeError("function", data, 0, f"command {data[0]:02X}h is not possible here")
 
 
@@ -98,7 +98,7 @@ def decode_sdo_request(data: bytes) -> SdoRequest:
     >>> decode_sdo_request(bytes.fromhex("2B40 6000 0F00 0000"))
     ExpeditedDownload(index=24640, sub=0, data=b'\\x0f\\x00', indicated=True)
 
-    Raises DecodeError as `decode_one_of` does.
+    Raise DecodeError as `decode_one_of` does.
     """
     return decode_one_of(data, _INITIATE_REQUESTS)
 
@@ -109,20 +109,20 @@ def decode_sdo_response(data: bytes) -> SdoResponse:
     >>> decode_sdo_response(bytes.fromhex("4B41 6000 3706"))
     ExpeditedUpload(index=24641, sub=0, data=b'7\\x06', indicated=True)
 
-    Raises DecodeError as `decode_one_of` does.
+    Raise DecodeError as `decode_one_of` does.
     """
     return decode_one_of(data, _INITIATE_RESPONSES)
 
 
 def is_any_response(data: bytes) -> bool:
-    """Return whether these bytes are a response in any state of a transfer; if none was expected now, a late one.
+    """Return whether these bytes are a response in any state of a transfer. An unexpected response is a late one.
 
     >>> is_any_response(BlockEnded().encode()), is_any_response(bytes.fromhex("E0 00 00 00 00 00 00 00"))
     (True, False)
     """
-    for kinds in (_INITIATE_RESPONSES, _LATE):
+    for types in (_INITIATE_RESPONSES, _LATE):
         try:
-            decode_one_of(data, kinds)
+            decode_one_of(data, types)
         except DecodeError:
             continue
         return True

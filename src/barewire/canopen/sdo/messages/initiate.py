@@ -44,7 +44,7 @@ def _check_expedited(data: bytes, indicated: bool) -> None:
     if not 1 <= len(data) <= 4:
         raise EncodeError(f"{len(data)} bytes do not fit an expedited transfer: it carries 1 to 4")
     if not indicated and len(data) != 4:
-        raise EncodeError("without an indicated size all 4 bytes travel: give 4")
+        raise EncodeError("without an indicated size all 4 bytes are sent: expected 4")
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +235,7 @@ class Abort:
     >>> Abort(0x6041, 0, 0x06020000).encode().hex(" ")
     '80 41 60 00 00 00 02 06'
 
-    The only message whose reserved bits are not ignored: 81h to 9Fh are last segments of a block, perhaps late ones.
+    Its low bits are not ignored, unlike those of other messages: 81h to 9Fh are last segments of a block, perhaps late.
     """
 
     index: int
@@ -265,7 +265,7 @@ def has_reserved_bits(pattern: BitPattern, command: int) -> bool:
 
 
 def _expedited(pattern: BitPattern, data: bytes) -> tuple[bytes, bool]:
-    """(value, indicated) of an expedited message. n is valid only if s is set; without s all four bytes are kept."""
+    """Return (value, indicated) of an expedited message: n is valid only if s is set, else all four bytes are kept."""
     fields = pattern.decode(data[0])
     size = 4 - fields["n"] if fields["s"] else 4
     if len(data) < 4 + size:
@@ -279,7 +279,7 @@ def indicated_size(pattern: BitPattern, data: bytes) -> int | None:
 
 
 def _number(data: bytes) -> int:
-    """Return bytes 4 to 7, little-endian."""
+    """Return bytes 4 to 7 as a little-endian number."""
     if len(data) < 8:
         raise DecodeError("short", data, len(data), f"bytes 4..7 are needed, but there are only {len(data)}")
     return int.from_bytes(data[4:8], "little")

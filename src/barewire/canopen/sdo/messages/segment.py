@@ -12,7 +12,7 @@
         SdoSegment        000t nnnc     ->                                            00 10, last: 01 ... 1F
                                         <-    SegmentTaken       001t ----            20 30
 
-A value of no bytes is one segment 0Fh with seven unused bytes.
+An empty value is one segment 0Fh with seven unused bytes.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class NextSegment:
 
 @dataclass(frozen=True, slots=True)
 class SegmentTaken:
-    """The server confirms a segment of a download; after the last one, that the value is written.
+    """The server confirms a segment of a download; the confirmation of the last one means that the value is written.
 
         001t ---- | reserved 7
 

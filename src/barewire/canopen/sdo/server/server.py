@@ -3,7 +3,7 @@
         received on 600h+n                            sent on 580h+n
         ------------------                            --------------
         40  upload                                    4F 4B 47 43   the value, 1 to 4 bytes
-                                                      41            more (or none): it follows in segments
+                                                      41            a longer (or empty) value follows in segments
         2F 2B 27 23  download, size indicated         60            written
         22           download, size not indicated     60            written: as many low bytes as the object has
         21 20        download in segments             60            ready for the first segment
@@ -13,12 +13,12 @@
         any other command                             80  0504 0001h, with the object of that frame
         not 8 bytes, remote, other identifier         nothing: counted
 
-There is one transfer at a time (`transfers`). A request during one ends it with 0504 0001h, and the next request is
-served; a client that is silent for `timeout` seconds ends it with 0504 0000h.
+There is one transfer at a time (`transfers`). A request during a transfer ends it with 0504 0001h, and the next request
+is served. If the client sends nothing for `timeout` seconds, the transfer ends with 0504 0000h.
 
 The dictionary refuses an access by raising SdoAbort, and the server sends its code. Reserved bits in a command are
 ignored, as the standard requires, and counted as a deviation; so read requests that repeat the command of the response
-(4F, 4B, 43) are served.
+(4F, 4B, 43) are served too.
 
 Depends on: frames and times passed in, an `ObjectStore`. Used by: local nodes, simulators.
 """
@@ -67,7 +67,7 @@ from barewire.errors import BarewireError, DecodeError, EncodeError
 
 
 class ObjectStore(Protocol):
-    """The part of an object dictionary that a server uses. Every method refuses by raising SdoAbort."""
+    """The part of an object dictionary that a server uses. Its methods raise SdoAbort to refuse an access."""
 
     def size(self, index: int, sub: int) -> int | None:
         """Return the number of bytes of the object, None if it varies."""
@@ -76,8 +76,9 @@ class ObjectStore(Protocol):
         """Return the value, little-endian."""
 
     def may_write(self, index: int, sub: int, size: int | None) -> None:
-        """Called before a download in segments or blocks of `size` bytes (None: unknown), to refuse it before a
-        megabyte is transferred, if it would be refused whatever the bytes are."""
+        """Raise SdoAbort if a download of `size` bytes (None: unknown) would be refused whatever its bytes are.
+
+        It is called before a download in segments or blocks, so that no megabyte is transferred in vain."""
 
     def write(self, index: int, sub: int, data: bytes) -> None:
         """Write a value."""
@@ -93,7 +94,7 @@ class ServerCounters:
     reserved_bits: int = 0  # requests served although reserved bits were set
     aborts_received: int = 0
     aborts_sent: int = 0
-    timed_out: int = 0  # of these: because the client was silent
+    timed_out: int = 0  # of `aborts_sent`: because the client sent nothing for too long
     strays: int = 0  # segments ignored after a block download was aborted
 
 
@@ -105,14 +106,16 @@ class SdoServer:
     >>> str(server.feed(CanFrame.parse("605#4041600000000000"), 0.0)[0])
     '585#4B41600037060000'
 
-    `timeout` is how many seconds a client may be silent in a transfer, `limit` how many bytes a written value may
-    have, `blksize` how many segments a block of a download has; with 0 there are no block transfers. `cob_ids` is the
-    channel of a further server, client to server first; without it the server has the default channel of its node.
+        dialect   the SDO dialect of the responses
+        timeout   seconds after which a transfer ends if the client sends nothing
+        limit     the longest value, in bytes, that can be written
+        blksize   segments in a block of a download, 1 to 127; 0: no block transfers
+        cob_ids   the channel of a further server, client to server first; default: the first channel of the node
     """
 
     __slots__ = (
-        *("answer_id", "counters", "dialect", "objects", "request_id", "timeout", "limit", "blksize"),
-        *("answer_extended", "request_extended"),
+        *("response_id", "counters", "dialect", "objects", "request_id", "timeout", "limit", "blksize"),
+        *("response_extended", "request_extended"),
         *("_place", "_transfer", "_stray", "_stray_until"),
     )
 
@@ -130,11 +133,11 @@ class SdoServer:
         if not 0 <= blksize <= BLOCK_MAX:
             raise EncodeError(f"{blksize} segments in a block: expected 1..{BLOCK_MAX}, or 0 for no blocks")
         self.request_id = cob_id("SDO request", node)
-        self.answer_id = cob_id("SDO answer", node)
-        self.request_extended = self.answer_extended = False
+        self.response_id = cob_id("SDO answer", node)
+        self.request_extended = self.response_extended = False
         if cob_ids is not None:
             self.request_id, self.request_extended = cob_ids[0][:2]
-            self.answer_id, self.answer_extended = cob_ids[1][:2]
+            self.response_id, self.response_extended = cob_ids[1][:2]
         self.objects = objects
         self.dialect = dialect
         self.timeout = timeout
@@ -148,12 +151,12 @@ class SdoServer:
         return None if self._transfer is None else self._transfer.deadline
 
     def reset(self) -> None:
-        """Reset of the node or of its communication: end the transfer, restart the counters."""
+        """End the transfer and restart the counters, because the node or its communication is reset."""
         self.counters = ServerCounters()
         self.forget()
 
     def forget(self) -> None:
-        """End the present transfer without an abort: the node may not send any more."""
+        """End the present transfer without an abort, because the node may not send any more."""
         self._transfer: ServerTransfer | None = None
         self._place = 0, 0
         self._stray = 0
@@ -170,7 +173,7 @@ class SdoServer:
             responses = self._continue(transfer, None, now)
         else:
             return []
-        return CanFrame.each(self.answer_id, responses, self.answer_extended)
+        return CanFrame.each(self.response_id, responses, self.response_extended)
 
     def accept(self, frame: CanFrame, now: float) -> bool:
         """Accept the next segment inside a block, which needs no response. If it returns False, call `feed`."""
@@ -203,7 +206,7 @@ class SdoServer:
         return self._begin(data, now) if transfer is None else self._continue(transfer, data, now)
 
     def _is_stray(self, data: bytes, now: float) -> bool:
-        """Return whether it is a late segment of an aborted block, which must not be taken for a command."""
+        """Return whether it is a late segment of an aborted block, which must not be mistaken for a command."""
         if data[0] & ~LAST != self._stray or now >= self._stray_until:
             self._stray = 0
             return False
@@ -263,18 +266,18 @@ class SdoServer:
         write = partial(self.objects.write, index, sub)
         if isinstance(request, InitiateDownload):
             transfer: ServerTransfer = SegmentedDownload(write, request.size, self.limit, self.timeout, now)
-            answer: DownloadInitiated | BlockDownloadInitiated = DownloadInitiated(index, sub)
+            response: DownloadInitiated | BlockDownloadInitiated = DownloadInitiated(index, sub)
         elif isinstance(request, InitiateBlockUpload) and self.blksize:
             return self._block_upload(request, now)
         elif isinstance(request, InitiateBlockDownload) and self.blksize:
             limits = request.size, self.limit, self.blksize
             transfer = BlockDownload(write, *limits, request.crc, self.timeout, now)
-            answer = BlockDownloadInitiated(index, sub, self.blksize)
+            response = BlockDownloadInitiated(index, sub, self.blksize)
         else:
             raise SdoAbort(AbortCode.COMMAND, index, sub)
         self.objects.may_write(index, sub, request.size)
         self._transfer = transfer
-        return answer.encode()
+        return response.encode()
 
     def _upload(self, request: InitiateUpload, value: bytes, now: float) -> bytes:
         if 1 <= len(value) <= 4:
@@ -294,8 +297,8 @@ class SdoServer:
     def _trimmed(self, request: ExpeditedDownload) -> bytes:
         """Return the bytes of a download that are the value.
 
-        Without an indicated size, as many as the object has; the same in a dialect that sends every number in four
-        bytes, if the others are zero. Otherwise all of them: the dictionary checks the length.
+        Without an indicated size these are as many as the object has, and also in a dialect that sends every number
+        in four bytes, if the others are zero. Otherwise they are all bytes; the dictionary checks the length.
         """
         data = request.data
         if request.indicated and (self.dialect.lengths == "exact" or len(data) != 4):
@@ -306,7 +309,7 @@ class SdoServer:
         return data[:size]
 
     def _widened(self, request: InitiateUpload, data: bytes) -> bytes:
-        """In such a dialect the response to 43h has four bytes and to 4Bh two, whatever the size of the object."""
+        """Fill the data to the length that the dialect requested: four bytes after 43h, two after 4Bh."""
         if self.dialect.lengths == "exact" or request.command == 0x40:
             return data
         size = {command: size for size, command in self.dialect.read_commands}.get(request.command, 0)

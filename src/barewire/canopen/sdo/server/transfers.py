@@ -5,8 +5,8 @@
         BlockUpload          A3, A2, A1          -> 01 02 03 ..., C1                with a BlockSender
         BlockDownload        01 02 03 ..., C1    -> A2, A1                          with a BlockReceiver
 
-Each is a machine with the same members; a server has one of them at a time, or none. A frame that is not allowed in its
-present state ends it: `feed` raises ProtocolViolation or SdoAbort.
+Each is a machine with the same members; a server has at most one at a time. A frame that is not allowed in the present
+state ends the transfer: `feed` raises ProtocolViolation or SdoAbort.
 """
 
 from __future__ import annotations
@@ -43,20 +43,20 @@ class ServerTransfer(Protocol):
         """Whether the value is transferred, so that a new request may replace this transfer."""
 
     def accept(self, data: bytes, now: float) -> bool:
-        """Accept the next segment inside a block, which needs no response: see `BlockReceiver`."""
+        """Accept the next segment inside a block, which needs no response; see `BlockReceiver`."""
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]: ...
 
 
 def _never(data: bytes, now: float) -> bool:
-    """Return the `accept` of the transfers that respond to every frame."""
+    """Return False: the `accept` of transfers that respond to every frame."""
     return False
 
 
-def _expect(data: bytes, *kinds: type[M]) -> M:
-    """Decode a message of these kinds; anything else ends the transfer."""
+def _expect(data: bytes, *types: type[M]) -> M:
+    """Decode a message of one of these types; any other frame ends the transfer."""
     try:
-        return decode_one_of(data, kinds)
+        return decode_one_of(data, types)
     except DecodeError as error:
         raise ProtocolViolation(AbortCode.COMMAND, error.text) from None
 
@@ -116,7 +116,7 @@ class SegmentedDownload:
         self.over = False
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
-        """Return the confirmation of a segment; of the last one after the value is written."""
+        """Return the confirmation of a segment. The last one is confirmed after the value is written."""
         if data is None:
             return _check_timeout(now, self.deadline)
         segment = _expect(data, SdoSegment)
@@ -152,7 +152,7 @@ class BlockUpload:
 
     @property
     def gives_way(self) -> bool:
-        """True once the end is sent: a client that begins a new transfer has the value, only its A1 was lost."""
+        """Whether the end is sent: a client that then begins a new transfer has the value, and its A1 was lost."""
         return self._sender is not None and self._sender.ended
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
@@ -193,11 +193,11 @@ class BlockDownload:
 
     @property
     def next_segment(self) -> int:
-        """The number of the next segment; 0 when all of them are here."""
+        """The number of the next segment; 0 when all of them have arrived."""
         return self._receiver.next_segment
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
-        """Return the acknowledgement of a block; of the whole value after it is written."""
+        """Return the acknowledgement of a block. The end is acknowledged after the value is written."""
         receiver = self._receiver
         frames = receiver.feed(data, now)
         if receiver.over:

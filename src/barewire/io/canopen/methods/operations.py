@@ -204,5 +204,5 @@ def _send(frame: CanFrame) -> Conversation[CanFrame, None]:
 
 def sdo_transfer(channel: Channel, conversation: Conversation[CanFrame, T], timeout: float) -> BusOperation[T]:
     """An operation on one SDO channel, which it locks meanwhile."""
-    key = channel.answer_id, channel.answer_extended
+    key = channel.response_id, channel.response_extended
     return BusOperation(conversation, frozenset({("SDO", *key)}), frozenset({key}), timeout)
