@@ -180,17 +180,7 @@ class NodeTracker:
         if state == NmtState.INITIALISING and not toggle:
             return [*events, self._boot(number, node, now)]
         answers = node.pending > 0
-        if node.guarded:
-            # After a request without an answer the bit may have alternated unseen.
-            if node.pending == 1 and node.toggle is not None and toggle is not node.toggle and not node.unsure:
-                text = f"the toggle bit is {int(toggle)}, as in the answer before"
-                events.append(Violation(now, "GUARD-TOGGLE", number, text, str(frame)))
-            node.toggle, node.unsure, node.pending = not toggle, False, 0
-        elif toggle and "HEARTBEAT-TOGGLE" not in node.reported:
-            node.reported.add("HEARTBEAT-TOGGLE")
-            events.append(
-                Violation(now, "HEARTBEAT-TOGGLE", number, "bit 7 is set without a guarding request", str(frame))
-            )
+        events += self._check_toggle(number, node, toggle, now, frame)
         events += self._obeyed(number, node, state, now, frame)
         since = None if node.last is None else now - node.last
         before, node.state, node.last = node.state, state, now
@@ -209,6 +199,23 @@ class NodeTracker:
             events.append(NodeReport(now, number, "beat", state, before, since, answers))
         node.update_deadline()
         return events
+
+    def _check_toggle(
+        self, number: int, node: ObservedNode, toggle: bool, now: float, frame: CanFrame
+    ) -> list[MonitorEvent]:
+        """Check bit 7: it alternates in answers to node guarding, and is 0 in heartbeats."""
+        if node.guarded:
+            # After a request without an answer the bit may have alternated in a frame that is not in the recording.
+            repeats = node.pending == 1 and node.toggle is not None and toggle is not node.toggle and not node.unsure
+            node.toggle, node.unsure, node.pending = not toggle, False, 0
+            if repeats:
+                text = f"the toggle bit is {int(toggle)}, as in the answer before"
+                return [Violation(now, "GUARD-TOGGLE", number, text, str(frame))]
+        elif toggle and "HEARTBEAT-TOGGLE" not in node.reported:
+            node.reported.add("HEARTBEAT-TOGGLE")
+            text = "bit 7 is set without a guarding request"
+            return [Violation(now, "HEARTBEAT-TOGGLE", number, text, str(frame))]
+        return []
 
     def _boot(self, number: int, node: ObservedNode, now: float) -> NodeReport:
         before = node.state

@@ -152,16 +152,8 @@ def explain_ascii(data: bytes, role: FrameRole | None = None, *, typed: bool = F
         end = len(data.rstrip(b"\r\n")) if typed else len(data)
         end = max(end, start)
     completed = data[:end] + ascii_frame.END if typed and not has_end else data
-    fault = _fault(ascii_frame.decode, completed)
-    if fault is not None:
-        # The line end that was added for decoding has no place in the text and is not counted.
-        text = fault.text
-        if fault.reason in ("short", "long") and len(completed) > len(data):
-            text = text.replace(f"got {len(completed)}", f"got {len(data)} and no CR LF")
-        fault = DecodeError(fault.reason, data, min(fault.at, len(data)), text)
-    digits = 0
-    while start + digits < end and data[start + digits] in ascii_frame.DIGITS:
-        digits += 1
+    fault = _ascii_fault(data, completed)
+    digits = next((n for n, byte in enumerate(data[start:end]) if byte not in ascii_frame.DIGITS), end - start)
     adu = bytes.fromhex(data[start : start + digits - digits % 2].decode("ascii"))
     # The last byte is the LRC only if all characters are digits; after a wrong one the fields are not certain.
     all_digits = start > 0 and start + digits == end and digits % 2 == 0
@@ -192,6 +184,17 @@ def explain_ascii(data: bytes, role: FrameRole | None = None, *, typed: bool = F
     shown = tuple(explained_field(field, _characters(field, data)) for field in fill_gaps(fields, len(data)))
     summary = _summary(parsed, adu[0], "LRC ok") if adu else ""
     return Explanation("ascii", parsed.role, shown, as_problem(fault) or inside, summary)
+
+
+def _ascii_fault(data: bytes, completed: bytes) -> DecodeError | None:
+    """Return the fault of the framing. A line end that was added for decoding (`completed`) is not counted."""
+    fault = _fault(ascii_frame.decode, completed)
+    if fault is None:
+        return None
+    text = fault.text
+    if fault.reason in ("short", "long") and len(completed) > len(data):
+        text = text.replace(f"got {len(completed)}", f"got {len(data)} and no CR LF")
+    return DecodeError(fault.reason, data, min(fault.at, len(data)), text)
 
 
 def _characters(field: Field, data: bytes) -> str:
