@@ -126,7 +126,7 @@ def test_a_parameter_without_an_address_on_modbus() -> None:
         plan_reads(load("az3"), [load("az3").find("IQRMSX10")])
 
 
-def test_a_whole_machine_in_few_requests() -> None:
+def test_all_parameters_of_a_machine_are_read_in_few_requests() -> None:
     counts = {}
     for name in ("adxl", "az3", "csd-mt"):
         machine = load(name)
@@ -164,7 +164,7 @@ def test_property_any_reads_are_the_fewest_and_within_the_limits(
 
 
 def fewest(machine: Device, wanted: list[Parameter], limit: int) -> int:
-    """By search: the smallest number of spans of described addresses that cover the parameters, table by table."""
+    """Search for the smallest number of spans of described addresses that cover the parameters, table by table."""
     total = 0
     for table in {row.modbus.table for row in wanted if row.modbus}:
         spans = [

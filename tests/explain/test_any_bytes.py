@@ -44,7 +44,7 @@ IDENTIFIERS = st.one_of(
 
 
 def check_fields(explanation: Explanation, size: int) -> None:
-    """The fields follow each other without gap or overlap, up to the end."""
+    """Check that the fields follow each other without gap or overlap, up to the end."""
     at = 0
     for field in explanation.fields:
         assert field.offset == at, explanation.lines()

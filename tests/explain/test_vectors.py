@@ -16,7 +16,7 @@ BYTES_OF = {"rtu-frame": "frame", "tcp-frame": "frame", "ascii-frame": "text", "
 
 
 def has_bytes_to_judge(case: dict[str, Any], key: str) -> bool:
-    """False for cases without bytes, and for unknown functions, which `decode` refuses and `explain` accepts."""
+    """Return False for cases without bytes, and for unknown functions, which `decode` refuses and `explain` accepts."""
     refused = case["result"] == "invalid" and (case.get("fails") != "decode" or case.get("reason") == "function")
     return key in case and not refused and (key != "pdu" or 1 <= len(bytes.fromhex(case[key])) <= 253)
 

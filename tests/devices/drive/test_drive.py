@@ -124,19 +124,19 @@ def test_status_words_are_the_same_on_all_buses() -> None:
 
 def test_a_trapezoidal_move_takes_the_computed_time(bench: Bench) -> None:
     bench.do(bench.drive.enable())
-    # way, velocity, acceleration in the drive's own units, and how many of the way's are in one of the velocity's
-    way, speed, rate, unit = (240_000, 90_000, 140_000, 1.0)
+    # In the drive's units; `unit` converts a velocity to distance per second.
+    distance, speed, rate, unit = (240_000, 90_000, 140_000, 1.0)
     if bench.machine.device.name == "az3":
-        way, speed, rate, unit = (81_920, 600, 1200, 8192 / 60)
+        distance, speed, rate, unit = (81_920, 600, 1200, 8192 / 60)
     began, before = bench.now, len(bench.progress)
-    look = bench.do(bench.drive.move(way, velocity=speed, acceleration=rate, deceleration=rate))
-    assert look.position == way
-    assert look.velocity == 0
+    status = bench.do(bench.drive.move(distance, velocity=speed, acceleration=rate, deceleration=rate))
+    assert status.position == distance
+    assert status.velocity == 0
     moving = [progress.status for progress in bench.progress[before:] if progress.status.velocity]
-    formula = way / (speed * unit) + speed / rate
+    formula = distance / (speed * unit) + speed / rate
     assert moving[-1].now - moving[0].now == pytest.approx(formula, abs=0.2)
     assert bench.now - began == pytest.approx(formula, abs=0.6)
-    assert max(look.velocity for look in moving if isinstance(look.velocity, (int, float))) == speed
+    assert max(status.velocity for status in moving if isinstance(status.velocity, (int, float))) == speed
 
 
 def test_absolute_and_relative(bench: Bench) -> None:

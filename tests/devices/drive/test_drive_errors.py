@@ -31,7 +31,7 @@ def test_homing_with_an_unknown_method_is_refused(csd: Bench) -> None:
         EncodeError, "home: Homing Method 0 is not a homing method: expected one of -2, -1, 3, 4, 5, 6, 19, 20"
     ):
         csd.do(csd.drive.home())
-    assert csd.states == []  # nothing was enabled for it
+    assert csd.states == []  # the drive was not enabled
     with refused(EncodeError, "home: Homing Method 7 is not a homing method"):
         csd.drive.home(7)
     csd.machine.store["Homing Method"] = 35
@@ -59,7 +59,7 @@ def test_the_error_of_a_move_at_speed_0_names_the_speed(wire: str) -> None:
     name = bench.machine.device.find("Profile Velocity").name
     assert f"waiting for target reached: the motor stands; {name} is 0;" in message
     assert bench.do(bench.drive.move(1000, velocity=600)).position == 1000
-    assert bench.do(bench.drive.move(1000, velocity=0)).position == 1000  # it is there already
+    assert bench.do(bench.drive.move(1000, velocity=0)).position == 1000  # it is at this position already
 
 
 def test_the_error_of_a_move_that_needs_longer_has_the_velocity(csd: Bench) -> None:

@@ -17,7 +17,7 @@ ALL = [(name, parameter) for name in names() for parameter in load(name).paramet
 ON_MODBUS = [(name, parameter) for name, parameter in ALL if parameter.modbus is not None]
 IDS = [f"{name}-{parameter.name}" for name, parameter in ON_MODBUS]
 
-MAPPINGS = range(0x1400, 0x1C00)  # with rules of their own, see tests/canopen
+MAPPINGS = range(0x1400, 0x1C00)  # with other rules, see tests/canopen
 
 
 def wanted(parameter: Parameter) -> Value:
@@ -62,7 +62,9 @@ def test_every_parameter_over_modbus(name: str, parameter: Parameter) -> None:
     bench.write(parameter.name, value)
     if parameter.name not in PUSHED[name]:
         assert bench.read(parameter.name) == value
-    if place.table == "input" or parameter.name == "MODBUS FAIL THRESHOLD TIME":  # another firmware's, see ADDRESS 3, 4
+    if (
+        place.table == "input" or parameter.name == "MODBUS FAIL THRESHOLD TIME"
+    ):  # of another firmware, see ADDRESS 3, 4
         return
     # Out of range is 03, and nothing changes.
     kept = bench.read(parameter.name)

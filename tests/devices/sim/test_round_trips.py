@@ -33,7 +33,7 @@ PUSHED = {
 }  # fmt: skip
 
 PDO_RECORDS = range(0x1400, 0x1C00)
-"""Written in a certain order: see tests/canopen, and the last test here."""
+"""Parameters with a required order of writes: see tests/canopen, and the last test here."""
 
 MENU = {"Menu number selection": 1, "Parameter number selection": 4}
 TRANSPORTS = pytest.mark.parametrize(("device", "wire"), WIRES, ids=[f"{name}-{made.__name__}" for name, made in WIRES])
@@ -121,7 +121,7 @@ def test_every_read_only_parameter_refuses_writes(device: str, wire: Callable[[s
             place = parameter.object
             assert place is not None
             if place.bit is not None:
-                continue  # of a word that may be written: the bit stays as it is, see test_az3
+                continue  # a bit of a writable word, which keeps its value: see test_az3
             with pytest.raises(SdoAbort) as declined:
                 line.write({parameter: before}, force=True)
             assert declined.value.code == AbortCode.READ_ONLY, parameter.name
@@ -134,8 +134,8 @@ def test_every_read_only_parameter_refuses_writes(device: str, wire: Callable[[s
 def _forced(line: ModbusWire, parameter: Parameter, value: Value) -> int | None:
     """Return the exception code of a write that is sent all the same; None where the function for it does not exist.
 
-    Nothing on Modbus writes an input register. Where a device has all of its tables at the same addresses, as the ADXL
-    and the CSD MT, function 06 asks for this one; on the AZ3 it would ask for a holding register of the same number.
+    Nothing on Modbus writes an input register. Where all tables of a device have the same addresses, as in the ADXL and
+    the CSD MT, function 06 addresses this one; on the AZ3 it would write the holding register of the same number.
     """
     place = parameter.modbus
     assert place is not None
@@ -159,7 +159,7 @@ def _forced(line: ModbusWire, parameter: Parameter, value: Value) -> int | None:
 
 @pytest.mark.parametrize("number", range(4))
 def test_pdo_records_can_be_written_in_the_order_of_cia_301(number: int) -> None:
-    """Communication and mapping records of the AZ3, every entry, in the order that CiA 301 wants."""
+    """Communication and mapping records of the AZ3, every entry, in the order that CiA 301 requires."""
     line = canopen("az3")
     records = [p for p in load("az3").parameters if p.object is not None and p.object.index in PDO_RECORDS]
     for base in (0x1400, 0x1800):

@@ -94,7 +94,7 @@ def refused(conversation: Conversation[CanFrame, Any]) -> Conversation[CanFrame,
 
 @cache
 def recorded() -> tuple[tuple[float, CanFrame], ...]:
-    """Every frame with its time, in order."""
+    """Return every frame with its time, in order."""
     bus, master = VirtualBus(), Sender()
     drive = simulator("az3", node=DRIVE)
     assert drive.canopen is not None

@@ -28,11 +28,13 @@ COMMANDS = [*range(0, 0x20), 0x20, 0x21, 0x23, 0x2F, 0x30, 0x40, 0x41, 0x43, 0x4
 
 PLACES = st.sampled_from([b"\x41\x60\x00", b"\x00\x1a\x00", b"\x00\x1a\x01", b"\x00\x18\x01", b"\x17\x10\x00"])
 SDO = st.builds(
-    lambda asks, command, place, rest: CanFrame(0x605 if asks else 0x585, bytes([command]) + place + rest),
+    lambda from_client, command, place, rest: CanFrame(
+        0x605 if from_client else 0x585, bytes([command]) + place + rest
+    ),
     *(st.booleans(), st.sampled_from(COMMANDS), PLACES, st.binary(min_size=4, max_size=4)),
 )
 SMALL = st.builds(
-    lambda asks, data: CanFrame(0x605 if asks else 0x585, bytes(data)),
+    lambda from_client, data: CanFrame(0x605 if from_client else 0x585, bytes(data)),
     *(st.booleans(), st.lists(st.integers(0, 7), min_size=1, max_size=8)),
 )
 CLASSICAL = st.builds(lambda number, data: CanFrame(number, data), st.sampled_from(SERVICES), st.binary(max_size=8))

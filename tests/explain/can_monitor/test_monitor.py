@@ -289,8 +289,8 @@ def test_a_fastscan_without_a_device_and_an_invalid_one() -> None:
     lss = [event.text for event in of(LssReport, listen(every("7E5#5100000000800000", "7E5#4C00000000000000")))]
     assert lss[0].endswith("0 answers: no device")
     assert lss[1] == "identify devices without a node-ID"
-    odd = [event.text for event in of(LssReport, listen(every("7E5#5100000000200000")))]
-    assert odd[0].startswith("fastscan that no device answers: ")
+    invalid = [event.text for event in of(LssReport, listen(every("7E5#5100000000200000")))]
+    assert invalid[0].startswith("fastscan that no device answers: ")
 
 
 def test_the_jitter_of_sync_and_a_missing_sync() -> None:

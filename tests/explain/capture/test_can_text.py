@@ -1,4 +1,4 @@
-"""CAN frames as people paste them, and the errors for what cannot be read."""
+"""Pasted CAN frames in all forms, and the errors for unreadable text."""
 
 from __future__ import annotations
 

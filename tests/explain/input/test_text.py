@@ -1,4 +1,4 @@
-"""Text as people paste it, and the errors for what cannot be read."""
+"""Pasted text in all forms, and the errors for unreadable text."""
 
 from __future__ import annotations
 

@@ -239,7 +239,7 @@ def test_characters_that_were_not_typed_are_not_counted() -> None:
     assert explanation.error.text == "an ASCII frame has at least 9 characters, got 1 and no CR LF"
 
 
-def test_a_crc_the_wrong_way_round_is_recognised() -> None:
+def test_a_crc_with_swapped_bytes_is_recognised() -> None:
     explanation = explain("rtu", bytes.fromhex("01040FB10002F822"))
     assert explanation.verdict == "not valid: CRC is F8 22, should be 22 F8: the low byte comes first (byte 6)"
 
@@ -253,7 +253,7 @@ def test_a_second_frame_after_the_first_is_left_over() -> None:
     assert field(explanation, "CRC").meaning == "CRC ok"
 
 
-def test_a_zero_after_a_good_frame_is_found_although_the_crc_fits() -> None:
+def test_a_zero_after_a_correct_frame_is_found_although_the_crc_fits() -> None:
     frame = bytes.fromhex("01040FB1000222F8") + b"\x00"
     assert rtu.decode(frame).pdu == bytes.fromhex("040FB1000222")
     explanation = explain("rtu", frame)

@@ -1,6 +1,6 @@
 """Simulated machines: the three of the catalogue with their behaviour, and any other described device without.
 
-        machine = simulator("az3")            a description of one's own:  simulator(load("my_device/"))
+        machine = simulator("az3")            a description of your own:  simulator(load("my_device/"))
         machine.modbus.handle(request, now)   a `barewire.modbus.server.server.Unit`; None for a machine without Modbus
         machine.canopen.feed(frame, now)      frames in, frames out, a `deadline`; None for a machine without CAN
         machine.tick(now)                     time is passed in: nothing here reads a clock

@@ -43,7 +43,7 @@ class ObservedNode:
         self.commanded: NmtCommand | None = None
         self.commanded_at = 0.0
         self.intervals: list[float] = []
-        self.configured_period: float | None = None  # the value of 1017h, if an access to it was seen
+        self.configured_period: float | None = None  # the value of 1017h, if an access to it was recorded
         self.missing = False
         self.deadline: float | None = None  # when it counts as missing
         self.guarded = False

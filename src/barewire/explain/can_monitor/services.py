@@ -47,7 +47,7 @@ class SyncTracker:
 
     @property
     def period(self) -> float | None:
-        """The period; None until three intervals were seen."""
+        """The period; None until three intervals were recorded."""
         return median(self._intervals) if len(self._intervals) >= 3 else None
 
     @property

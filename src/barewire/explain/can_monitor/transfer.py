@@ -115,7 +115,7 @@ class OpenTransfer:
         self.sub = None if place is None else place[1]
         self.began = began
         self.last_frame_at = 0.0
-        self.request = b""  # until its answer was seen
+        self.request = b""  # until its answer arrives
         self.answers: tuple[type, ...] = ()  # that the request can have
         self.next_sender: SdoSide = "server"
         self.toggle = 0  # of the segment that is under way, or comes next
@@ -127,7 +127,7 @@ class OpenTransfer:
         self.count = 0
         self.data = bytearray()
         self.crc = 0
-        self.client_crc: bool | None = None  # whether the client supports a CRC; None if its request was not seen
+        self.client_crc: bool | None = None  # whether the client supports a CRC; None if its request was not recorded
         self.crc_result: Literal["ok", "wrong", "unused", "unknown", ""] = ""
         self.complete = began is not None  # no byte of the value is missing so far
         self.gapped = False  # the recording has a gap within this transfer

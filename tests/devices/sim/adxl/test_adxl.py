@@ -53,7 +53,7 @@ def test_measures_follow_the_motor(bench: Bench) -> None:
     assert sum(float(bench.read(f"L{line} active power")) for line in (1, 2, 3)) == pytest.approx(kilowatts, abs=0.001)
     assert float(bench.read("Total active energy")) == pytest.approx(kilowatts, abs=0.1)
     assert bench.read("Motor hour meter") == pytest.approx(1.0)
-    assert bench.read("Thyristors temperature") == 24.5  # cold again behind the bypass
+    assert bench.read("Thyristors temperature") == 24.5  # cooled down while the bypass carries the current
     assert bench.read("Start counter") == 1
     bench.write("Motor stop command", 1)
     assert bench.read("Status") == 10

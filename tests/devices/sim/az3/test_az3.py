@@ -53,7 +53,7 @@ def test_each_state_has_its_coil(bench: Bench) -> None:
     assert seen == [[82], [83], [84], [85]]
     assert bench.refused(WriteSingleCoil(85, False)) == 2
     assert bench.refused(WriteSingleCoil(10, True)) == 2  # bit 10 of 2018h is not described
-    # A master that writes the whole word changes the bits that are its own.
+    # A write of the whole word changes only the writable bits.
     assert bench.download(0x201B, 0, b"\xff\x01") == 0
     assert states(bench) == [80, 85]
 

@@ -74,17 +74,17 @@ def test_a_missing_heartbeat_of_the_master_is_detected(bench: Bench) -> None:
     assert [frame[:11] for frame in bench.frames() if frame.startswith("081")] == ["081#3081110"[:11]]
 
 
-# Starting anew
+# Resets
 
 
 def test_a_new_node_id_takes_effect_at_the_next_reset(bench: Bench) -> None:
     bench.write("BOOT CAN NODE", 9)
     assert bench.upload(0x200D) == b"\x01"
-    assert bench.frames("000#8201") == ["709#00"]  # communication: settings that no object has are kept
+    assert bench.frames("000#8201") == ["709#00"]  # reset communication: settings without an object are kept
     assert bench.upload_at(9, 0x200D) == b"\x09"
     assert bench.upload_at(9, 0x1800, 1) == (0x189).to_bytes(4, "little")
     assert bench.frames("601#4041600000000000") == []
-    assert bench.frames("000#8109") == ["701#00"]  # node: what was not saved is lost
+    assert bench.frames("000#8109") == ["701#00"]  # reset node: unsaved values are lost
     bench.write("BOOT CAN NODE", 127)
     bench.write("STORE ALL PARAMETERS", SAVE)
     assert bench.frames("000#8101") == ["77F#00"]
@@ -108,7 +108,7 @@ def test_a_new_bit_rate_takes_effect_at_the_next_reset(bench: Bench) -> None:
     adapter.bus_bitrate = 125_000
     assert bench.download(0x2068, 0, b"\x07") == 0
     assert (bench.read("CAN BIT RATE"), bench.read("CAN BITRATE INDEX"), adapter.bitrate) == (7, 5, 125_000)
-    assert bench.frames("000#8201") == []  # gone from this bus
+    assert bench.frames("000#8201") == []  # it now uses another bit rate than this bus
     assert (bench.read("CAN BITRATE INDEX"), adapter.bitrate, adapter.deadline) == (7, 500_000, None)
     bench.now = 3.0
     assert bench.frames("601#4041600000000000") == []
@@ -182,7 +182,7 @@ def test_each_cleaning_deletes_its_part(bench: Bench) -> None:
     drive(bench).fault(0x5441, 0.0)
     drive(bench).solve(0.0)
     bench.machine.power_cycle(1.0)
-    assert (bench.read("SPEED KP"), bench.read("ERROR CODE 1")) == (0.5, 0x5441)  # the log outlives the power
+    assert (bench.read("SPEED KP"), bench.read("ERROR CODE 1")) == (0.5, 0x5441)  # the log survives the power-off
     bench.write("EEPROM DIAGNOSTIC LOG CLEANING", True)
     assert (bench.read("SPEED KP"), bench.read("ERROR CODE 1")) == (0.5, 0)
     bench.write("EEPROM TOTAL CLEANING", True)

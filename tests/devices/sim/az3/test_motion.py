@@ -37,7 +37,7 @@ def test_the_shaft_moves_after_the_brake_has_opened(bench: Bench) -> None:
     assert bench.read("BRAKE VALUE") is False
 
 
-def test_a_set_point_that_comes_while_the_brake_opens_is_kept(bench: Bench) -> None:
+def test_a_set_point_received_while_the_brake_opens_is_kept(bench: Bench) -> None:
     bench.write("BRAKE ACTIVATION", True)
     bench.write("BRAKE DISENGAGE TIME", 500)
     bench.write("TARGET POSITION", 1000)
@@ -71,7 +71,7 @@ def test_phasing_takes_t_align_and_leaves_captures(bench: Bench) -> None:
     bench.write("EEPROM AUTOPHASING DATA CLEANING", True)
     assert (bench.read("AUTO-PHASED MOTOR"), bench.read("PHASE DATA INCREMENTAL CAPTURES 6")) == (False, 0)
     enable(bench)
-    bench.write("START PHASING", True)  # not while a master has the shaft
+    bench.write("START PHASING", True)  # not while a master moves the shaft
     assert bench.read("PHASING IN PROGRESS") is False
 
 

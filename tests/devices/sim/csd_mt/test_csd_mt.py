@@ -51,7 +51,7 @@ def test_status_words_of_the_other_modes(bench: CsdBench, mode: int, words: list
 
 
 def test_enabling_with_a_target_velocity_shows_1237(bench: CsdBench) -> None:
-    """The third word that the manual prints: zero speed, and not what is wanted."""
+    """The third word that the manual prints: zero speed, not the target velocity."""
     bench.put(Target_Velocity=100_000, Profile_Acceleration=2000)
     bench.enable(VELOCITY)
     assert bench.status() == "1237"
@@ -124,7 +124,9 @@ TABLE_12 = {
 
 @pytest.mark.parametrize("state", TO, ids=lambda state: state.value)
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_in_every_state_leads_where_table_11_says(bench: CsdBench, state: State, command: str) -> None:
+def test_every_command_in_every_state_leads_to_the_state_in_table_11(
+    bench: CsdBench, state: State, command: str
+) -> None:
     """Tables 11 and 12."""
     for word in TO[state]:
         bench.control(word)

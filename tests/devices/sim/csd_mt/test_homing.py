@@ -35,7 +35,7 @@ def ready(start: float, method: int = 0, **registers: int) -> CsdBench:
 
 
 def first_index(after: float, direction: int) -> float:
-    """Where the first index pulse begins, seen in the direction."""
+    """Return where the first index pulse in this direction begins."""
     turn = 12_800
     if direction > 0:
         return after + (INDEX - after) % turn

@@ -20,7 +20,7 @@ def bench() -> CsdBench:
 
 
 def with_limits(bench: CsdBench) -> None:
-    """Limit switches at I1 and I2, ON between their places."""
+    """Wire limit switches to I1 and I2 that are ON between their positions."""
     bench.drive.environment.inputs[1] = Span(LIMITS.low, inf)
     bench.drive.environment.inputs[2] = Span(-inf, LIMITS.high)
     bench.put(Input_Config=0b11001, Profile_Acceleration=100_000, Profile_Deceleration=100_000)
@@ -97,7 +97,7 @@ def test_a_limit_switch_in_profile_velocity(bench: CsdBench) -> None:
     assert bench.velocity(10.5) == -40_000
     bench.put(Target_Velocity=0)
     assert bench.status(11.5) == "1637"
-    # A switch that is pressed by hand, and let go.
+    # A switch that is pressed by hand, and released.
     press(bench, 1, False)
     bench.put(Target_Velocity=-1000)
     assert bench.velocity(12.0) == 0

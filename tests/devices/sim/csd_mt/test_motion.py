@@ -14,7 +14,7 @@ from tests.devices.sim.csd_mt.csd_mt_bench import VELOCITY, CsdBench
 @pytest.fixture
 def bench() -> CsdBench:
     bench = CsdBench()
-    bench.write("Velocity Total Sample", 1)  # what is shown is the mean of so many milliseconds
+    bench.write("Velocity Total Sample", 1)  # the shown velocity is the mean of this number of milliseconds
     return bench
 
 
@@ -29,7 +29,7 @@ def bench() -> CsdBench:
         (240_000, 16_001, 140_000, 240_000 / 16_001 + 16_001 / 140_000),
     ],
 )
-def test_a_movement_lasts_as_the_formula_says(
+def test_the_duration_of_a_movement_follows_the_formula(
     bench: CsdBench, way: int, velocity: int, rate: int, lasts: float, relative: bool
 ) -> None:
     bench.enable()
@@ -228,7 +228,7 @@ def test_profile_velocity_halts_and_continues(bench: CsdBench) -> None:
     bench.put(Target_Velocity=64_000)
     bench.now = 1.0
     bench.control(0x10F)
-    assert bench.status(2.0) == "1637"  # zero speed, and that is what halt wanted
+    assert bench.status(2.0) == "1637"  # zero speed, as the halt commands
     bench.control(0x0F)
     assert bench.velocity(3.0) == 64_000
 
@@ -252,7 +252,7 @@ def test_the_direction_can_be_turned_round(bench: CsdBench) -> None:
 
 
 def test_reading_often_changes_nothing() -> None:
-    """The same commands, once with a tick every 10 ms and once with none."""
+    """The same commands give the same result with a tick every 10 ms and without one."""
 
     def run(often: bool) -> list[object]:
         bench = CsdBench()

@@ -61,7 +61,7 @@ def test_the_current_is_reduced_at_standstill(bench: CsdBench) -> None:
     bench.write("Auto Sync Enable", 3)
     assert bench.drive.thermal.current == 1
     bench.write("Auto Sync Kv", 0)
-    bench.drive.slip(1000, bench.now)  # a gap that nothing closes
+    bench.drive.slip(1000, bench.now)  # a gap that is not recovered
     assert bench.drive.thermal.current == 1
     bench.write("Auto Sync Enable", 2)  # "not working to recover an excessive position gap"
     assert bench.drive.thermal.current == 4
@@ -95,7 +95,7 @@ def test_parameters_are_saved_after_five_seconds(bench: CsdBench) -> None:
     bench.ask(WriteSingleRegister(1261, 0x6F6C))
     assert bench.read("Current Ratio") == 70
     assert bench.refused(WriteSingleRegister(1261, 1)) == 3
-    assert bench.refused(WriteSingleRegister(1260, 0x2000)) == 0  # between the signatures nothing acts
+    assert bench.refused(WriteSingleRegister(1260, 0x2000)) == 0  # values between the signatures have no effect
     bench.machine.power_cycle(30.0)
     bench.now = 30.0
     assert (bench.read("Current Ratio"), bench.read("IP Address fourth octet")) == (70, 77)
@@ -109,7 +109,7 @@ def test_power_off_stops_the_drive_and_leaves_the_shaft(bench: CsdBench) -> None
     bench.now = 2.0
     assert (bench.status(), bench.position()) == ("0270", 0)
     assert not bench.drive.shaft.has_current
-    assert bench.drive.shaft.position(2.0) > 10_000  # the machine outside is where it was
+    assert bench.drive.shaft.position(2.0) > 10_000  # the mechanics stay where they were
 
 
 # Small registers

@@ -1,4 +1,4 @@
-"""The shaft of the stepper drive: lost steps and what registers 1084 to 1086 make of them."""
+"""The shaft of the stepper drive: lost steps, and the reactions in registers 1084 to 1086."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ RATES = st.floats(1.0, 1e6)
         (0, 90_000, 140_000, 0.0),
     ],
 )
-def test_a_move_lasts_as_long_as_the_formula_says(way: float, velocity: float, rate: float, lasts: float) -> None:
+def test_the_duration_of_a_move_follows_the_formula(way: float, velocity: float, rate: float, lasts: float) -> None:
     run = Trajectory()
     run.move(5.0, way, velocity, rate, rate)
     assert run.ends_at == pytest.approx(5.0 + lasts)
@@ -133,7 +133,7 @@ def test_renumber_continues_the_movement() -> None:
     run = Trajectory()
     run.move(0.0, 100.0, 10.0, 10.0, 10.0)
     run.renumber(0.5, 1000.0)
-    assert run.position(0.4) == pytest.approx(0.8)  # what was, was under the old ones
+    assert run.position(0.4) == pytest.approx(0.8)  # earlier positions keep the old numbers
     assert (run.position(0.5), run.velocity(0.5), run.acceleration(0.5)) == (1001.25, 5.0, 10.0)
     assert (run.ends_at, run.position(20.0)) == (11.0, 1100.0)
 

@@ -1,4 +1,4 @@
-"""The core of every simulated machine: its values, and the adapters through which the buses see them.
+"""The core of every simulated machine: its values, and the adapters through which the buses access them.
 
         Modbus  --> modbus.py --> register_image.py --> store.py <-- canopen.py <-- CANopen
                                                           ^

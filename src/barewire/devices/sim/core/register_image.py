@@ -4,7 +4,7 @@
         register    [  u32 .....  .... ] [ u8 H | u8 L ]
         cells          A (word 0) A (word 1)   B | C
 
-An image stores nothing, so two function codes that reach the same cell see one value. Rules where a manual has none:
+An image stores nothing, so two function codes that reach one cell return one value. Rules where a manual has none:
 
 * A register or coil that no parameter occupies does not exist: exception 02, also for a gap inside a row.
 * Parameters that cannot be read are in no image for reading, those that cannot be written in none for writing:
