@@ -17,7 +17,6 @@ from barewire.explain.capture.pcapng import Packet, file_header, is_capture, pac
 from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_line
 from barewire.modbus.sniffer.sniffer import (
     AmbiguousFrame,
-    NoiseSeen,
     RequestSeen,
     ResponseMissing,
     ResponseSeen,
