@@ -133,7 +133,9 @@ def test_a_device_that_stops_answering_ends_the_run(monkeypatch: pytest.MonkeyPa
     results: list[NodeCaseResult] = []
     with CanopenServer(URL, device=plain()) as host:
         hold_on(only, whole)
-        with pytest.raises(Unfinished, match=f"node {NODE} answers no more after the case {only[:3]}-") as caught:
+        with pytest.raises(
+            Unfinished, match=f"node {NODE} does not answer any more after the case {only[:3]}-"
+        ) as caught:
             hold_on(only, results, 3, host.close)
     assert len(results) in (3, 4)
     assert len(results) + caught.value.not_run == len(whole)

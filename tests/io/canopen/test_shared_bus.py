@@ -71,7 +71,7 @@ def test_an_error_gets_a_note_of_the_frames_that_were_lost() -> None:
             bus.send(frame("585#80"))
         error = NoAnswer("nobody")
         subscriber.note_losses(error)
-        assert error.__notes__ == ["2 frames were lost here: they came faster than they were taken"]
+        assert error.__notes__ == ["2 frames were lost here: they arrived faster than they were taken"]
 
 
 def test_reports_of_the_controller_reach_every_stream_and_no_conversation() -> None:

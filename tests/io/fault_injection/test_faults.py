@@ -127,7 +127,7 @@ def test_faults_are_counted_and_reported() -> None:
     ("text", "said"),
     [
         ("latte", "fault 'latte': expected some of drop, exception, flip, late, noise, split, wrong-unit"),
-        ("late:2", "fault 'late:2': expected a probability, 0..1, behind the colon"),
+        ("late:2", "fault 'late:2': expected a probability, 0..1, after the colon"),
         ("late:often", "fault 'late:often': expected a probability"),
         ("", "fault '': expected some of"),
     ],

@@ -123,7 +123,7 @@ def test_a_refused_connection() -> None:
 
 @pytest.mark.parametrize("path", ["/dev/null", "/etc/passwd"])
 def test_a_file_that_is_no_serial_port_is_an_error(path: str) -> None:
-    with pytest.raises(PortError, match=f"^{path}: it is there, but no serial port$"):
+    with pytest.raises(PortError, match=f"^{path}: the file exists, but is not a serial port$"):
         ModbusClient(f"rtu://{path}")
 
 

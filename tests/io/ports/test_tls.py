@@ -190,7 +190,7 @@ def test_a_peer_without_tls_is_an_error_on_both_sides(host: ModbusServer, certif
         pytest.raises(PortError),
     ):
         client.read_holding_registers(0, 1)
-    assert "the other side does not speak TLS" in closed_because(host)
+    assert "the other side does not use TLS" in closed_because(host)
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as plain, pytest.raises(PortError, match=r"TLS|closed"):
         ModbusClient(tls_url(certificates, "operator", plain.url.removeprefix("tcp://")))
 
@@ -215,7 +215,7 @@ def test_tls_1_1_is_refused(host: ModbusServer, certificates: Path) -> None:
         ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/ca.cnf", "no certificate in PEM"),
         (
             "tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/ca.crt",
-            "roles=FILE is the table of what each role may do",
+            "roles=FILE is the table of the rights of each role",
         ),
         ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/ca.crt&roles={0}/ca.crt", "table of roles"),
     ],

@@ -1,11 +1,11 @@
-"""A shared bus for asyncio: a subscriber that wakes a task instead of a thread, and the streams and tasks built on it.
+"""A shared bus for asyncio: subscribers, streams and running machines that wake a task instead of a thread.
 
         reader (thread) --> AsyncSubscriber --call_soon_threadsafe, once for a whole burst--> the task
 
-This works with every interface of python-can. Only some of them have a file descriptor for `loop.add_reader`; slcan may
-hold half a frame behind it, and `recv` of others blocks. A second way for those few would save a wake-up and lose three
-things: frames have the time at which they came although the loop is busy, lost frames are counted here instead of being
-lost in the kernel, and blocking and asyncio clients may share one bus.
+A thread reads the bus because only some interfaces of python-can have a file descriptor for `loop.add_reader`; slcan
+may hold half a frame behind it, and `recv` of others blocks. `add_reader` for those few would save a wake-up, but the
+thread has three advantages: frames have the time at which they arrived even if the loop is busy, lost frames are
+counted here instead of being lost in the kernel, and blocking and asyncio clients may share one bus.
 
 Depends on: shared_bus, event_stream, node_runner.  Used by: the asyncio client, the text gateway.
 """
@@ -71,12 +71,12 @@ class AsyncSubscriber(Subscriber):
             self._loop.call_soon_threadsafe(self.wake)
 
     def wake(self) -> None:
-        """Let the task that waits check again, although nothing may have come."""
+        """Wake the task that waits, so that it checks its deadline again."""
         if self._waiter is not None and not self._waiter.done():
             self._waiter.set_result(None)
 
     async def pull_async(self, timeout: float) -> Arrived | None:
-        """The next item within `timeout` seconds, or None."""
+        """Return the next item, or None after `timeout` seconds."""
         arrived = self.take(wait=timeout > 0)
         if arrived is not None or timeout <= 0:
             return arrived
@@ -90,13 +90,13 @@ class AsyncSubscriber(Subscriber):
         return self.take()
 
     async def receive(self, timeout: float) -> CanFrame | None:  # type: ignore[override]  # the other engine's port
-        """The port of a conversation: the next frame within `timeout` seconds, or None."""
+        """Return the next frame, or None after `timeout` seconds. A conversation calls it."""
         arrived = await self.pull_async(timeout)
         return None if arrived is None else arrived.item  # type: ignore[return-value]  # without reports only frames
 
     def write(self, item: CanFrame) -> None:
-        """Hand a frame over. Where the controller has no room it is sent later, even if no task waits for it: it may be
-        the abort of a task that was cancelled."""
+        """Send a frame. If the controller has no room, the frame is sent later, even if no task waits for that: it may
+        be the abort of a task that was cancelled."""
         if self._outbox or not self.bus.try_send(item, self):
             if not self._outbox:
                 self._give_up_at = self._loop.time() + SEND_TIMEOUT
@@ -106,7 +106,7 @@ class AsyncSubscriber(Subscriber):
                 self._loop.call_later(_SEND_RETRY, self._retry)
 
     async def sent(self) -> float | None:
-        """Wait until the controller has all frames."""
+        """Wait until the controller has all frames. Raises PortError if a frame could not be sent."""
         while self._outbox:
             await asyncio.sleep(_SEND_RETRY)
             self._send_outbox()
@@ -138,7 +138,7 @@ class AsyncSubscriber(Subscriber):
 
 
 async def wait_until_open(bus: CanBus, timeout: float) -> None:
-    """While the bus is being opened again, wait for it: `timeout` seconds at most."""
+    """If the bus is being opened again, wait for it, `timeout` seconds at most."""
     if bus.failure is None:
         return
     loop, is_open = asyncio.get_running_loop(), asyncio.Event()
@@ -152,11 +152,11 @@ async def wait_until_open(bus: CanBus, timeout: float) -> None:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(is_open.wait(), timeout)
         finally:
-            bus.forget(wake)
+            bus.cancel_wake(wake)
 
 
 async def open_in_thread(open_bus: Callable[[], CanBus]) -> CanBus:
-    """Open a bus in a thread. If the task is cancelled meanwhile, the bus is closed as soon as it is open."""
+    """Open a bus in a thread. If the task is cancelled meanwhile, the bus is closed when it is open."""
     opened: list[CanBus] = []
     abandoned = threading.Event()
 
@@ -178,7 +178,7 @@ async def open_in_thread(open_bus: Callable[[], CanBus]) -> CanBus:
 
 @contextlib.asynccontextmanager
 async def channels_locked(bus: CanBus, keys: LockKeys | None) -> AsyncIterator[None]:
-    """Wait until these channels are free, and hold their locks. None is the whole bus."""
+    """Wait until these channels are free, and hold their locks. None means the whole bus."""
     loop = asyncio.get_running_loop()
     waiter: asyncio.Future[None] = loop.create_future()
 
@@ -210,7 +210,7 @@ class AsyncStream(StreamBase[E]):
         super().__init__(machine, AsyncSubscriber(bus, keys, room=room, reports=True))
 
     async def get(self, timeout: float | None = None) -> E | Report | None:
-        """The next event within `timeout` seconds, or None; without a time-out it waits for ever.
+        """Return the next event, or None after `timeout` seconds. Without a time-out it waits for ever.
 
         Raises PortError if the bus is closed.
         """
@@ -239,7 +239,7 @@ class AsyncStream(StreamBase[E]):
 class AsyncRunning:
     """A machine in an asyncio task, until it is stopped or the bus is closed.
 
-    `do` changes the machine and sends the resulting frames at once. `refused` counts frames that the bus did not take.
+    `do` changes the machine and sends the resulting frames at once. `refused` counts frames that could not be sent.
     """
 
     def __init__(self, bus: FrameBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
@@ -278,13 +278,13 @@ class AsyncRunning:
             self.refused += 1
 
     async def do(self, action: Action) -> None:
-        """Call `action(now)`; then send the frames that it returns, and those that are due."""
+        """Call `action(now)`, then send the frames that it returns and those that are due."""
         now = time.monotonic()
         for frame in [*(action(now) or ()), *self.machine.feed(None, now)]:
             await self._send(frame)
 
     def stop(self) -> None:
-        """Send no further frame."""
+        """Stop the machine: it sends no further frame."""
         self._subscriber.discard_queued()
         self._subscriber.close()
         self._task.cancel()

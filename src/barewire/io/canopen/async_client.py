@@ -42,7 +42,7 @@ E = TypeVar("E")
 class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
     """A client of the nodes on a bus, for asyncio. The arguments are those of `CanopenClient`.
 
-    A bus given by its URL is opened by `async with`, or by `connect`. `watch` is called in the reader thread.
+    `async with` or `await connect()` opens a bus given by its URL. `watch` is called in the reader thread.
     """
 
     def _prepare(self) -> None:
@@ -81,11 +81,12 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
         return await self.carry_out(BusOperation(conversation, None, None))
 
     def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> AsyncStream[E]:
-        """The events of a machine that only listens. `receives` are its (identifier, extended), None for all frames."""
+        """Return a stream of the events of any machine that listens. `receives` are the (identifier, extended) of its
+        frames, None for all."""
         return self.subscribe(Subscription(machine, receives))
 
     async def receive(self, timeout: float | None = None) -> CanFrame | None:
-        """The next frame on the bus, or None after `timeout` seconds. The first call begins to collect frames.
+        """Return the next frame on the bus, or None after `timeout` seconds. The first call begins to collect frames.
 
         `frames` returns a stream.
         """
@@ -117,7 +118,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
                     raise
 
     def subscribe(self, subscription: Subscription[E]) -> AsyncStream[E]:
-        """A stream of the events of a subscription."""
+        """Return a stream of the events of a subscription."""
         stream = AsyncStream(self.bus, subscription.machine, subscription.receives)
         self._running.add(stream)
         return stream

@@ -1,9 +1,9 @@
-"""The frames of a live CAN bus: its port is read and never written to.
+"""Listens in on a live CAN bus: its port is read and never written to.
 
-    for at, frame in listen_can(Endpoint.parse("can://socketcand/127.0.0.1:29536/can0"), stop): ...
+    for received_at, frame in listen_can(Endpoint.parse("can://socketcand/127.0.0.1:29536/can0"), stop): ...
 
-A CAN controller acknowledges the frames that it receives, unless it is in listen-only mode: on a bus with a single
-sender that makes a difference. Interfaces that have this mode have an option for it in python-can.
+A CAN controller acknowledges the frames that it receives, unless it is in listen-only mode. That makes a difference on
+a bus with a single other node. Interfaces that have this mode have an option for it in python-can.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _CHECK_INTERVAL = 0.1
 def listen_can(
     endpoint: Endpoint, stop: threading.Event, *, seconds: float | None = None
 ) -> Iterator[tuple[float, AnyFrame | None]]:
-    """The frames with their times, in seconds since 1970, and None now and then while none comes.
+    """Yield the frames with their times, in seconds since 1970; every 0.1 s without a frame a time and None.
 
     Raises PortError for a bus that cannot be opened, or fails.
     """

@@ -5,8 +5,8 @@
         five["TARGET VELOCITY"] = 1500
         six.sdo.upload(0x1000)
 
-A client may be used from several threads. On one SDO channel there is one transfer at a time, in the order in which
-they were asked for; transfers with different nodes run at the same time. A bus may be shared by several clients:
+A client may be used from several threads. Transfers on one SDO channel run one at a time, in the order of the calls;
+transfers with different nodes run at the same time. Several clients may share a bus:
 
     with CanBus.open("can://socketcan/can0") as shared:
         client, other = CanopenClient(shared), CanopenClient(shared, timeout=5.0)
@@ -43,10 +43,14 @@ E = TypeVar("E")
 class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
     """A client of the nodes on a bus.
 
-    `bus` is a can:// URL, a `CanBus` to share, or a port that becomes this client's own. `node` (1..127) and `timeout`
-    (seconds) hold where a call gives no others. `dialect="az3"` sends SDO requests as the guide of the AZ3 prints them.
-    `watch(direction, frame)` is called with every frame that passes. `options` are those of the URL, which they
-    override. Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened.
+    bus         a can:// URL; a `CanBus`, which other clients may share; or a port, which the client closes
+    node        1..127, the node of calls that name none; by default the device's own, or 1
+    timeout     seconds that a request waits for its response, where a call gives no other; by default 1
+    dialect     how SDO requests are written; "az3" is the form in the guide of the AZ3; by default the standard's
+    watch       called as watch("sent" or "received", frame) with every frame; only for a bus opened by URL
+    options     all other options of a URL, which they override: `bitrate`, those of the interface
+
+    Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened.
     """
 
     def _prepare(self) -> None:
@@ -70,17 +74,18 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
             self.bus.close()
 
     def run(self, conversation: Conversation[CanFrame, T]) -> T:
-        """Carry any conversation out. It has the bus alone, because its channels are unknown."""
+        """Carry out any conversation. It locks all channels of the bus, because those that it uses are unknown."""
         return self.carry_out(BusOperation(conversation, None, None))
 
     def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> Stream[E]:
-        """The events of any machine that listens. `receives` are the (identifier, extended) that it needs, None all."""
+        """Return a stream of the events of any machine that listens. `receives` are the (identifier, extended) of its
+        frames, None for all."""
         return self.subscribe(Subscription(machine, receives))
 
     def receive(self, timeout: float | None = None) -> CanFrame | None:
-        """The next frame on the bus within `timeout` seconds, or None. Frames are kept from the first call on.
+        """Return the next frame on the bus, or None after `timeout` seconds. The first call begins to collect frames.
 
-        `frames` gives a stream.
+        `frames` returns a stream.
         """
         wait = self.timeout if timeout is None else timeout
         check_timeout(wait)
@@ -99,7 +104,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
     # The runner of the methods
 
     def carry_out(self, operation: BusOperation[T]) -> T:
-        """Wait for the locks of an operation, then carry it out. A bus that is being opened again gets `timeout`."""
+        """Wait for the locks of an operation, then carry it out. If the bus is being opened again, wait for it too."""
         self.bus.wait_until_open(self.timeout if operation.timeout is None else operation.timeout)
         with channels_locked(self.bus, operation.locks), Subscriber(self.bus, operation.receives) as subscriber:
             try:
@@ -109,7 +114,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
                 raise
 
     def subscribe(self, subscription: Subscription[E]) -> Stream[E]:
-        """A stream of the events of a subscription."""
+        """Return a stream of the events of a subscription."""
         stream = Stream(self.bus, subscription.machine, subscription.receives)
         self._running.add(stream)
         return stream
@@ -123,12 +128,12 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
 
 @contextlib.contextmanager
 def channels_locked(bus: CanBus, keys: LockKeys | None) -> Iterator[None]:
-    """Wait until these channels are free, and hold their locks."""
-    free = threading.Event()
-    claim = bus.request_lock(keys, threading.get_ident(), free.set)
+    """Wait until these channels are free, and hold their locks. None means the whole bus."""
+    is_free = threading.Event()
+    lock = bus.request_lock(keys, threading.get_ident(), is_free.set)
     try:
-        if not claim.granted:
-            free.wait()
+        if not lock.granted:
+            is_free.wait()
         yield
     finally:
-        bus.release_lock(claim)
+        bus.release_lock(lock)

@@ -87,7 +87,7 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
             check_timeout(timeout)
             if options or watch is not None:
                 names = ", ".join([*options, *(["watch"] if watch is not None else [])])
-                raise EncodeError(f"{names}: an option of a bus that is opened by its URL; this one is open")
+                raise EncodeError(f"{names}: an option of a bus that is opened by its URL; this bus is open")
             if isinstance(bus, CanBus):
                 self._bus = bus
             elif not (hasattr(bus, "send") and hasattr(bus, "receive")):
@@ -117,13 +117,13 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
 
     @property
     def bus(self) -> CanBus:
-        """The bus, which may be shared by several clients. PortError if it is not open yet."""
+        """The bus, which several clients may share. Raises PortError if it is not open yet."""
         if self._bus is None:
             raise PortError(f"{self._endpoint}: not connected: enter `async with`, or await connect()")
         return self._bus
 
     def _new_bus(self) -> CanBus:
-        """The bus that the constructor was given, or a new one for its URL or port."""
+        """Return the bus that the constructor was given, or a new one for its URL or port."""
         if self._endpoint is not None:
             return CanBus.open(self._endpoint, watch=self._watch)
         return self.bus if self._port is None else CanBus(self._port)
@@ -237,32 +237,38 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         timeout: float = 0.1,
         progress: Callable[[int, canopen.ScanResult], None] | None = None,
     ) -> BusOperation[canopen.ScanResult]:
-        """Find the nodes on the bus, with the evidence for each. Waits for SDO transfers with these nodes."""
+        """Find the nodes on the bus, with the evidence for each. It waits until SDO transfers with these nodes end.
+
+        nodes       the node-IDs that are asked; by default all
+        listen      seconds to listen for frames of nodes before anything is sent
+        timeout     seconds that a node has to respond
+        progress    called with each node-ID, before it is asked, and the result so far
+        """
         locks = frozenset(("SDO", 0x580 + node, False) for node in nodes)
         return BusOperation(canopen.scan(nodes, listen=listen, timeout=timeout, progress=progress), locks, None)
 
     @subscription
     def emergencies(self, cob_ids: Mapping[Key, int] | None = None) -> Subscription[canopen.EmcyEvent]:
-        """The errors that nodes report. `cob_ids` gives the node of each (identifier, extended) that is another one
+        """Return a stream of the errors that nodes report. `cob_ids` has the node of each (identifier, extended) other
         than 80h + node."""
         keys = {(0x80 + node, False) for node in _NODES} | ERROR_CONTROL | set(cob_ids or ())
         return Subscription(canopen.EmcyConsumer(cob_ids), frozenset(keys))
 
     @subscription
     def frames(self, *keys: Key) -> Subscription[canopen.CanFrame]:
-        """All frames, or those with these (identifier, extended), as they come."""
+        """Return a stream of all frames, or of those with these (identifier, extended)."""
         return Subscription(FrameListener(), frozenset(keys) or None)
 
     @subscription
     def pdos(self, *pdos: RemotePdo) -> Subscription[PdoReceived]:
-        """The values of these PDOs, of any nodes, as they arrive."""
+        """Return a stream of the values of these PDOs, of any nodes."""
         from barewire.io.canopen.methods.pdo import pdo_subscription
 
         return pdo_subscription(*pdos)
 
     @background
     def host(self, device: Speaker) -> BackgroundTask:
-        """Run a `LocalNode`, or any machine that receives and sends frames, on this bus until it is stopped."""
+        """Run a `LocalNode`, or any machine that receives all frames, on this bus until it is stopped."""
         return BackgroundTask(device, None)
 
     @background

@@ -2,9 +2,9 @@
 
     for result in conform_can(Endpoint.parse("can://socketcan/can0?node=5")): ...
 
-First the objects of the device are read, because cases for objects that it lacks are left out; if any case changes
-values, the communication is reset before. Then the cases run one by one, each after a reset if it or the case before
-changes values. A `gentle` battery only reads.
+First the objects of the device are read, because cases for objects that it lacks are left out. If any case changes
+values, the communication is reset before that. Then the cases run one by one, each after a reset if it or the previous
+case changes values. A `gentle` battery only reads.
 """
 
 from __future__ import annotations
@@ -41,8 +41,11 @@ class NodeCaseResult(NamedTuple):
 def conform_can(
     endpoint: Endpoint, *, gentle: bool = False, large: tuple[int, int] | None = None, only: tuple[str, ...] = ("",)
 ) -> Iterator[NodeCaseResult]:
-    """Run every case. `large` is an object that takes any bytes, for downloads of several segments; `only` are the
-    beginnings of the names of the cases to run.
+    """Run the cases, and yield the result of each.
+
+    gentle      run only cases that read
+    large       (index, sub-index) of an object that accepts any bytes, for downloads of several segments
+    only        the beginnings of the names of the cases to run; by default all run
 
     Raises EncodeError for an endpoint that is not can://, PortError for a bus that cannot be opened, NoAnswer if no
     device answers, Unfinished if the device stops answering for good.
@@ -60,7 +63,7 @@ def conform_can(
             raise EncodeError(f"the large object {large[0]:04X}:{large[1]:02X}: node {node} has no such object")
         chosen = [case for case in cases(subject) if case.name.startswith(only) and not case.lacks]
         if not gentle and any(case.effect != "reads" for case in chosen):
-            # It may be configured in another way now: the cases see what it has after a reset.
+            # Its configuration may have been changed: the cases need the values that it has after a reset.
             boot = boot if run(prepare(subject), port) else patience
             subject = run(probe(node, timeout=patience, large=large), port)
         wanted = [case for case in cases(subject) if case.name.startswith(only)]
@@ -89,7 +92,7 @@ def conform_can(
 
 
 def _check_answers(node: int, patience: float, port: Port[CanFrame], not_run: int, before: NodeCase | None) -> None:
-    """Wait until the device answers; Unfinished if it does not within the time of a boot."""
+    """Wait until the device answers. Raises Unfinished if it does not answer within the time of a boot."""
     until = time.monotonic() + BOOT
     while True:
         try:
@@ -98,11 +101,11 @@ def _check_answers(node: int, patience: float, port: Port[CanFrame], not_run: in
         except NoAnswer:
             if time.monotonic() > until:
                 after = f" after the case {before.name}" if before is not None else ""
-                raise Unfinished(f"node {node} answers no more{after}", not_run) from None
+                raise Unfinished(f"node {node} does not answer any more{after}", not_run) from None
 
 
 def _request_device_type(node: int, patience: float) -> Conversation[CanFrame, None]:
-    """Upload the device type, which every device has; NoAnswer if no response comes."""
+    """Upload the device type, which every device has. Raises NoAnswer if no response arrives."""
     heard = yield Send(CanFrame(0x600 + node, bytes.fromhex("4000100000000000")))
     until = heard.now + patience
     while heard.now < until:
@@ -113,10 +116,10 @@ def _request_device_type(node: int, patience: float) -> Conversation[CanFrame, N
 
 
 def why_left_out(case: NodeCase, gentle: bool, *, remote: bool) -> str:
-    """Why a case is not run on a bus with or without remote frames; empty if it is."""
+    """Return why a case is not run on a bus with or without remote frames; empty if it is run."""
     if case.lacks:
         return f"needs {case.lacks}"
     if gentle and case.effect != "reads":
         return case.effect
-    asks = any("#R" in text for step in case.steps for text in step.sends)
-    return "" if remote or not asks else "needs remote frames, which socketcand does not carry"
+    has_remote_frames = any("#R" in text for step in case.steps for text in step.sends)
+    return "" if remote or not has_remote_frames else "needs remote frames, which socketcand does not carry"

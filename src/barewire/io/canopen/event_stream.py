@@ -3,14 +3,14 @@
     with bus.emergencies() as stream:
         for event in stream:
             match event:
-                case EmcyEvent(): ...           the subject of the stream
+                case EmcyEvent(): ...           an event of the machine
                 case FramesLost(frames): ...    so many frames were lost, because they were not taken in time
                 case ErrorFrame(): ...          a report of the CAN controller
                 case BusDown(why): ...          the port failed, and is being opened again
                 case BusUp(after): ...          it is open again
 
-The machine is fed in the thread or task that takes from the stream: no callback runs in the reader of the bus. Frames
-have the time at which they came, so taking late changes no event but those of silence.
+The machine is fed in the thread or task that takes the events: no callback runs in the reader of the bus. Frames keep
+the time at which they arrived, so only events of silence change if they are taken late.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ class FrameListener:
     deadline = None
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The frame."""
+        """Return the frame."""
         return [] if frame is None else [frame]
 
 
 class StreamBase(Generic[E]):
-    """What both kinds of stream share: a machine, its events that were not taken yet, and a subscriber."""
+    """The base class of streams: a machine, its events that were not taken yet, and a subscriber."""
 
     def __init__(self, machine: Listener[E], subscriber: Subscriber) -> None:
         self.machine = machine
@@ -78,7 +78,7 @@ class StreamBase(Generic[E]):
 
     @property
     def lost(self) -> int:
-        """How many frames were lost here altogether."""
+        """The number of frames that were lost here."""
         return self._subscriber.lost
 
     def close(self) -> None:
@@ -87,12 +87,12 @@ class StreamBase(Generic[E]):
         self._subscriber.close()
 
     def _wait_until(self, until: float) -> float:
-        """When the machine has to be fed again."""
+        """Return when the machine has to be fed again, at the latest `until`."""
         deadline = self.machine.deadline
         return until if deadline is None else min(until, deadline)
 
     def _feed(self, arrived: Arrived | None, now: float) -> None:
-        """Feed what arrived, or that time has passed."""
+        """Feed the machine with a frame, or with the time if nothing arrived."""
         if arrived is None:
             self._ready.extend(self.machine.feed(None, now))
         elif isinstance(arrived.item, CanFrame):
@@ -102,7 +102,7 @@ class StreamBase(Generic[E]):
 
 
 class Stream(StreamBase[E]):
-    """Events of a machine that listens on a bus. For one thread; iterating ends when the stream is closed."""
+    """The events of a machine that listens on a bus, for one thread. Iteration ends when the stream is closed."""
 
     def __init__(
         self, bus: FrameBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = STREAM_ROOM
@@ -110,7 +110,7 @@ class Stream(StreamBase[E]):
         super().__init__(machine, Subscriber(bus, keys, room=room, reports=True))
 
     def get(self, timeout: float | None = None) -> E | Report | None:
-        """The next event within `timeout` seconds, or None; without a time-out it waits for ever.
+        """Return the next event, or None after `timeout` seconds. Without a time-out it waits for ever.
 
         Raises PortError if the bus is closed.
         """

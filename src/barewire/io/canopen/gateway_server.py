@@ -7,7 +7,7 @@
 The commands of a connection are carried out one after the other; further ones wait in the socket. If a client does not
 read, notices to it are dropped, and their number is reported later; responses are never dropped.
 
-Depends on: the asyncio client, `canopen.gateway` for what a line means.  Used by: `barewire canopen-gateway`.
+Depends on: the asyncio client, `canopen.gateway` for the commands.  Used by: `barewire canopen-gateway`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _PASSIVE = 0x30
 
 
 class CanopenGateway:
-    """A listening gateway. Leaving its `async with` closes every connection, but not `client`."""
+    """A gateway on a TCP port. The end of its `async with` closes every connection, but not `client`."""
 
     def __init__(self, client: AsyncCanopenClient, *, net: int = 1, version: str = "") -> None:
         self.client = client
@@ -69,7 +69,7 @@ class CanopenGateway:
 
     @property
     def port(self) -> int:
-        """The TCP port on which the gateway listens; the system chooses it if port 0 was requested."""
+        """The number of the TCP port on which it listens; the system chooses it if port 0 was requested."""
         assert self._server is not None
         return int(self._server.sockets[0].getsockname()[1])
 
@@ -214,7 +214,7 @@ class _Connection:
         self._notice(lines)
 
     def _notice(self, lines: list[str]) -> None:
-        """Send notices. They are dropped and counted while the client does not read."""
+        """Send notices, or count them as lost while the client does not read."""
         if self._writer.transport.get_write_buffer_size() > UNREAD_LIMIT:
             self._lost += len(lines)
             return
@@ -230,7 +230,7 @@ class _Connection:
 
 
 def _code_of(report: ErrorFrame) -> GatewayCode | None:
-    """The code for a report of the controller; None if it is neither bus-off nor error passive."""
+    """Return the code for a report of the controller; None if it is neither bus-off nor error passive."""
     if report.classes & _BUS_OFF:
         return GatewayCode.BUS_OFF
     passive = report.classes & _CONTROLLER and report.data[1:2] and report.data[1] & _PASSIVE

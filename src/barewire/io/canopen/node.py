@@ -1,10 +1,10 @@
-"""One node of a bus, as a client sees it: `bus.node(5, device="az3")`.
+"""One node of a bus, with the methods of a client for it: `bus.node(5, device="az3")`.
 
     bus.node(5)                        node.sdo, node.nmt, node.pdo, node.emergencies()
     bus.node(5, device="az3")          also values with units by name, and node.drive       (`io.named_values`)
     bus.node(5, eds="drive.eds")       also values by the names of an EDS, by index, by (index, sub-index)
 
-A node holds no connection: any number of them may stand for the same node.
+A `Node` holds no connection: there may be any number for the same node.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _NAMED = {"read", "read_all", "write", "drive"}
 
 
 class Node(Methods[R]):
-    """A node by its number. `timeout` (seconds) holds where a call gives none."""
+    """A node by its number. `timeout` (seconds) is that of calls that give none."""
 
     def __init__(
         self,
@@ -87,8 +87,8 @@ class Node(Methods[R]):
 
     @subscription
     def emergencies(self, cob_id: Key | None = None) -> Subscription[canopen.EmcyEvent]:
-        """The errors that the node reports. `cob_id` is the (identifier, extended) of its emergency messages, where
-        object 1014h has another one than 80h + node."""
+        """Return a stream of the errors that the node reports. `cob_id` is the (identifier, extended) of its emergency
+        messages if object 1014h has another one than 80h + node."""
         key = cob_id or (0x80 + self.number, False)
         consumer = canopen.EmcyConsumer({key: self.number}, listed_only=True)
         return Subscription(consumer, frozenset({key, (0x700 + self.number, False)}))
@@ -127,15 +127,18 @@ class EdsNode(Node[R]):
 
     @operation
     def read(self, place: ObjectRef, *, block: BlockMode = False, timeout: float | None = None) -> BusOperation[Value]:
-        """The value of an object by name, by index, or by (index, sub-index). Raises EncodeError for one that the EDS
-        does not have, DecodeError for a value that is not of its type, SdoAbort, NoAnswer, PortError."""
+        """Read the value of an object by name, by index, or by (index, sub-index).
+
+        Raises EncodeError for an object that the EDS does not have, DecodeError for a value that is not of its type,
+        SdoAbort, NoAnswer, PortError.
+        """
         channel, wait = self.channel, self.timeout if timeout is None else timeout
         return sdo_transfer(channel, canopen.read_object(channel, self.objects, place, block=block, timeout=wait), wait)
 
     @operation
     def read_all(self, places: Iterable[ObjectRef] | None = None) -> BusOperation[list[ObjectReading]]:
-        """Read the objects at `places`, in their order; without places every readable object that the node does not
-        refuse."""
+        """Read the objects at `places`, in their order. Without places, read every readable object, and leave out those
+        that the node refuses."""
         if isinstance(places, str):
             raise EncodeError(f"read_all({places!r}): expected several objects; one is read(name)")
         if places is None:
@@ -163,7 +166,7 @@ class EdsNode(Node[R]):
     def write(
         self, place: ObjectRef, value: Value, *, block: BlockMode = False, timeout: float | None = None
     ) -> BusOperation[None]:
-        """Write an object. Never repeated. Raises EncodeError before sending if the value does not fit its type."""
+        """Write an object, once. Raises EncodeError, before anything is sent, if the value does not fit its type."""
         channel, wait = self.channel, self.timeout if timeout is None else timeout
         writing = canopen.write_object(channel, self.objects, place, value, block=block, timeout=wait)
         return sdo_transfer(channel, writing, wait)
@@ -215,7 +218,7 @@ def _write_device(node: Node[Any], device: Device, values: Mapping[str, Value], 
 
 
 def dictionary_of(eds: str | Path | Eds | ObjectDictionary, node: int) -> ObjectDictionary:
-    """The object dictionary of a node: of an EDS file, of a parsed one, or the dictionary itself.
+    """Return the object dictionary of a node: that of an EDS, parsed or as a file, or the dictionary itself.
 
     Raises EncodeError for a file that cannot be read.
     """

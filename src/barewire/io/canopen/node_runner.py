@@ -1,6 +1,6 @@
-"""Machines that send by themselves on a bus, such as a SYNC producer or a whole node, each in a thread of its own.
+"""Runs machines that also send, such as a SYNC producer or a whole node, each in a thread of its own.
 
-`async_bus` has the same for asyncio.
+`async_bus` runs them in asyncio tasks.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from barewire.io.engine.locking import exclusive
 _BUS_OFF, _RESTARTED = 0x40, 0x100
 
 CHECK_INTERVAL = 0.1
-"""Seconds after which a machine is fed in any case: another thread may have changed its values."""
+"""Seconds after which a machine is fed at the latest, because another thread may have changed its values."""
 
 
 class Speaker(Protocol):
-    """A machine that sends frames at its deadline, or when it receives some."""
+    """A machine that sends frames, at its deadline or when it receives some."""
 
     @property
     def deadline(self) -> float | None: ...
@@ -31,7 +31,7 @@ class Speaker(Protocol):
 
 
 def begin(machine: Speaker, now: float) -> list[CanFrame]:
-    """Start a machine that has a `start`; its first frames."""
+    """Start a machine, if it has a `start`, and return its first frames."""
     frames: list[CanFrame] = []
     start = getattr(machine, "start", None)
     if start is not None:
@@ -40,8 +40,8 @@ def begin(machine: Speaker, now: float) -> list[CanFrame]:
 
 
 class CallbackAdapter:
-    """A machine that both sends and reports, such as the master of node guarding: its frames go to the bus, everything
-    else to `callback`, in the thread or task of the machine."""
+    """A machine whose results are frames and events, such as the master of node guarding. Its frames go to the bus, its
+    events to `callback`, in the thread or task of the machine."""
 
     def __init__(self, machine: Any, callback: Callable[[Any], object]) -> None:
         self.machine = machine
@@ -49,12 +49,12 @@ class CallbackAdapter:
 
     @property
     def deadline(self) -> float | None:
-        """That of the machine."""
+        """The deadline of the machine."""
         due: float | None = self.machine.deadline
         return due
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """The frames among the results of the machine."""
+        """Feed the machine; return its frames, and call the callback with its events."""
         frames = []
         for item in self.machine.feed(frame, now):
             if isinstance(item, CanFrame):
@@ -65,10 +65,11 @@ class CallbackAdapter:
 
 
 class NodeDriver:
-    """Feeds a machine on a bus: with frames, with time, and with bus-off and recovery of the controller.
+    """Feeds a machine on a bus with frames, with time, and with bus-off and recovery of the controller.
 
-    A node that goes bus-off follows its error behaviour, and sends emergency 8140h as soon as it is back: the
-    controller was restarted, or a frame came. A bus that is opened again was only silent for the machine.
+    A node that goes bus-off follows its error behavior. It sends emergency 8140h when it is back on the bus: after the
+    controller was restarted, or when a frame arrives. While a bus is being opened again, it is only silent for the
+    machine.
     """
 
     def __init__(self, machine: Speaker) -> None:
@@ -76,7 +77,7 @@ class NodeDriver:
         self._off = False
 
     def feed(self, item: BusItem | None, now: float) -> list[CanFrame]:
-        """The frames that the machine sends now. A machine that receives nothing is never given a frame."""
+        """Feed the machine with an item, or with the time, and return its frames."""
         frame = item if isinstance(item, CanFrame) else None
         classes = item.classes if isinstance(item, ErrorFrame) else 0
         frames: list[CanFrame] = []
@@ -93,21 +94,21 @@ class NodeDriver:
 
 
 Action = Callable[[float], Iterable[CanFrame] | None]
-"""Something that is done with a machine from outside, at that time; the frames that it returns are sent."""
+"""Changes a machine at the given time; the frames that it returns are sent."""
 
 
 class Running:
     """A machine in a thread of its own, until it is stopped or the bus is closed.
 
-    `do` changes the machine from another thread, and sends the resulting frames at once. A change without `do` is
-    noticed within 0.1 s. `refused` counts frames that could not be sent, for example because no other node
-    acknowledges; the machine goes on.
+    `do` changes the machine from another thread, and sends the resulting frames at once. A change without `do` takes
+    effect within 0.1 s. `refused` counts frames that could not be sent, for example because no other node acknowledges
+    them; the machine continues.
     """
 
     def __init__(self, bus: FrameBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
         self.machine = machine
         self.refused = 0
-        self._sending = threading.RLock()  # frames leave in the order in which they were made
+        self._sending = threading.RLock()  # frames are sent in the order in which they were made
         self._subscriber = Subscriber(bus, keys, node=True, reports=True)
         self._thread = threading.Thread(target=self._run, name=f"{type(machine).__name__} on {bus.name}", daemon=True)
         self._thread.start()
@@ -143,8 +144,7 @@ class Running:
                 self.refused += 1
 
     def do(self, action: Action) -> None:
-        """Call `action(now)` while no other thread is in the machine; then send the frames that it returns, and those
-        that are due."""
+        """Call `action(now)` with the machine locked, then send the frames that it returns and those that are due."""
         with self._sending:
             with exclusive(self.machine):
                 now = time.monotonic()
@@ -152,7 +152,7 @@ class Running:
             self._send(frames)
 
     def stop(self) -> None:
-        """Send no further frame; returns when the thread has ended."""
+        """Stop the machine: it sends no further frame. Returns when the thread has ended."""
         self._subscriber.close()
         if self._thread is not threading.current_thread():
             self._thread.join()

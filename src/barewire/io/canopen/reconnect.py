@@ -1,12 +1,12 @@
-"""A port of a CAN bus that failed is closed, and opened again after pauses that grow.
+"""Opens the port of a CAN bus again after it failed, with pauses that grow.
 
         port fails                     conversations raise PortError, streams get BusDown(why)
         closed, pause, opened ...      0.125 s, 0.25 s ... 30 s, each a little different (`engine.backoff`)
         one receive without error      streams get BusUp(seconds); new requests are sent
 
-Frames of a bus come without a request, so unlike a Modbus connection it is opened again at once: after an adapter was
-plugged in again, an interface was set up, or a server restarted, nothing has to be done. A port counts as good when it
-has lasted for some seconds; a port that opens and fails at once does not end the growth of the pauses.
+A bus has frames without requests, so unlike a Modbus connection its port is not opened by the next request but at once.
+After an adapter was plugged in again, an interface was set up, or a server restarted, the bus continues by itself. Only
+a port that lasted for some seconds resets the pauses; they grow further if it opens and fails at once.
 
 Depends on: ports.  Used by: shared buses, servers of nodes.
 """
@@ -26,16 +26,16 @@ from barewire.io.engine.backoff import BackOff
 from barewire.io.ports.base import Port
 
 Dial: TypeAlias = Callable[[], Port[CanFrame]]
-"""Opens a port."""
+"""A function that opens a port."""
 
 LASTED = 5.0
-"""Seconds after which a port that was opened counts as good."""
+"""Seconds after which a port that was opened resets the pauses."""
 _FIRST_RECEIVE = 0.05
-"""Seconds of the first receive: an interface that is down can be opened, and fails there."""
+"""Seconds of the first receive, which fails if the interface is down although it could be opened."""
 
 
 def receiver(port: Port[CanFrame]) -> Callable[[float], BusItem | None]:
-    """The method that receives from a port, with the reports of the controller if it has them."""
+    """Return the method that receives from a port, with the reports of the controller if the port has them."""
     receive: Callable[[float], BusItem | None] = getattr(port, "receive_any", port.receive)
     return receive
 
@@ -50,7 +50,7 @@ class Reopening:
         self._good_from = time.monotonic()
 
     def reopen(self, port: Port[CanFrame], why: str) -> tuple[Port[CanFrame], BusItem | None] | None:
-        """The new port in place of this one, and what its first receive gave; None if it was stopped before."""
+        """Return a new port in place of this one, and the result of its first receive; None if `stop` was set."""
         clock, back_off = time.monotonic, self.back_off
         if clock() - self._good_from >= LASTED:
             back_off.worked()

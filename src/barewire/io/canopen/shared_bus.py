@@ -5,8 +5,8 @@
                  (thread) +--> subscriber of all            a scan
 
 A subscriber holds a limited number of frames; further ones are dropped and counted. A stream reports their number
-(`FramesLost`); to a conversation they are like frames lost on the bus. Reports of the controller (`ErrorFrame`, such as
-bus-off) go to every stream. If the port fails, all calls raise PortError from then on; if it can be opened again
+(`FramesLost`); for a conversation they are like frames lost on the bus. Reports of the controller (`ErrorFrame`, such
+as bus-off) go to every stream. After the port has failed, all calls raise PortError. If it can be opened again
 (`dial`), streams report `BusDown` and `BusUp` instead and continue.
 
 Frames sent by one subscriber are delivered to all others of this bus, so several nodes can run in one process.
@@ -45,8 +45,9 @@ WatchFrames: TypeAlias = "Callable[[Direction, CanFrame], Any]"
 class CanBus:
     """A shared CAN bus. Closing it ends the reader thread; after that its subscribers raise PortError.
 
-    `port` is a `CanPort`, or any other port of frames. `watch(direction, frame)` is called with every frame sent or
-    received. With `dial`, a function that opens a port, a failed port is replaced; until then `failure` is the reason.
+    port        a `CanPort`, or any other port of frames
+    watch       called as watch("sent" or "received", frame) with every frame
+    dial        opens a new port after the port failed; until then `failure` is the reason. By default the bus ends
     """
 
     def __init__(self, port: Port[CanFrame], *, watch: WatchFrames | None = None, dial: Dial | None = None) -> None:
@@ -75,7 +76,7 @@ class CanBus:
 
     @classmethod
     def open(cls, bus: str | Endpoint, *, watch: WatchFrames | None = None, **options: Any) -> Self:
-        """Open the bus of a can:// URL. A port that fails later is opened again. `options` override those of the URL.
+        """Open the bus of a can:// URL, whose options `options` override. If its port fails later, it is opened again.
 
         Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened.
         """
@@ -119,7 +120,7 @@ class CanBus:
         return True
 
     def _distribute(self, frame: CanFrame, at: float, sender: Subscriber | None) -> None:
-        """Deliver a frame to all subscribers but its sender. Frames of clients do not count for the node monitor."""
+        """Deliver a frame to all subscribers but its sender. The node monitor does not get the frames of clients."""
         if sender is None or sender.node:
             self.monitor.feed(frame, at)
         for subscriber in self._by_id[frame.extended].get(frame.id, ()):
@@ -147,7 +148,7 @@ class CanBus:
         self._wake()
 
     def _reopen(self, why: str) -> bool:
-        """Replace the port that failed. False if it cannot be opened again, or if the bus was closed."""
+        """Replace the port that failed. Return False if it cannot be opened again, or if the bus was closed."""
         if self._reopening is None or self._closed:
             self._fail(why)
             return False
@@ -168,7 +169,7 @@ class CanBus:
             self._receive, self._try_send = receiver(self.port), getattr(self.port, "try_send", None)
         with self._changing:
             if self._has_ended:
-                return False  # closed meanwhile: `close` waits for this thread, and closes the port
+                return False  # closed meanwhile: `close` waits for this thread, then closes the port
             self.failure = None
         self._report(BusUp(time.monotonic() - since), time.monotonic())
         self._wake()
@@ -181,14 +182,14 @@ class CanBus:
             wake()
 
     def when_open(self, wake: Callable[[], None]) -> bool:
-        """True if the bus is open, or has ended. Otherwise `wake` is called as soon as it is one of the two."""
+        """Return whether the bus is open, or has ended. If it is neither, `wake` is called when it is."""
         with self._changing:
             if self.failure is None or self._has_ended:
                 return True
             self._waiting.add(wake)
             return False
 
-    def forget(self, wake: Callable[[], None]) -> None:
+    def cancel_wake(self, wake: Callable[[], None]) -> None:
         """Cancel the `wake` of a call of `when_open`."""
         with self._changing:
             self._waiting.discard(wake)
@@ -200,17 +201,17 @@ class CanBus:
         is_open = threading.Event()
         if not self.when_open(is_open.set):
             is_open.wait(timeout)
-            self.forget(is_open.set)
+            self.cancel_wake(is_open.set)
 
     # Frames out
 
     def send(self, frame: CanFrame, sender: Subscriber | None = None) -> None:
-        """Send a frame as soon as the controller has room; all other subscribers receive it. Raises PortError."""
+        """Send a frame when the controller has room. All other subscribers receive it. Raises PortError."""
         if not self.try_send(frame, sender):
             send_when_room(lambda: self.try_send(frame, sender, again=True), self.name)
 
     def try_send(self, frame: CanFrame, sender: Subscriber | None = None, *, again: bool = False) -> bool:
-        """`send` without waiting: False if the controller has no room now. Further attempts are made with `again`."""
+        """Send a frame, or return False if the controller has no room now. Further attempts are made with `again`."""
         if self.failure is not None:
             raise PortError(self.failure)
         if self._watch is not None and not again:
@@ -254,7 +255,7 @@ class CanBus:
                     table.pop(identifier, None)
 
     def channel(self, node: int, dialect: SdoDialect) -> Channel:
-        """The default SDO channel to a node, the same for all clients of the bus."""
+        """Return the default SDO channel to a node, the same for all clients of the bus."""
         with self._locking:
             channel = self._channels.get((node, dialect))
             if channel is None:
@@ -262,7 +263,7 @@ class CanBus:
             return channel
 
     def request_lock(self, keys: LockKeys | None, owner: Hashable, wake: Callable[[], None]) -> ChannelLock:
-        """Queue for the locks of these channels; see `ChannelLocks`."""
+        """Enter the queue for the locks of these channels; see `ChannelLocks`."""
         with self._locking:
             return self._locks.request(keys, owner, wake)
 
@@ -284,7 +285,7 @@ class CanBus:
 
 
 def can_endpoint(url: str, **options: Any) -> Endpoint:
-    """The endpoint of a can:// URL, whose options these override. Raises EncodeError for any other URL."""
+    """Return the endpoint of a can:// URL; `options` override its options. Raises EncodeError for any other URL."""
     endpoint = Endpoint.parse(url, options)
     if endpoint.scheme != "can":
         raise EncodeError(f"endpoint {str(url)!r}: CANopen needs can://INTERFACE/CHANNEL, such as can://socketcan/can0")

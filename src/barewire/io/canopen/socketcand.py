@@ -32,7 +32,7 @@ _LONGEST = 4096
 
 
 class SocketcandHub:
-    """A hub in a thread of its own. Raises PortError if the port is taken."""
+    """A server of the socketcand protocol, in a thread of its own. Raises PortError if the port is taken."""
 
     def __init__(self, host: str, port: int) -> None:
         self._loop = asyncio.new_event_loop()
@@ -88,7 +88,7 @@ class SocketcandHub:
                 await writer.wait_closed()
 
     def _pass_on(self, words: list[str], others: set[asyncio.StreamWriter]) -> bool:
-        """IDENTIFIER LENGTH BYTE...: pass a frame on to all others. False if the text is not a frame."""
+        """Pass a frame, IDENTIFIER LENGTH BYTE..., on to all others. Return False if the text is not a frame."""
         try:
             identifier, length, *data = (int(word, 16) for word in words)
             frame = bytes(data)
@@ -101,7 +101,7 @@ class SocketcandHub:
         written = f"{identifier:03X}" if base else f"{identifier:08X}"
         message = f"< frame {written} {time.time():.6f} {frame.hex().upper()} >".encode()
         for other in others:
-            # A client that does not read loses frames, as at a full controller: memory is bounded, others do not wait.
+            # A client that does not read loses frames, as with a full controller: memory is limited, others never wait.
             if other.transport.get_write_buffer_size() < _BACKLOG:
                 other.write(message)
         return True

@@ -1,4 +1,4 @@
-"""A subscriber: the frames that one thread or task receives of a shared bus, as a port of its own.
+"""A subscriber: a port on a shared bus for one thread or task, with the frames that it receives.
 
         put -->  [ frame | frame | frame | ... room ]  --> pull       one thread or task takes them
                                               12 lost                 counted, and reported as FramesLost
@@ -22,26 +22,26 @@ from barewire.errors import BarewireError, PortError
 SUBSCRIBER_ROOM = 4096
 """Frames that a subscriber holds: 32 blocks of an SDO transfer, or a third of a second of a full bus."""
 LONGEST_PULL = 86400.0
-"""Seconds of the longest wait in one piece."""
+"""Seconds of the longest single wait."""
 
 Key: TypeAlias = tuple[int, bool]
 """The sender of a frame: (identifier, extended)."""
 
 
 class FramesLost(NamedTuple):
-    """So many frames were lost here, because the queue was full."""
+    """The number of frames that were lost, because the queue was full."""
 
     frames: int
 
 
 class BusDown(NamedTuple):
-    """The port of the bus failed: nothing is received or sent until `BusUp`."""
+    """The port of the bus failed. Nothing is received or sent until `BusUp`."""
 
     why: str
 
 
 class BusUp(NamedTuple):
-    """The bus is open again, after so many seconds."""
+    """The bus is open again, `after` seconds."""
 
     after: float
 
@@ -73,9 +73,11 @@ class FrameBus(Protocol):
 class Subscriber:
     """The port of one thread on a shared bus.
 
-    `keys` are the identifiers that it receives, None for all. `lost` counts the frames for which it had no room. With
-    `reports` it also receives losses and reports of the controller, and goes on when the bus is opened again; without,
-    it fails with the bus. `node` is set for frames sent by a node, not by a client.
+    keys        the (identifier, extended) of the frames that it receives, None for all
+    room        how many frames it holds; `lost` counts those for which it had no room
+    reports     it also receives `FramesLost` and reports of the controller, and continues when the bus is opened again;
+                without, it fails with the bus
+    node        its frames are those of a node, not of a client
     """
 
     def __init__(
@@ -93,7 +95,7 @@ class Subscriber:
         self.room = room
         self.reports = reports
         self.lost = 0
-        self._gap = 0  # the lost frames behind the last one in the queue
+        self._gap = 0  # how many frames were lost after the last one in the queue
         self._queue: deque[Arrived] = deque()
         self._why: str | None = None
         self._lock = threading.Lock()
@@ -126,7 +128,7 @@ class Subscriber:
         self._wake()
 
     def fail(self, why: str) -> None:
-        """No further item comes: PortError(why) behind those in the queue."""
+        """End the queue: after its items, `take` raises PortError(why)."""
         with self._lock:
             self._why = self._why or why
             if not self._waiting:
@@ -140,7 +142,10 @@ class Subscriber:
     # To the consumer
 
     def take(self, *, wait: bool = False) -> Arrived | None:
-        """The next item of the queue. PortError if it is empty and the bus failed. `wait`: request to be woken."""
+        """Return the next item of the queue, or None. Raises PortError if it is empty and the bus failed.
+
+        With `wait`, the next item wakes the consumer.
+        """
         with self._lock:
             if self._queue:
                 return self._queue.popleft()
@@ -154,7 +159,7 @@ class Subscriber:
             return None
 
     def pull(self, timeout: float) -> Arrived | None:
-        """The next item within `timeout` seconds, or None."""
+        """Return the next item, or None after `timeout` seconds."""
         arrived = self.take(wait=timeout > 0)
         if arrived is not None or timeout <= 0:
             return arrived
@@ -162,20 +167,20 @@ class Subscriber:
         return self.take()
 
     def receive(self, timeout: float) -> CanFrame | None:
-        """The port of a conversation: the next frame within `timeout` seconds, or None."""
+        """Return the next frame, or None after `timeout` seconds. A conversation calls it."""
         arrived = self.pull(timeout)
         return None if arrived is None else arrived.item  # type: ignore[return-value]  # without reports only frames
 
     def send(self, item: CanFrame) -> None:
-        """Send a frame. It is not received here."""
+        """Send a frame. This subscriber does not receive it."""
         self.bus.send(item, self)
 
     def note_losses(self, error: BarewireError) -> None:
         """Add a note about dropped frames to the error of a conversation."""
         if self.lost:
-            error.add_note(f"{self.lost} frames were lost here: they came faster than they were taken")
+            error.add_note(f"{self.lost} frames were lost here: they arrived faster than they were taken")
 
     def close(self) -> None:
-        """Receive no more."""
+        """Leave the bus. `take` raises PortError after the items in the queue."""
         self.bus.remove(self)
         self.fail("this was closed")

@@ -1,19 +1,19 @@
-"""Fault model: a server whose answers are late, damaged, misdirected or missing, on request.
+"""The fault model: answers of a server that are late, damaged, misdirected or missing.
 
         device --answer--> Faults.pass_on(answer, now) --> [(when, what), ...] --> the wire
 
     late        the answer comes a number of seconds later                           bytes, CAN
-    noise       something that is no answer comes before it                          bytes, CAN: another node's frame
+    noise       something other than an answer comes before it                       bytes, CAN: another node's frame
     wrong-unit  the right answer with another unit or node address                   bytes, CAN
     drop        no answer                                                            bytes, CAN
     flip        one bit is inverted                                                  bytes
     exception   exception 06 or abort 0800 0000h instead of the answer               bytes, CAN: answers of SDO
     split       the answer in two parts with a pause between                         bytes, not in datagrams
 
-On a serial line, and behind one in a tunnel, a late answer delays those after it, because a unit there does one thing
+On a serial line, also in a tunnel, a late answer delays the following ones, because a unit there answers one request
 after the other. On TCP, UDP and CAN they overtake it.
 
-Only the random numbers passed in decide what happens: the same seed and the same answers have the same faults, in
+The faults depend only on the random numbers passed in: the same seed and the same answers have the same faults, in
 virtual time as on a real port.
 """
 
@@ -38,33 +38,34 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 
 KINDS = ("exception", "wrong-unit", "flip", "noise", "split", "late", "drop")
-"""In the order in which they are applied; one answer can meet several."""
+"""All kinds of faults, in the order in which they are applied; one answer can have several."""
 
 _DEFAULT_PROBABILITY = 0.1
-"""The probability of a fault that is given without one."""
+"""The probability of a kind of fault that is given without one."""
 
 LATE = 1.5
-"""Seconds: longer than the default time-out of clients."""
+"""The delay of late answers in seconds: longer than the default time-out of clients."""
 
 _LONGEST_DELAY = 3600.0
-"""Seconds: a longer delay is taken for a mistake."""
+"""The longest delay in seconds: more is probably a mistake."""
 
 PAUSE = 0.02
-"""Seconds between the two parts of a split answer: what a USB adapter does to a line."""
+"""Seconds between the two parts of a split answer, as with a USB adapter."""
 
 _SERVER_DEVICE_BUSY = 6
 _GENERAL_ABORT = 0x0800_0000
 
 
 def parse_faults(text: str) -> Mapping[str, float]:
-    """Kinds of faults and their probabilities, from a text. EncodeError for an unknown kind or no probability.
+    """Return the kinds of faults in a text, with their probabilities. Raises EncodeError for an unknown kind or a wrong
+    probability.
 
     >>> dict(parse_faults("late:0.5,drop"))
     {'late': 0.5, 'drop': 0.1}
     """
     faults: dict[str, float] = {}
-    for one in text.split(","):
-        kind, colon, number = one.strip().partition(":")
+    for item in text.split(","):
+        kind, colon, number = item.strip().partition(":")
         try:
             probability = float(number) if colon else _DEFAULT_PROBABILITY
         except ValueError:
@@ -72,13 +73,13 @@ def parse_faults(text: str) -> Mapping[str, float]:
         if kind not in KINDS:
             raise EncodeError(f"fault {kind!r}: expected some of {', '.join(sorted(KINDS))}")
         if not 0 <= probability <= 1:
-            raise EncodeError(f"fault {one.strip()!r}: expected a probability, 0..1, behind the colon")
+            raise EncodeError(f"fault {item.strip()!r}: expected a probability, 0..1, after the colon")
         faults[kind] = probability
     return MappingProxyType(faults)
 
 
 class FaultyWire(Protocol[Item]):
-    """What each fault is on one kind of wire. A fault that is not possible for an item leaves it unchanged."""
+    """The faults of one kind of wire. A fault that is not possible for an item leaves it unchanged."""
 
     kinds: tuple[str, ...]
     in_order: bool
@@ -127,26 +128,28 @@ class ModbusWire:
             return item
 
     def refused(self, item: bytes) -> bytes:
-        """Exception 06, server device busy."""
+        """Return exception 06, server device busy."""
         return self._changed(item, lambda adu: adu._replace(pdu=bytes([adu.pdu[0] | 0x80, _SERVER_DEVICE_BUSY])))
 
     def misdirected(self, item: bytes) -> bytes:
-        """The address of the next unit, with a correct check sum."""
+        """Return the frame with the address of the next unit, and a correct check sum."""
         return self._changed(item, lambda adu: adu._replace(unit=adu.unit % 247 + 1))
 
     def flipped(self, item: bytes, random: Random) -> bytes:
-        """One bit inverted."""
+        """Return the frame with one bit inverted."""
         place = random.randrange(8 * len(item))
-        return bytes(byte ^ (1 << place % 8 if at == place // 8 else 0) for at, byte in enumerate(item))
+        changed = bytearray(item)
+        changed[place // 8] ^= 1 << place % 8
+        return bytes(changed)
 
     def noise(self, random: Random) -> bytes:
-        """One to eight bytes."""
+        """Return one to eight bytes."""
         return random.randbytes(random.randint(1, 8))
 
     def parts(self, item: bytes, random: Random) -> list[bytes]:
-        """Cut anywhere."""
-        at = random.randint(1, max(1, len(item) - 1))
-        return [part for part in (item[:at], item[at:]) if part]
+        """Return the frame in two parts, cut anywhere."""
+        cut = random.randint(1, max(1, len(item) - 1))
+        return [part for part in (item[:cut], item[cut:]) if part]
 
 
 class CanWire:
@@ -156,25 +159,25 @@ class CanWire:
     in_order = False
 
     def refused(self, item: CanFrame) -> CanFrame:
-        """An SDO abort instead of the first frame of an answer, which names the object."""
+        """Return an SDO abort instead of the first frame of an SDO response, which has the object."""
         if _is_sdo_answer(item) and item.data[:1] and item.data[0] >> 5 in (2, 3):
             return item._replace(data=b"\x80" + item.data[1:4] + _GENERAL_ABORT.to_bytes(4, "little"))
         return item
 
     def misdirected(self, item: CanFrame) -> CanFrame:
-        """The COB-ID of the next node."""
+        """Return the frame with the COB-ID of the next node."""
         return item._replace(id=0x580 + (item.id - 0x580) % 127 + 1) if _is_sdo_answer(item) else item
 
     def flipped(self, item: CanFrame, random: Random) -> CanFrame:
-        """Not on CAN."""
+        """Return the frame: a controller never delivers a damaged one."""
         return item
 
     def noise(self, random: Random) -> CanFrame:
-        """An extended frame, which CANopen does not use."""
+        """Return an extended frame, which CANopen does not use."""
         return CanFrame(random.randrange(1 << 29), random.randbytes(8), extended=True)
 
     def parts(self, item: CanFrame, random: Random) -> list[CanFrame]:
-        """Not on CAN."""
+        """Return the frame: it has no parts on CAN."""
         return [item]
 
 
@@ -183,9 +186,11 @@ def _is_sdo_answer(frame: CanFrame) -> bool:
 
 
 class Faults(Generic[Item]):
-    """Decides what becomes of each answer.
+    """Puts faults into answers.
 
-    `delay` of late ones is in seconds; `on_fault(kind)` is called for each fault.
+    faults      the probability of each kind, 0..1
+    delay       the delay of late answers in seconds
+    on_fault    called as on_fault(kind) for each fault
     """
 
     def __init__(
@@ -207,14 +212,14 @@ class Faults(Generic[Item]):
         if not (isinstance(delay, (int, float)) and 0 <= delay < _LONGEST_DELAY):
             raise EncodeError(f"late = {shown(delay)}: expected seconds, from 0 on and below {_LONGEST_DELAY:g}")
         self.counts: Counter[str] = Counter()
-        """How often each fault happened."""
+        """The number of faults of each kind."""
         self._wire, self._faults, self._delay, self._on_fault = wire, faults, delay, on_fault
         self._last = 0.0
-        self._random, self._content = random, Random(random.random())  # whether a fault happens, and what it is
+        self._random, self._content = random, Random(random.random())  # whether there is a fault, and its content
 
     def pass_on(self, item: Item, now: float) -> list[tuple[float, Item]]:
-        """What goes on the wire in place of `item`, and when; nothing if it is lost."""
-        # One number for each kind, whatever it decides: so a fault hits the same answers with and without others.
+        """Return what is sent instead of `item`, with the times; an empty list if it is lost."""
+        # One random number for each kind in any case, so that a fault hits the same answers with and without others.
         hits = {kind: self._random.random() < self._faults.get(kind, 0.0) for kind in KINDS}
         for kind in KINDS:
             if hits[kind]:
@@ -230,13 +235,13 @@ class Faults(Generic[Item]):
             item = wire.misdirected(item)
         if hits["flip"]:
             item = wire.flipped(item, random)
-        at = now + (self._delay if hits["late"] else 0.0)
+        send_at = now + (self._delay if hits["late"] else 0.0)
         if wire.in_order:
-            at = max(at, self._last)
+            send_at = max(send_at, self._last)
         parts = wire.parts(item, random) if hits["split"] else [item]
-        self._last = at + (len(parts) - 1) * PAUSE
-        before = [(at, wire.noise(random))] if hits["noise"] else []
-        return [*before, *((at + place * PAUSE, part) for place, part in enumerate(parts))]
+        self._last = send_at + (len(parts) - 1) * PAUSE
+        noise = [(send_at, wire.noise(random))] if hits["noise"] else []
+        return [*noise, *((send_at + place * PAUSE, part) for place, part in enumerate(parts))]
 
 
 def faults_at(
@@ -247,10 +252,10 @@ def faults_at(
     delay: float | None = None,
     on_fault: Callable[[str], None] | None = None,
 ) -> Faults[bytes]:
-    """The faults of a Modbus server at this endpoint. EncodeError for a kind that its wire does not have."""
-    chances = parse_faults(faults) if isinstance(faults, str) else faults
+    """Return the faults of a Modbus server. Raises EncodeError for a kind that its wire does not have."""
+    probabilities = parse_faults(faults) if isinstance(faults, str) else faults
     wire = ModbusWire(endpoint.framing, datagrams=endpoint.is_datagram)
-    return Faults(wire, chances, Random(seed), delay=LATE if delay is None else delay, on_fault=on_fault)
+    return Faults(wire, probabilities, Random(seed), delay=LATE if delay is None else delay, on_fault=on_fault)
 
 
 def faults_on_can(
@@ -260,6 +265,6 @@ def faults_on_can(
     delay: float | None = None,
     on_fault: Callable[[str], None] | None = None,
 ) -> Faults[CanFrame]:
-    """The faults of a node on a CAN bus. EncodeError for a kind that CAN does not have."""
-    chances = parse_faults(faults) if isinstance(faults, str) else faults
-    return Faults(CanWire(), chances, Random(seed), delay=LATE if delay is None else delay, on_fault=on_fault)
+    """Return the faults of a node on a CAN bus. Raises EncodeError for a kind that CAN does not have."""
+    probabilities = parse_faults(faults) if isinstance(faults, str) else faults
+    return Faults(CanWire(), probabilities, Random(seed), delay=LATE if delay is None else delay, on_fault=on_fault)

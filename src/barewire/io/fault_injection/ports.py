@@ -1,4 +1,4 @@
-"""Where faults are put into answers: around the port of a serial line or CAN bus, or inside a server of connections.
+"""Puts faults into answers: around the port of a serial line or CAN bus, or inside a server of connections.
 
 serial, CAN                            server -- FaultyPort -- port             the server's own port
 tcp, tls, udp, rtu+tcp, ascii+tcp      server -- FaultInjector -- connection    each answer, before TLS encrypts it
@@ -23,7 +23,7 @@ Item = TypeVar("Item")
 
 
 class DelayQueue(Generic[Item]):
-    """Items that are to be sent at certain times, in the order of these times."""
+    """Items to be sent at certain times, in the order of these times."""
 
     def __init__(self) -> None:
         self._heap: list[tuple[float, int, Item]] = []
@@ -35,11 +35,11 @@ class DelayQueue(Generic[Item]):
         return self._heap[0][0] if self._heap else None
 
     def put(self, at: float, item: Item) -> None:
-        """Keep an item until then."""
+        """Add an item that is to be sent at this time."""
         heapq.heappush(self._heap, (at, next(self._order), item))
 
     def take(self, clock: Clock) -> Iterator[Item]:
-        """The items that are due, while they are taken."""
+        """Yield the items that are due."""
         while self._heap and self._heap[0][0] <= clock():
             yield heapq.heappop(self._heap)[2]
 
@@ -54,7 +54,7 @@ class FaultyPort(Generic[Item]):
         self.name: str = getattr(port, "name", "the port")
 
     def send(self, item: Item) -> None:
-        """Send the item now or later, changed or not at all."""
+        """Send the item now, later, changed or not at all."""
         with self._sending:
             for at, changed in self._faults.pass_on(item, self._clock()):
                 self._late.put(at, changed)
@@ -94,8 +94,8 @@ class FaultInjector:
     def __init__(self, faults: Faults[bytes], clock: Clock = time.monotonic) -> None:
         self._faults, self._clock = faults, clock
         self._late: DelayQueue[tuple[SendBytes, list[tuple[float, bytes]]]] = DelayQueue()
-        self._begun: dict[SendBytes, list[tuple[float, bytes]]] = {}
-        """By connection, the rest of an answer in parts: nothing is sent between them."""
+        self._unfinished: dict[SendBytes, list[tuple[float, bytes]]] = {}
+        """By connection, the rest of an answer in parts: no other answer is sent between them."""
 
     @property
     def due(self) -> float | None:
@@ -103,7 +103,7 @@ class FaultInjector:
         return self._late.due
 
     def __call__(self, answer: bytes, send: SendBytes) -> None:
-        """Send the answer now or later, changed or not at all."""
+        """Send the answer now, later, changed or not at all."""
         if parts := self._faults.pass_on(answer, self._clock()):
             self._wait(parts[0][0], send, parts)
         self.deliver()
@@ -113,27 +113,27 @@ class FaultInjector:
         self._wake(at)
 
     def _wake(self, at: float) -> None:
-        """Called when something will be due at this time."""
+        """Called with the time at which something will be due."""
 
     def deliver(self) -> None:
         """Send the items that are due, in order."""
         for send, parts in self._late.take(self._clock):
-            begun = self._begun.get(send, parts)
-            if begun is not parts:
-                self._wait(begun[0][0], send, parts)
+            unfinished = self._unfinished.get(send, parts)
+            if unfinished is not parts:
+                self._wait(unfinished[0][0], send, parts)
                 continue
             _, part = parts.pop(0)
             if parts:
-                self._begun[send] = parts
+                self._unfinished[send] = parts
                 self._wait(parts[0][0], send, parts)
             else:
-                self._begun.pop(send, None)
+                self._unfinished.pop(send, None)
             send(part)
 
 
 class LoopFaultInjector(FaultInjector):
-    """The same in an asyncio server: the loop, which has the same clock, calls `deliver`."""
+    """A `FaultInjector` in an asyncio server: the loop, which has the same clock, calls `deliver`."""
 
     def _wake(self, at: float) -> None:
-        # The timers of a loop have no order among equals, so each delivers whatever is due, not an item of its own.
+        # Timers with the same time may run in any order, so each delivers everything that is due, not one item.
         asyncio.get_running_loop().call_at(at, self.deliver)

@@ -1,7 +1,7 @@
-"""A serial port under asyncio: the loop watches the descriptor, so this is for POSIX.
+"""Serial ports of asyncio clients. The loop watches the descriptor, so this works on POSIX only.
 
-Sending takes time on a serial line: `sent` ends when the last bit has left, as far as the system reports. Then the
-direction of a two-wire line is set back, if that is done by RTS or a function of the caller.
+Sending takes time on a serial line: `sent` ends when the last bit is on the wire, as far as the system reports. Then a
+two-wire line is set back to receiving, if RTS or a function of the caller sets its direction.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ _POLL = 0.001
 
 
 async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> SerialLink:
-    """Open the serial port of an endpoint. PortError in one line if that fails."""
+    """Open the serial port of an endpoint. Raises PortError, in one line, if that fails."""
     return SerialLink(SerialPort.of(endpoint), receive, lose)
 
 
 class SerialLink:
-    """An open serial port of this loop. `receive` gets the received bytes, `lose` the reason if it fails."""
+    """An open serial port. `receive` is called with received bytes, `lose` with the reason when the port fails."""
 
     def __init__(self, port: SerialPort, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> None:
         self.name = port.name
@@ -56,7 +56,7 @@ class SerialLink:
         self._lose(why)
 
     def write(self, item: bytes) -> None:
-        """Hand the bytes over, in order, as fast as the system takes them."""
+        """Send bytes, as fast as the system takes them."""
         if self._fd < 0:
             raise PortError(f"{self.name}: the port was closed")
         try:
@@ -96,7 +96,7 @@ class SerialLink:
         self._out.set()
 
     def write_together(self, item: bytes) -> None:
-        """Hand the bytes over: a line has one request under way."""
+        """Send bytes: a line has only one request under way."""
         self.write(item)
 
     async def sent(self) -> None:

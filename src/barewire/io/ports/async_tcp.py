@@ -13,7 +13,7 @@ from barewire.io.ports.tls import tls_reason
 
 
 async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> StreamLink:
-    """Connect to the host of an endpoint. PortError in one line if that fails."""
+    """Connect to the host of an endpoint. Raises PortError, in one line, if that fails."""
     return await connect_stream(endpoint, receive, lose)
 
 
@@ -24,7 +24,7 @@ async def connect_stream(
     context: ssl.SSLContext | None = None,
     server_name: str | None = None,
 ) -> StreamLink:
-    """The same, with TLS inside if there is a `context`."""
+    """Connect to the host of an endpoint, with TLS inside if there is a `context`."""
     host, port = endpoint.host_and_port
     name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
     link = StreamLink(receive, lose)
@@ -41,9 +41,9 @@ async def connect_stream(
 
 
 class StreamLink(asyncio.BufferedProtocol):
-    """A TCP or TLS connection. `receive` gets the received bytes, `lose` the reason when it ends.
+    """A TCP or TLS connection. `receive` is called with received bytes, `lose` with the reason when it ends.
 
-    It reads into a buffer of its own: asyncio would make one of 256 KiB for each answer of thirty bytes.
+    It has its own buffer, because asyncio would allocate one of 256 KiB for each answer of thirty bytes.
     """
 
     def __init__(self, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> None:
@@ -54,7 +54,7 @@ class StreamLink(asyncio.BufferedProtocol):
         self._buffer = memoryview(bytearray(CHUNK))
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """asyncio: the connection stands."""
+        """Called by asyncio when the connection is open."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         raw = transport.get_extra_info("socket")
@@ -62,24 +62,24 @@ class StreamLink(asyncio.BufferedProtocol):
             set_socket_options(raw)
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Called by asyncio: the buffer for received bytes."""
+        """Called by asyncio for the buffer of received bytes."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """asyncio: bytes came."""
+        """Called by asyncio when bytes arrived."""
         self._receive(self._buffer[:nbytes].tobytes())
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """asyncio: the connection ended."""
+        """Called by asyncio when the connection ended."""
         self._lose(tls_reason(exc) if isinstance(exc, OSError) else "the other side closed the connection")
 
     def write(self, item: bytes) -> None:
-        """Hand the bytes over."""
+        """Send bytes."""
         if self._transport is not None:
             self._transport.write(item)
 
     def write_together(self, item: bytes) -> None:
-        """Hand the bytes over with everything else that is written in this round of the loop: sixteen requests are one
+        """Send bytes together with everything else that is written in this round of the loop: sixteen requests are one
         send, and arrive as one read."""
         if not self._together:
             asyncio.get_running_loop().call_soon(self._flush)
@@ -95,4 +95,4 @@ class StreamLink(asyncio.BufferedProtocol):
             self._transport.abort()
 
     def sent(self) -> None:
-        """Nothing to await: the system has taken the bytes."""
+        """Return None: the system has taken the bytes."""

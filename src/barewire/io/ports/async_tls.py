@@ -10,6 +10,6 @@ from barewire.io.ports.tls import client_context
 
 
 async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> StreamLink:
-    """Connect to the host of an endpoint. PortError in one line if that fails, EncodeError for wrong certificates."""
+    """Connect to the host of an endpoint. Raises PortError if that fails, EncodeError for wrong certificates."""
     name = endpoint.options.get("server_name", endpoint.host_and_port[0])
     return await connect_stream(endpoint, receive, lose, client_context(endpoint), name)

@@ -1,4 +1,4 @@
-"""UDP of asyncio clients."""
+"""UDP sockets of asyncio clients."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from barewire.io.ports.tcp import CONNECT_TIMEOUT, reason
 
 
 async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> DatagramLink:
-    """Open a socket for datagrams to the host of an endpoint. PortError in one line if that fails."""
+    """Open a socket for datagrams to the host of an endpoint. Raises PortError, in one line, if that fails."""
     link = DatagramLink(receive, lose)
     try:
         async with asyncio.timeout(CONNECT_TIMEOUT):
@@ -25,7 +25,7 @@ async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Ca
 
 
 class DatagramLink(asyncio.DatagramProtocol):
-    """UDP to one server. `receive` is called with each datagram, `lose` with the reason when it fails."""
+    """Datagrams to one server. `receive` is called with each datagram, `lose` with the reason when the socket fails."""
 
     def __init__(self, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> None:
         self._receive = receive
@@ -33,16 +33,16 @@ class DatagramLink(asyncio.DatagramProtocol):
         self._transport: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """asyncio: the socket stands."""
-        # Not every loop's transport is an instance of the class it fulfils.
+        """Called by asyncio when the socket is open."""
+        # A cast, because the transports of some event loops do not inherit from DatagramTransport.
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: object) -> None:
-        """asyncio: a datagram came."""
+        """Called by asyncio when a datagram arrived."""
         self._receive(data)
 
     def error_received(self, exc: Exception) -> None:
-        """asyncio: the other machine reports that the port is closed."""
+        """Called by asyncio when the peer reports that its port is closed."""
         self._lose(reason(exc))
 
     def write(self, item: bytes) -> None:
@@ -56,8 +56,8 @@ class DatagramLink(asyncio.DatagramProtocol):
             self._transport.abort()
 
     def write_together(self, item: bytes) -> None:
-        """Send one datagram: each frame is one."""
+        """Send one datagram: each frame has its own."""
         self.write(item)
 
     def sent(self) -> None:
-        """Nothing to await: the system has taken the bytes."""
+        """Return None: the system has taken the bytes."""

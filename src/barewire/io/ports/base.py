@@ -1,4 +1,4 @@
-"""Ports: one protocol for each engine, one for the connection of an asyncio client; retries of a full CAN port."""
+"""The protocols of ports: one for each engine, one for connections of asyncio clients; sending on a full CAN port."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ class Port(Protocol[Item]):
     """A port of the blocking engine: it sends and receives bytes or CAN frames. All methods raise PortError."""
 
     def send(self, item: Item) -> None:
-        """Send; returns when the item is on the wire, as far as the system reports."""
+        """Send an item. Returns when it is on the wire, as far as the system reports."""
 
     def receive(self, timeout: float) -> Item | None:
-        """The item received within `timeout` seconds, or None."""
+        """Return the next item, or None after `timeout` seconds."""
 
     def close(self) -> None:
         """Close the port."""
@@ -28,26 +28,26 @@ class AsyncPort(Protocol[Item]):
     """A port of the asyncio engine. `write` does not wait, so it can be called while a task is cancelled."""
 
     def write(self, item: Item) -> None:
-        """Hand the item over."""
+        """Send an item, without waiting until it is on the wire."""
 
     def sent(self) -> Awaitable[float | None] | None:
-        """An awaitable that ends when everything written is on the wire; None if it is already."""
+        """Return an awaitable that ends when everything written is on the wire; None if it is already."""
 
     async def receive(self, timeout: float) -> Item | None:
-        """The item received within `timeout` seconds, or None."""
+        """Return the next item, or None after `timeout` seconds."""
 
 
 class AsyncLink(Protocol):
-    """An open connection of an asyncio client. It passes what it receives, and its end, to functions given before."""
+    """An open connection of an asyncio client. It passes received bytes, and its end, to functions given before."""
 
     def write(self, item: bytes) -> None:
-        """Hand the bytes over."""
+        """Send bytes, without waiting until they are on the wire."""
 
     def write_together(self, item: bytes) -> None:
-        """Hand the bytes over with everything else that is written in this round of the loop, where that saves time."""
+        """Send bytes together with everything else that is written in this round of the loop, where that saves time."""
 
     def sent(self) -> Awaitable[float | None] | None:
-        """An awaitable that ends when everything written is on the wire; None if it is already."""
+        """Return an awaitable that ends when everything written is on the wire; None if it is already."""
 
     def close(self) -> None:
         """Close the connection."""
@@ -69,5 +69,5 @@ def send_when_room(try_send: Callable[[], bool], name: str) -> None:
 
 
 def no_room(name: str) -> PortError:
-    """The error of a frame that was given up."""
+    """Return the error of a frame that was not sent in time."""
     return PortError(f"{name}: the controller has had no room for a frame for {SEND_TIMEOUT:g} s")

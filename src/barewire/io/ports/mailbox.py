@@ -1,8 +1,8 @@
-"""The mailbox of an asyncio connection: received items stay there until a conversation takes them.
+"""The mailbox of an asyncio connection holds received bytes until a conversation takes them.
 
     connection --put--> | chunk | chunk | --receive--> conversation
 
-Nothing is lost when the task that waited was cancelled: the next task receives it.
+If the task that waits is cancelled, no bytes are lost: the next task receives them.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ _LIMIT = 0x10000
 
 
 class Mailbox:
-    """An `AsyncPort` over a connection, which calls `put` with received items, and `fail` when it ends.
+    """An `AsyncPort` over a connection, which calls `put` with received bytes, and `fail` when it ends.
 
-    `write` sends bytes; `sent` is what to await until they are on the wire, if that takes time.
+    `write` sends bytes; `sent` returns an awaitable that ends when they are on the wire, or None.
     """
 
     def __init__(
@@ -31,11 +31,11 @@ class Mailbox:
     ) -> None:
         self.name = name
         self.lost: str | None = None
-        """Why nothing will come any more."""
+        """Why the connection ended, or None."""
         self.sent = sent
         self._write = write
         self.chunks: deque[bytes] = deque()
-        """The items received and not taken yet."""
+        """The bytes that were received and not taken yet."""
         self._waiting = 0
         self._waiter: asyncio.Future[bytes | None] | None = None
         self._until = 0.0  # when the waiter gives up
@@ -43,7 +43,7 @@ class Mailbox:
         self.loop = asyncio.get_running_loop()
 
     def put(self, data: bytes) -> None:
-        """Bytes came. A peer that sends more than is ever taken loses the connection, so that memory does not fill."""
+        """Add received bytes. The connection ends if they are far more than are taken, so that memory is limited."""
         waiter = self._waiter
         if waiter is not None and not self.chunks and not waiter.done():
             waiter.set_result(data)
@@ -53,13 +53,13 @@ class Mailbox:
         self._waiting += len(data)
         if self._waiting > _LIMIT:
             self.chunks.clear()
-            self.fail(f"more than {_LIMIT} bytes came that were not asked for")
+            self.fail(f"more than {_LIMIT} bytes arrived that were not requested")
             return
         self.chunks.append(data)
         self._wake()
 
     def fail(self, why: str) -> None:
-        """The connection ended: `receive` raises this after the items received before."""
+        """Record the end of the connection: `receive` raises PortError after the bytes received before."""
         self.lost = self.lost or why
         self._wake()
         self._disarm()
@@ -69,8 +69,8 @@ class Mailbox:
             self._waiter.set_result(None)
 
     def _arm(self, until: float) -> None:
-        """A task waits until then at most. A timer that ends earlier is set again when it ends, so that it need not be
-        cancelled and set again for each of a thousand requests that are answered in time."""
+        """Set the timer of the task that waits. A timer that ends earlier stays, and is set again when it ends, so that
+        it is not cancelled and set for each of a thousand requests that are answered in time."""
         self._until = until
         if self._timer is None or self._timer.when() > until:
             self._disarm()
@@ -91,13 +91,14 @@ class Mailbox:
             self._arm(self._until)
 
     def write(self, item: bytes) -> None:
-        """Hand the bytes over; PortError if the connection has ended."""
+        """Send bytes. Raises PortError if the connection has ended."""
         if self.lost is not None:
             raise PortError(f"{self.name}: {self.lost}")
         self._write(item)
 
     def take(self) -> bytes | None:
-        """An item received already, or None. PortError if none is left and the connection has ended."""
+        """Return bytes that were received already, or None. Raises PortError if there are none and the connection has
+        ended."""
         if self.chunks:
             taken = self.chunks.popleft()
             self._waiting -= len(taken)
@@ -107,7 +108,7 @@ class Mailbox:
         return None
 
     async def receive(self, timeout: float) -> bytes | None:
-        """The item received within `timeout` seconds, or None. PortError if the connection has ended."""
+        """Return received bytes, or None after `timeout` seconds. Raises PortError if the connection has ended."""
         for _ in range(2 if timeout <= 0 and not self.chunks else 0):
             await asyncio.sleep(0)  # the first round lets the loop read its ports, the second delivers
         if self.chunks or self.lost is not None or timeout <= 0:
@@ -118,7 +119,7 @@ class Mailbox:
             data = await waiter
         except asyncio.CancelledError:
             if waiter.done() and not waiter.cancelled() and (given := waiter.result()) is not None:
-                self.chunks.appendleft(given)  # for the next task: this one was cancelled when it came
+                self.chunks.appendleft(given)  # for the next task: this one was cancelled when the bytes arrived
                 self._waiting += len(given)
             raise
         finally:

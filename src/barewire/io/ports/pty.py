@@ -2,8 +2,8 @@
 
         this end (master)  <------------------>  the other end (slave), /dev/pts/7: opened like any serial port
 
-A pseudo-terminal has no speed, no parity and no noise: bytes arrive at the other end at once. With `pace`, sending
-takes as long as the characters take on a real line.
+A pseudo-terminal has neither speed nor parity nor noise: bytes arrive at the other end at once. With `pace`, sending
+takes as long as on a real line.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ class PseudoTerminal:
                 raise PortError(f"{link}: {reason(error)}") from None
         self.name = link or self.path
         self.sent_at = time.monotonic()
-        """When the latest bytes arrived at the other end. `send` returns after that, on a busy machine much later."""
+        """When the latest bytes arrived at the other end. On a busy machine `send` returns much later."""
 
     def send(self, item: bytes) -> None:
-        """Send, for as long as `pace` makes it take. The bytes arrive at the end of that time, so that an answer cannot
-        come while this end still sends."""
+        """Send bytes. With `pace` they arrive at the end of the time that sending takes, so that no answer arrives
+        before it is over."""
         if self._pace:
             time.sleep(self._pace.duration(len(item)))
         self.sent_at = time.monotonic()
         try:
             left = memoryview(item)
             while left:
-                # The system's buffer is finite: bytes that are not read at the other end are lost.
+                # The buffer of the system is finite: bytes that are not read at the other end are lost.
                 if not select.select([], [self._ours], [], 1.0)[1]:
                     break
                 left = left[os.write(self._ours, left) :]
@@ -63,7 +63,7 @@ class PseudoTerminal:
             raise PortError(f"{self.name}: {reason(error)}") from None
 
     def receive(self, timeout: float) -> bytes | None:
-        """The bytes received within `timeout` seconds, or None."""
+        """Return received bytes, or None after `timeout` seconds."""
         try:
             ready, _, _ = select.select([self._ours], [], [], min(timeout, LONGEST_WAIT))
             return os.read(self._ours, CHUNK) if ready else None
@@ -71,7 +71,7 @@ class PseudoTerminal:
             raise PortError(f"{self.name}: {reason(error)}") from None
 
     def fileno(self) -> int:
-        """The descriptor of this end, for an event loop."""
+        """Return the descriptor of this end, for an event loop."""
         return self._ours
 
     def close(self) -> None:
@@ -84,7 +84,7 @@ class PseudoTerminal:
 
 
 def is_pseudo_terminal(path: str) -> bool:
-    """Whether the path names the other end of a pseudo-terminal."""
+    """Return whether the path names the other end of a pseudo-terminal."""
     try:
         return os.major(os.stat(path).st_rdev) in _SLAVE_MAJORS
     except OSError:

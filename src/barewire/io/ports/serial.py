@@ -1,4 +1,4 @@
-"""A serial port, blocking, through pyserial. Every failure is a PortError of one line."""
+"""Blocking serial ports, through pyserial. Every failure is a PortError of one line."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ except ModuleNotFoundError as missing:  # pragma: no cover - tried by CI in an e
     raise PortError("serial ports need pyserial: pip install 'barewire[serial]'") from missing
 
 
-# What pyserial raises: ValueError and OverflowError for settings that no port has, TypeError for a port that another
-# thread closed meanwhile.
+# The exceptions of pyserial: ValueError and OverflowError for settings that no port has, TypeError for a port that
+# another thread closed meanwhile.
 _FAILURES: tuple[type[Exception], ...] = (OSError, ValueError, OverflowError, TypeError, serial.SerialException)
 if sys.platform != "win32":
     import termios
@@ -35,7 +35,7 @@ if sys.platform != "win32":
 
 
 def dialer(endpoint: Endpoint) -> Callable[[], SerialPort]:
-    """The function that opens the port of an endpoint."""
+    """Return the function that opens the port of an endpoint."""
     return lambda: SerialPort.of(endpoint)
 
 
@@ -49,7 +49,7 @@ class SerialSettings(NamedTuple):
 
     @classmethod
     def of(cls, endpoint: Endpoint) -> SerialSettings:
-        """The settings of an endpoint."""
+        """Return the settings of an endpoint."""
         return cls(
             endpoint.integer("baudrate", DEFAULT_BAUDRATE),
             int(endpoint.choice("bytesize", "8")),
@@ -64,11 +64,12 @@ class SerialSettings(NamedTuple):
 
 
 class SerialPort:
-    """An open serial port. With `pace`, sending on a pseudo-terminal takes as long as on a line of these settings.
+    """An open serial port.
 
-    `rs485` names what sets the direction of a two-wire line: the adapter by itself (off), the driver (kernel), or this
-    port by RTS (rts): on while it sends, off when the last bit is out. `set_direction` is a function that does the same
-    with another pin: called with True before the first bit, with False after the last, and when the port is opened.
+    pace            sending on a pseudo-terminal takes as long as on a line with these settings
+    rs485           what sets the direction of a two-wire line: the adapter ("off", the default), the driver ("kernel"),
+                    or this port by RTS ("rts"), which is on while it sends and off after the last bit
+    set_direction   called with True before the first bit, with False after the last, and when the port is opened
     """
 
     def __init__(
@@ -105,7 +106,7 @@ class SerialPort:
 
     @classmethod
     def of(cls, endpoint: Endpoint) -> SerialPort:
-        """The port of an endpoint."""
+        """Open the port of an endpoint."""
         return cls(
             endpoint.place,
             SerialSettings.of(endpoint),
@@ -115,11 +116,11 @@ class SerialPort:
         )
 
     def fileno(self) -> int:
-        """The descriptor of the port, for an event loop (POSIX)."""
+        """Return the descriptor of the port, for an event loop (POSIX)."""
         return int(self._serial.fileno())
 
     def send(self, item: bytes) -> None:
-        """Send the bytes; returns when the last one has left, as far as the system reports."""
+        """Send bytes. Returns when the last one is on the wire, as far as the system reports."""
         ends = time.monotonic() + (self._pace.duration(len(item)) if self._pace else 0.0)
         try:
             self.set_direction(sending=True)
@@ -135,7 +136,7 @@ class SerialPort:
         time.sleep(max(0.0, ends - time.monotonic()))
 
     def set_direction(self, *, sending: bool) -> None:
-        """Set the direction of the line, if that is done by RTS or by the caller's function."""
+        """Set the direction of the line by RTS or by the function of the caller, if one of them is to do that."""
         self._sending = sending
         if self._rts:
             self._serial.rts = sending
@@ -146,23 +147,23 @@ class SerialPort:
         try:
             set_direction(sending)
         except Exception as error:
-            # Whatever the caller's function raises: a line whose direction cannot be set is a port that failed.
+            # Any exception of the caller's function: a port whose direction cannot be set has failed.
             text = f"{self.name}: the direction of the line could not be set: {type(error).__name__}: {error}"
             raise PortError(text) from error
 
     def takes(self, length: int) -> float:
-        """How many seconds so many bytes are on the wire."""
+        """Return the seconds that so many bytes take on the wire."""
         return length * self._character if self._timed else 0.0
 
     def waiting(self) -> int:
-        """How many bytes the system still has to send."""
+        """Return how many bytes the system still has to send."""
         return int(self._serial.out_waiting)
 
     def receive(self, timeout: float) -> bytes | None:
-        """The bytes received within `timeout` seconds, or None."""
+        """Return received bytes, or None after `timeout` seconds."""
         try:
             if hasattr(self._serial, "fileno"):
-                # Not pyserial's own timeout: changing that configures the port anew each time.
+                # The timeout of pyserial is not used, because each change of it configures the port again.
                 if not select.select([self._serial.fileno()], [], [], min(timeout, LONGEST_WAIT))[0]:
                     return None
                 data = self._serial.read(CHUNK)
@@ -178,7 +179,7 @@ class SerialPort:
             raise PortError(f"{self.name}: {_text(error)}") from None
 
     def close(self) -> None:
-        """Close the port. A line that was left in the middle of sending is set to receiving first."""
+        """Close the port. If it was sending, the line is set to receiving first."""
         if self._sending and self._set_direction is not None:
             with contextlib.suppress(PortError):
                 self.set_direction(sending=False)
@@ -189,11 +190,11 @@ class SerialPort:
 def _open(path: str, settings: SerialSettings) -> serial.Serial:
     parity, bytesize = settings.parity, settings.bytesize
     if is_pseudo_terminal(path):
-        # It has neither parity nor 7 bits, and a second attempt to set them fails with "invalid argument".
+        # A pseudo-terminal has neither parity nor 7 bits; a second attempt to set them fails with "invalid argument".
         parity, bytesize = "N", 8
     baudrate, stopbits = settings.baudrate, settings.stopbits
     try:
-        # Exclusive: two programs on one line would take each other's answers without noticing.
+        # Exclusive, because two programs on one line would receive each other's answers.
         return serial.Serial(
             path, baudrate, bytesize, parity, stopbits, timeout=0, write_timeout=5, exclusive=os.name == "posix" or None
         )
@@ -202,7 +203,7 @@ def _open(path: str, settings: SerialSettings) -> serial.Serial:
 
 
 def _text(error: Exception) -> str:
-    """The system's text of an error, without the text that pyserial puts around it."""
+    """Return the system's text of an error, without the text that pyserial puts around it."""
     if isinstance(error, TypeError):
         return "the port was closed"
     if isinstance(error, OSError) and error.errno in (errno.EAGAIN, errno.EACCES) and "lock" in str(error):
@@ -215,5 +216,5 @@ def _text(error: Exception) -> str:
     # "Could not configure port: (25, 'Inappropriate ioctl for device')", or termios's own (5, 'Input/output error').
     system = re.search(r"\((\d+), '([^']+)'\)", text)
     if system and int(system[1]) == errno.ENOTTY:
-        return "it is there, but no serial port"
+        return "the file exists, but is not a serial port"
     return system[2][:1].lower() + system[2][1:] if system else text

@@ -1,4 +1,4 @@
-"""TCP connections as blocking ports, and what all sockets here share. Every failure is a PortError of one line."""
+"""TCP connections as blocking ports, and functions for all sockets. Every failure is a PortError of one line."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ CHUNK = 4096
 CONNECT_TIMEOUT = 5.0
 """Seconds after which an attempt to connect is given up."""
 LONGEST_WAIT = 3600.0
-"""Seconds of one wait at most: the system calls have no number for endless."""
+"""Seconds of the longest single wait: the system calls have no value for an endless one."""
 CONNECTIONS = 1024
-"""How many connections a server has at a time, and how many may wait to be accepted, unless the endpoint has others."""
+"""Connections of a server at a time, unless the endpoint has `connections=`; and how many may wait to be accepted."""
 _UNACKNOWLEDGED = 10_000
 """Milliseconds that bytes may go unacknowledged before the system ends the connection, where it has such an option."""
 _DONT_WAIT = getattr(socket, "MSG_DONTWAIT", 0)
-"""The flag of a call that must not wait, on a socket that may. Windows has none: there the sockets never wait."""
+"""The flag of a call that must not wait on a blocking socket. Windows has none: there the sockets never block."""
 
 
 def dialer(endpoint: Endpoint) -> Callable[[], TcpPort]:
-    """The function that opens the port of an endpoint."""
+    """Return the function that opens the port of an endpoint."""
     host, port = endpoint.host_and_port
     return lambda: TcpPort(host, port)
 
@@ -55,7 +55,7 @@ class TcpPort:
         return connection
 
     def send(self, item: bytes) -> None:
-        """Hand the bytes to the system, which nearly always takes them at once."""
+        """Send bytes. The system nearly always takes them at once."""
         try:
             taken = self._socket.send(item, _DONT_WAIT)
         except BlockingIOError:
@@ -66,7 +66,7 @@ class TcpPort:
             self._send_slowly(item[taken:])
 
     def _send_slowly(self, rest: bytes) -> None:
-        """The peer does not read: give it `CONNECT_TIMEOUT` seconds to."""
+        """Send the rest to a peer that does not read. Raises PortError after `CONNECT_TIMEOUT` seconds."""
         before = self._socket.gettimeout()
         try:
             self._socket.settimeout(CONNECT_TIMEOUT)
@@ -76,7 +76,7 @@ class TcpPort:
             raise PortError(f"{self.name}: {self._why(error)}") from None
 
     def receive(self, timeout: float) -> bytes | None:
-        """The bytes received within `timeout` seconds, or None; PortError when the peer closed the connection."""
+        """Return received bytes, or None after `timeout` seconds. Raises PortError after the peer closed."""
         try:
             if timeout == self._limit and timeout:
                 data = self._socket.recv(CHUNK)
@@ -96,7 +96,7 @@ class TcpPort:
         return data
 
     def _keep(self, timeout: float) -> None:
-        """The same time-out as before: the system keeps it from now on, so that waiting is one call instead of two."""
+        """Give the system the same time-out as before, so that waiting is one call instead of two from now on."""
         if not _DONT_WAIT or not 1e-3 <= timeout < LONGEST_WAIT:
             return
         with contextlib.suppress(OSError):  # on systems with another form of time
@@ -114,9 +114,9 @@ class TcpPort:
 
 
 def readiness(connection: socket.socket) -> Callable[[float], object]:
-    """A function that waits for so many seconds until there is something to read, and returns whether there is.
+    """Return a function that waits for so many seconds until there are bytes to read, and returns whether there are.
 
-    `poll` where the system has it: it is faster than `select`, which cannot wait for files above number 1023 either.
+    It uses `poll` if the system has it: `poll` is faster than `select`, which also fails for files above number 1023.
     """
     if not hasattr(select, "poll"):  # pragma: no cover - Windows
         return lambda timeout: select.select([connection], [], [], min(timeout, LONGEST_WAIT))[0]
@@ -127,9 +127,9 @@ def readiness(connection: socket.socket) -> Callable[[float], object]:
 
 
 def listening_socket(endpoint: Endpoint) -> tuple[socket.socket, str]:
-    """The socket of a server at this endpoint, and the URL that clients use: port 0 takes a free one.
+    """Open the socket of a server; return it, and the URL for clients. Port 0 takes a free port.
 
-    Raises PortError for a port that cannot be taken.
+    Raises PortError for a port that cannot be opened.
     """
     host, port = endpoint.host_and_port
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -159,7 +159,7 @@ def set_socket_options(connection: socket.socket) -> None:
 
 
 def reason(error: Exception) -> str:
-    """The system's text of an error, in lower case and without its number: 'connection refused'."""
+    """Return the system's text of an error, in lower case and without its number: 'connection refused'."""
     if isinstance(error, ValueError):
         return "the port was closed"  # a descriptor of -1: another thread closed it meanwhile
     if isinstance(error, ConnectionError) and error.errno:
@@ -167,5 +167,5 @@ def reason(error: Exception) -> str:
     text = (error.strerror if isinstance(error, OSError) else "") or str(error) or type(error).__name__
     if text.startswith("error while attempting to bind"):
         text = text.rpartition(": ")[2]
-    text = text.partition(" (while attempting")[0]  # added by Python, with the address that the error has already
+    text = text.partition(" (while attempting")[0]  # Python adds the address, which our text has already
     return text[:1].lower() + text[1:]

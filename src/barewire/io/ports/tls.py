@@ -6,11 +6,11 @@
     Modbus TCP, inside TLS, port 802       ------>  permitted?  no: exception 01
 
 The role is an extension of the certificate, OID 1.3.6.1.4.1.50316.802.1, a UTF8String [MB-TLS R-21, R-22]. The standard
-library shows no extensions it does not know, so the certificate's DER is walked here, from the outside in: a role is
-found where extensions stand and nowhere else.
+library has no function for it, so `role_of` reads the DER of the certificate from the outside in, and takes a role only
+from its place among the extensions.
 
-A certificate that is wrong, expired or missing is an error of one line. In TLS 1.3 a client learns that its own was
-refused with the first data it receives, not when it connects.
+A certificate that is wrong, expired or missing is an error of one line. In TLS 1.3 a client gets the refusal of its
+certificate with the first data that it receives, not when it connects.
 """
 
 from __future__ import annotations
@@ -28,34 +28,34 @@ if TYPE_CHECKING:
     from barewire.modbus.server.authorization import Authorization
 
 ROLE = bytes.fromhex("2B0601040183890C862201")
-"""1.3.6.1.4.1.50316.802.1, as DER writes it."""
+"""1.3.6.1.4.1.50316.802.1 in DER."""
 
 _SEQUENCE, _EXTENSIONS, _OID, _OCTETS, _UTF8 = 0x30, 0xA3, 0x06, 0x04, 0x0C
 
 _REASONS = {
     "PEER_DID_NOT_RETURN_A_CERTIFICATE": "the other side showed no certificate",
-    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "the other side asks for a certificate and received none",
+    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "the other side requires a certificate and received none",
     "SSLV3_ALERT_HANDSHAKE_FAILURE": "the other side refuses us: no certificate was shown, or no cipher is common",
     "SSLV3_ALERT_CERTIFICATE_EXPIRED": "the other side refuses our certificate: it has expired",
     "SSLV3_ALERT_CERTIFICATE_UNKNOWN": "the other side refuses our certificate",
     "SSLV3_ALERT_BAD_CERTIFICATE": "the other side refuses our certificate",
     "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE": "the other side refuses our certificate: it is not for this purpose",
     "TLSV1_ALERT_UNKNOWN_CA": "the other side refuses our certificate: it does not trust the CA that signed it",
-    "TLSV1_ALERT_PROTOCOL_VERSION": "the other side does not speak our versions of TLS: 1.2 or later",
-    "UNSUPPORTED_PROTOCOL": "the other side does not speak TLS 1.2 or later",
-    "WRONG_VERSION_NUMBER": "the other side does not speak TLS",
-    "HTTP_REQUEST": "the other side speaks HTTP, not TLS",
+    "TLSV1_ALERT_PROTOCOL_VERSION": "the other side does not support our versions of TLS: 1.2 or later",
+    "UNSUPPORTED_PROTOCOL": "the other side does not support TLS 1.2 or later",
+    "WRONG_VERSION_NUMBER": "the other side does not use TLS",
+    "HTTP_REQUEST": "the other side uses HTTP, not TLS",
     "UNEXPECTED_EOF_WHILE_READING": "the other side ended the connection in the middle of TLS",
 }
 
 
 def client_context(endpoint: Endpoint) -> ssl.SSLContext:
-    """The TLS settings of a client: its certificate and key, and the CA it trusts. The server's name is checked."""
+    """Return the TLS settings of a client: its certificate and key, and the CA. The server's name is checked."""
     return _context(endpoint, ssl.PROTOCOL_TLS_CLIENT)
 
 
 def server_context(endpoint: Endpoint) -> ssl.SSLContext:
-    """The TLS settings of a server, which refuses clients without a certificate [MB-TLS R-06]."""
+    """Return the TLS settings of a server, which refuses clients without a certificate [MB-TLS R-06]."""
     context = _context(endpoint, ssl.PROTOCOL_TLS_SERVER)
     context.verify_mode = ssl.CERT_REQUIRED
     return context
@@ -87,7 +87,7 @@ def _context(endpoint: Endpoint, side: ssl._SSLMethod) -> ssl.SSLContext:
 
 
 def dialer(endpoint: Endpoint) -> Callable[[], TlsPort]:
-    """The function that opens the port of an endpoint. EncodeError for wrong certificates."""
+    """Return the function that opens the port of an endpoint. Raises EncodeError for wrong certificates."""
     host, port = endpoint.host_and_port
     context, name = client_context(endpoint), endpoint.options.get("server_name", host)
     return lambda: TlsPort(host, port, context, name)
@@ -110,7 +110,7 @@ class TlsPort(TcpPort):
             raise PortError(f"{self.name}: {tls_reason(error)}") from None
 
     def send(self, item: bytes) -> None:
-        """Hand the bytes to TLS."""
+        """Send bytes inside TLS."""
         try:
             self._socket.settimeout(CONNECT_TIMEOUT)
             self._socket.sendall(item)
@@ -118,7 +118,7 @@ class TlsPort(TcpPort):
             raise PortError(f"{self.name}: {tls_reason(error)}") from None
 
     def receive(self, timeout: float) -> bytes | None:
-        """The bytes received within `timeout` seconds. TLS is read first: it may hold bytes that left the socket."""
+        """Return received bytes, or None after `timeout` seconds. TLS may hold bytes, so it is read without `poll`."""
         try:
             self._socket.settimeout(min(timeout, LONGEST_WAIT))
             data = self._socket.recv(CHUNK)
@@ -132,7 +132,7 @@ class TlsPort(TcpPort):
 
 
 def tls_reason(error: Exception) -> str:
-    """Why a connection failed, in one line: a reason of TLS, or of the system."""
+    """Return why a connection failed, in one line: a reason of TLS, or of the system."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"the other side's certificate is refused: {error.verify_message.rstrip('.')}"
     if isinstance(error, ssl.SSLError):
@@ -145,7 +145,7 @@ def tls_reason(error: Exception) -> str:
 
 
 def role_of(certificate: bytes) -> str | None:
-    """The role in a certificate (DER), None if it names none. DecodeError for more than one, or one that is no text.
+    """Return the role in a certificate (DER), or None. Raises DecodeError for several roles, or one that is not a text.
 
     Certificate > TBSCertificate > [3] > Extensions > Extension { OID, critical?, OCTET STRING > UTF8String }
     """
@@ -176,29 +176,29 @@ def _text(certificate: bytes, inside: bytes) -> str:
 
 
 def _parts(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """The values in a row of DER: tag and content."""
-    at = 0
-    while at < len(data) or not data:
-        if at + 2 > len(data):
+    """Yield the values in a row of DER: tag and content."""
+    place = 0
+    while place < len(data) or not data:
+        if place + 2 > len(data):
             raise DecodeError("short", data, len(data), "DER ends within a value")
-        tag, size, start = data[at], data[at + 1], at + 2
+        tag, size, start = data[place], data[place + 1], place + 2
         if size & 0x80:
             start += size & 0x7F
-            size = int.from_bytes(data[at + 2 : start], "big")
+            size = int.from_bytes(data[place + 2 : start], "big")
         if start + size > len(data):
             raise DecodeError("short", data, len(data), "DER ends within a value")
         yield tag, data[start : start + size]
-        at = start + size
+        place = start + size
 
 
 def roles_of(endpoint: Endpoint) -> Authorization | None:
-    """The table of roles that an endpoint names; None for `any`, which permits everything with a certificate.
+    """Return the table of roles that an endpoint names; None for `any`, which permits everything with a certificate.
 
-    Raises EncodeError without `roles`: what is permitted has no default.
+    Raises EncodeError without `roles`: permissions have no default.
     """
     name = endpoint.options.get("roles")
     if name is None:
-        text = "roles=FILE is the table of what each role may do; roles=any permits all with a certificate"
+        text = "roles=FILE is the table of the rights of each role; roles=any permits all with a certificate"
         raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "roles")
     if name == "any":
         return None

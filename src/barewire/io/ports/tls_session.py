@@ -1,9 +1,8 @@
-"""TLS of a server's connection, without a socket: bytes of the wire go in, bytes of the client and of the wire come
-out.
+"""TLS of a server's connection, without a socket.
 
     feed(from the wire) -> [data of the client]         send(data for the client)         outgoing() -> for the wire
 
-asyncio's own TLS drops the alert that would report to a client why its certificate was refused; this sends it.
+The TLS of asyncio drops the alert with the reason why a client's certificate was refused; this one sends it.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ class TlsSession:
         self._tls = context.wrap_bio(self._in, self._out, server_side=True)
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Bytes from the wire.
+        """Feed bytes from the wire, and return the data of the client.
 
         Raises ssl.SSLError when the handshake fails, DecodeError for a role that cannot be read.
         """
@@ -51,5 +50,5 @@ class TlsSession:
         self._tls.write(data)
 
     def outgoing(self) -> bytes:
-        """Bytes for the wire: after every `feed`, also one that raised, and after every `send`."""
+        """Return the bytes for the wire. Call it after every `feed`, also one that raised, and after every `send`."""
         return self._out.read()

@@ -1,4 +1,4 @@
-"""A port around a port that shows what passes, unchanged, to a function of the caller."""
+"""Shows everything that is sent and received to a function of the caller."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Item = TypeVar("Item")
 
 
 class Trace(Generic[Item]):
-    """Calls `watch(direction, item)` for everything that passes."""
+    """A port around a port. It calls `watch(direction, item)` for every item that is sent or received."""
 
     def __init__(self, port: Port[Item], watch: Watch) -> None:
         self._port = port
@@ -40,7 +40,7 @@ class Trace(Generic[Item]):
 
 
 def traced(direction: Direction, pass_on: Callable[[bytes], None], watch: Watch | None) -> Callable[[bytes], None]:
-    """A function that calls `watch(direction, data)`, if there is one, and then `pass_on(data)`."""
+    """Return a function that calls `watch(direction, data)`, if there is a `watch`, and then `pass_on(data)`."""
     if watch is None:
         return pass_on
 

@@ -12,7 +12,7 @@ from barewire.io.ports.tcp import CHUNK, LONGEST_WAIT, reason
 
 
 def dialer(endpoint: Endpoint) -> Callable[[], UdpPort]:
-    """The function that opens the port of an endpoint."""
+    """Return the function that opens the port of an endpoint."""
     host, port = endpoint.host_and_port
     return lambda: UdpPort(host, port)
 
@@ -37,7 +37,7 @@ class UdpPort:
             raise PortError(f"{self.name}: {reason(error)}") from None
 
     def receive(self, timeout: float) -> bytes | None:
-        """The next datagram within `timeout` seconds; PortError when the other machine reports a closed port."""
+        """Return the next datagram, or None after `timeout` seconds. Raises PortError if the peer's port is closed."""
         try:
             ready, _, _ = select.select([self._socket], [], [], min(timeout, LONGEST_WAIT))
             return self._socket.recv(CHUNK) if ready else None

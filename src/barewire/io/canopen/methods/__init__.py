@@ -1,6 +1,6 @@
 """The methods of a CANopen client and of its nodes, by subject; each is written once, for blocking and asyncio.
 
-    operations    the decorators that make a blocking method and a coroutine of one definition: read this first
+    operations    the decorators that make a blocking method and a coroutine of one definition
     sdo           node.sdo      upload, download, typed values, further SDO servers
     nmt           node.nmt, bus.nmt      commands, states, heartbeats, node guarding
     pdo           node.pdo      configuration, named values

@@ -2,7 +2,7 @@
 
     bus.lss.fastscan(progress=print)                   the functions of `canopen.lss`, under their own names
 
-A bus has one LSS master, so LSS operations are carried out one at a time, whichever client asks for them.
+A bus has one LSS master, so the LSS operations of all clients are carried out one at a time.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ LSS_LOCK = frozenset({"LSS"})
 
 
 def _lss(make: Callable[P, Conversation[CanFrame, T]]) -> operation[P, T]:
-    """A function of `canopen.lss` as a method with the same parameters."""
+    """Return a function of `canopen.lss` as a method with the same parameters."""
 
-    def method(methods: Methods[R], /, *args: P.args, **kwargs: P.kwargs) -> BusOperation[T]:
+    def method(_: Methods[R], /, *args: P.args, **kwargs: P.kwargs) -> BusOperation[T]:
         return BusOperation(make(*args, **kwargs), LSS_LOCK, LSS_RECEIVES)
 
     functools.update_wrapper(method, make)

@@ -1,8 +1,8 @@
 """`node.nmt` and `bus.nmt`: NMT commands, states, heartbeats, node guarding.   [CiA 301, NMT]
 
-node.nmt.start()                                   the command, which the standard leaves unconfirmed
-node.nmt.send_confirmed(NmtCommand.START)          waits until the node reports that it obeyed
-node.nmt.state()                                   asked by node guarding
+node.nmt.start()                                   sends the command, which the node does not confirm
+node.nmt.send_confirmed(NmtCommand.START)          waits until the node reports the new state
+node.nmt.state()                                   requests the state by node guarding
 bus.nmt.reset()                                    every node of the bus
 """
 
@@ -45,32 +45,32 @@ class NmtMethods(Methods[R]):
 
     @operation
     def send(self, command: NmtCommand) -> BusOperation[None]:
-        """Send a command. It is not confirmed."""
+        """Send a command, which is not confirmed."""
         return self._send(command)
 
     @operation
     def start(self) -> BusOperation[None]:
-        """Command: start remote node. To operational."""
+        """Send start remote node: to operational."""
         return self._send(NmtCommand.START)
 
     @operation
     def stop(self) -> BusOperation[None]:
-        """Command: stop remote node. To stopped: neither PDO nor SDO."""
+        """Send stop remote node: to stopped, without PDOs and SDOs."""
         return self._send(NmtCommand.STOP)
 
     @operation
     def pre_operational(self) -> BusOperation[None]:
-        """Command: enter pre-operational. No PDOs."""
+        """Send enter pre-operational: to pre-operational, without PDOs."""
         return self._send(NmtCommand.ENTER_PRE_OPERATIONAL)
 
     @operation
     def reset(self) -> BusOperation[None]:
-        """Command: reset node. As at power-on."""
+        """Send reset node: all objects are as after power-on."""
         return self._send(NmtCommand.RESET_NODE)
 
     @operation
     def reset_communication(self) -> BusOperation[None]:
-        """Command: reset communication. Only the communication objects are as at power-on."""
+        """Send reset communication: only the communication objects are as after power-on."""
         return self._send(NmtCommand.RESET_COMMUNICATION)
 
     def _send(self, command: NmtCommand) -> BusOperation[None]:
@@ -84,14 +84,17 @@ class NodeNmtMethods(NmtMethods[R]):
     def send_confirmed(
         self, command: NmtCommand, *, timeout: float = 2.0, ask_every: float | None = None
     ) -> BusOperation[canopen.NmtConfirmation]:
-        """Send a command and wait, `timeout` seconds, until the node reports the state that it leads to. A node without
-        heartbeat is asked by node guarding every `ask_every` seconds. Raises NoAnswer."""
+        """Send a command and wait until the node reports the state that it leads to.
+
+        timeout     seconds until NoAnswer is raised
+        ask_every   seconds between two requests of node guarding, for a node without heartbeat; by default none
+        """
         confirming = canopen.send_nmt(command, self.node, timeout=timeout, ask_every=ask_every)
         return BusOperation(_only(confirming), NO_LOCKS, ERROR_CONTROL)
 
     @operation
     def state(self, *, timeout: float = 0.5) -> BusOperation[canopen.NodeState]:
-        """The state of the node, asked by node guarding."""
+        """Request the state of the node by node guarding."""
         return BusOperation(canopen.request_state(self.node, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
 
     @operation
@@ -111,7 +114,8 @@ class NodeNmtMethods(NmtMethods[R]):
 
     @subscription
     def heartbeats(self, timeout: float | None = None) -> Subscription[canopen.HeartbeatEvent]:
-        """The events of this node: booted, active, changed its state; with `timeout` seconds also lost."""
+        """Return a stream of the events of this node: it booted, is active, changed its state. With a `timeout`, in
+        seconds, also: its heartbeat was lost."""
         times = {} if timeout is None else {self.node: timeout}
         return Subscription(canopen.HeartbeatConsumer(times), frozenset({(0x700 + self.node, False)}))
 
@@ -134,15 +138,16 @@ class NetworkNmtMethods(NmtMethods[R]):
 
     @subscription
     def heartbeats(self, times: Mapping[int, float] | None = None) -> Subscription[canopen.HeartbeatEvent]:
-        """The nodes that boot, are active, change their state; and those of `times`, in seconds, that are lost."""
+        """Return a stream of the events of all nodes: booted, active, changed the state. `times` has the nodes whose
+        loss is an event too, with the seconds without heartbeat."""
         return Subscription(canopen.HeartbeatConsumer(times or {}), ERROR_CONTROL)
 
     @background
     def start_guarding(
         self, guards: Mapping[int, canopen.Guard], callback: Callable[[canopen.GuardEvent], object]
     ) -> BackgroundTask:
-        """Guard nodes by asking each in its time, until it is stopped. `callback` is called with what changes, in the
-        thread or task that asks."""
+        """Guard nodes by regular requests to each, until it is stopped. `callback` is called with each event, in the
+        thread or task that sends the requests."""
         return BackgroundTask(
             CallbackAdapter(canopen.GuardingMaster(guards, time.monotonic()), callback), ERROR_CONTROL
         )

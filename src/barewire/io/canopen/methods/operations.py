@@ -1,4 +1,4 @@
-"""How one definition becomes a blocking method and a coroutine.
+"""The decorators that make a blocking method and a coroutine of one definition.
 
     class SdoMethods(Methods[R]):
         @operation
@@ -7,15 +7,15 @@
     node.sdo.upload(0x6041)            -> b"7\\x06"       SdoMethods[BlockingBusRunner]
     await node.sdo.upload(0x6041)      -> b"7\\x06"       SdoMethods[AsyncBusRunner]
 
-A method only builds a description of what is to be done; the runner (one of the two clients) does it:
+A definition only returns a description of the operation; the runner (one of the two clients) carries it out:
 
-    decorator        the method returns     the runner gives (blocking / asyncio)
-    @operation       BusOperation[T]           carry_out   T       / a coroutine of T     a conversation, to its end
+    decorator        a definition returns   the runner calls, and returns (blocking / asyncio)
+    @operation       BusOperation[T]        carry_out   T       / a coroutine of T     a conversation, to its end
     @subscription    Subscription[E]        subscribe   Stream  / AsyncStream          events, until it is closed
     @background      BackgroundTask         start_task  Running / AsyncRunning         a machine, until it is stopped
 
-At run time each decorator makes a plain method that passes the description to the runner. For type checkers it is a
-descriptor: the type of its result depends on the runner.
+At run time each decorator returns a plain method that passes the description to the runner. For type checkers it is a
+descriptor: the type of the result depends on the runner.
 
 Depends on: the shared bus.  Used by: every group of methods, both clients.
 """
@@ -47,15 +47,17 @@ T = TypeVar("T")
 E = TypeVar("E")
 
 NO_LOCKS: LockKeys = frozenset()
-"""The locks of an operation that cannot disturb another one."""
+"""The locks of an operation that does not disturb others."""
 NO_FRAMES: frozenset[Key] = frozenset()
-"""The identifiers of an operation that waits for no frame."""
+"""The identifiers of an operation that receives no frame."""
 
 
 class BusOperation(NamedTuple, Generic[T]):
-    """A conversation, the channels it locks (None: the whole bus), and the identifiers it receives (None: all).
+    """A conversation on a bus.
 
-    A bus that is being opened again is waited for, `timeout` seconds (None: the client's).
+    locks       the channels that it locks, None for the whole bus
+    receives    the (identifier, extended) of the frames that it receives, None for all
+    timeout     seconds to wait for a bus that is being opened again, None for the client's
     """
 
     conversation: Conversation[CanFrame, T]
@@ -65,21 +67,21 @@ class BusOperation(NamedTuple, Generic[T]):
 
 
 class Subscription(NamedTuple, Generic[E]):
-    """A machine that turns frames into events, and the identifiers it receives (None: all)."""
+    """A machine that turns frames into events, and the identifiers that it receives, None for all."""
 
     machine: Listener[E]
     receives: frozenset[Key] | None
 
 
 class BackgroundTask(NamedTuple):
-    """A machine that sends frames, and the identifiers it receives (None: all)."""
+    """A machine that sends frames, and the identifiers that it receives, None for all."""
 
     machine: Speaker
     receives: frozenset[Key] | None
 
 
 class BlockingBusRunner(Protocol):
-    """What methods need of the blocking client."""
+    """The part of the blocking client that methods use."""
 
     timeout: float
     dialect: SdoDialect
@@ -95,7 +97,7 @@ class BlockingBusRunner(Protocol):
 
 
 class AsyncBusRunner(Protocol):
-    """What methods need of the asyncio client."""
+    """The part of the asyncio client that methods use."""
 
     timeout: float
     dialect: SdoDialect
@@ -123,7 +125,7 @@ class Methods(Generic[R]):
 if TYPE_CHECKING:
 
     class operation(Generic[P, T]):
-        """Makes a method of a function that returns an BusOperation[T]: it returns T, or a coroutine of T."""
+        """Makes a method of a function that returns a BusOperation[T]: it returns T, or a coroutine of T."""
 
         def __init__(self, make: Callable[Concatenate[Any, P], BusOperation[T]]) -> None: ...
 
@@ -164,7 +166,7 @@ if TYPE_CHECKING:
 else:
 
     def operation(make):
-        """The method that has the runner carry out what `make` describes."""
+        """Return the method that passes the operation to the runner."""
 
         @functools.wraps(make)
         def method(self, *args, **kwargs):
@@ -174,7 +176,7 @@ else:
         return method
 
     def subscription(make):
-        """The method that has the runner subscribe to what `make` describes."""
+        """Return the method that passes the subscription to the runner."""
 
         @functools.wraps(make)
         def method(self, *args, **kwargs):
@@ -183,7 +185,7 @@ else:
         return method
 
     def background(make):
-        """The method that has the runner start what `make` describes."""
+        """Return the method that passes the background task to the runner."""
 
         @functools.wraps(make)
         def method(self, *args, **kwargs):
@@ -193,7 +195,7 @@ else:
 
 
 def send_frame(frame: CanFrame) -> BusOperation[None]:
-    """Send one frame. Raises EncodeError for a frame that CAN cannot carry."""
+    """Return the operation that sends one frame. Raises EncodeError for a frame that CAN cannot carry."""
     CanFrame.checked(frame.id, frame.data, extended=frame.extended, remote=frame.remote, requested=frame.requested)
     return BusOperation(_send(frame), NO_LOCKS, NO_FRAMES)
 
@@ -203,6 +205,6 @@ def _send(frame: CanFrame) -> Conversation[CanFrame, None]:
 
 
 def sdo_transfer(channel: Channel, conversation: Conversation[CanFrame, T], timeout: float) -> BusOperation[T]:
-    """An operation on one SDO channel, which it locks meanwhile."""
+    """Return the operation that carries out a conversation on one SDO channel, and locks that channel."""
     key = channel.response_id, channel.response_extended
     return BusOperation(conversation, frozenset({("SDO", *key)}), frozenset({key}), timeout)

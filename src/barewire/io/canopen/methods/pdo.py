@@ -1,6 +1,6 @@
 """`node.pdo`: the process data of a node.   [CiA 301, PDO]
 
-    rpdo = node.pdo.remote("RPDO", 1)                  the PDO as the node has it, with names
+    rpdo = node.pdo.remote("RPDO", 1)                  the PDO as it is configured in the node, with names
     node.pdo.send(rpdo, {"controlword": 15})
     node.pdo.receive(tpdo1, tpdo2)                     a stream of named values
     node.pdo.read_config("TPDO", 1)                    PdoConfig('TPDO', 1, (0x60410010,), type=1, cob_id=0x185)
@@ -37,7 +37,7 @@ _TYPES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4, "f32": 4}
 
 
 def objects_of(names: ObjectDictionary | Device | None) -> ObjectDictionary | None:
-    """Names and types for the objects in a PDO: a dictionary, or one made of the description of a device."""
+    """Return the names and types for the objects in a PDO: a dictionary, or one made from a description."""
     if names is None or isinstance(names, canopen.ObjectDictionary):
         return names
     entries: dict[tuple[int, int], canopen.Entry] = {}
@@ -50,7 +50,7 @@ def objects_of(names: ObjectDictionary | Device | None) -> ObjectDictionary | No
 
 
 class PdoMethods(Methods[R]):
-    """Process data of one node. `objects` has the names, where a call gives no others."""
+    """The process data of one node. `objects` has the names, where a call gives no others."""
 
     def __init__(self, sdo: SdoMethods[R], objects: ObjectDictionary | Device | None = None) -> None:
         super().__init__(sdo.runner)
@@ -61,7 +61,7 @@ class PdoMethods(Methods[R]):
     def read_config(
         self, direction: PdoDirection, number: int, *, timeout: float | None = None
     ) -> BusOperation[PdoConfig]:
-        """The configuration of one PDO, read from its records."""
+        """Read the configuration of one PDO from its records."""
         channel, wait = self._sdo.channel, self._wait(timeout)
         return sdo_transfer(channel, canopen.read_pdo(channel, direction, number, timeout=wait), wait)
 
@@ -83,7 +83,7 @@ class PdoMethods(Methods[R]):
         objects: ObjectDictionary | Device | None = None,
         timeout: float | None = None,
     ) -> BusOperation[RemotePdo]:
-        """One PDO of the node as it is configured there, with names for its objects."""
+        """Read the configuration of one PDO, and return the PDO with names for its objects."""
         channel, wait, names = self._sdo.channel, self._wait(timeout), objects_of(objects or self._objects)
         return sdo_transfer(channel, canopen.remote_pdo(channel, direction, number, names, timeout=wait), wait)
 
@@ -94,7 +94,7 @@ class PdoMethods(Methods[R]):
 
     @subscription
     def receive(self, *pdos: RemotePdo) -> Subscription[PdoReceived]:
-        """The values of these PDOs, as they come. They may belong to several nodes."""
+        """Return a stream of the values of these PDOs, which may be those of several nodes."""
         return pdo_subscription(*pdos)
 
     def _wait(self, timeout: float | None) -> float:
@@ -102,6 +102,6 @@ class PdoMethods(Methods[R]):
 
 
 def pdo_subscription(*pdos: RemotePdo) -> Subscription[PdoReceived]:
-    """The values of these PDOs."""
+    """Return the subscription to the values of these PDOs."""
     listener = canopen.PdoConsumer(pdos)
     return Subscription(listener, frozenset(listener.sources))

@@ -5,7 +5,7 @@
     node.sdo.read_object(objects, "speed")             1500: the value, in the type that a dictionary gives it
     node.sdo.over(node.sdo.find_channel(2))            the same methods, on another SDO server of the node
 
-Time-outs are those of the node where a call gives none. A download is never repeated.
+The time-out is that of the node where a call gives none. A download is never repeated.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ class SdoMethods(Methods[R]):
 
     @property
     def channel(self) -> Channel:
-        """The channel of these transfers. The bus keeps it: it recognises late responses of earlier transfers."""
+        """The channel of these transfers. The bus keeps it, to recognize late responses of earlier transfers."""
         return self._channel or self.runner.bus.channel(self.node, self.dialect)
 
     def over(self, channel: Channel) -> SdoMethods[R]:
-        """The same methods on another channel: see `find_channel`."""
+        """Return the same methods on another channel, see `find_channel`."""
         return SdoMethods(self.runner, self.node, timeout=self.timeout, dialect=self.dialect, channel=channel)
 
     @operation
@@ -61,8 +61,16 @@ class SdoMethods(Methods[R]):
         progress: SdoProgress | None = None,
         timeout: float | None = None,
     ) -> BusOperation[bytes]:
-        """Read an object: its bytes, little-endian. `block` is True, False, "auto" or a `BlockSettings`;
-        `progress(done, size)` is called with the bytes so far. Raises SdoAbort, NoAnswer, PortError."""
+        """Read an object, and return its bytes, little-endian.
+
+        size        the number of bytes that the type of the object has, for servers that do not report it
+        block       a block transfer: True, False, "auto" or a `BlockSettings`
+        limit       the number of bytes above which the value is refused, None for any; by default 16 MiB
+        progress    called as progress(done, size) with numbers of bytes
+        timeout     seconds that each response may take; by default the node's
+
+        Raises SdoAbort, NoAnswer, PortError.
+        """
         channel, wait = self.channel, self._wait(timeout)
         options: dict[str, Any] = {"size": size, "block": block, "limit": limit, "progress": progress, "timeout": wait}
         return sdo_transfer(channel, upload(channel, index, sub, **options), wait)
@@ -78,7 +86,7 @@ class SdoMethods(Methods[R]):
         progress: SdoProgress | None = None,
         timeout: float | None = None,
     ) -> BusOperation[int]:
-        """Read an object of any length into `sink`, piece by piece; returns the number of bytes."""
+        """Read an object of any length, call `sink` with each piece, and return the number of bytes."""
         channel, wait = self.channel, self._wait(timeout)
         options: dict[str, Any] = {"block": block, "progress": progress, "timeout": wait}
         return sdo_transfer(channel, upload_to(channel, index, sub, sink, **options), wait)
@@ -95,15 +103,19 @@ class SdoMethods(Methods[R]):
         progress: SdoProgress | None = None,
         timeout: float | None = None,
     ) -> BusOperation[None]:
-        """Write an object: its bytes, little-endian, as many as its type has. `data` may also be pieces, taken as they
-        are sent; `size` is then their length altogether, if it is known. Never repeated."""
+        """Write an object, once.
+
+        data        its bytes, little-endian, as many as its type has; or pieces, which are taken as they are sent
+        size        the number of bytes of all pieces, if it is known
+        block, progress, timeout      as those of `upload`
+        """
         channel, wait = self.channel, self._wait(timeout)
         options: dict[str, Any] = {"size": size, "block": block, "progress": progress, "timeout": wait}
         return sdo_transfer(channel, download(channel, index, sub, data, **options), wait)
 
     @operation
     def find_channel(self, server: int, *, timeout: float | None = None) -> BusOperation[canopen.Channel]:
-        """Ask the node for the channel of a further SDO server, for `over`. Server 1 is the default one."""
+        """Read the channel of a further SDO server from the node, for `over`. Server 1 is the default server."""
         from barewire.canopen.sdo.client.find_channel import find_channel
 
         channel, wait = self.channel, self._wait(timeout)
@@ -113,7 +125,7 @@ class SdoMethods(Methods[R]):
     def read_object(
         self, objects: ObjectDictionary, place: ObjectRef, *, block: BlockMode = False, timeout: float | None = None
     ) -> BusOperation[Value]:
-        """The value of an object that `objects` has by name, by index, or by (index, sub-index)."""
+        """Read the value of an object that `objects` has by name, by index, or by (index, sub-index)."""
         channel, wait = self.channel, self._wait(timeout)
         found = checked_dictionary(objects)
         return sdo_transfer(channel, canopen.read_object(channel, found, place, block=block, timeout=wait), wait)
@@ -128,7 +140,7 @@ class SdoMethods(Methods[R]):
         block: BlockMode = False,
         timeout: float | None = None,
     ) -> BusOperation[None]:
-        """Give an object this value, in the type that `objects` has for it. Never repeated."""
+        """Write the value of an object, once, in the type that `objects` has for it."""
         channel, wait = self.channel, self._wait(timeout)
         found = checked_dictionary(objects)
         return sdo_transfer(
@@ -140,7 +152,7 @@ class SdoMethods(Methods[R]):
 
 
 def checked_dictionary(objects: object) -> ObjectDictionary:
-    """The same object if it is an ObjectDictionary; EncodeError that names the method for other descriptions."""
+    """Return an ObjectDictionary as it is. For anything else raise EncodeError, with the method for descriptions."""
     from barewire.canopen.object_dictionary import ObjectDictionary
 
     if not isinstance(objects, ObjectDictionary):

@@ -26,7 +26,7 @@ from barewire.io.canopen.subscriber import Key
 
 
 class SyncMethods(Methods[R]):
-    """SYNC. `key` is its (identifier, extended), where object 1005h of the nodes has another one than 80h."""
+    """SYNC messages. `key` is their (identifier, extended) if object 1005h of the nodes has another one than 80h."""
 
     @operation
     def send(self, counter: int | None = None, *, key: Key = SYNC_KEY) -> BusOperation[None]:
@@ -35,19 +35,19 @@ class SyncMethods(Methods[R]):
 
     @background
     def start(self, period: float, *, overflow: int = 0, key: Key = SYNC_KEY) -> BackgroundTask:
-        """Be the SYNC producer: one every `period` seconds, counting up to `overflow`, until it is stopped."""
+        """Send a SYNC every `period` seconds, with a counter up to `overflow` if that is not 0, until it is stopped."""
         return BackgroundTask(canopen.SyncProducer(period, overflow=overflow, key=key), NO_FRAMES)
 
     @subscription
     def events(
         self, period: float | None = None, *, overflow: int | None = None, key: Key = SYNC_KEY
     ) -> Subscription[canopen.SyncEvent]:
-        """The SYNC messages of another producer, judged by `SyncMonitor`."""
+        """Return a stream of the SYNC messages of another producer, checked by `SyncMonitor`."""
         return Subscription(canopen.SyncMonitor(period, overflow=overflow, key=key), frozenset({key}))
 
 
 class TimeMethods(Methods[R]):
-    """TIME. `key` is its (identifier, extended), where object 1012h of the nodes has another one than 100h."""
+    """TIME messages. `key` is their (identifier, extended) if object 1012h of the nodes has another one than 100h."""
 
     @operation
     def send(self, unix: float | None = None, *, key: Key = TIME_KEY) -> BusOperation[None]:
@@ -62,5 +62,5 @@ class TimeMethods(Methods[R]):
 
     @subscription
     def events(self, *, key: Key = TIME_KEY) -> Subscription[canopen.TimeReceived]:
-        """The TIME messages of another producer."""
+        """Return a stream of the TIME messages of another producer."""
         return Subscription(canopen.TimeConsumer(key), frozenset({key}))
