@@ -1,4 +1,4 @@
-"""EchoLine: the echo is removed by comparing, and a damaged one is a collision."""
+"""EchoLine compares received bytes with the sent ones, and removes the echo; a damaged echo is a collision."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def test_the_echo_is_removed_in_any_pieces(cut: int) -> None:
     line = line_of()
     assert line.request(1, ReadHoldingRegisters(107, 1).encode()) == REQUEST
     line.sent(0.0)
-    heard = REQUEST + ANSWER
-    events = line.feed(heard[:cut], 0.001) + line.feed(heard[cut:], 0.02)
+    received = REQUEST + ANSWER
+    events = line.feed(received[:cut], 0.001) + line.feed(received[cut:], 0.02)
     assert events == [Adu(1, b"\x03\x02\x00\x2a")]
     assert (line.echoed, line.collisions, line.held) == (len(REQUEST), 0, b"")
 
@@ -64,7 +64,7 @@ def test_an_echo_is_not_taken_for_the_answer_that_looks_like_it() -> None:
 def test_a_damaged_echo_is_a_collision_with_the_received_bytes() -> None:
     line = line_of()
     damaged = REQUEST[:4] + b"\xff" + REQUEST[5:]
-    with pytest.raises(NoAnswer, match="collision: sent 01 03 00 6B 00 01 F5 D6, heard 01 03 00 6B FF 01 F5 D6"):
+    with pytest.raises(NoAnswer, match="collision: sent 01 03 00 6B 00 01 F5 D6, received 01 03 00 6B FF 01 F5 D6"):
         play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.001, damaged)))
     assert line.collisions == 1
 
@@ -109,24 +109,26 @@ def test_a_server_on_an_echoing_line() -> None:
 
 @modest
 @given(
-    said=st.booleans(),
+    sends=st.booleans(),
     chunks=st.lists(st.one_of(st.none(), st.binary(max_size=20), st.just(REQUEST), st.just(ANSWER[:5])), max_size=8),
     ascii_inside=st.booleans(),
 )
-def test_every_byte_is_a_frame_noise_held_or_echoed(said: bool, chunks: list[bytes | None], ascii_inside: bool) -> None:
+def test_every_byte_is_a_frame_noise_held_or_echoed(
+    sends: bool, chunks: list[bytes | None], ascii_inside: bool
+) -> None:
     line = line_of(AsciiLine() if ascii_inside else None)
-    if said:
+    if sends:
         line.request(1, ReadHoldingRegisters(107, 1).encode())
-    fed = told = 0
+    fed = reported = 0
     for step, chunk in enumerate(chunks):
         events = line.feed(chunk, 0.05 * step)
         fed += len(chunk or b"")
-        told += len(bytes_of(events, lambda adu: encode(adu.unit, adu.pdu)))
+        reported += len(bytes_of(events, lambda adu: encode(adu.unit, adu.pdu)))
         if not ascii_inside:
-            assert told + len(line.held) + line.echoed == fed
+            assert reported + len(line.held) + line.echoed == fed
 
 
-# Whether a line echoes, found out --------------------------------------------------------------------------------
+# Detecting whether a line echoes ---------------------------------------------------------------------------------
 
 WRITE = encode(1, WriteSingleRegister(1, 2).encode())
 
@@ -140,8 +142,8 @@ def test_an_echo_is_detected_by_the_first_detecting_request(cut: int) -> None:
     line = unknown()
     line.request(1, ReadHoldingRegisters(107, 1).encode())
     line.sent(0.0)
-    heard = REQUEST + ANSWER
-    assert line.feed(heard[:cut], 0.001) + line.feed(heard[cut:], 0.02) == [Adu(1, b"\x03\x02\x00\x2a")]
+    received = REQUEST + ANSWER
+    assert line.feed(received[:cut], 0.001) + line.feed(received[cut:], 0.02) == [Adu(1, b"\x03\x02\x00\x2a")]
     assert line.echoes is True
     with pytest.raises(NoAnswer):  # the echo alone is not the answer
         play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.001, WRITE)))
@@ -166,14 +168,14 @@ def test_an_exception_response_detects_as_well() -> None:
 
 
 @pytest.mark.parametrize(
-    "heard",
+    "received",
     [b"", REQUEST[:5], b"\xff" + REQUEST[1:] + ANSWER, b"\x00" + ANSWER, encode(7, b"\x03\x02\x00\x2a") + ANSWER],
     ids=["nothing", "half of it", "a damaged echo", "noise", "another unit"],
 )
-def test_ambiguous_bytes_decide_nothing(heard: bytes) -> None:
+def test_ambiguous_bytes_decide_nothing(received: bytes) -> None:
     line = unknown()
     with contextlib.suppress(NoAnswer):
-        play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, heard)))
+        play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, received)))
     assert line.echoes is None
 
 
@@ -190,8 +192,8 @@ def test_until_detected_a_copy_is_taken_for_an_echo() -> None:
 
 @pytest.mark.parametrize("code", sorted(DETECTING))
 def test_a_response_to_a_detecting_function_never_has_the_bytes_of_its_request(code: int) -> None:
-    """By length: each kind of request of this function is compared with each response that fits it."""
-    kinds: dict[int, tuple[list[int], list[int]]] = {
+    """The lengths of all requests of this function differ from the lengths of all responses."""
+    lengths: dict[int, tuple[list[int], list[int]]] = {
         0x03: ([5], [2 + 2 * n for n in range(1, 126)]),
         0x04: ([5], [2 + 2 * n for n in range(1, 126)]),
         0x07: ([1], [2]),
@@ -202,5 +204,5 @@ def test_a_response_to_a_detecting_function_never_has_the_bytes_of_its_request(c
         0x11: ([1], list(range(2, 254))),
         0x18: ([3], [5 + 2 * n for n in range(32)]),
     }
-    requests, answers = kinds[code]
+    requests, answers = lengths[code]
     assert not set(requests) & set(answers)

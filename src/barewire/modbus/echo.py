@@ -7,11 +7,11 @@
 Received bytes are compared, not counted. Where they differ from the sent ones, a Noise without bytes reports the
 `collision`, and all bytes go to the inner line like any others: a good frame among them is still found.
 
-**Whether a line echoes** can be detected (`echoes=None`): by the first request whose response can never be the same
-bytes as the request, such as reading registers. If its own bytes come back, that is an echo; if its response comes
-first, there is none. Until then the first copy of any other request is taken for an echo, although the response to
-writing one register is the same bytes: on a line without echo that means no response, but never a wrong one. So a
-caller that relies on the detection should read a register first.
+**Whether a line echoes** can be detected (`echoes=None`) with the first request whose response never has the same bytes
+as the request, such as a read of registers. If its own bytes are received, the line echoes; if its response is received
+first, it does not. Until then the first copy of any other request is taken for an echo, although the response to a
+write of one register has the same bytes: on a line without echo such a write gets no response, but never a wrong one.
+A caller that relies on the detection should therefore read a register first.
 
 Depends on: adu, framing. Used by: io.modbus, where a URL has `echo`.
 """
@@ -22,22 +22,21 @@ from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
 from barewire.modbus.framing import Line, LineEvent
 
-_PAUSE = 0.1
-"""Seconds without a byte after which an echo that has begun is taken for incomplete."""
-
 DETECTING = frozenset({0x03, 0x04, 0x07, 0x0B, 0x0C, 0x0F, 0x10, 0x11, 0x18})
-"""Functions whose response never has the length of the request, so that an echo is recognised for certain."""
+"""Functions whose response never has the length of the request, so that an echo is recognised with certainty."""
 
 
 class EchoLine:
-    """`line`, with the echo of what is sent removed. `echoed` counts bytes, `collisions` damaged echoes.
+    """A line without the echo of the bytes that it sends. `echoed` counts bytes, `collisions` damaged echoes.
 
-    `echoes` is True, or None until it is detected; then it becomes True or False, once. `pause` is in seconds.
+        line      the inner line
+        pause     seconds without a byte after which an echo that has begun is incomplete (default 0.1)
+        echoes    True (default), or None to detect it: then it becomes True or False, once
 
     Every byte fed to it is in a frame, in a noise, held, or counted in `echoed`.
     """
 
-    def __init__(self, line: Line, *, pause: float = _PAUSE, echoes: bool | None = True) -> None:
+    def __init__(self, line: Line, *, pause: float = 0.1, echoes: bool | None = True) -> None:
         self.line = line
         self.echoes = echoes
         self.echoed = 0
@@ -52,22 +51,22 @@ class EchoLine:
 
     @property
     def numbered(self) -> bool:
-        """As the inner line."""
+        """That of the inner line."""
         return self.line.numbered
 
     @property
     def has_delimiter(self) -> bool:
-        """As the inner line."""
+        """That of the inner line."""
         return getattr(self.line, "has_delimiter", False)
 
     @property
     def quiet_at(self) -> float:
-        """As the inner line: an echo lasts as long as the transmission."""
+        """That of the inner line: an echo lasts as long as the transmission."""
         return self.line.quiet_at
 
     @property
     def broken(self) -> DecodeError | None:
-        """As the inner line."""
+        """That of the inner line."""
         return self.line.broken
 
     @property
@@ -82,35 +81,35 @@ class EchoLine:
         return self.line.held + self._received
 
     def request(self, unit: int, pdu: bytes) -> bytes:
-        """The bytes of a request; their echo is expected."""
+        """Return the bytes of a request, and expect their echo."""
         return self.expect_echo(self.line.request(unit, pdu), detects=pdu[0] in DETECTING)
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
-        """The bytes of a response; their echo is expected."""
+        """Return the bytes of a response, and expect their echo."""
         return self.expect_echo(self.line.response(to, pdu))
 
     def expect_echo(self, data: bytes, *, detects: bool = False) -> bytes:
-        """The bytes, which are about to be sent; their echo is expected. `detects`: no response has the same bytes."""
+        """Return the bytes, and expect their echo. `detects`: no response to them has the same bytes."""
         if self.echoes is False:
             return data
         self._detects = detects
         self._is_first = True
-        # Several frames may be sent in a row; the echo of one that was sent, and of which nothing came, is given up.
+        # Several frames may be sent in a row. The echo of a frame that was sent is given up if nothing of it arrived.
         self._expected = data if self._is_sent and not self._received else self._expected + data
         self._is_sent = False
         return data
 
     def sent(self, now: float) -> None:
-        """The bytes were transmitted, the last one at `now`."""
+        """Record that the bytes were transmitted, the last one at `now`."""
         self._is_sent = True
         self.line.sent(now)
 
     def answers(self, adu: Adu) -> bool:
-        """As the inner line."""
+        """Return the answer of the inner line."""
         return self.line.answers(adu)
 
     def feed(self, data: bytes | None, now: float) -> list[LineEvent]:
-        """The events of the inner line, which receives all bytes but the echo. Never raises."""
+        """Return the events of the inner line, which receives all bytes except the echo. Never raises."""
         events = self._feed(data, now)
         if events and self._is_first:
             self._is_first = False
@@ -130,7 +129,7 @@ class EchoLine:
         received = self._received + data
         echo = received[: len(self._expected)]
         if not self._expected.startswith(echo):
-            return self._collide(data, now, f"sent {_show(self._expected)}, heard {_show(received)}")
+            return self._collide(data, now, f"sent {_show(self._expected)}, received {_show(received)}")
         self._received = echo
         if len(echo) < len(self._expected):
             return []
@@ -145,7 +144,7 @@ class EchoLine:
     def _collide(self, data: bytes, now: float, text: str) -> list[LineEvent]:
         received, self._expected, self._received = self._received + data, b"", b""
         if self.echoes is None:
-            return self.line.feed(received, now)  # there may be no echo at all
+            return self.line.feed(received, now)  # the line may not echo at all
         self.collisions += 1
         return [Noise(b"", "mismatch", f"collision: {text}"), *self.line.feed(received, now)]
 

@@ -40,7 +40,7 @@ SERVER_DEVICE_BUSY = 0x06
 
 
 def exception_name(code: int) -> str:
-    """The name of an exception code: 'illegal data address' for 2, 'undefined exception code' for 9."""
+    """Return the name of an exception code: 'illegal data address' for 2, 'undefined exception code' for 9."""
     known = EXCEPTIONS.get(code)
     return known.name if known else "undefined exception code"
 

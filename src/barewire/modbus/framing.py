@@ -1,13 +1,12 @@
 """The protocol of a line: the members that the framings rtu, ascii and tcp have in common.
 
-A *line* is the framing state of one connection. It is a protocol: a class with these members is a line, without
-inheritance.
+A *line* is the framing state of one connection. Any class with these members is a line, without inheritance.
 
     to send                                          to receive
     -------                                          ----------
     request(unit, pdu) -> bytes on the wire          feed(data | None, now) -> [Adu | Noise, ...]
     response(to, pdu)  -> bytes on the wire          deadline: feed None at this time if nothing arrived
-    quiet_at: do not send before this time           answers(adu): does it come from where the request went?
+    quiet_at: do not send before this time           answers(adu): is it from the unit of the request?
     sent(now): the bytes were transmitted            held: bytes that are not decided yet
                                                      broken: why no later byte can be trusted
 
@@ -29,11 +28,11 @@ class Line(Protocol):
 
     @property
     def numbered(self) -> bool:
-        """Whether responses carry the number of their request, as on TCP; if not, a late one can pass for another."""
+        """Whether responses carry the number of their request, as on TCP. If not, a late one can pass for another."""
 
     @property
     def quiet_at(self) -> float:
-        """The earliest time to send: t3.5 after the last byte on RTU; elsewhere a time that is always past."""
+        """The earliest time to send: on RTU t3.5 after the last byte, elsewhere a time that is always past."""
 
     @property
     def deadline(self) -> float | None:
@@ -41,23 +40,23 @@ class Line(Protocol):
 
     @property
     def held(self) -> bytes:
-        """The bytes that are neither frame nor noise yet."""
+        """The bytes that are neither a frame nor noise yet."""
 
     @property
     def broken(self) -> DecodeError | None:
         """Why no later byte can be trusted, so that the connection must be closed. Only TCP lines break."""
 
     def request(self, unit: int, pdu: bytes) -> bytes:
-        """The bytes that carry a request. From here on `answers` refers to this request."""
+        """Return the bytes that carry a request. From here on `answers` refers to this request."""
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
-        """The bytes that carry the response to the received request `to`."""
+        """Return the bytes that carry the response to the received request `to`."""
 
     def sent(self, now: float) -> None:
-        """The bytes of `request` or `response` were transmitted, the last one at `now`."""
+        """Record that the bytes of `request` or `response` were transmitted, the last one at `now`."""
 
     def feed(self, data: bytes | None, now: float) -> list[LineEvent]:
-        """Bytes that arrived, the last of them at `now`; None if only time has passed. Never raises."""
+        """Return the events of bytes that arrived, the last one at `now`; None if only time passed. Never raises."""
 
     def answers(self, adu: Adu) -> bool:
-        """Whether this frame comes from where the last request went (unit; on TCP the transaction too)."""
+        """Whether this frame has the unit, and on TCP the transaction number, of the last request."""

@@ -1,4 +1,4 @@
-"""The conformance cases, run against Server and Table in virtual time; and the comparison of answers itself."""
+"""The conformance cases, run against Server and Table in virtual time; and the comparison of the answers."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ TIMING = Timing.of(9600)
 
 
 def over_tcp(case: ServerCase, unit: int = UNIT) -> list[StepAnswer]:
-    """The answers over TCP: every step in one segment; a step after a closed connection has a new one."""
+    """Return the answers over TCP: every step in one segment, after a closed connection on a new one."""
     units = {UNIT: Table(100)}
-    server, heard, number = Server(TcpLine(), units, serial=False), list[StepAnswer](), 0
+    server, results, number = Server(TcpLine(), units, serial=False), list[StepAnswer](), 0
     for step in case.steps:
         data, numbers = b"", []
         for stimulus in step.stimuli:
@@ -28,57 +28,57 @@ def over_tcp(case: ServerCase, unit: int = UNIT) -> list[StepAnswer]:
             data += stimulus.framed(lambda to, pdu: tcp_frame(to, pdu, number), unit)  # noqa: B023 - called at once
         answers = [tcp_decode(reply.data) for reply in server.feed(data, 1.0)]
         assert [adu.transaction for adu in answers] == numbers[: len(answers)]
-        heard.append(answers)
+        results.append(answers)
         if server.line.broken is not None:
-            heard[-1] = answers or None
+            results[-1] = answers or None
             server = Server(TcpLine(), units, serial=False)
-    return heard
+    return results
 
 
 def over_rtu(case: ServerCase, *, strict: bool, chunk: int = 256) -> list[StepAnswer]:
-    """The answers over RTU: every step at the speed of the line, in chunks of `chunk` bytes, and then silence."""
+    """Return the answers over RTU: every step at the speed of the line, in chunks of `chunk` bytes, then silence."""
     units = {UNIT: Table(100)}
     line = RtuLine(TIMING, role="server", units=units, patience=None if strict else 0.03)
-    server, heard, now = Server(line, units, serial=True), list[StepAnswer](), 1.0
+    server, results, now = Server(line, units, serial=True), list[StepAnswer](), 1.0
     for step in case.steps:
         now += step.after
         replies = []
         data = b"".join(stimulus.framed(rtu_frame, UNIT) for stimulus in step.stimuli)
-        for at in range(0, len(data), chunk):
-            part = data[at : at + chunk]
+        for start in range(0, len(data), chunk):
+            part = data[start : start + chunk]
             now += TIMING.duration(len(part))
             replies += server.feed(part, now)
         while (deadline := server.deadline) is not None:
             now = max(now, deadline)
             replies += server.feed(None, now)
-        heard.append([rtu_decode(reply.data) for reply in replies])
+        results.append([rtu_decode(reply.data) for reply in replies])
         for reply in replies:
             now = max(now, reply.at) + TIMING.duration(len(reply.data))
             line.sent(now)
         now += TIMING.t35
-    return heard
+    return results
 
 
 def over_ascii(case: ServerCase, chunk: int = 600) -> list[StepAnswer]:
-    """The answers over ASCII: every step in chunks of `chunk` characters, and then 0.2 s of silence."""
+    """Return the answers over ASCII: every step in chunks of `chunk` characters, then 0.2 s of silence."""
     units = {UNIT: Table(100)}
     line = AsciiLine()
-    server, heard, now = Server(line, units, serial=True), list[StepAnswer](), 1.0
+    server, results, now = Server(line, units, serial=True), list[StepAnswer](), 1.0
     client_line = AsciiLine()
     for step in case.steps:
         now += step.after
         replies = []
         data = b"".join(stimulus.framed(ascii_frame, UNIT) for stimulus in step.stimuli)
-        for at in range(0, len(data), chunk):
+        for start in range(0, len(data), chunk):
             now += 0.001
-            replies += server.feed(data[at : at + chunk], now)
+            replies += server.feed(data[start : start + chunk], now)
         now += 0.2
         replies += server.feed(None, now)
-        heard.append(
+        results.append(
             [event for reply in replies for event in client_line.feed(reply.data, now) if isinstance(event, Adu)]
         )
-        assert len(heard[-1] or ()) == len(replies)
-    return heard
+        assert len(results[-1] or ()) == len(replies)
+    return results
 
 
 @pytest.mark.parametrize("case", CASES_TCP, ids=lambda case: case.name)
@@ -103,19 +103,19 @@ def test_an_ascii_server(case: ServerCase, chunk: int) -> None:
     assert difference(case, over_ascii(case, chunk), UNIT) is None
 
 
-def test_which_way_our_server_takes_where_several_are_accepted() -> None:
-    answers = {case.name: [answer_text(one) for one in over_tcp(case)] for case in CASES_TCP}
-    assert answers["80h is no function"] == [SILENCE]
+def test_the_answers_of_our_server_where_several_are_accepted() -> None:
+    answers = {case.name: [answer_text(answer) for answer in over_tcp(case)] for case in CASES_TCP}
+    assert answers["80h is not a function"] == [SILENCE]
     assert answers["10 cut short"] == ["90 03"]
     assert answers["length 0"] == [CLOSED, "03 02 00 00"]
     assert answers["another protocol identifier is discarded"] == [CLOSED, "03 02 00 00"]
     assert answers["unit 0, if it is unknown"] == answers["unit 255, if it is unknown"] == ["83 0B"]
     assert answers["08/0B bus message count, if it has diagnostics"] == ["88 01"]
     assert answers["2B/0D, which is rarely implemented"] == ["AB 01"]
-    answers = {case.name: [answer_text(one) for one in over_ascii(case)] for case in CASES_ASCII}
+    answers = {case.name: [answer_text(answer) for answer in over_ascii(case)] for case in CASES_ASCII}
     assert answers["lower-case digits: answered or not, and the next one is"] == ["03 02 00 00"] * 2
     assert answers["08/03 another delimiter, if it can be changed, until 08/01"][0] == "08 00 03 3B 00"
-    answers = {case.name: [answer_text(one) for one in over_rtu(case, strict=False)] for case in CASES_RTU}
+    answers = {case.name: [answer_text(answer) for answer in over_rtu(case, strict=False)] for case in CASES_RTU}
     assert answers["08/04 listen only: silence from then on, until 08/01"] == [SILENCE, SILENCE, SILENCE, "03 02 00 00"]
     assert answers["08/0B bus message count, if it has diagnostics"] == ["08 00 0B 00 01"]
     assert answers["03 cut short"] == ["83 03"]
@@ -135,12 +135,12 @@ BY_NAME = {case.name: case for case in (*CASES_RTU, *CASES_ASCII, *CASES_TCP)}
         ("five requests in one segment", ["03 02 00 00"], "five requests in one segment: 03 02 00 00, expected"),
         ("17 writes before it reads", ["06 00 00 12 34", "17 02 12 34"], "17 writes before it reads: 06 00 00 12 34, "),
         ("a wrong CRC is not answered", ["83 04", "03 02 00 00"], "a wrong CRC is not answered: 83 04"),
-        ("80h is no function", ["00 01"], "80h is no function: 00 01, expected silence or closed or 80 01"),
+        ("80h is not a function", ["00 01"], "80h is not a function: 00 01, expected silence or closed or 80 01"),
     ],
 )  # fmt: skip
 def test_a_difference_is_one_sentence(name: str, answers: list[str | None], text: str) -> None:
-    heard: list[StepAnswer] = [None if one is None else [Adu(UNIT, unhex(one))] * bool(one) for one in answers]
-    assert (difference(BY_NAME[name], heard, UNIT) or "").startswith(text)
+    received: list[StepAnswer] = [None if pdu is None else [Adu(UNIT, unhex(pdu))] * bool(pdu) for pdu in answers]
+    assert (difference(BY_NAME[name], received, UNIT) or "").startswith(text)
 
 
 def test_a_server_in_listen_only_mode_must_stay_silent() -> None:
@@ -151,8 +151,8 @@ def test_a_server_in_listen_only_mode_must_stay_silent() -> None:
 
 
 def test_an_answer_from_another_unit_is_a_difference() -> None:
-    heard: list[StepAnswer] = [[Adu(9, unhex("83 03"))]]
-    assert difference(CASES_TCP[0], heard, UNIT) == "03 with quantity 0: an answer from unit 9"
+    received: list[StepAnswer] = [[Adu(9, unhex("83 03"))]]
+    assert difference(CASES_TCP[0], received, UNIT) == "03 with quantity 0: an answer from unit 9"
 
 
 def test_every_case_has_a_unique_name_and_a_clause() -> None:

@@ -60,7 +60,7 @@ TABLE = Authorization.parse(
         (None, 1, ReportServerId(), True),
         (None, 1, ReadHoldingRegisters(0, 1), False),
         ("viewer", 1, ReadHoldingRegisters(0, 1), False),
-        ("Nobody", 1, ReadHoldingRegisters(0, 1), False),
+        ("Unknown", 1, ReadHoldingRegisters(0, 1), False),
     ],
 )
 def test_requests_that_are_permitted_and_refused(
@@ -70,7 +70,7 @@ def test_requests_that_are_permitted_and_refused(
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "error"),
     [
         ("{", "a table of roles is JSON"),
         ("[]", "a table of roles is JSON, role -> list of permissions: this is a list"),
@@ -89,6 +89,6 @@ def test_requests_that_are_permitted_and_refused(
         ('{"Viewer": [{"addresses": "1-"}]}', "expected numbers and ranges"),
     ],
 )
-def test_an_invalid_table_is_refused(text: str, said: str) -> None:
-    with refused(EncodeError, said):
+def test_an_invalid_table_is_refused(text: str, error: str) -> None:
+    with refused(EncodeError, error):
         Authorization.parse(text)

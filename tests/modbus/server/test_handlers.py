@@ -1,4 +1,4 @@
-"""Plain functions as a unit."""
+"""`Functions`: plain functions as a unit."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from tests.helpers import unhex
 
 
 def answered(unit: Functions, pdu: str) -> str:
-    """The response of a server with this unit, as hex."""
+    """Return the response of a server with this unit, as hex."""
     found = Server(TcpLine(), {1: unit}, serial=False).answer(Adu(1, unhex(pdu)), 1.0)
     assert found is not None
     return found.hex().upper()
 
 
 class Plant:
-    """Values outside of a table, and functions that access them."""
+    """Values that are not in a table, and functions that access them."""
 
     def __init__(self) -> None:
         self.words = dict(enumerate(range(100, 110)))
@@ -30,22 +30,22 @@ class Plant:
     def read(self, address: int, quantity: int) -> list[int]:
         if address + quantity > 10:
             raise ModbusException(2)
-        return [self.words[address + at] for at in range(quantity)]
+        return [self.words[place] for place in range(address, address + quantity)]
 
     def write(self, address: int, values: Sequence[int]) -> None:
         self.words.update(enumerate(values, start=address))
 
     def read_bits(self, address: int, quantity: int) -> list[bool]:
-        return [self.bits[address + at] for at in range(quantity)]
+        return [self.bits[place] for place in range(address, address + quantity)]
 
     def write_bits(self, address: int, values: Sequence[bool]) -> None:
         self.bits.update(enumerate(values, start=address))
 
     def read_file(self, file: int, record: int, length: int) -> list[int]:
-        return [self.files[file, record + at] for at in range(length)]
+        return [self.files[file, number] for number in range(record, record + length)]
 
     def write_file(self, file: int, record: int, registers: Sequence[int]) -> None:
-        self.files.update(((file, record + at), value) for at, value in enumerate(registers))
+        self.files.update(((file, number), value) for number, value in enumerate(registers, start=record))
 
     def unit(self) -> Functions:
         return Functions(

@@ -39,8 +39,8 @@ class Bench:
         self.server = Server(self.line, self.units, serial=True)
         self.now = 0.0
 
-    def hear(self, data: bytes) -> list[bytes]:
-        """What is answered to bytes on the line and the silence behind them."""
+    def receive(self, data: bytes) -> list[bytes]:
+        """Return the PDUs that answer bytes on the line and the silence behind them."""
         self.now += 0.5
         replies = self.server.feed(data, self.now)
         while self.server.deadline is not None:
@@ -48,24 +48,24 @@ class Bench:
         return [rtu_decode(reply.data).pdu for reply in replies]
 
     def send(self, pdu: str, unit: int = 1) -> str | None:
-        """The PDU that answers a PDU, as hex; None for silence."""
-        answers = self.hear(rtu_frame(unit, unhex(pdu)))
+        """Send a request, and return the PDU of the response as hex; None for silence."""
+        answers = self.receive(rtu_frame(unit, unhex(pdu)))
         return answers[0].hex().upper() if answers else None
 
     def count(self, sub_function: int, unit: int = 1) -> int:
-        """A counter, asked for on the line."""
+        """Read a counter over the line."""
         answer = self.send(f"08 00{sub_function:02X} 0000", unit)
         assert answer is not None
         assert answer[:6] == f"0800{sub_function:02X}"
         return int(answer[6:], 16)
 
     def events(self) -> list[str]:
-        """The log, without the request that reads it."""
+        """Return the log, without the request that reads it."""
         response = GetCommEventLogResponse.decode(unhex(self.send("0C") or ""))
         return response.texts()[1:]
 
 
-# What counts what ------------------------------------------------------------------------------------------------
+# The counters ----------------------------------------------------------------------------------------------------
 
 
 def test_bus_messages_count_good_frames_for_any_unit() -> None:
@@ -73,16 +73,16 @@ def test_bus_messages_count_good_frames_for_any_unit() -> None:
     bench.send(READ)
     bench.send(READ, unit=2)
     bench.send("06 0000 0001", unit=0)
-    bench.hear(b"\xff\xff\xff\xff\xff")
-    assert bench.count(0x0B) == 4, "and the question itself"
-    assert bench.count(0x0E) == 4, "the others were for this unit or for all, and so was the question before"
+    bench.receive(b"\xff\xff\xff\xff\xff")
+    assert bench.count(0x0B) == 4, "including this request"
+    assert bench.count(0x0E) == 4, "the requests for this unit or for all, including the one before"
 
 
 def test_bus_errors_count_bytes_that_are_no_frame() -> None:
     bench = Bench()
     frame = rtu_frame(1, unhex(READ))
-    bench.hear(frame[:-1] + b"\x00")
-    bench.hear(frame[:2])
+    bench.receive(frame[:-1] + b"\x00")
+    bench.receive(frame[:2])
     assert bench.count(0x0C) == 2
 
 
@@ -116,7 +116,7 @@ def test_naks_and_busy_answers(code: int, sub_function: int) -> None:
     assert bench.count(sub_function) == 1
 
 
-def test_overruns_are_reported_by_the_port_and_cleared_alone() -> None:
+def test_overruns_are_counted_for_the_port_and_cleared_separately() -> None:
     bench = Bench()
     bench.server.overrun()
     assert bench.count(0x12) == 1
@@ -154,7 +154,7 @@ def test_the_diagnostic_register_is_set_by_its_owner() -> None:
 # The event counter -----------------------------------------------------------------------------------------------
 
 
-def test_the_event_counter_counts_what_was_carried_out() -> None:
+def test_the_event_counter_counts_requests_that_were_carried_out() -> None:
     bench = Bench()
     bench.send(READ)
     bench.send("06 0000 0001", unit=0)
@@ -181,7 +181,7 @@ def test_the_log_lists_events_newest_first() -> None:
     bench = Bench()
     bench.send(READ)
     bench.send("06 0000 0001", unit=0)
-    bench.hear(b"\xff\xff\xff\xff\xff")
+    bench.receive(b"\xff\xff\xff\xff\xff")
     bench.send("03 0000 0000")
     assert bench.events() == [
         *("sent: exception 1..3", "received"),
@@ -244,7 +244,7 @@ def test_a_restart_is_answered_and_clears_the_counters() -> None:
     bench.send("41")
     assert bench.send(RESTART) == "0800010000"
     assert bench.count(0x0D) == 0
-    assert bench.server.counters[1].event_count == 1, "the question just asked"
+    assert bench.server.counters[1].event_count == 1, "the request before"
 
 
 def test_a_restart_keeps_the_log_or_clears_it() -> None:
@@ -276,7 +276,7 @@ def test_listen_only_mode_is_per_unit() -> None:
     assert bench.send(READ, unit=2) == "03020000"
 
 
-# Who answers -----------------------------------------------------------------------------------------------------
+# Diagnostics of the counters and of the unit ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("pdu", ["08 0003 0D00", "08 0099 0000", "08 0015 0000", "08 FFFF 01"])
@@ -285,7 +285,7 @@ def test_unsupported_sub_functions_are_exception_01(pdu: str) -> None:
 
 
 class AsciiBench(Bench):
-    """The same on an ASCII line; the end of frames can be chosen."""
+    """The same on an ASCII line, with a choice of the delimiter."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -293,7 +293,7 @@ class AsciiBench(Bench):
         self.server = Server(self.line, self.units, serial=True)
 
     def exchange(self, pdu: str, end: str = "\n", unit: int = 1) -> str | None:
-        """What is answered, with its ending: the last character behind the PDU."""
+        """Send a request, and return the PDU of the response as hex, followed by its last character."""
         self.now += 0.5
         replies = self.server.feed(ascii_frame(unit, unhex(pdu))[:-1] + end.encode(), self.now)
         if not replies:
@@ -309,7 +309,7 @@ def test_the_ascii_delimiter_changes_after_the_response_and_a_restart_restores_l
     bench = AsciiBench()
     assert bench.exchange(CHANGE) == "0800033B00\n"
     assert bench.exchange(READ, ";") == "03020000;"
-    assert bench.exchange(READ) == "03020000;", "it hears LF too: other units were told nothing"
+    assert bench.exchange(READ) == "03020000;", "frames with LF are received too, because other units still use it"
     assert bench.exchange(RESTART, ";") == "0800010000;"
     assert bench.exchange(READ) == "03020000\n"
     assert bench.exchange(READ, ";") is None

@@ -1,4 +1,4 @@
-"""The server: the order of its checks, its silences, and malformed input."""
+"""The server: the order of its checks, requests without a response, and malformed input."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from barewire.modbus import (
     decode_response,
 )
 from barewire.modbus.framing import Line
-from barewire.modbus.messages.base import Message
 from barewire.rtu import RtuLine, Timing, encode as rtu_frame
 from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from tests.helpers import Chunk, FailingUnit, chunked, modest, unhex
@@ -35,10 +34,8 @@ class Answering:
 
     def __init__(self, response: Any) -> None:
         self.response = response
-        self.heard: list[Message] = []
 
     def handle(self, request: Any, now: float) -> Response | None:
-        self.heard.append(request)
         return self.response  # type: ignore[no-any-return]
 
 
@@ -52,7 +49,7 @@ def rtu_server(units: dict[int, Unit] | None = None) -> Server:
 
 
 def answer(server: Server, pdu: str, unit: int = 1) -> str | None:
-    """The response of the server to one PDU, as hex."""
+    """Return the response of the server to one PDU, as hex."""
     found = server.answer(Adu(unit, unhex(pdu)), 1.0)
     return None if found is None else found.hex().upper()
 
@@ -67,9 +64,9 @@ def answer(server: Server, pdu: str, unit: int = 1) -> str | None:
         pytest.param("41 00", "C101", id="unknown function"),
         pytest.param("00", "8001", id="function 0"),
         pytest.param("2B 0D 00 1F 1005 00 0000 0004", "AB01", id="unknown MEI type"),
-        pytest.param("08 0000 A537", "8801", id="known function that the unit does not do"),
+        pytest.param("08 0000 A537", "8801", id="known function that the unit does not support"),
         pytest.param("0B", "8B01", id="another one"),
-        pytest.param("08 00", "8801", id="known, not done, and malformed"),
+        pytest.param("08 00", "8801", id="known, not supported, and malformed"),
         pytest.param("2B 0D 00", "AB01", id="another one of these"),
         # 03: quantities, values, lengths
         pytest.param("03 0000 0000", "8303", id="quantity 0"),
@@ -104,7 +101,7 @@ def answer(server: Server, pdu: str, unit: int = 1) -> str | None:
         pytest.param("14 07 06 0001 0000 0001", "9402", id="no file"),
         pytest.param("14 07 05 0001 0000 0001", "9402", id="a reference type that is not 6, by figure 24"),
         pytest.param("15 09 06 0000 0000 0001 0000", "9502", id="file 0, by figure 25"),
-        # and what is right
+        # valid requests
         pytest.param("03 0063 0001", "03020000", id="the last register"),
         pytest.param("05 0063 FF00", "050063FF00", id="the last coil"),
     ],
@@ -137,7 +134,7 @@ def test_a_request_with_a_wrong_crc_is_not_answered() -> None:
     assert server.statistics.requests == 0
 
 
-# For whom --------------------------------------------------------------------------------------------------------
+# Unit addresses --------------------------------------------------------------------------------------------------
 
 
 def test_a_broadcast_is_carried_out_by_all_and_answered_by_none() -> None:
@@ -161,14 +158,14 @@ def test_a_request_for_another_unit_is_not_answered_on_a_serial_line() -> None:
 
 
 @pytest.mark.parametrize("unit", [0, 255])
-@pytest.mark.parametrize("at", [0, 255])
-def test_on_tcp_unit_0_or_255_answers_for_every_unknown_unit(unit: int, at: int) -> None:
-    server = tcp_server(address=at)
+@pytest.mark.parametrize("address", [0, 255])
+def test_on_tcp_unit_0_or_255_answers_for_every_unknown_unit(unit: int, address: int) -> None:
+    server = tcp_server(address=address)
     assert answer(server, "03 0000 0001", unit) == "03020000"
     assert answer(server, "03 0000 0001", unit=17) == "03020000"
 
 
-def test_unit_0_on_tcp_is_no_broadcast() -> None:
+def test_unit_0_on_tcp_is_not_a_broadcast() -> None:
     server = tcp_server(address=0)
     (reply,) = server.feed(tcp_frame(0, unhex("06 0005 1234"), 9), 1.0)
     assert reply.data == tcp_frame(0, unhex("06 0005 1234"), 9)
@@ -246,13 +243,13 @@ def test_the_latest_ten_failures_are_kept() -> None:
 
 
 def test_an_error_whose_text_raises_is_recorded_without_text() -> None:
-    class Speechless(Exception):
+    class WithoutText(Exception):
         def __str__(self) -> str:
             raise ValueError
 
-    server = tcp_server(FailingUnit(Speechless()))
+    server = tcp_server(FailingUnit(WithoutText()))
     assert answer(server, "03 0000 0001") == "8304"
-    assert server.statistics.failures == ["Speechless: (no text)"]
+    assert server.statistics.failures == ["WithoutText: (no text)"]
 
 
 @pytest.mark.parametrize("code", [1, 2, 3, 4, 5, 6, 8, 10, 11, 99])
@@ -298,7 +295,7 @@ def test_a_unit_may_stay_silent() -> None:
     assert (server.statistics.requests, server.statistics.replies) == (1, 0)
 
 
-# Whatever comes --------------------------------------------------------------------------------------------------
+# Any input -------------------------------------------------------------------------------------------------------
 
 PDUS = st.one_of(st.binary(min_size=1, max_size=30), st.builds(lambda code, rest: bytes([code]) + rest,
     st.sampled_from([*range(1, 9), 11, 12, *range(15, 25), 43]), st.binary(max_size=12)))  # fmt: skip
@@ -344,14 +341,14 @@ def test_feeding_any_bytes_never_raises(chunks: list[Chunk]) -> None:
             assert len(line.held) <= 520
 
 
-# Too late --------------------------------------------------------------------------------------------------------
+# Stale requests --------------------------------------------------------------------------------------------------
 
 READ_0, WRITE_7 = rtu_frame(1, unhex("03 0000 0001")), rtu_frame(1, unhex("06 0000 0007"))
-READ_OTHER, TELL_ALL = rtu_frame(2, unhex("03 0000 0001")), rtu_frame(0, unhex("06 0000 0009"))
+READ_OTHER, BROADCAST_9 = rtu_frame(2, unhex("03 0000 0001")), rtu_frame(0, unhex("06 0000 0009"))
 
 
-def heard(server: Server, data: bytes, now: float = 1.0) -> list[bytes]:
-    """The replies to these bytes in one read, and to the silence after them."""
+def replies_to(server: Server, data: bytes, now: float = 1.0) -> list[bytes]:
+    """Return the replies to these bytes in one read and to the silence after them."""
     replies = server.feed(data, now)
     while server.deadline is not None:
         replies += server.feed(None, server.deadline)
@@ -360,28 +357,28 @@ def heard(server: Server, data: bytes, now: float = 1.0) -> list[bytes]:
 
 def test_of_several_requests_in_one_read_only_the_latest_is_answered() -> None:
     server = rtu_server()
-    assert heard(server, READ_0 + READ_0 + READ_0) == [rtu_frame(1, unhex("03 02 0000"))]
+    assert replies_to(server, READ_0 + READ_0 + READ_0) == [rtu_frame(1, unhex("03 02 0000"))]
     assert (server.statistics.stale, server.statistics.replies, server.statistics.requests) == (2, 1, 1)
 
 
 def test_a_stale_write_is_carried_out_without_response() -> None:
     server = rtu_server()
-    assert heard(server, WRITE_7 + READ_0) == [rtu_frame(1, unhex("03 02 0007"))]
+    assert replies_to(server, WRITE_7 + READ_0) == [rtu_frame(1, unhex("03 02 0007"))]
     assert server.statistics.stale == 1
 
 
 def test_stale_writes_are_carried_out_in_order() -> None:
     table = Table(10)
     server = rtu_server({1: table})
-    assert heard(server, WRITE_7 + TELL_ALL + READ_0) == [rtu_frame(1, unhex("03 02 0009"))]
-    assert heard(server, TELL_ALL + WRITE_7, now=2.0) == [WRITE_7]
+    assert replies_to(server, WRITE_7 + BROADCAST_9 + READ_0) == [rtu_frame(1, unhex("03 02 0009"))]
+    assert replies_to(server, BROADCAST_9 + WRITE_7, now=2.0) == [WRITE_7]
     assert table.holding_registers[0] == 7
 
 
-@pytest.mark.parametrize("behind", [READ_OTHER, TELL_ALL, b"\x55" * 4, READ_0[:5]])
+@pytest.mark.parametrize("behind", [READ_OTHER, BROADCAST_9, b"\x55" * 4, READ_0[:5]])
 def test_a_request_followed_by_other_traffic_is_not_answered(behind: bytes) -> None:
     server = rtu_server()
-    assert heard(server, READ_0 + behind) == []
+    assert replies_to(server, READ_0 + behind) == []
     assert server.statistics.stale == 1
 
 
@@ -398,7 +395,7 @@ def test_a_glitch_after_a_request_only_delays_its_response(behind: bytes) -> Non
 def test_a_glitch_that_grows_into_a_frame_makes_the_request_stale() -> None:
     server = rtu_server()
     assert server.feed(READ_0 + READ_OTHER[:2], 1.0) == []
-    assert heard(server, READ_OTHER[2:], 1.005) == []
+    assert replies_to(server, READ_OTHER[2:], 1.005) == []
     assert server.statistics.stale == 1
 
 
@@ -409,19 +406,19 @@ def test_an_ascii_line_does_not_wait_a_second_for_a_glitch() -> None:
     assert server.feed(b":010300000001FB\r\n:0203", 2.0) == []
 
 
-# Frames that are no request -------------------------------------------------------------------------------------
+# Frames that are not requests ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("pdu", ["83 02", "80", "FF 01"])
-def test_a_function_with_bit_7_is_no_request(pdu: str) -> None:
+def test_a_function_with_bit_7_is_not_a_request(pdu: str) -> None:
     for server in (rtu_server(), tcp_server()):
         assert answer(server, pdu) is None
         assert (server.statistics.not_requests, server.statistics.requests, server.statistics.exceptions) == (1, 0, 0)
 
 
 @pytest.mark.parametrize("pdu", ["06 0000 0007", "08 0000 A537"])
-def test_an_echo_of_the_servers_response_is_no_request(pdu: str) -> None:
-    """It has the bytes of its request: if it were taken for one, the server would answer itself endlessly."""
+def test_an_echo_of_the_servers_response_is_not_a_request(pdu: str) -> None:
+    """It has the bytes of its request. If it were taken for a request, the server would answer itself endlessly."""
     frame = rtu_frame(1, unhex(pdu))
     server = rtu_server()
     (reply,) = server.feed(frame, 1.0)
@@ -430,7 +427,7 @@ def test_an_echo_of_the_servers_response_is_no_request(pdu: str) -> None:
     server.line.sent(out)
     assert server.feed(frame, out + 0.0005) == []
     assert server.statistics.echoes == 1
-    assert server.feed(frame, out + 0.1) != [], "the same once more, when everybody may speak again"
+    assert server.feed(frame, out + 0.1) != [], "the same bytes, when other stations may send again"
 
 
 def test_each_request_on_an_echoing_line_is_answered_once() -> None:
@@ -440,12 +437,12 @@ def test_each_request_on_an_echoing_line_is_answered_once() -> None:
     for _ in range(3):
         (reply,) = server.feed(WRITE_7, now)
         line.sent(reply.at)
-        assert server.feed(reply.data, reply.at + 0.03) == [], "an adapter that hands it over late"
+        assert server.feed(reply.data, reply.at + 0.03) == [], "from an adapter that delivers the echo late"
         now += 1.0
     assert server.statistics.requests == 3
 
 
-# More than it can do ---------------------------------------------------------------------------------------------
+# Limits and permissions ------------------------------------------------------------------------------------------
 
 
 def test_transactions_beyond_the_limit_are_answered_busy() -> None:
@@ -468,7 +465,7 @@ def test_a_request_that_is_not_permitted_is_exception_01() -> None:
     server = Server(TcpLine(), {1: Table(10)}, serial=False, permits=lambda unit, request: not request.writes)
     assert answer(server, "03 0000 0001") == "03020000"
     assert answer(server, "06 0000 0001") == "8601"
-    assert answer(server, "06 0000") == "8603", "what cannot be read cannot be permitted"
+    assert answer(server, "06 0000") == "8603", "a request that cannot be decoded is declined before"
 
 
 def test_an_sdo_abort_is_an_extended_exception_response() -> None:

@@ -82,7 +82,7 @@ def test_an_unsupported_request_is_exception_01() -> None:
     assert caught.value.code == 1
 
 
-# Who it is -------------------------------------------------------------------------------------------------------
+# Identification --------------------------------------------------------------------------------------------------
 
 NAMES = ((0, b"ACME"), (1, b"bench"), (2, b"1"))
 
@@ -114,7 +114,7 @@ def test_a_stream_from_an_object_that_does_not_exist_begins_again_at_0() -> None
 def test_individual_access_returns_one_object(object_id: int) -> None:
     answer = read_identification(4, object_id)
     assert answer.objects == (NAMES[object_id],)
-    assert answer.conformity == 0x81, "basic, with access to single objects"
+    assert answer.conformity == 0x81, "basic, with individual access"
 
 
 def test_an_unknown_individual_object_is_exception_02() -> None:
@@ -155,7 +155,7 @@ def test_objects_and_files_that_could_never_be_read_are_refused(options: dict[st
 # The rarer functions ---------------------------------------------------------------------------------------------
 
 
-def test_a_mask_changes_the_bits_it_does_not_keep() -> None:
+def test_a_mask_write_changes_the_bits_outside_the_and_mask() -> None:
     table = Table(4)
     table.holding_registers[3] = 0x12
     table.handle(MaskWriteRegister(3, 0xF2, 0x25), 0.0)
@@ -213,7 +213,7 @@ def test_an_unknown_file_or_record_is_exception_02_and_nothing_is_written(reques
     assert not any(table.files[4])
 
 
-def test_the_exception_status_is_set_by_the_owner() -> None:
+def test_the_exception_status_is_set_by_the_application() -> None:
     table = Table(4)
     table.exception_status = 0x6D
     assert table.handle(ReadExceptionStatus(), 0.0) == ReadExceptionStatus.response(0x6D)  # type: ignore[call-arg]

@@ -32,7 +32,7 @@ WRITE = "06 0001 0003"
 
 
 class Frame(NamedTuple):
-    """A frame of a dialogue: its end, its unit, and the index of its exchange in the dialogue."""
+    """A frame of a dialogue: the time of its end, its unit, and the index of its exchange in the dialogue."""
 
     at: float
     unit: int
@@ -46,16 +46,16 @@ def sniffer(window: float = 1.0) -> Sniffer:
 
 
 def feed_frames(listener: Sniffer, frames: list[tuple[float, int, str]]) -> list[SnifferEvent]:
-    """The events of frames (at, unit, PDU), with the time between them."""
-    said = [Frame(at, unit, unhex(pdu), 0, True) for at, unit, pdu in frames]
-    return overhear(listener, said)
+    """Feed frames (time, unit, PDU), and return the events."""
+    return overhear(listener, [Frame(now, unit, unhex(pdu), 0, True) for now, unit, pdu in frames])
 
 
-def overhear(listener: Sniffer, said: list[Frame]) -> list[SnifferEvent]:
+def overhear(listener: Sniffer, frames: list[Frame]) -> list[SnifferEvent]:
+    """Feed frames and the time between them, and return the events."""
     events: list[SnifferEvent] = []
-    for one in said:
-        events += silence(listener, one.at)
-        events += listener.feed(encode(one.unit, one.pdu), one.at)
+    for frame in frames:
+        events += silence(listener, frame.at)
+        events += listener.feed(encode(frame.unit, frame.pdu), frame.at)
     events += silence(listener, float("inf"))
     return events
 
@@ -84,7 +84,7 @@ def test_an_exception_response_is_a_response() -> None:
     _, answer = feed_frames(sniffer(), [(1.0, 1, READ), (1.25, 1, "83 02")])
     assert isinstance(answer, ResponseSeen)
     assert answer.request is not None
-    # Also to a request that nobody can read, for its quantity is 0.
+    # Also to a request that cannot be decoded, because its quantity is 0.
     asked, answer = feed_frames(sniffer(), [(1.0, 1, "03 0000 0000"), (1.25, 1, "83 03")])
     assert isinstance(asked, RequestSeen)
     assert asked.message is None
@@ -131,7 +131,7 @@ def test_a_late_response_is_distinguished_from_that_of_the_next_unit() -> None:
 
 
 def pairs(events: list[SnifferEvent]) -> list[tuple[float, ...]]:
-    """The times of each exchange; one time for an ambiguous frame."""
+    """Return the times of each exchange; one time for an ambiguous frame."""
     found: list[tuple[float, ...]] = []
     for event in events:
         if isinstance(event, ResponseSeen):
@@ -142,7 +142,7 @@ def pairs(events: list[SnifferEvent]) -> list[tuple[float, ...]]:
 
 
 @pytest.mark.parametrize(
-    ("heard", "exchanges"),
+    ("times", "exchanges"),
     [
         ([1.0, 1.1], [(1.0, 1.1)]),
         ([1.0, 1.1, 2.0, 2.1], [(1.0, 1.1), (2.0, 2.1)]),
@@ -152,8 +152,8 @@ def pairs(events: list[SnifferEvent]) -> list[tuple[float, ...]]:
         ([1.0, 2.5], [(1.0,), (2.5,)]),
     ],
 )
-def test_equal_frames_are_paired_by_time(heard: list[float], exchanges: list[tuple[float, ...]]) -> None:
-    assert pairs(feed_frames(sniffer(), [(at, 1, WRITE) for at in heard])) == exchanges
+def test_equal_frames_are_paired_by_time(times: list[float], exchanges: list[tuple[float, ...]]) -> None:
+    assert pairs(feed_frames(sniffer(), [(now, 1, WRITE) for now in times])) == exchanges
 
 
 def test_equal_frames_of_a_slow_unit_are_paired_by_its_response_time() -> None:
@@ -181,7 +181,7 @@ def test_unknown_functions_are_paired_by_their_code() -> None:
     assert events[1].request == events[0]  # type: ignore[union-attr]
 
 
-# Anything missing --------------------------------------------------------------------------------------------------
+# Lost frames -------------------------------------------------------------------------------------------------------
 
 EXCHANGES = [
     ("03 0000 0002", "03 04 0017 0007"),
@@ -203,26 +203,26 @@ EXCHANGES = [
 @st.composite
 def dialogues(draw: st.DrawFn) -> tuple[list[Frame], int]:
     """Exchanges with several units, and the index of a dropped frame. Responses come faster than new requests."""
-    said: list[Frame] = []
+    frames: list[Frame] = []
     now = 1.0
     for number in range(draw(st.integers(2, 8))):
         unit, (request, response) = draw(st.integers(1, 3)), draw(st.sampled_from(EXCHANGES))
-        said.append(Frame(now, unit, unhex(request), number, True))
+        frames.append(Frame(now, unit, unhex(request), number, True))
         now += draw(st.sampled_from((0.005, 0.02, 0.09)))
-        said.append(Frame(now, unit, unhex(response), number, False))
+        frames.append(Frame(now, unit, unhex(response), number, False))
         now += draw(st.sampled_from((0.15, 0.4)))
-    return said, draw(st.integers(0, len(said) - 1))
+    return frames, draw(st.integers(0, len(frames) - 1))
 
 
 @modest
 @given(dialogues())
 def test_a_dropped_frame_does_not_shift_the_pairs(drawn: tuple[list[Frame], int]) -> None:
-    said, dropped = drawn
-    kept = [one for place, one in enumerate(said) if place != dropped]
+    frames, dropped = drawn
+    kept = [frame for place, frame in enumerate(frames) if place != dropped]
     events = overhear(sniffer(), kept)
-    attributed(events, kept)
-    halves = [event for event in events if isinstance(event, AmbiguousFrame)]
-    assert all(one.exchange == said[dropped].exchange for one in kept if one.at in [half.at for half in halves])
+    assert_attributed(events, kept)
+    ambiguous = [event.at for event in events if isinstance(event, AmbiguousFrame)]
+    assert all(frame.exchange == frames[dropped].exchange for frame in kept if frame.at in ambiguous)
 
 
 @modest
@@ -230,34 +230,34 @@ def test_a_dropped_frame_does_not_shift_the_pairs(drawn: tuple[list[Frame], int]
 def test_with_pauses_longer_than_the_window_anything_may_be_missing(
     drawn: tuple[list[Frame], int], missing: set[int]
 ) -> None:
-    said = [one._replace(at=one.at + 2 * one.exchange) for one in drawn[0]]
-    kept = [one for place, one in enumerate(said) if place not in missing]
-    attributed(overhear(sniffer(), kept), kept)
+    frames = [frame._replace(at=frame.at + 2 * frame.exchange) for frame in drawn[0]]
+    kept = [frame for place, frame in enumerate(frames) if place not in missing]
+    assert_attributed(overhear(sniffer(), kept), kept)
 
 
-def attributed(events: list[SnifferEvent], kept: list[Frame]) -> None:
+def assert_attributed(events: list[SnifferEvent], kept: list[Frame]) -> None:
     """Each frame is reported once, as request or response, with its own request if that was received."""
-    by_time = {one.at: one for one in kept}
-    seen = []
+    by_time = {frame.at: frame for frame in kept}
+    reported = []
     for event in events:
-        if isinstance(event, ResponseMissing):
-            assert (event.request.at, False) not in [(by_time[at].at, one.is_request) for at, one in by_time.items()]
-            partner = by_time[event.request.at].exchange
-            assert not [one for one in kept if one.exchange == partner and not one.is_request]
-            continue
         assert not isinstance(event, NoiseSeen)
-        one = by_time[event.at]
-        seen.append(event.at)
-        assert (event.unit, event.pdu) == (one.unit, one.pdu)
+        frame = by_time[event.request.at if isinstance(event, ResponseMissing) else event.at]
+        exchange = [partner for partner in kept if partner.exchange == frame.exchange]
+        if isinstance(event, ResponseMissing):
+            assert exchange == [frame]
+            assert frame.is_request
+            continue
+        reported.append(event.at)
+        assert (event.unit, event.pdu) == (frame.unit, frame.pdu)
         if isinstance(event, RequestSeen):
-            assert one.is_request
+            assert frame.is_request
         elif isinstance(event, ResponseSeen):
-            assert not one.is_request
-            asked = [other.at for other in kept if other.exchange == one.exchange and other.is_request]
+            assert not frame.is_request
+            asked = [partner.at for partner in exchange if partner.is_request]
             assert asked == ([event.request.at] if event.request else [])
         else:
-            assert len([other for other in kept if other.exchange == one.exchange]) == 1
-    assert sorted(seen) == [one.at for one in kept]
+            assert exchange == [frame]
+    assert sorted(reported) == [frame.at for frame in kept]
 
 
 # Noise, other lines, bounds ----------------------------------------------------------------------------------------

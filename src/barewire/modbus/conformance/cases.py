@@ -1,12 +1,12 @@
 """The conformance cases of Modbus servers, as data: three batteries, for TCP, RTU and ASCII, for any server.
 
     ANYWHERE      for every framing: the rules and figures of the application protocol
-    CASES_TCP     ANYWHERE, and MBAP headers (TLS and UDP too)
+    CASES_TCP     ANYWHERE, and MBAP headers (for TLS and UDP too)
     CASES_RTU     ANYWHERE, and a line with other units, noise and damaged frames
-    CASES_ASCII   the same as RTU, and colons, digits and line ends
+    CASES_ASCII   as CASES_RTU, but with colons, digits and line ends
 
 The unit under test needs registers and coils 0 to 9 that can be read and written. Nothing else is required:
-exception 01 is an accepted answer of every optional function.
+exception 01 is an accepted answer to every optional function.
 
 Depends on: model. Used by: io.modbus.conformance, `barewire conform`, docs/conform.md.
 """
@@ -26,7 +26,7 @@ def _raw(text: str) -> Stimulus:
 
 
 def _single(name: str, clause: str, request: str, *answers: str) -> ServerCase:
-    """One request, and each response that is accepted."""
+    """Return a case of one request, with each response that is accepted."""
     return ServerCase(name, clause, (ServerStep((_pdu(request),)),), tuple((answer,) for answer in answers))
 
 
@@ -77,7 +77,7 @@ ANYWHERE: tuple[ServerCase, ...] = (
 
 
 def _cut_short(otherwise: str) -> tuple[ServerCase, ...]:
-    """Requests that end too early, in a valid frame: 03, or `otherwise` if the server takes them for no request."""
+    """Return cases of requests that end too early, in a valid frame. Accepted are exception 03 and `otherwise`."""
     return (
         _single("10 cut short", "MB-APP figure 22", "10 0000 0002 04 0001", "90 03", otherwise),
         _single("03 cut short", "MB-APP figure 13", "03 0000", "83 03", otherwise),
@@ -87,7 +87,7 @@ def _cut_short(otherwise: str) -> tuple[ServerCase, ...]:
 CASES_TCP: tuple[ServerCase, ...] = (
     *ANYWHERE,
     *_cut_short(CLOSED),
-    _single("80h is no function", "MB-APP 4.1", "80 00", SILENCE, CLOSED, "80 01"),
+    _single("80h is not a function", "MB-APP 4.1", "80 00", SILENCE, CLOSED, "80 01"),
     ServerCase(
         "five requests in one segment",
         "MB-TCP 4.4.2",
@@ -193,7 +193,7 @@ CASES_RTU: tuple[ServerCase, ...] = (
         ((SILENCE, _VALUE),),
     ),
     ServerCase(
-        "300 bytes without a pause are no frame",
+        "300 bytes without a pause are not a frame",
         "MB-SERIAL 2.5.1.1",
         (ServerStep((Stimulus(raw=b"\x41" * 300),)), ServerStep(_READ.stimuli, 0.3)),
         ((SILENCE, _VALUE),),
@@ -205,7 +205,7 @@ CASES_RTU: tuple[ServerCase, ...] = (
 
 
 def _changed(name: str, change: str, *first: str) -> ServerCase:
-    """A read whose characters are changed, then a valid read. `first` are the accepted answers to the changed one."""
+    """Return a case of a read with changed characters, then a valid read. `first` are the answers to the former."""
     steps = (ServerStep((Stimulus(bytes.fromhex(_READ_PDU), change=_CHANGES[change]),)), ServerStep(_READ.stimuli, 0.1))
     return ServerCase(name, "MB-SERIAL 2.5.2.1", steps, tuple((answer, _VALUE) for answer in first or (SILENCE,)))
 
@@ -228,7 +228,7 @@ CASES_ASCII: tuple[ServerCase, ...] = (
     _changed("lower-case digits: answered or not, and the next one is", "lower case", _VALUE, SILENCE),
     _changed("no colon, no frame", "no colon"),
     _changed("LF without CR does not end a frame", "no CR"),
-    _changed("a G is no digit", "not a digit"),
+    _changed("a G is not a digit", "not a digit"),
     _changed("a byte with one digit", "a digit less"),
     _changed("a colon inside a frame begins it anew", "twice", _VALUE),
     ServerCase(

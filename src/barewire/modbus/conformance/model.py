@@ -3,8 +3,8 @@
     ServerCase    a name, the clause, the steps, and the accepted sequences
     ServerStep    after a pause, some stimuli at once
     Stimulus      a PDU to the unit under test or to another one, or raw bytes
-    sequence      one answer for each step, as text: "83 03", with .. for any byte, ... for any rest, "; " between
-                  several responses, SILENCE, or CLOSED
+    sequence      one answer for each step, as text: "83 03", with .. for any byte and ... for any rest; "; " separates
+                  several responses; or SILENCE, or CLOSED
 
 A runner frames and sends the stimuli of each step and collects the responses until the line is silent; if the server
 closed the connection, it opens a new one for the next step. `difference` compares the answers with the sequences.
@@ -31,7 +31,7 @@ class Stimulus(NamedTuple):
     change: Callable[[bytes], bytes] | None = None
 
     def framed(self, frame: Callable[[int, bytes], bytes], unit: int) -> bytes:
-        """The bytes on the wire: `frame(unit, pdu)` makes a frame, `unit` is the one under test."""
+        """Return the bytes on the wire. `frame(unit, pdu)` makes a frame; `unit` is the unit under test."""
         if self.raw:
             return self.raw
         adu = frame(unit if self.unit is None else self.unit, self.pdu)
@@ -59,7 +59,7 @@ StepAnswer = Sequence[Adu] | None
 
 
 def difference(case: ServerCase, answers: Sequence[StepAnswer], unit: int) -> str | None:
-    """None if the answers are accepted, the difference as a sentence otherwise.
+    """Return None if the answers are accepted, and otherwise the difference as a sentence.
 
     >>> from barewire.modbus.conformance.cases import CASES_TCP
     >>> case = CASES_TCP[0]
@@ -70,7 +70,7 @@ def difference(case: ServerCase, answers: Sequence[StepAnswer], unit: int) -> st
     if accepted_sequence(case, answers) is not None:
         others = {adu.unit for answer in answers for adu in answer or ()} - _addressed(case, unit)
         return f"{case.name}: an answer from unit {min(others)}" if others else None
-    received = ", then ".join(answer_text(one) or "silence" for one in answers)
+    received = ", then ".join(answer_text(answer) or "silence" for answer in answers)
     expected = " or ".join(
         dict.fromkeys(", then ".join(answer or "silence" for answer in sequence) for sequence in case.accepts)
     )
@@ -78,7 +78,7 @@ def difference(case: ServerCase, answers: Sequence[StepAnswer], unit: int) -> st
 
 
 def accepted_sequence(case: ServerCase, answers: Sequence[StepAnswer]) -> tuple[str, ...] | None:
-    """The accepted sequence that fits the answers; None if there is none."""
+    """Return the accepted sequence that fits the answers; None if there is none."""
     texts = [answer_text(answer) for answer in answers]
     for sequence in case.accepts:
         if len(sequence) == len(texts) and all(map(_fits, sequence, texts)):
@@ -114,7 +114,7 @@ def accepted_apart_from(case: ServerCase, answers: Sequence[StepAnswer], places:
 
 
 def answer_text(answer: StepAnswer) -> str:
-    """An answer in the notation of a sequence."""
+    """Return an answer in the notation of a sequence."""
     return CLOSED if answer is None else "; ".join(adu.pdu.hex(" ").upper() for adu in answer)
 
 
@@ -123,10 +123,10 @@ def _fits(expected: str, received: str) -> bool:
     if wanted[-1:] == ["..."]:
         wanted, found = wanted[:-1], found[: len(wanted) - 1]
     return len(wanted) == len(found) and all(
-        one == other or one.rstrip(";") == ".." for one, other in zip(wanted, found)
+        byte == pattern or pattern.rstrip(";") == ".." for pattern, byte in zip(wanted, found)
     )
 
 
 def _addressed(case: ServerCase, unit: int) -> set[int]:
-    stimuli = [one for step in case.steps for one in step.stimuli]
-    return {unit if one.unit is None else one.unit for one in stimuli if one.pdu}
+    stimuli = [stimulus for step in case.steps for stimulus in step.stimuli if stimulus.pdu]
+    return {unit if stimulus.unit is None else stimulus.unit for stimulus in stimuli}

@@ -6,9 +6,9 @@
      "":         []}                                     the role of a certificate without a role
 
 A request is permitted if one permission of its role covers it completely: its function, its unit, and every address it
-touches. A request without addresses (files, diagnostics) is covered by a permission with `addresses` only if that also
-lists its function: permission for registers 0 to 9 does not imply access to files.
-There is no default table, and a role that is not in the table may do nothing [MB-TLS R-23, R-27, R-28]. A refused
+touches. A permission with `addresses` covers a request without addresses (files, diagnostics) only if it also lists the
+function: permission for registers 0 to 9 does not imply access to files.
+There is no default table, and a role that is not in the table has no permissions [MB-TLS R-23, R-27, R-28]. A refused
 request gets exception 01 [MB-TLS R-31].
 
 Depends on: messages. Used by: the TLS servers of io, as `permits` of `Server`.
@@ -28,7 +28,7 @@ _PLACES = (
     ("read_address", "read_quantity"),
     ("write_address", "write_quantity"),
 )
-"""The fields of a request that hold an address and a quantity; without a quantity field it is one."""
+"""The fields of a request that hold an address and a quantity. Without a quantity field it is 1."""
 
 
 class Permission(NamedTuple):
@@ -59,7 +59,7 @@ class Authorization:
 
     >>> table = Authorization.parse('{"Viewer": [{"functions": [3, 4], "addresses": "0-99"}]}')
     >>> from barewire.modbus import ReadHoldingRegisters, WriteSingleRegister
-    >>> [table.allows("Viewer", 1, ReadHoldingRegisters(at, 2)) for at in (98, 99)]
+    >>> [table.allows("Viewer", 1, ReadHoldingRegisters(address, 2)) for address in (98, 99)]
     [True, False]
     >>> table.allows("Viewer", 1, WriteSingleRegister(0, 0)), table.allows(None, 1, ReadHoldingRegisters(0, 1))
     (False, False)
@@ -70,8 +70,8 @@ class Authorization:
 
     @classmethod
     def parse(cls, text: str) -> Authorization:
-        """The table from JSON text; EncodeError, with the reason, if it is not valid."""
-        import json  # every server loads this file, and few have such a table
+        """Read the table from JSON text. Raises EncodeError, with the reason, if it is not valid."""
+        import json  # here, because every server loads this file, and few have such a table
 
         form = "a table of roles is JSON, role -> list of permissions"
         try:
@@ -86,27 +86,27 @@ class Authorization:
 
     def allows(self, role: str | None, unit: int, request: Request[Any]) -> bool:
         """Whether a client with this role may send this request to this unit. None: a certificate without a role."""
-        return any(line.allows(unit, request) for line in self.roles.get(role or "", ()))
+        return any(permission.allows(unit, request) for permission in self.roles.get(role or "", ()))
 
 
 def _touches(request: Request[Any]) -> list[range]:
-    """The addresses that a request reads or writes; none for a request that has no addresses."""
+    """Return the addresses that a request reads or writes; none for a request that has no addresses."""
     found = []
-    for at, count in _PLACES:
-        first = getattr(request, at, None)
+    for address_field, quantity_field in _PLACES:
+        first = getattr(request, address_field, None)
         if first is not None:
             registers: Sequence[int] = getattr(request, "registers", (0,))
-            quantity = getattr(request, count, len(registers) if at == "write_address" else 1)
-            found.append(range(first, first + quantity))
+            found.append(range(first, first + getattr(request, quantity_field, len(registers))))
     return found
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object as a dict; EncodeError for a name that occurs twice, which `json` would silently overwrite."""
-    table = dict(pairs)
-    for name, _ in pairs if len(table) < len(pairs) else ():
-        if sum(name == other for other, _ in pairs) > 1:
+    """Return a JSON object as a dict. Raises EncodeError for a name that occurs twice: `json` would drop the first."""
+    table: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in table:
             raise EncodeError(f"a table of roles: {name!r} is given twice")
+        table[name] = value
     return table
 
 
@@ -131,7 +131,7 @@ def _permission(role: str, row: Mapping[str, Any]) -> Permission:
 
 
 def _is_code(code: Any) -> bool:
-    return type(code) is int and 1 <= code <= 0x7F  # True is an int too, and no function code
+    return type(code) is int and 1 <= code <= 0x7F  # True is an int too, but not a function code
 
 
 def _spans(role: str, name: str, text: Any, last: int) -> tuple[range, ...] | None:

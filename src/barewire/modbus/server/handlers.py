@@ -1,4 +1,4 @@
-"""A unit of plain functions: for programs whose values are not in a table.
+"""A unit of plain functions, for programs whose values are not in a table.
 
     Functions(read_holding_registers=lambda address, quantity: sensor[address : address + quantity])
 
@@ -29,16 +29,17 @@ Own = Callable[[Any], Response | None]
 
 @dataclass(slots=True)
 class Functions:
-    """Plain functions as a unit; a request whose functions are not given is exception 01.
+    """Plain functions as a unit. A request whose functions are not given gets exception 01.
 
-    >>> unit = Functions(read_holding_registers=lambda address, quantity: [address + at for at in range(quantity)])
+    >>> unit = Functions(read_holding_registers=lambda address, quantity: range(address, address + quantity))
     >>> unit.handle(registers.ReadHoldingRegisters(40, 3), now=0.0)
     ReadHoldingRegistersResponse(registers=(40, 41, 42))
 
     A function raises `ModbusException(2)` for an address that does not exist. Any other exception, a result of the
     wrong length and a value that does not fit are failures of the function: the client gets exception 04, and the
-    reason is in `statistics.failures` of the server. Single and multiple writes call the same function; 16 and 17 call
-    a read and a write function. `own` maps request classes of your own to functions that return the response.
+    reason is in `statistics.failures` of the server. Single and multiple writes call the same function. Function codes
+    16 and 17 call a read and a write function. `own` maps request classes of the application to functions that return
+    the response.
     """
 
     _: KW_ONLY
@@ -65,14 +66,14 @@ class Functions:
 
     def handle(self, request: Any, now: float) -> Response | None:
         """Call the functions for this request and return its response."""
-        kind = type(request)
-        if kind in self.own:
-            return self.own[kind](request)
-        if not self.supports(kind):
+        request_class = type(request)
+        if request_class in self.own:
+            return self.own[request_class](request)
+        if not self.supports(request_class):
             raise ModbusException(ILLEGAL_FUNCTION)
-        return _ANSWERS[kind].answer(self, request)
+        return _ANSWERS[request_class].answer(self, request)
 
-    # One method for each kind of request, in the order of `_ANSWERS`
+    # One method for each request class, in the order of `_ANSWERS`
 
     def _read_coils(self, request: coils.ReadCoils) -> Response:
         return coils.ReadCoilsResponse(_row(self.read_coils, request.address, request.quantity))
@@ -139,7 +140,7 @@ class Functions:
 
 
 class _Answer(NamedTuple):
-    """What answers one class of requests: the fields of `Functions` that it needs, and the method."""
+    """How one request class is answered: the fields of `Functions` that are needed, and the method."""
 
     needs: tuple[str, ...]
     answer: Callable[[Functions, Any], Response]
@@ -176,7 +177,7 @@ def _row(function: Callable[[int, int], Sequence[Any]] | None, address: int, qua
 
 
 def _exactly(quantity: int, row: Sequence[Any]) -> tuple[Any, ...]:
-    """The row; EncodeError unless it has as many values as were asked for."""
+    """Return the row. Raises EncodeError unless it has as many values as were asked for."""
     if len(row) != quantity:
         raise EncodeError(f"a function returned {len(row)} values where {quantity} were asked", "quantity")
     return tuple(row)

@@ -1,4 +1,4 @@
-"""The identification objects of a server (2B/0E): all three levels, in as many responses as they need.   [MB-APP 6.21]
+"""The identification objects of a server (2B/0E), at all three levels, in one or more responses.          [MB-APP 6.21]
 
 basic      00 VendorName, 01 ProductCode, 02 MajorMinorRevision       mandatory
 regular    03 VendorUrl ... 06 UserApplicationName                    includes the basic ones
@@ -34,8 +34,8 @@ class Identity:
     >>> identity.answer(ReadDeviceIdentification(4, 0x80)).objects
     ((128, b'serial 42'),)
 
-    Raises EncodeError for a reserved number, a missing basic object, and a value longer than 244 bytes: it could never
-    be sent, so it is refused here and not when a client reads it.
+    Raises EncodeError for a reserved number, a missing basic object, and a value longer than 244 bytes, which could
+    never be sent.
     """
 
     def __init__(self, objects: Mapping[int, str | bytes]) -> None:
@@ -57,15 +57,15 @@ class Identity:
 
     @property
     def conformity(self) -> int:
-        """The conformity level: the highest level with an object, and that individual access is supported."""
+        """The conformity level: the highest level with an object, and the flag for individual access."""
         highest = max(self.objects)
         return min(level for level, last in _LAST.items() if highest <= last) | SINGLE_ACCESS
 
     def answer(self, request: ReadDeviceIdentification) -> ReadDeviceIdentificationResponse:
-        """One object, or as many as fit, beginning with the requested one.
+        """Return one object, or as many as fit, beginning with the requested one.                   [MB-APP 6.21]
 
-        A stream that starts at an unknown object begins at 0; an unknown individual object is exception 02. A level
-        above that of the device returns the objects there are.                                    [MB-APP 6.21]
+        A stream that starts at an unknown object begins at 0; an unknown individual object is exception 02. For a level
+        above that of the device all objects are returned.
         """
         code, first = request.read_code, request.object_id
         if code == INDIVIDUAL:

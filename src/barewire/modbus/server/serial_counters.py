@@ -1,20 +1,20 @@
 """The counters and the event log of a unit on a serial line, and its listen only mode.
 
-    seen on the line          counted in                                                        [MB-SERIAL, appendix A]
-    ----------------          ----------
-    no frame (CRC, LRC)       bus errors                                                         08/0C
+    on the line               counted in                                                        [MB-SERIAL, appendix A]
+    -----------               ----------
+    not a frame (CRC, LRC)    bus errors                                                         08/0C
     a good frame              bus messages                                                       08/0B
     for this unit, or all     server messages                                                    08/0E
     no response sent          no responses                                                       08/0F
     exception sent            exceptions; NAK for 07, busy for 05 or 06                          08/0D, 10, 11
     request carried out       the event counter                                                  0B, 0C
 
-The server reports each of these by a method; functions 08, 0B and 0C are answered from the counters. All counters have
+The server calls a method for each of these. Functions 08, 0B and 0C are answered from the counters. All counters have
 16 bits and **wrap**: 65535 is followed by 0, which the standard leaves open. The event counter does not count
 exceptions, function 0B itself, and the two requests that set it to zero.
 
 **Listen only mode** (08/04): the unit counts, stays silent and carries nothing out. Only Restart Communications (08/01)
-ends it, which is not answered then.
+ends the mode, and is not answered then.
 
 Depends on: messages (diagnostics, comm_events). Used by: server.
 """
@@ -53,7 +53,7 @@ from barewire.modbus.messages.diagnostics import (
 )
 
 ANSWERED = (Diagnostics, GetCommEventCounter, GetCommEventLog)
-"""The requests about the line, not about the device: `SerialCounters.answer` answers these."""
+"""The requests about the line, not about the device, which `SerialCounters.answer` answers."""
 
 _COUNTS = {
     0x0B: "bus_messages",
@@ -71,12 +71,12 @@ _EXCEPTION_BITS = {1: 0x01, 2: 0x01, 3: 0x01, 4: 0x02, 5: 0x04, 6: 0x04, 7: 0x08
 
 
 class SerialCounters:
-    """The counters of one unit. Its owner may set `diagnostic_register` and `is_busy` (the status word of 0B).
+    """The counters of one unit. The application may set `diagnostic_register` and `is_busy` (the status word of 0B).
 
-    >>> seen = SerialCounters()
-    >>> seen.frame(), seen.received()
+    >>> counters = SerialCounters()
+    >>> counters.frame(), counters.received()
     (None, None)
-    >>> seen.answer(Diagnostics(0x0B)).count
+    >>> counters.answer(Diagnostics(0x0B)).count
     1
     """
 
@@ -100,33 +100,33 @@ class SerialCounters:
     def _log(self, event: int) -> None:
         self.events.appendleft(event | (_LISTENING if self.listens_only else 0))
 
-    # Reports of the server
+    # What the server reports
 
     def frame(self) -> None:
-        """A good frame, for any unit, was on the line."""
+        """Count a good frame, for any unit."""
         self._count("bus_messages")
 
     def damaged(self) -> None:
-        """Bytes that are no frame were on the line."""
+        """Count bytes that are not a frame."""
         self._count("bus_errors")
         self._log(RECEIVED | _DAMAGED)
 
     def overrun(self) -> None:
-        """The port lost a character."""
+        """Count a character that the port lost."""
         self._count("overruns")
         self._log(RECEIVED | _OVERRUN)
 
     def received(self, *, broadcast: bool = False) -> None:
-        """A request for this unit, or a broadcast, arrived; it is not carried out yet."""
+        """Count a request for this unit, or a broadcast, before it is carried out."""
         self._count("server_messages")
         self._log(RECEIVED | (_BROADCAST if broadcast else 0))
 
     def ignored(self) -> None:
-        """The request is neither carried out nor answered: the unit listens only, or the request is stale."""
+        """Count a request that is neither carried out nor answered: the unit listens only, or the request is stale."""
         self._count("no_responses")
 
     def finished(self, request: Any, exception: int | None, *, answered: bool) -> None:
-        """The request was carried out, or declined with `exception`; and a response was sent, or not.
+        """Count a request that was carried out, or declined with `exception`, and was answered or not.
 
         `request` is None if it could not be decoded.
         """
@@ -152,11 +152,11 @@ class SerialCounters:
         return not self.listens_only or pdu in _RESTARTS
 
     def answer(self, request: Any) -> Response | None:
-        """The response to 08, 0B or 0C; None where the standard demands silence.
+        """Return the response to 08, 0B or 0C; None where the standard demands silence.
 
-        ModbusException 01 for other requests, for reserved sub-functions, and for Change ASCII Input Delimiter (08/03)
-        on a line that is not ASCII; 03 for a delimiter that would begin a message, or has more than seven bits. The
-        line itself recognises 08/03 and changes its delimiter (`ascii.delimiter`).
+        Raises ModbusException 01 for other requests, for reserved sub-functions, and for Change ASCII Input Delimiter
+        (08/03) on a line other than ASCII; 03 for a delimiter that would begin a message, or has more than seven bits.
+        The line itself recognises 08/03 and changes its delimiter (`ascii.delimiter`).
         """
         match request:
             case GetCommEventCounter():
@@ -200,7 +200,7 @@ class SerialCounters:
             raise ModbusException(ILLEGAL_DATA_VALUE)
 
     def _restart(self, data: bytes) -> Response | None:
-        """Clear the counters, with FF00 the log too. No response of a unit that was in listen only mode."""
+        """Clear the counters, and with FF00 the log. A unit that was in listen only mode does not respond."""
         was_silent = self.listens_only
         self.listens_only = False
         self._clear()

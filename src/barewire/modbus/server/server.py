@@ -12,14 +12,14 @@ The order of checks is that of the standard's figures: function (01), then quant
   function set: these are exception responses of other units.
 - A request is not answered late. If other traffic followed it, its client has given up, and a response would collide
   with the next request. Such a *stale* request is dropped if it reads, and carried out without response if it writes.
-- Up to three bytes after a request are a glitch of a line that changes direction: the request is answered once it is
-  certain that no more follow.
-- The server's own response, received before any station may send, is an echo and no request. A line that echoes later
-  than that needs an `EchoLine`.
+- Up to three bytes after a request are a glitch of a line that changes direction. The request is answered as soon as
+  it is certain that no more bytes follow.
+- The server's own response, received before any station may send, is an echo and not a request. A line that echoes
+  later than that needs an `EchoLine`.
 - Functions 08, 0B and 0C are answered from `counters` if the unit does not answer them itself.
 
-**On TCP** every request is answered, under its transaction number; requests beyond `transactions` in one read get
-exception 06 (busy). A frame with bit 7 of the function set is no request there either. It is ignored, because any
+**On TCP** every request is answered, with its transaction number. Requests beyond `transactions` in one read get
+exception 06 (busy). A frame with bit 7 of the function set is not a request there either: it is ignored, because any
 response to it could be mistaken for the response to another request.
 
 Depends on: framing, messages, serial_counters. Used by: the servers of io, the simulators' tests.
@@ -54,16 +54,17 @@ _GLITCH = 3
 """The most bytes after a request that cannot be a frame: the shortest frame has four."""
 
 _SOON = 0.1
-"""Seconds: the longest wait for a line to decide that a glitch is no frame. ASCII lines take longer."""
+"""Seconds: the longest wait for a line to decide that a glitch is not a frame. ASCII lines take longer."""
 
 
 class Unit(Protocol):
     """One unit address of a server: a table, a simulator, or a class of the application.
 
     `handle` returns the response, or None to stay silent (a device that reboots instead of answering), or raises
-    ModbusException to decline. Two more members are used if a unit has them: `supports(request_class) -> bool`, so that
-    a malformed request of an unsupported function is exception 01 and not 03; and `diagnostics`, False for a device
-    that declines functions 08, 0B and 0C on purpose.
+    ModbusException to decline. Two more members are optional:
+
+        supports(request_class) -> bool    False makes a malformed request of that function exception 01, not 03
+        diagnostics                        False for a device that declines functions 08, 0B and 0C on purpose
     """
 
     def handle(self, request: Any, now: float) -> Response | None: ...
@@ -78,7 +79,7 @@ class Reply(NamedTuple):
 
 @dataclass
 class ServerStatistics:
-    """Counts from 0, and the latest errors of units. (The counters of the standard are in `serial_counters`.)"""
+    """Counters, and the latest errors of units. (The counters of the standard are in `serial_counters`.)"""
 
     requests: int = 0
     replies: int = 0
@@ -96,7 +97,7 @@ class ServerStatistics:
     """The latest ten errors raised by the code of units; each was answered with exception 04."""
 
     def failed(self, error: Exception) -> None:
-        """Record an error of a unit's code. Its `__str__` is the unit's code as well, and may raise."""
+        """Record an error of a unit's code. Its `__str__` belongs to the unit as well, and may raise."""
         try:
             text = str(error)
         except Exception:
@@ -105,12 +106,15 @@ class ServerStatistics:
 
 
 class Server:
-    """Several units behind one line. `serial` lines have broadcasts and other servers; TCP connections have neither.
+    """Several units behind one line.
 
-    On TCP a request for a unit that is not in `units` goes to `units[255]` or `units[0]` if there is one, and is
-    exception 0B otherwise; on a serial line it is for another server, so there is silence. `permits(unit, request)`
-    decides whether a request may be carried out: exception 01 if not. `counters` are shared by several connections to
-    the same units.
+    line            the framing
+    units           address -> unit. On TCP, requests for other addresses go to `units[255]` or `units[0]` if there is
+                    one, and get exception 0B otherwise; on a serial line they are for other servers
+    serial          whether the line has broadcasts and other servers, as serial lines do; TCP has neither
+    transactions    the most requests in one read that are handled (TCP only, default 16)
+    permits         permits(unit, request) decides whether a request is carried out; exception 01 if not
+    counters        those of another connection to the same units, to share them (default: new ones)
     """
 
     def __init__(
@@ -140,7 +144,7 @@ class Server:
         return self.line.deadline
 
     def feed(self, data: bytes | None, now: float) -> list[Reply]:
-        """The replies after these bytes, or after time passed (None). Never raises."""
+        """Return the replies to these bytes, or to the time that passed (None). Never raises."""
         line = self.line
         if self.serial:
             is_early = now < line.quiet_at
@@ -167,7 +171,10 @@ class Server:
         return [self.counters[number] for number in self.units]
 
     def _feed_serial(self, events: list[LineEvent], now: float, is_early: bool) -> list[Reply]:
-        """`is_early`: since the latest response no other station had the right to send, so a copy of it is an echo."""
+        """Return the replies on a serial line.
+
+        `is_early`: no other station was allowed to send since the latest response, so a copy of it is an echo.
+        """
         for event in events:
             if isinstance(event, Noise):
                 self.statistics.noise_bytes += len(event.data)
@@ -199,20 +206,20 @@ class Server:
         return self._reply(waiting, now)
 
     def _drop_stale(self, now: float) -> None:
-        """Do not answer the waiting request: other traffic followed it, so its client expects no response any more."""
+        """Drop the waiting request: other traffic followed it, so its client does not expect a response any more."""
         if self._waiting is None:
             return
         adu, self._waiting = self._waiting, None
         self.statistics.stale += 1
-        kind = request_class(adu.pdu)
-        if kind is not None and kind.writes:
+        request = request_class(adu.pdu)
+        if request is not None and request.writes:
             self._carry_out(adu.unit, self.units[adu.unit], adu.pdu, now, answered=False)
         else:
             self.counters[adu.unit].received()
             self.counters[adu.unit].ignored()
 
     def _reply(self, adu: Adu, now: float) -> list[Reply]:
-        """The reply on a serial line."""
+        """Return the reply to a request on a serial line; none if the unit stays silent."""
         pdu = self.answer(adu, now)
         if pdu is None:
             return []
@@ -221,11 +228,11 @@ class Server:
         return [Reply(self.line.response(adu, pdu), self.line.quiet_at)]
 
     def _overload(self, pdu: bytes) -> bytes | None:
-        """The answer to a request beyond the limit of transactions."""
+        """Return the response to a request beyond the limit of transactions."""
         return None if pdu[0] & EXCEPTION_BIT else self._exception(pdu, ModbusException(SERVER_DEVICE_BUSY))
 
     def answer(self, adu: Adu, now: float) -> bytes | None:
-        """The PDU of the response, or None for silence."""
+        """Carry out a request, and return the PDU of the response, or None for silence."""
         number, pdu, _ = adu
         if pdu[0] & EXCEPTION_BIT:
             self.statistics.not_requests += 1
@@ -247,7 +254,7 @@ class Server:
     def _carry_out(
         self, number: int, unit: Unit, pdu: bytes, now: float, *, answered: bool = True, broadcast: bool = False
     ) -> bytes | None:
-        """Carry out one request on one unit. Returns the response, or None for silence, as with `answered` False."""
+        """Carry out one request on one unit. Returns the response; None for silence, or if `answered` is False."""
         counters = self.counters[number] if self.serial else None
         if counters is not None:
             counters.received(broadcast=broadcast)
@@ -280,7 +287,7 @@ class Server:
 
     @staticmethod
     def _handle(unit: Unit, counters: SerialCounters, request: AnyRequest, now: float) -> Response | None:
-        """On a serial line: requests about the line that the unit does not support are answered from the counters."""
+        """Handle a request on a serial line: 08, 0B and 0C are answered from `counters` if the unit cannot."""
         try:
             return unit.handle(request, now)
         except ModbusException as declined:
@@ -299,20 +306,20 @@ class Server:
 
 
 def counters_for(line: Line) -> defaultdict[int, SerialCounters]:
-    """The counters of the units behind a line, by unit. Several connections to the same units share them."""
+    """Return counters for the units behind a line, by unit. Several connections to the same units share them."""
     return defaultdict(partial(SerialCounters, has_delimiter=getattr(line, "has_delimiter", False)))
 
 
-def _read_request(pdu: bytes, unit: Unit | None = None, diagnostics: bool = False) -> AnyRequest:
-    """The decoded request. Raises ModbusException with the code of the standard: 01, 03, or 02 for file records.
+def _read_request(pdu: bytes, unit: Unit, diagnostics: bool) -> AnyRequest:
+    """Decode a request. Raises ModbusException with the code of the standard: 01, 03, or 02 for file records.
 
-    Functions that `unit` does not support are 01, if it has `supports`; with `diagnostics` 08, 0B and 0C never are.
+    A function that `unit.supports` excludes is 01, except, with `diagnostics`, 08, 0B and 0C.
     """
-    kind = request_class(pdu)
+    request = request_class(pdu)
     supports = getattr(unit, "supports", None)
-    if kind is None or not (supports is None or supports(kind) or (diagnostics and kind in ANSWERED)):
+    if request is None or not (supports is None or supports(request) or (diagnostics and request in ANSWERED)):
         raise ModbusException(ILLEGAL_FUNCTION, pdu[0] if pdu else None)
     try:
-        return kind.decode(pdu)
+        return request.decode(pdu)
     except DecodeError as error:
-        raise ModbusException(kind.declines(error), pdu[0]) from error
+        raise ModbusException(request.declines(error), pdu[0]) from error

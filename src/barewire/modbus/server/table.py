@@ -33,9 +33,7 @@ _SIZE = 0x10000
 
 
 class Table:
-    """A unit with `size` coils, discrete inputs, holding and input registers, all zero, addressed from 0.
-
-    An access beyond the end is exception 02.
+    """A unit with coils, discrete inputs, holding and input registers, all zero, addressed from 0.
 
     >>> table = Table(objects={0x80: "serial 42"})
     >>> table.handle(registers.WriteSingleRegister(5, 42), now=0.0)
@@ -43,8 +41,13 @@ class Table:
     >>> table.handle(combined.ReadWriteMultipleRegisters(4, 2, write_address=4, registers=(7,)), now=0.0)
     ReadWriteMultipleRegistersResponse(registers=(7, 42))
 
-    `objects` are identification objects besides the three mandatory ones; `files` are registers by file number. Raises
-    EncodeError for values that no message can carry. The application may set `queues` (registers by address) and
+        size                         the number of values in each of the four tables (default 65536);
+                                     an access beyond the end is exception 02
+        vendor, product, revision    the three mandatory identification objects
+        objects                      further identification objects: number -> text or bytes
+        files                        file records: file number -> registers
+
+    Raises EncodeError for values that no message can carry. The application may set `queues` (registers by address) and
     `exception_status` (eight bits).
     """
 
@@ -71,11 +74,11 @@ class Table:
 
     @staticmethod
     def supports(request: type[Any]) -> bool:
-        """Whether a table answers this class of requests."""
+        """Whether a table answers this request class."""
         return request in _ANSWERS
 
     def handle(self, request: Any, now: float) -> Response | None:
-        """The response to one request. Raises ModbusException: 01 for an unsupported function, 02 beyond the end."""
+        """Return the response to a request. Raises ModbusException 01 (not supported) or 02 (beyond the end)."""
         answer = _ANSWERS.get(type(request))
         if answer is None:  # a subclass of a request is answered as that request
             answer = next((_ANSWERS[base] for base in type(request).__mro__ if base in _ANSWERS), None)
@@ -190,7 +193,7 @@ _ANSWERS: dict[type[Request[Any]], Callable[[Table, Any], Response]] = {
 
 
 def _file(number: int, content: Sequence[int]) -> array[int]:
-    """The registers of a file. Raises EncodeError for a wrong file number, size or value."""
+    """Return the registers of a file. Raises EncodeError for a wrong file number, size or value."""
     check_range("file", number, 1, 0xFFFF)
     limit = files.RECORD_LIMIT + 1
     if len(content) > limit:

@@ -28,7 +28,7 @@ OPEN_LIMIT = 256
 
 
 class NumberedSniffer:
-    """A machine around the two directions of one connection, each with its own line. `window` as in `Sniffer`.
+    """A machine for the two directions of one connection, each with its own line. `window` as in `Sniffer`.
 
     >>> from barewire.tcp import TcpLine, encode
     >>> sniffer = NumberedSniffer(TcpLine(), TcpLine())
@@ -44,7 +44,7 @@ class NumberedSniffer:
         self._open: dict[int | None, RequestSeen] = {}
 
     def feed(self, from_client: bool, data: bytes, now: float) -> list[SnifferEvent]:
-        """The events of bytes of one direction, received at `now`. Never raises."""
+        """Return the events of bytes of one direction, received at `now`. Never raises."""
         events: list[SnifferEvent] = [*self._expire(now - self._window, now)]
         for event in self._lines[from_client].feed(data, now):
             if isinstance(event, Noise):
@@ -53,20 +53,20 @@ class NumberedSniffer:
             unit, pdu, number = event
             if from_client:
                 asked = RequestSeen(unit, pdu, now, readable(decode_request, pdu), number)
-                before = self._open.pop(number, None)
-                events += [asked] if before is None else [ResponseMissing(before, now), asked]
+                earlier = self._open.pop(number, None)
+                events += [asked] if earlier is None else [ResponseMissing(earlier, now), asked]
                 self._open[number] = asked
             else:
-                to = self._open.pop(number, None)
-                events.append(ResponseSeen(unit, pdu, now, readable(decode_response, pdu), to, transaction=number))
+                request = self._open.pop(number, None)
+                events.append(ResponseSeen(unit, pdu, now, readable(decode_response, pdu), request, transaction=number))
         while len(self._open) > OPEN_LIMIT:
             events.append(ResponseMissing(self._open.pop(next(iter(self._open))), now))
         return events
 
     def end(self, now: float) -> list[SnifferEvent]:
-        """The end of the recording: every open request is unanswered."""
+        """End the recording: every open request is unanswered."""
         return [*self._expire(float("inf"), now)]
 
     def _expire(self, before: float, now: float) -> list[ResponseMissing]:
-        gone = [number for number, asked in self._open.items() if asked.at < before]
-        return [ResponseMissing(self._open.pop(number), now) for number in gone]
+        expired = [number for number, asked in self._open.items() if asked.at < before]
+        return [ResponseMissing(self._open.pop(number), now) for number in expired]

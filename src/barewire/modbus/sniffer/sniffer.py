@@ -1,18 +1,18 @@
-"""A sniffer for serial lines: it pairs the requests and responses of other stations, and takes no part itself.
+"""A sniffer for serial lines: it pairs the requests and responses of other stations, and never sends.
 
     on the line   01 request    01 response    02 request    1 s of silence    02 response     noise      03 response
     event         RequestSeen   ResponseSeen   RequestSeen   ResponseMissing   ResponseSeen*   NoiseSeen  ResponseSeen*
 
     * with `request` None: its request is over, or was not received
 
-Frames on a serial line do not show their direction. It is decided by, in this order:
+Frames on a serial line do not show their direction. Three criteria decide about it, in this order:
 
     shape    most PDUs can only be a request or only a response: their lengths differ, and exceptions are responses
     fit      a response fits the request before it: unit, function, byte count, echoed fields
-    time     the response to a single write is the same bytes as the request. Of three equal frames the two that are
+    time     the response to a single write has the same bytes as the request. Of three equal frames, the two that are
              nearer to each other are a pair, unless the unit is known to be slower; a single one is an `AmbiguousFrame`
 
-So a lost frame never shifts the pairs after it. The assumption is one client with one open request at a time. A
+So a lost frame never shifts the pairs after it. The sniffer assumes one client with one open request at a time. A
 response that arrives when the client has already sent its next request is marked `late`.
 
 Depends on: framing, messages (registry). Used by: numbered, io.modbus.sniff, explain.
@@ -66,14 +66,14 @@ class ResponseSeen(NamedTuple):
 
 
 class ResponseMissing(NamedTuple):
-    """A request without a response; `at` is the time when that was certain."""
+    """A request without a response. `at` is the time when this became certain."""
 
     request: RequestSeen
     at: float
 
 
 class AmbiguousFrame(NamedTuple):
-    """A frame that can be a request or the equal response to it, received once: the other one was lost."""
+    """A frame that can be a request or the equal response to it. It was received once: the other one was lost."""
 
     unit: int
     pdu: bytes
@@ -82,7 +82,7 @@ class AmbiguousFrame(NamedTuple):
 
 
 class NoiseSeen(NamedTuple):
-    """Bytes that are no frame."""
+    """Bytes that are not a frame."""
 
     noise: Noise
     at: float
@@ -92,7 +92,7 @@ SnifferEvent: TypeAlias = RequestSeen | ResponseSeen | ResponseMissing | Ambiguo
 
 
 class Sniffer:
-    """A machine around a line in the role of a listener. `window` is the longest time to a response, in seconds.
+    """A machine for a line in the role of a listener. `window`: the longest time to a response, in seconds.
 
     >>> from barewire.rtu import RtuLine, Timing, encode
     >>> sniffer = Sniffer(RtuLine(Timing.of(19200), role="listener"))
@@ -111,7 +111,7 @@ class Sniffer:
         self.line = line
         self._window = window
         self._open: RequestSeen | None = None  # reported, and not answered yet
-        self._late: RequestSeen | None = None  # the one before, without a response
+        self._late: RequestSeen | None = None  # the request before, without a response
         self._single: AmbiguousFrame | None = None  # not reported yet: a request or an echo
         # Two equal frames, not reported yet: a third one may be nearer to the second.
         self._pair: tuple[AmbiguousFrame, AmbiguousFrame] | None = None
@@ -121,7 +121,7 @@ class Sniffer:
     def deadline(self) -> float | None:
         """When to feed None if nothing arrived."""
         if self.line.held:
-            return self.line.deadline  # it may hold the response: nothing expires before that is decided
+            return self.line.deadline  # the held bytes may be the response, so nothing expires before they are decided
         times: list[float] = []
         if self._open is not None:
             times.append(self._open.at + self._window)
@@ -132,20 +132,20 @@ class Sniffer:
         return min(times, default=None)
 
     def feed(self, data: bytes | None, now: float) -> list[SnifferEvent]:
-        """The events of bytes that arrived, the last at `now`, or of time that passed (None). Never raises."""
+        """Return the events of bytes that arrived, the last at `now`, or of time that passed (None). Never raises."""
         events: list[SnifferEvent] = []
         for event in self.line.feed(data, now):
             if isinstance(event, Noise):
                 events.append(NoiseSeen(event, now))
             else:
                 events += self._frame(event, now)
-        # Held bytes were sent before the time was over.
+        # Held bytes were sent before the window was over.
         if not self.line.held:
             events += self._expire(now)
         return events
 
     def end(self, now: float) -> list[SnifferEvent]:
-        """The end of the recording: the events of everything still undecided."""
+        """End the recording, and return the events of everything that is still undecided."""
         events = self.feed(None, max(now, self.line.deadline or now))
         return events + self._give_up(now)
 
@@ -163,7 +163,7 @@ class Sniffer:
         return []
 
     def _give_up(self, now: float) -> list[SnifferEvent]:
-        """A new request was sent, or nothing more will be: close everything that waits for a response."""
+        """Close everything that waits for a response, because a new request was sent or the recording ends."""
         events = self._settle()
         if self._single is not None:
             events.append(self._single)
@@ -173,7 +173,7 @@ class Sniffer:
         return events
 
     def _settle(self) -> list[SnifferEvent]:
-        """The two equal frames are a request and its response."""
+        """Report the two equal frames as a request and its response."""
         if self._pair is None:
             return []
         (first, second), self._pair = self._pair, None
@@ -201,7 +201,7 @@ class Sniffer:
         return self._stray(unit, pdu, now)
 
     def _stray(self, unit: int, pdu: bytes, now: float) -> list[SnifferEvent]:
-        """A response that does not answer the open request."""
+        """Report a response that does not answer the open request."""
         message = readable(decode_response, pdu)
         late, single = self._late, self._single
         if late is not None and now <= late.at + self._window and _answers(late, unit, pdu):
@@ -217,11 +217,11 @@ class Sniffer:
         return [*self._give_up(now), ResponseSeen(unit, pdu, now, message)]
 
     def _either(self, frame: AmbiguousFrame) -> list[SnifferEvent]:
-        """A frame that can be a request or the equal response to it."""
+        """Take a frame that can be a request or the equal response to it."""
         if self._pair is not None:
             first, second = self._pair
             if _twins(second, frame) and frame.at - second.at < second.at - first.at:
-                # It is nearer to the second than the first is: so the response to the first one was lost.
+                # The frame is nearer to the second than the first is, so the response to the first was lost.
                 self._pair = second, frame
                 return [first]
             return [*self._settle(), *self._either(frame)]
@@ -249,16 +249,16 @@ def shapes(pdu: bytes) -> tuple[bool, bool]:
     """
     if pdu[0] & EXCEPTION_BIT:
         return False, True
-    reads = readable(decode_request, pdu) is not None, readable(decode_response, pdu) is not None
-    if any(reads):
-        return reads
-    # A wrong value is more likely than a wrong length; and an unknown function can be both.
+    decodable = readable(decode_request, pdu) is not None, readable(decode_response, pdu) is not None
+    if any(decodable):
+        return decodable
+    # A wrong value is more likely than a wrong length. An unknown function can be both.
     measures = measure_request(pdu) == len(pdu), measure_response(pdu) == len(pdu)
     return measures if any(measures) else (True, True)
 
 
 def _fits(request: Request[Any] | None, asked: bytes, pdu: bytes) -> bool:
-    """Whether `pdu` answers the request `asked`; if that could not be decoded, by the function code alone."""
+    """Whether `pdu` answers the request `asked`. If `asked` could not be decoded, the function code alone decides."""
     if pdu[:1] == bytes([asked[0] | EXCEPTION_BIT]):
         return True
     if request is None:
@@ -277,12 +277,12 @@ def _answers(asked: RequestSeen, unit: int, pdu: bytes) -> bool:
 
 
 def _twins(first: AmbiguousFrame, second: AmbiguousFrame) -> bool:
-    """Whether the second can be the response to the first: an equal frame, or any of an unknown function."""
+    """Whether the second can be the response to the first: an equal frame, or any frame of an unknown function."""
     return first.unit == second.unit and _fits(first.message, first.pdu, second.pdu)
 
 
 def readable(decode: Callable[[bytes], Any], pdu: bytes) -> Any:
-    """The message, or None if the PDU cannot be decoded."""
+    """Return the message, or None if the PDU cannot be decoded."""
     try:
         return decode(pdu)
     except DecodeError:
