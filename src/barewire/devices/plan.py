@@ -98,23 +98,22 @@ def plan_reads(device: Device, parameters: Iterable[Parameter]) -> list[PlannedR
     Raises EncodeError for a parameter without an address on Modbus, in a table that no function reads, or wider than
     the limit of the device.
     """
-    by_table: dict[TableName, dict[str, Parameter]] = {}
+    by_table: dict[TableName, dict[str, tuple[ModbusAt, Parameter]]] = {}
     for parameter in parameters:
         place, _ = _modbus_address(device, parameter)
-        by_table.setdefault(place.table, {})[parameter.name] = parameter
+        by_table.setdefault(place.table, {})[parameter.name] = place, parameter
     blocks: list[PlannedRead] = []
     for table in sorted(by_table):
         blocks += _plan_table(device, table, list(by_table[table].values()))
     return blocks
 
 
-def _plan_table(device: Device, table: TableName, parameters: list[Parameter]) -> list[PlannedRead]:
-    placed = [(_modbus_address(device, parameter)[0], parameter) for parameter in parameters]
-    placed.sort(key=lambda pair: (pair[0].address, pair[0].words))
-    settings = _modbus_address(device, parameters[0])[1]
+def _plan_table(device: Device, table: TableName, placed: list[tuple[ModbusAt, Parameter]]) -> list[PlannedRead]:
+    settings = _modbus_address(device, placed[0][1])[1]
     function = settings.read_functions.get(table)
     if function is None:
-        raise EncodeError(f"{parameters[0].name}: {device.name} has no function that reads table {table!r}")
+        raise EncodeError(f"{placed[0][1].name}: {device.name} has no function that reads table {table!r}")
+    placed = sorted(placed, key=lambda pair: (pair[0].address, pair[0].words))
     limit = settings.read_limit
     if table in ("coil", "discrete"):
         limit = min(_COILS_READ_LIMIT, limit * _BITS_IN_REGISTER)

@@ -27,11 +27,10 @@ from collections.abc import Callable
 from functools import partial
 
 from barewire.codecs import Value
-from barewire.devices.device import Device, ModbusSettings
+from barewire.devices.device import Device
 from barewire.devices.sim.adxl.menus import ACCELERATION_TIME, FACTORY, NODE_ADDRESS, EventList, Menus
 from barewire.devices.sim.adxl.modbus import AdxlModbusAdapter
 from barewire.devices.sim.adxl.motor import FREQUENCY, LINE_RATIOS, RATED_CURRENT, Motor, MotorPhase, MotorSample
-from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.simulator import Simulator, parse_setting
 from barewire.devices.sim.core.store import Declined
 
@@ -71,6 +70,8 @@ class Adxl(Simulator):
     12.0 9 (Bypass closed)
     """
 
+    modbus_adapter = AdxlModbusAdapter
+
     def __init__(self, device: Device, now: float = 0.0) -> None:
         super().__init__(device, now)
         self.motor = Motor(now)
@@ -93,10 +94,6 @@ class Adxl(Simulator):
         self._bind_measurements()
         self._bind_commands()
         self.events.add(self.uptime, "POWER ON")
-
-    def modbus_adapter(self, settings: ModbusSettings) -> ModbusAdapter:
-        """Return the adapter for Modbus, with functions 07 and 17."""
-        return AdxlModbusAdapter(self, settings)
 
     def tick(self, now: float) -> None:
         """Let time pass for the motor."""

@@ -32,7 +32,7 @@ from typing import Any
 
 from barewire.canopen.nmt.messages import NmtState
 from barewire.codecs import Value, get_bit, set_bit
-from barewire.devices.device import Device, ModbusSettings
+from barewire.devices.device import Device
 from barewire.devices.drive.cia402 import FAULT_STATES, DriveCommand, State
 from barewire.devices.sim.az3.measurements import Measurements
 from barewire.devices.sim.az3.memory import Memory
@@ -102,6 +102,8 @@ class Az3(Simulator):
     '581#4B41600037160000'
     """
 
+    modbus_adapter = Az3ModbusAdapter
+
     def __init__(self, device: Device, now: float = 0.0) -> None:
         super().__init__(device, now)
         self.settings = Az3Settings(self.store)
@@ -114,10 +116,6 @@ class Az3(Simulator):
         self._restart_axis()
         self._bind_values()
         self._bind_commands()
-
-    def modbus_adapter(self, settings: ModbusSettings) -> ModbusAdapter:
-        """Return the adapter for Modbus, with the device identification."""
-        return Az3ModbusAdapter(self, settings)
 
     def _bind_values(self) -> None:
         store, axis = self.store, self.axis

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from barewire.devices.device import Device, ModbusSettings
+from barewire.devices.device import Device
 from barewire.devices.sim.core.machine import MachineClock
 from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.store import MachineStore
@@ -36,23 +36,22 @@ class Simulator:
     7
     """
 
+    modbus_adapter: type[ModbusAdapter] = ModbusAdapter
+    """The Modbus adapter: another one in machines with their own function codes or rules."""
+
     def __init__(self, device: Device, now: float = 0.0) -> None:
         self.device = device
         self.clock = MachineClock(now)
         self.address = 1 if device.modbus is None else device.modbus.unit
         """The unit address on Modbus. A machine whose address is a parameter changes it when it restarts."""
         self.store = MachineStore(device.parameters)
-        self.modbus = None if device.modbus is None else self.modbus_adapter(device.modbus)
+        self.modbus = None if device.modbus is None else self.modbus_adapter(self, device.modbus)
         self.canopen: CanopenAdapter | None = None
         if device.canopen is not None:
             # Imported here, so that a machine without CAN loads no CANopen.
             from barewire.devices.sim.core.canopen import CanopenAdapter
 
             self.canopen = CanopenAdapter(self, device.canopen)
-
-    def modbus_adapter(self, settings: ModbusSettings) -> ModbusAdapter:
-        """Make the Modbus adapter. Overridden by machines with their own function codes or rules."""
-        return ModbusAdapter(self, settings)
 
     @property
     def now(self) -> float:

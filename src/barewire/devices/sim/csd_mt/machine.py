@@ -97,6 +97,8 @@ class CsdMt(Simulator):
     0637h
     """
 
+    modbus_adapter = CsdMtModbusAdapter
+
     def __init__(self, device: Device, now: float = 0.0) -> None:
         super().__init__(device, now)
         self.environment = Environment()
@@ -123,10 +125,6 @@ class CsdMt(Simulator):
             store.after(name, lambda value: self.axis.follow(self.now))
         store.veto("Mode of Operation", self._check_mode)
         store.veto("Profile Velocity", self._check_velocity)
-
-    def modbus_adapter(self, settings: ModbusSettings) -> ModbusAdapter:
-        """Return the adapter for Modbus, with the watchdog."""
-        return CsdMtModbusAdapter(self, settings)
 
     # Time
 
