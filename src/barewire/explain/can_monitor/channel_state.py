@@ -1,6 +1,6 @@
 """The state of one SDO channel, which its trackers share: the transfer under way, and the events of the last frame.
 
-        channel      determines the message of a frame    |
+        channel      determines the message of a frame     |
         segments     takes frames of segmented transfers   |--> ChannelState: open transfer, block, events
         block        takes frames of block transfers; its findings are collected by `collect_findings`
 

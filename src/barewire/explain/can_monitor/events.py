@@ -2,7 +2,7 @@
 
         SdoTransferReport     one SDO transfer, assembled      NodeReport, NmtCommandReport      states and commands
         PdoReport             process data by name             EmcyReport, SyncReport,
-        PdoMappingReport      the objects in a PDO from now on   TimeReport, LssReport           the other services
+        PdoMappingReport      a new mapping of a PDO             TimeReport, LssReport           the other services
         BusErrorReport        from the controller              ForeignFrameReport                not classical CANopen
         Violation             a broken rule                    Summary                           counts, at the end
         Gap                   the RECORDING lacks frames       Loss                              the BUS lost a frame

@@ -1,7 +1,7 @@
 """Recordings of CAN buses: read in any of the file formats, monitored bus by bus, and written.
 
-candump      its log, and its screen output            Vector ASC      text
-pcapng, pcap SocketCAN frames, link type 227           Vector BLF      binary
+    candump      its log, and its screen output            Vector ASC      text
+    pcapng, pcap SocketCAN frames, link type 227           Vector BLF      binary
 
 Depends on: explain.capture, monitor. Used by: cli.
 """

@@ -2,10 +2,10 @@
 
 client  60  70  60  70          server  00  10  00  11          the bit alternates, the answer repeats it
 
-next bit, no answer in between            the answer is missing in the recording, because the client needs it to go on
-same bit and same bytes again             a frame was lost on the bus, and the segment is repeated
-bit not alternated                        if the other side goes on, two frames are missing in the recording;
-                                          if it aborts with 0503 0000h, a rule was broken
+next bit, no answer in between    the answer is missing in the recording, because the client needs it to go on
+same bit and same bytes again     a frame was lost on the bus, and the segment is repeated
+bit not alternated                if the other side goes on, two frames are missing in the recording;
+                                  if it aborts with 0503 0000h, a rule was broken
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """LSS messages, field by field: the services that set the node-ID and bit rate of a device.   [CiA 305]
 
-7E5h   | service | 7 bytes, numbers little-endian, unused 0 |      master -> device
-7E4h   | service | 7 bytes                                  |      device -> master
+    7E5h   | service | 7 bytes, numbers little-endian, unused 0 |      master -> device
+    7E4h   | service | 7 bytes                                  |      device -> master
 
 `canopen.lss` defines the services and their directions; this file has the names of the fields and of their values.
 """

@@ -1,7 +1,7 @@
 """The CSD MT stepper drive on Modbus TCP, as the models CSD MT 94 and CSD MT S4.
 
-environment    the surroundings of the drive: supply, mechanics, switches, temperature
-context        state that all parts share: clock, store, environment, alarm log; the fault codes
+    environment    the surroundings of the drive: supply, mechanics, switches, temperature
+    context        state that all parts share: clock, store, environment, alarm log; the fault codes
     shaft          the motor's shaft and its encoder: lost steps, Auto Sync, following error
     inputs         the meanings of I0 to I4
     homing         each homing method as a sequence of movements
