@@ -1,8 +1,8 @@
 """SDO abort codes, and the exception that carries one.   [CiA 301, SDO abort codes]
 
-        80 | index 2 | sub 1 | abort code 4 |        0602 0000h travels as 00 00 02 06
+        80 | index 2 | sub 1 | abort code 4 |        0602 0000h is sent as 00 00 02 06
 
-A code reads from the left: class, kind, detail. Class 05 concerns the protocol, 06 the object, 08 the device.
+The parts of a code are class, kind and detail. Class 05 concerns the protocol, 06 the object, 08 the device.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _TEXTS = {int(code): code.text for code in AbortCode}
 
 
 def abort_text(code: int) -> str:
-    """Return the code as the standard prints it, and its meaning. An unknown code keeps its number.
+    """Return the code as the standard prints it, and its meaning if it is known.
 
     >>> abort_text(0x06020000)
     '0602 0000h object does not exist'
@@ -71,9 +71,9 @@ def abort_text(code: int) -> str:
 
 
 class ProtocolViolation(BarewireError):
-    """The peer broke the protocol or was silent for too long; `code` is the abort code to send.
+    """The peer broke the protocol or did not respond in time; `code` is the abort code to send.
 
-    It does not leave this room: the client turns it into SdoAbort or NoAnswer, the server into an abort message.
+    Callers never see it: the client turns it into SdoAbort or NoAnswer, the server into an abort message.
     """
 
     def __init__(self, code: AbortCode, why: str) -> None:
@@ -86,11 +86,11 @@ class ProtocolViolation(BarewireError):
 
 
 class SdoAbort(Refused):
-    """An access was refused: by the server, by our own dictionary, or by our client because the server broke the rules.
+    """An access was refused by the server, by the local dictionary, or by the client if the server broke the rules.
 
-    `index` and `sub` are the object of the request. `named` is the object in the abort message: some servers send a
-    wrong one, and an abort ends the transfer whatever object it names. `why` is the reason if our client ended the
-    transfer, and empty if the server did.
+    `index` and `sub` are the object of the request, `named` is the object in the abort message. Some servers send a
+    wrong one, and an abort ends the transfer whatever object it names. `why` is the reason if the client ended the
+    transfer, and empty if the server ended it.
 
     >>> raise SdoAbort(0x06020000, 0x6041, 0)
     Traceback (most recent call last):
@@ -107,7 +107,7 @@ class SdoAbort(Refused):
 
     @property
     def text(self) -> str:
-        """`0602 0000h object does not exist`."""
+        """The code and its meaning: `0602 0000h object does not exist`."""
         return abort_text(self.code)
 
     def __str__(self) -> str:

@@ -3,7 +3,7 @@
         10  9  8  7 | 6  5  4  3  2  1  0
        function code|      node-ID              605h = 1100 | 0000101  = SDO request to node 5
 
-On CAN the lowest identifier wins arbitration, so the table below is also the order of priority: network management,
+On CAN the lowest identifier wins the arbitration, so the table below is also the order of priority: network management,
 SYNC, emergencies, process data, parameters, heartbeats.
 
 Some manuals (that of the AZ3, for example) print the COB-IDs of PDOs *without* the node-ID (200h, 180h ...). The
@@ -83,7 +83,7 @@ _RESTRICTED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (
 
 
 def check_node(node: int) -> int:
-    """Return the node-ID. Raise EncodeError outside 1..127: 0 is not a node-ID, but "all nodes" in an NMT command."""
+    """Return the node-ID. Raise EncodeError outside 1..127; 0 means "all nodes", and only in an NMT command."""
     if not NODE_MIN <= node <= NODE_MAX:
         raise EncodeError(f"node {node}: expected {NODE_MIN}..{NODE_MAX}")
     return node
@@ -108,7 +108,7 @@ def cob_id(service: ServiceName, node: int | None = None) -> int:
 def classify(frame: CanFrame) -> tuple[CobService, int] | None:
     """Return the service and the node of a frame by the predefined connection set; node 0 for a broadcast.
 
-    None for an identifier outside that set: an extended one, or one in a gap between the services.
+    Return None for an identifier outside that set: an extended one, or one in a gap between the services.
 
     >>> service, node = classify(CanFrame(0x585)) or (None, 0)
     >>> service.name, node
@@ -154,7 +154,7 @@ class CobEntry(NamedTuple):
 
     @classmethod
     def unpack(cls, word: int) -> CobEntry:
-        """From the 32 bits of the object. Without bit 29 the identifier is the low 11 bits."""
+        """Decode the 32 bits of the object. Without bit 29 the identifier is the low 11 bits."""
         extended = bool(word >> 29 & 1)
         identifier = word & (0x1FFF_FFFF if extended else 0x7FF)
         return cls(identifier, extended, bool(word >> 30 & 1), bool(word >> 31 & 1))

@@ -6,8 +6,8 @@
         1006  SYNC period, us         1011  restore defaults          1028  EMCY consumer       1029  error behaviour
         1007  SYNC window, us         1012  COB-ID TIME
 
-Only 1000h, 1001h and 1018h are mandatory; a service whose object is missing works as if it were 0. `standard_objects`
-makes a set that fits most devices.
+Only 1000h, 1001h and 1018h are mandatory; a service whose object is missing works as if its value were 0.
+`standard_objects` makes a set that fits most devices.
 
 Depends on: the object dictionary, COB-IDs, SDO abort codes. Used by: the machines of a local node (EMCY producer, PDOs,
 error control, SYNC, SDO channels, storage).
@@ -29,7 +29,7 @@ _IDENTITY = 0x1018
 
 
 def integer_value(objects: ObjectDictionary, index: int, sub: int = 0, default: int = 0) -> int:
-    """Return the value of an object as an integer; `default` if it is missing or cannot be read."""
+    """Return the value of an object as an integer, or `default` if it is missing or cannot be read."""
     if (index, sub) not in objects:
         return default
     try:
@@ -44,9 +44,9 @@ def lss_address(objects: ObjectDictionary) -> LssAddress:
 
 
 def validate_writes(objects: ObjectDictionary, index: int, sub: int, check: Callable[[int], None]) -> None:
-    """Have `check` validate every SDO write to an object, before its own `on_write`; `check` refuses with SdoAbort.
+    """Call `check` at every SDO write to an object, before its own `on_write`; `check` raises SdoAbort to refuse it.
 
-    Without that object nothing happens.
+    If the dictionary does not have the object, nothing happens.
     """
     if (index, sub) not in objects:
         return
@@ -77,11 +77,11 @@ def validate_cob_id_writes(
     *,
     always_received: bool = False,
 ) -> None:
-    """Let the identifier of a COB-ID change only while its service is off, and never to a restricted one: 0609 0030h.
+    """Refuse (0609 0030h) to change the identifier of a COB-ID while its service is on, or to a restricted one.
 
-    `in_use` returns whether the service is on. A service that is off may have any identifier: masters write 8000 0000h
-    to switch it off. With `always_received` the device also receives on the identifier while it sends nothing with it,
-    so a restricted one is refused at any time.
+    `in_use` returns whether the service is on. A service that is off may have any identifier, because masters write
+    8000 0000h to switch it off. With `always_received` the device receives on the identifier even while the service is
+    off, so a restricted one is always refused.
     """
 
     def check(word: int) -> None:
@@ -107,9 +107,14 @@ def standard_objects(
 ) -> list[Entry]:
     """Return the communication objects of a common device: all objects of the drawing above except 1010h and 1011h.
 
-    `heartbeat` is the time of 1017h in ms, `history` the number of errors in 1003h, `watched` the number of nodes in
-    1016h, `emcy_consumers` the highest node-ID in 1028h, `servers` the number of SDO servers. Servers beyond the first
-    are switched off until COB-IDs are configured for them.
+        address          the identity object 1018h
+        device_type      the value of 1000h
+        name             the device name 1008h; empty: no such object
+        heartbeat        producer heartbeat time 1017h, in ms
+        history          number of errors in 1003h
+        watched          number of nodes in 1016h
+        emcy_consumers   highest node-ID in 1028h
+        servers          number of SDO servers; those beyond the first are off until their COB-IDs are configured
 
     >>> objects = ObjectDictionary(standard_objects(LssAddress(0x360, 1, 2, 3), heartbeat=1000))
     >>> objects.get(0x1017), lss_address(objects).vendor == 0x360
@@ -131,8 +136,8 @@ def standard_objects(
         *(Entry(0x1016, sub, f"consumer heartbeat time {sub}", "u32", "rw") for sub in range(1, watched + 1)),
         Entry(0x1017, 0, "producer heartbeat time", "u16", "rw", heartbeat),
         *(
-            Entry(_IDENTITY, sub, what, "u32", "const", value)
-            for sub, (what, value) in enumerate(
+            Entry(_IDENTITY, sub, title, "u32", "const", value)
+            for sub, (title, value) in enumerate(
                 zip(("vendor-ID", "product code", "revision number", "serial number"), address), start=1
             )
         ),
@@ -145,8 +150,8 @@ def standard_objects(
     ]
     if servers > 1:
         entries += [
-            Entry(0x1200, sub, what, "u32", "ro", base)
-            for sub, what, base in ((1, "COB-ID client -> server", 0x600), (2, "COB-ID server -> client", 0x580))
+            Entry(0x1200, sub, title, "u32", "ro", base)
+            for sub, title, base in ((1, "COB-ID client -> server", 0x600), (2, "COB-ID server -> client", 0x580))
         ]
     for index in range(0x1201, 0x1200 + servers):
         entries += [

@@ -64,17 +64,17 @@ class BooleanCodec:
     name, size = "bool", 1
 
     def encode(self, value: Value) -> bytes:
-        """Return True or 1, False or 0."""
+        """Encode True or 1, False or 0."""
         if value not in (0, 1):
-            raise EncodeError(f"{value!r} is no truth value: expected True, False, 1 or 0")
+            raise EncodeError(f"{value!r} is not a truth value: expected True, False, 1 or 0")
         return b"\1" if value else b"\0"
 
     def decode(self, data: bytes) -> bool:
-        """Return any other byte than 0 and 1 is DecodeError("value")."""
+        """Decode one byte. Raise DecodeError("value") for other bytes than 0 and 1."""
         if len(data) != 1:
             raise DecodeError("long" if data else "short", data, min(len(data), 1), "a truth value is 1 byte")
         if data[0] > 1:
-            raise DecodeError("value", data, 0, f"{data[0]:02X}h is no truth value")
+            raise DecodeError("value", data, 0, f"{data[0]:02X}h is not a truth value")
         return data == b"\1"
 
 
@@ -87,7 +87,7 @@ class BytesCodec:
         self.name = name
 
     def encode(self, value: Value) -> bytes:
-        """Return bytes as they are, text as latin-1."""
+        """Encode text as latin-1; return bytes as they are."""
         if isinstance(value, str):
             try:
                 return value.encode("latin-1")
@@ -108,13 +108,13 @@ class UnicodeCodec:
     name, size = "unicode", None
 
     def encode(self, value: Value) -> bytes:
-        """Return text as UTF-16. Raise EncodeError for anything else."""
+        """Encode text as UTF-16. Raise EncodeError for anything else."""
         if not isinstance(value, str):
-            raise EncodeError(f"{value!r} is no text")
+            raise EncodeError(f"{value!r} is not text")
         return value.encode("utf-16-le", "surrogatepass")
 
     def decode(self, data: bytes) -> str:
-        """Return the text; an odd number of bytes is DecodeError("short")."""
+        """Decode text. Raise DecodeError("short") for an odd number of bytes."""
         if len(data) % 2:
             raise DecodeError("short", data, len(data), "half a character at the end")
         return bytes(data).decode("utf-16-le", "surrogatepass")
@@ -136,7 +136,7 @@ def object_codec(name: str) -> ObjectCodec:
     >>> object_codec("f32").encode(1.1).hex(" ").upper()
     'CD CC 8C 3F'
 
-    Raises EncodeError for a name that is not in the table.
+    Raise EncodeError for a name that is not in the table.
     """
     if name in _SINGLE:
         return _SINGLE[name]

@@ -13,8 +13,8 @@ The base identifier 605h and the extended identifier 00000605h are two different
 numbers are equal. So `key`, the identity of a frame, is a pair. CANopen uses base identifiers; an extended frame
 usually belongs to another protocol on the same cable.
 
-A bus interface also delivers two things that are no `CanFrame` and are never fed to a machine: CAN FD frames
-(`FdFrame`) and error frames (`ErrorFrame`), in which the controller itself reports the state of the bus.
+A bus interface also delivers CAN FD frames (`FdFrame`) and error frames (`ErrorFrame`), in which the controller itself
+reports the state of the bus. Neither is a `CanFrame`, and neither is ever fed to a machine.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ DATA_MAX = 8
 class CanFrame(NamedTuple):
     """A classical CAN frame: a data frame, or a remote frame that requests `requested` bytes.
 
-    The plain constructor checks nothing, because a port makes thousands a second out of what the controller has checked
-    already. `CanFrame.checked` validates a frame made of the caller's own numbers.
+    The constructor checks nothing, because a port makes thousands of frames a second from data that the controller has
+    already checked. `CanFrame.checked` also validates its arguments.
 
     >>> str(CanFrame(0x605, bytes.fromhex("40 00 10 00 00 00 00 00")))
     '605#4000100000000000'
@@ -49,10 +49,10 @@ class CanFrame(NamedTuple):
     def checked(
         cls, id: int, data: bytes = b"", *, extended: bool = False, remote: bool = False, requested: int = 0
     ) -> CanFrame:
-        """Return the frame. Raise EncodeError if CAN cannot carry it."""
-        limit, kind = (EXTENDED_MAX, "an extended") if extended else (BASE_MAX, "a base")
+        """Make a frame, and raise EncodeError if CAN cannot carry it."""
+        limit, form = (EXTENDED_MAX, "an extended") if extended else (BASE_MAX, "a base")
         if not 0 <= id <= limit:
-            raise EncodeError(f"identifier {id:X}h: expected 0..{limit:X}h for {kind} frame")
+            raise EncodeError(f"identifier {id:X}h: expected 0..{limit:X}h for {form} frame")
         if len(data) > DATA_MAX:
             raise EncodeError(f"{len(data)} bytes of data: a CAN frame carries at most {DATA_MAX}")
         if remote and data:
@@ -62,22 +62,22 @@ class CanFrame(NamedTuple):
         return cls(id, bytes(data), extended, remote, requested)
 
     @classmethod
-    def each(cls, id: int, every: Iterable[bytes], extended: bool = False) -> list[CanFrame]:
-        """Return one frame for each of `every`, for example the up to 127 segments of an SDO block.
+    def each(cls, id: int, parts: Iterable[bytes], extended: bool = False) -> list[CanFrame]:
+        """Return one frame for each of `parts`, for example for the segments of an SDO block.
 
         >>> [str(frame) for frame in CanFrame.each(0x605, [bytes([1, 65]), bytes([0x82, 66])])]
         ['605#0141', '605#8242']
         """
-        return [cls(id, data, extended) for data in every]
+        return [cls(id, data, extended) for data in parts]
 
     @property
     def key(self) -> tuple[int, bool]:
-        """(identifier, extended): what filters, tables and machines compare."""
+        """(identifier, extended), which filters, tables and machines compare."""
         return self.id, self.extended
 
     @property
     def dlc(self) -> int:
-        """The data length code; in a remote frame, how many bytes it requests."""
+        """The data length code; in a remote frame, the number of bytes that it requests."""
         return self.requested if self.remote else len(self.data)
 
     def __str__(self) -> str:
@@ -88,7 +88,7 @@ class CanFrame(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> CanFrame:
-        """Return the frame of a text as `candump -L` writes it, the inverse of `str`.
+        """Read a frame from text as `candump -L` writes it, the inverse of `str`.
 
         >>> CanFrame.parse("705#R1").dlc
         1
@@ -111,17 +111,17 @@ class CanFrame(NamedTuple):
         extended = len(identifier) == 8
         if number > (EXTENDED_MAX if extended else BASE_MAX):
             raise DecodeError("value", seen, 0, f"identifier {identifier} has too many bits")
-        at = len(identifier) + 1
+        start = len(identifier) + 1
         if body[:1] in ("R", "r"):
             size = body[1:] or "0"
             if len(size) != 1 or size not in "012345678":
-                raise DecodeError("value", seen, at + 1, f"remote frame requests {size!r} bytes: expected 0..8")
+                raise DecodeError("value", seen, start + 1, f"remote frame requests {size!r} bytes: expected 0..8")
             return cls(number, b"", extended, True, int(size))
         digits = body.replace(".", "")
         if len(digits) % 2:
             raise DecodeError("length", seen, len(seen), f"half a byte is left over in {body!r}")
         if len(digits) > 2 * DATA_MAX:
-            raise DecodeError("long", seen, at + 2 * DATA_MAX, f"more than {DATA_MAX} bytes of data")
+            raise DecodeError("long", seen, start + 2 * DATA_MAX, f"more than {DATA_MAX} bytes of data")
         if digits:
             _hex_number(digits, seen)
         return cls(number, bytes.fromhex(digits), extended)
@@ -180,7 +180,7 @@ AnyFrame: TypeAlias = CanFrame | FdFrame | ErrorFrame
 
 
 def _hex_number(digits: str, seen: bytes) -> int:
-    """Return hex digits only: int(x, 16) alone would also take '+1', '1_0' and ' 1'."""
+    """Read hex digits. int(x, 16) alone would also accept '+1', '1_0' and ' 1'."""
     for character in digits:
         if character not in "0123456789ABCDEFabcdef":
             raise DecodeError("character", seen, max(0, seen.find(character.encode("ascii", "replace"))), "not hex")

@@ -4,7 +4,7 @@
         2000h-5FFFh   manufacturer-specific
         6000h-9FFFh   device profile: a drive has its controlword at 6040h:00
 
-Each entry has a type, an access right, a default and optional limits; each kind of refusal has its own abort code:
+Each entry has a type, an access right, a default and optional limits. Each kind of refusal has its own abort code:
 
         0602 0000h  no such object              0601 0001h  read a write-only one      0607 0012h  too many bytes
         0609 0011h  no such sub-index           0601 0002h  write a read-only one      0607 0013h  too few bytes
@@ -37,10 +37,16 @@ ObjectRef = str | int | ObjectAddress
 class Entry:
     """The description of one object. Its value is in the dictionary.
 
-    `minimum` and `maximum` are limits of the value; for strings and domains `maximum` is the greatest length.
-    `on_read` returns the value in place of the stored one. `on_write` gets a value that has passed every check, before
-    it is stored, and may refuse it by raising SdoAbort. `object_name` is the name of the record or array that the entry
-    belongs to; `mappable` lists the kinds of PDO into which it may be mapped.
+    index, sub         the address
+    name               the name of the entry
+    type               the name of a data type of `datatypes`
+    access             "ro", "wo", "rw" or "const"
+    default            the value after a reset
+    minimum, maximum   limits of the value; for strings and domains `maximum` is the greatest length
+    on_read            returns the value, in place of the stored one
+    on_write           called with a value that has passed all checks, before it is stored; raises SdoAbort to refuse
+    object_name        the name of the record or array that the entry belongs to
+    mappable           the kinds of PDO into which the entry may be mapped
     """
 
     index: int
@@ -75,8 +81,8 @@ class ObjectDictionary:
     >>> objects["VREF SET POINT"], objects[0x206A, 1]
     (2.5, 2.5)
 
-    `changes` counts everything that may have changed a stored value, so a machine that follows objects reads them again
-    only after a change. An entry with `on_read` changes without being counted; `computed` holds the indices of those.
+    `changes` counts everything that may have changed a stored value, so that a machine that follows objects reads them
+    only after a change. Entries with `on_read` change without being counted; `computed` holds their indices.
     """
 
     __slots__ = ("_entries", "_subs", "_values", "changes", "computed")
@@ -122,14 +128,14 @@ class ObjectDictionary:
         self.add(entry)
 
     def __iter__(self) -> Iterator[Entry]:
-        """Return all entries in order of index and sub-index."""
+        """Iterate over all entries, in order of index and sub-index."""
         return (self._entries[address] for address in sorted(self._entries))
 
     def __contains__(self, address: object) -> bool:
         return address in self._entries
 
     def entry(self, index: int, sub: int = 0) -> Entry:
-        """Return the entry. Raise SdoAbort if the object or its sub-index does not exist."""
+        """Return the entry at an address. Raise SdoAbort if the object or its sub-index does not exist."""
         found = self._entries.get((index, sub))
         if found is None:
             if not isinstance(index, int):
@@ -144,7 +150,7 @@ class ObjectDictionary:
         >>> objects.find("identity.vendor-id").sub
         1
 
-        EncodeError if no entry has the name, or if several have it; the text lists their addresses.
+        Raise EncodeError if no entry has the name, or if several have it; the text lists their addresses.
         """
         wanted = _fold(name)
         found = [entry for entry in self if wanted in (_fold(entry.name), _fold(f"{entry.object_name}.{entry.name}"))]
@@ -180,7 +186,7 @@ class ObjectDictionary:
         return entry.codec.encode(self.get(index, sub))
 
     def may_write(self, index: int, sub: int, size: int | None) -> None:
-        """Raise the SdoAbort that `write` would raise for every value of this size (None: not known yet)."""
+        """Raise the SdoAbort that `write` would raise for any value of this size (None: not known yet)."""
         entry = self.entry(index, sub)
         if entry.access in ("ro", "const"):
             raise SdoAbort(AbortCode.READ_ONLY, index, sub)
@@ -241,19 +247,19 @@ class ObjectDictionary:
     def set(self, index: int, sub: int, value: Value) -> None:
         """Store a value without regard to access rights and limits; no `on_write` is called.
 
-        EncodeError if it does not fit the type.
+        Raise EncodeError if it does not fit the type.
         """
         self.entry(index, sub).codec.encode(value)
         self._values[index, sub] = value
         self.changes += 1
 
     def __getitem__(self, ref: ObjectRef) -> Value:
-        """`get` by name or address."""
+        """Return the present value of an entry, by name or address."""
         entry = self.at(ref)
         return self.get(entry.index, entry.sub)
 
     def __setitem__(self, ref: ObjectRef, value: Value) -> None:
-        """`set` by name or address."""
+        """Store a value, by name or address."""
         entry = self.at(ref)
         self.set(entry.index, entry.sub, value)
 
@@ -269,14 +275,14 @@ class ObjectDictionary:
         An `on_write` that the entry already has is called before the new one.
         """
         entry = self.at(ref)
-        at, checks = (entry.index, entry.sub), entry.on_write
+        address, checks = (entry.index, entry.sub), entry.on_write
 
         def both(value: Value) -> None:
             for function in (checks, on_write):
                 if function is not None:
                     function(value)
 
-        self._entries[at] = replace(entry, on_read=on_read or entry.on_read, on_write=both)
+        self._entries[address] = replace(entry, on_read=on_read or entry.on_read, on_write=both)
         self.changes += 1
         if on_read is not None:
             self.computed.add(entry.index)
@@ -294,7 +300,7 @@ class ObjectDictionary:
 
     @staticmethod
     def _default(entry: Entry) -> Value:
-        """Return the default of an entry. 0 stands for "none given"; for a string or domain that is an empty one."""
+        """Return the default of an entry. 0 stands for "not given", which is an empty value for a string or domain."""
         if entry.default == 0 and entry.codec.size is None:
             return "" if entry.type in ("string", "unicode") else b""
         return entry.default

@@ -6,7 +6,7 @@
 A type 1 PDO is sent or takes effect at every SYNC, a type n PDO at every n-th. A device whose PDOs are all synchronous
 (the AZ3 as it leaves the factory) exchanges no process data until a node produces SYNC.
 
-        producer   t0 + T, t0 + 2T, t0 + 3T ...      times are absolute, so one late call does not shift the later ones
+        producer   t0 + T, t0 + 2T, t0 + 3T ...      times are absolute, so a late call does not shift the later ones
         monitor    sync, wrong, jump, lost           checks the SYNC that another node produces
 """
 
@@ -46,7 +46,7 @@ class SyncMessage:
     def decode(cls, frame: CanFrame, key: tuple[int, bool] = SYNC_KEY) -> SyncMessage:
         """Decode a frame. Raise DecodeError for another identifier, more than one byte, or a counter outside 1..240."""
         if frame.key != key or frame.remote:
-            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no SYNC: expected COB-ID {key[0]:03X}h")
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is not a SYNC: expected COB-ID {key[0]:03X}h")
         return cls(sync_counter(frame.data))
 
 
@@ -69,7 +69,7 @@ class SyncProducer:
     >>> [str(producer.feed(None, now)[0]) for now in (0.01, 0.02, 0.03)]
     ['080#01', '080#02', '080#01']
 
-    A SYNC that was due while `feed` was not called is not sent later; `missed` counts those, `latest` is the longest
+    A SYNC that was due while `feed` was not called is not sent later, but counted in `missed`; `latest` is the longest
     delay in seconds.
     """
 
@@ -110,12 +110,12 @@ class SyncProducer:
         late = int((now - self._next) / self.period)
         self.missed += late
         self._next += (late + 1) * self.period
-        if self._next <= now:  # rounding: a period that is tiny against the time
+        if self._next <= now:  # rounding errors, if the period is tiny compared with the time
             self._next = now + self.period
         return [self.next_frame()]
 
     def next_frame(self) -> CanFrame:
-        """Return the next SYNC, independent of the period: the counter advances."""
+        """Return the next SYNC, independent of the period, and advance the counter."""
         if not self.overflow:
             return CanFrame(self.key[0], b"", self.key[1])
         self._counter = self._counter % self.overflow + 1
@@ -126,8 +126,13 @@ SyncKind = Literal["sync", "jump", "wrong", "lost"]
 
 
 class SyncEvent(NamedTuple):
-    """`sync` a SYNC; `jump` one whose counter is not the next (some were lost, or the producer restarted); `wrong` one
-    with an invalid length or counter; `lost` none for one and a half periods."""
+    """An event of the monitor.
+
+    sync    a SYNC
+    jump    a SYNC whose counter is not the next one: some were lost, or the producer restarted
+    wrong   a SYNC with an invalid length or counter
+    lost    no SYNC for one and a half periods
+    """
 
     kind: SyncKind
     counter: int | None
@@ -162,13 +167,13 @@ class SyncMonitor:
 
     @property
     def deadline(self) -> float | None:
-        """When SYNC counts as lost unless one comes before."""
+        """When SYNC counts as lost unless one arrives before."""
         if self.period is None or self._last is None or self._lost:
             return None
         return self._last + _LOST_AFTER * self.period
 
     def feed(self, frame: CanFrame | None, now: float) -> list[SyncEvent]:
-        """Return the events of a frame, and of time passing."""
+        """Return the events of a frame, or of time passing."""
         events: list[SyncEvent] = []
         due = self.deadline
         since = None if self._last is None else now - self._last

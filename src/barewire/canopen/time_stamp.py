@@ -38,11 +38,11 @@ class TimeStamp:
 
     @classmethod
     def of_unix(cls, seconds: float) -> TimeStamp:
-        """From seconds since 1 January 1970, rounded to milliseconds. Raise EncodeError for a day out of range."""
+        """Convert seconds since 1 January 1970, rounded to milliseconds. Raise EncodeError for a day out of range."""
         try:
             moment = TimeOfDay(round((seconds - EPOCH_UNIX) * 1000))
         except (ValueError, OverflowError):
-            raise EncodeError(f"{seconds} s is no time of day: expected a finite number of seconds") from None
+            raise EncodeError(f"{seconds} s is not a time of day: expected a finite number of seconds") from None
         _CODEC.encode(moment)
         return cls(moment)
 
@@ -57,12 +57,14 @@ class TimeStamp:
 
     @classmethod
     def decode(cls, frame: CanFrame, key: tuple[int, bool] = TIME_KEY) -> TimeStamp:
-        """Decode a frame. Raise DecodeError for another identifier, another length, a time of 24 hours or more.
+        """Decode a frame. Raise DecodeError for another identifier or length, and for a time of 24 hours or more.
 
         The four reserved bits are ignored.
         """
         if frame.key != key or frame.remote:
-            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no TIME: expected COB-ID {key[0]:03X}h")
+            raise DecodeError(
+                "mismatch", frame.data, 0, f"{frame} is not a TIME message: expected COB-ID {key[0]:03X}h"
+            )
         return cls(TimeOfDay(_CODEC.decode(frame.data)))
 
 
@@ -100,7 +102,7 @@ class TimeProducer:
 
 
 class TimeReceived(NamedTuple):
-    """A received TIME message; `unix_at_zero` is the Unix time at which `now` was 0, according to it."""
+    """A received TIME message, and the Unix time at which `now` was 0 according to it."""
 
     stamp: TimeStamp
     at: float
@@ -108,7 +110,7 @@ class TimeReceived(NamedTuple):
 
 
 class TimeConsumer:
-    """Follows the TIME messages of another node. A machine; `unreadable` counts those that cannot be decoded.
+    """Follows the TIME messages of another node. A machine; `unreadable` counts messages that cannot be decoded.
 
     >>> consumer = TimeConsumer()
     >>> received = consumer.feed(TimeStamp.of_unix(EPOCH_UNIX + 1.5).encode(), 10.0)

@@ -35,12 +35,12 @@ class TimeDifference(int):
 
     @classmethod
     def of(cls, span: timedelta) -> TimeDifference:
-        """From a timedelta, rounded down to milliseconds."""
+        """Convert a timedelta, rounded down to milliseconds."""
         return cls(span // _MILLISECOND)
 
     @property
     def timedelta(self) -> timedelta:
-        """As a timedelta."""
+        """The value as a timedelta."""
         return int(self) * _MILLISECOND
 
     def __repr__(self) -> str:
@@ -60,12 +60,12 @@ class TimeOfDay(int):
 
     @classmethod
     def of(cls, moment: datetime) -> TimeOfDay:
-        """From a datetime; its time zone is ignored."""
+        """Convert a datetime; its time zone is ignored."""
         return cls((moment.replace(tzinfo=None) - EPOCH) // _MILLISECOND)
 
     @property
     def datetime(self) -> datetime:
-        """As a datetime without a time zone."""
+        """The value as a datetime without a time zone."""
         return EPOCH + int(self) * _MILLISECOND
 
     def __repr__(self) -> str:

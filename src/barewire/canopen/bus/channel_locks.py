@@ -3,13 +3,13 @@
         requests, the oldest first      605h/585h    605h/585h    606h/586h    everything    607h/587h
                                         granted      waits        granted      waits         waits
 
-An SDO transfer locks its channel, because two transfers on one pair of identifiers would take each other's answers.
-LSS locks the role of the master, of which a bus has one. A conversation without keys locks everything.
+An SDO transfer locks its channel, because two transfers on one pair of identifiers would take each other's responses.
+LSS locks the role of the master, because a bus has only one. A conversation without keys locks everything.
 
-No starvation: a lock is granted as soon as no older request shares a key with it, so no request is overtaken for ever.
-No deadlock: a conversation requests all of its keys at once, so no two wait for each other.
+There is no starvation: a lock is granted when no older request shares a key with it, so no request is overtaken for
+ever. There is no deadlock: a conversation requests all of its keys at once, so no two wait for each other.
 
-Depends on: nothing but keys and their order; waiting is the caller's. Used by: the shared bus of `barewire.io`.
+Depends on: keys and their order; the caller waits. Used by: the shared bus of `barewire.io`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ LockKeys = frozenset[Hashable]
 
 
 def _ignore() -> None:
-    """The default of `wake`."""
+    """Do nothing: the default of `wake`."""
 
 
 class ChannelLock:
@@ -37,7 +37,7 @@ class ChannelLock:
         self.granted = False
 
     def conflicts_with(self, other: ChannelLock) -> bool:
-        """Return whether the two share a key."""
+        """Return whether two requests share a key."""
         if self.keys is None or other.keys is None:
             return (self.keys is None or bool(self.keys)) and (other.keys is None or bool(other.keys))
         return not self.keys.isdisjoint(other.keys)
@@ -64,7 +64,7 @@ class ChannelLocks:
         return len(self._queue)
 
     def request(self, keys: LockKeys | None, owner: Hashable = None, wake: Callable[[], None] = _ignore) -> ChannelLock:
-        """Append a request. Every request must be released, whether it was granted or given up.
+        """Append a request. Every request must be released, also one that was not granted.
 
         `owner` is the thread or task of the conversation, if known. Raise EncodeError if it already holds a lock that
         this request would wait for, because then it would wait for itself.
@@ -75,13 +75,13 @@ class ChannelLocks:
             if older.conflicts_with(lock):
                 granted = False
                 if owner is not None and older.owner == owner and older.granted:
-                    raise EncodeError("a conversation on this bus was begun inside another one that has to end first")
+                    raise EncodeError("a conversation on this bus was begun inside another one, which must end first")
         lock.granted = granted
         self._queue[lock] = None
         return lock
 
     def release(self, lock: ChannelLock) -> None:
-        """Remove a request, granted or waiting, and grant those that waited for nothing else."""
+        """Remove a request, granted or waiting, and grant the requests that waited only for it."""
         self._queue.pop(lock, None)
         taken: set[Hashable] = set()
         for waiting in self._queue:
@@ -90,5 +90,5 @@ class ChannelLocks:
                 waiting.granted = True
                 waiting.wake()
             if keys is None:
-                return  # every request behind one for everything waits for it
+                return  # all later requests wait for a request for everything
             taken |= keys

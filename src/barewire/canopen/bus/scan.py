@@ -5,12 +5,12 @@
 
         received meanwhile    700h+n heartbeat, boot-up      080h+n emergency      580h+n response to another client
 
-127 requests in one burst would overrun the buffers of adapters and devices: at most `outstanding` requests are
-unanswered at a time, and two are at least `gap` seconds apart. A node that cannot use SDO now (STOPPED) is found by its
-heartbeat, if the scan listens for one heartbeat period.
+127 requests in one burst would overrun the buffers of adapters and devices. So at most `outstanding` requests wait for
+a response at a time, and two requests are at least `gap` seconds apart. A node that cannot use SDO now (STOPPED) is
+found by its heartbeat, if the scan listens for one heartbeat period.
 
-Another protocol on the same cable cannot appear as a node: an extended frame is never evidence, nor is a remote frame,
-nor a frame on 580h+n that is no SDO response.
+Another protocol on the same cable cannot appear as a node: extended frames, remote frames, and frames on 580h+n that
+are not SDO responses are never evidence.
 """
 
 from __future__ import annotations
@@ -33,8 +33,12 @@ _DEVICE_TYPE = 0x1000
 class ScannedNode:
     """A node that was found, and the evidence for it.
 
-    `device_type` is the value of 1000h, `abort` the abort code instead of it, `answered_after` the response time in
-    seconds. `state` is the last state that the node reported. `evidence` counts each kind of evidence.
+    device_type      the value of 1000h
+    abort            the abort code, if the device refused to send its device type
+    answered_after   the response time in seconds
+    state            the last state that the node reported
+    emergency        the last emergency of the node
+    evidence         the number of frames for each kind of evidence
     """
 
     node: int
@@ -45,9 +49,9 @@ class ScannedNode:
     emergency: Emergency | None = None
     evidence: dict[str, int] = field(default_factory=dict)
 
-    def add_evidence(self, kind: str) -> None:
-        """Count one more evidence of a kind."""
-        self.evidence[kind] = self.evidence.get(kind, 0) + 1
+    def add_evidence(self, name: str) -> None:
+        """Count one more frame of this kind of evidence."""
+        self.evidence[name] = self.evidence.get(name, 0) + 1
 
     @property
     def why(self) -> str:
@@ -56,7 +60,7 @@ class ScannedNode:
         >>> ScannedNode(5, evidence={"answered": 1, "heartbeat": 3}).why
         'answered, heartbeat (3 times)'
         """
-        return ", ".join(what + (f" ({times} times)" if times > 1 else "") for what, times in self.evidence.items())
+        return ", ".join(name + (f" ({count} times)" if count > 1 else "") for name, count in self.evidence.items())
 
 
 @dataclass(slots=True)
@@ -66,7 +70,7 @@ class ScanResult:
     nodes: dict[int, ScannedNode] = field(default_factory=dict)
     frames: int = 0
     extended: int = 0  # frames of another protocol
-    unknown: int = 0  # base frames that are no evidence of a node
+    unknown: int = 0  # base frames that are not evidence of a node
 
 
 def scan(
@@ -81,9 +85,14 @@ def scan(
 ) -> Conversation[CanFrame, ScanResult]:
     """Read the device type of `nodes`, and collect evidence of all nodes meanwhile.
 
-    The scan listens for `listen` seconds before the first request: with a little more than the longest heartbeat time,
-    stopped nodes are found too. `timeout` is the time in seconds for one response. Without `ask` nothing is sent.
-    `progress(node, result)` is called before each request.
+        nodes         the node-IDs to request
+        outstanding   how many requests may wait for a response at a time
+        gap           shortest time between two requests, in seconds
+        timeout       seconds to wait for one response
+        listen        seconds to listen before the first request; with a little more than the longest heartbeat time,
+                      stopped nodes are found too
+        ask           False: send nothing, listen only
+        progress      called with the node and the result so far, before each request
 
     >>> from barewire.conversation import play
     >>> def bus(frame, now):
@@ -94,8 +103,8 @@ def scan(
     """
     result = ScanResult()
     pending: dict[int, float] = {}  # node -> time of the request
-    left = [check_node(node) for node in nodes] if ask else []
-    left.reverse()
+    unasked = [check_node(node) for node in nodes] if ask else []
+    unasked.reverse()
     heard: Heard[CanFrame] = yield Listen(float("-inf"))
     quiet_until = heard.now + listen
     ready = quiet_until  # when the next request may be sent
@@ -104,18 +113,18 @@ def scan(
             abort = _evaluate(result, heard.item, pending, heard.now)
             if abort is not None:
                 yield Send(abort)
-        pending = {node: when for node, when in pending.items() if heard.now < when + timeout}
-        if left and heard.now >= ready and len(pending) < outstanding:
-            node = left.pop()
+        pending = {node: sent_at for node, sent_at in pending.items() if heard.now < sent_at + timeout}
+        if unasked and heard.now >= ready and len(pending) < outstanding:
+            node = unasked.pop()
             if progress is not None:
                 progress(node, result)
             sent: Heard[CanFrame] = yield Send(CanFrame(cob_id("SDO request", node), _REQUEST))
             pending[node] = sent.now
             ready = sent.now + gap
-        if not left and not pending and heard.now >= quiet_until:
+        if not unasked and not pending and heard.now >= quiet_until:
             break
-        first_timeout = min((when + timeout for when in pending.values()), default=quiet_until)
-        heard = yield Listen(ready if left and len(pending) < outstanding else max(first_timeout, heard.now))
+        first_timeout = min((sent_at + timeout for sent_at in pending.values()), default=quiet_until)
+        heard = yield Listen(ready if unasked and len(pending) < outstanding else max(first_timeout, heard.now))
     result.nodes = dict(sorted(result.nodes.items()))
     return result
 
@@ -124,7 +133,7 @@ _REQUEST = InitiateUpload(_DEVICE_TYPE, 0).encode()
 
 
 def _evaluate(result: ScanResult, frame: CanFrame, pending: dict[int, float], now: float) -> CanFrame | None:
-    """Add the evidence of a frame. Return the abort to send, if the frame starts a transfer that is not wanted."""
+    """Add the evidence of a frame. Return the abort to send if the frame begins a transfer that is not wanted."""
     result.frames += 1
     result.extended += frame.extended
     owner = classify(frame)

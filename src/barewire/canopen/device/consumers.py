@@ -33,7 +33,7 @@ class DeviceConsumers:
         validate_cob_id_writes(objects, _TIME, lambda entry: entry.bit30 or entry.bit31)
 
     def follow(self) -> None:
-        """Take over the present values of the objects."""
+        """Read the present values of the objects."""
         entry = CobEntry.unpack(integer_value(self.objects, _TIME, default=_DEFAULT_TIME))
         self.time.key = (entry.identifier, entry.extended) if entry.bit31 else (-1, False)
         listed = {

@@ -19,9 +19,9 @@
         NMT, error control                        x               x           x
         LSS                      x                x               x           x
 
-Reset communication restores the defaults (or the values stored by 1010h) of 1000h to 1FFFh, reset node those of 2000h
-to 9FFFh as well; both end with a boot-up message in PRE-OPERATIONAL. A device without a node-ID receives and sends LSS
-only. A simulated drive is this machine with a dictionary whose values the simulation computes.
+Reset communication restores the defaults (or the values stored by 1010h) of 1000h to 1FFFh; reset node restores those
+of 2000h to 9FFFh as well. Both end with a boot-up message in PRE-OPERATIONAL. A device without a node-ID receives and
+sends only LSS. A simulated drive is this machine with a dictionary whose values the simulation computes.
 
 Depends on: all services of `barewire.canopen`. Used by: simulators, node runners of `barewire.io`, tests.
 """
@@ -56,7 +56,7 @@ _PAST, _NEVER = float("-inf"), -1
 
 
 class LocalNode:
-    """One node of its own. A machine: frames and time in, frames out.
+    """A whole CANopen node. A machine: frames and time in, frames out.
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> device = LocalNode(5, ObjectDictionary([Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000)]))
@@ -65,9 +65,12 @@ class LocalNode:
     >>> [str(frame) for frame in device.feed(CanFrame.parse("605#4017100000000000"), 0.5)]
     ['585#4B171000E8030000']
 
-    `pdos` are the factory settings of its PDOs. `on_reset` is called at a reset command, after the defaults are
-    restored, for the application to reset itself. With `lss` the device can be given its node-ID over the bus; `node`
-    None means that it has none yet.
+        node       the node-ID, None if the device has none yet
+        objects    the object dictionary
+        pdos       the factory settings of the PDOs
+        dialect    the SDO dialect of the responses
+        on_reset   called at a reset command, after the defaults are restored, so that the application can reset itself
+        lss        with an LSS slave, the device can be given its node-ID over the bus
     """
 
     __slots__ = (
@@ -109,7 +112,7 @@ class LocalNode:
         self._make_services(node)
 
     def _make_services(self, node: int | None) -> None:
-        """Make the services of a node-ID. Without node-ID they exist but are not fed."""
+        """Make the services for a node-ID. Without a node-ID they exist but are not fed."""
         self.node = node
         number = check_node(NODE_MAX if node is None else node)
         self.errors.renumber(number)
@@ -121,7 +124,7 @@ class LocalNode:
         self.stored.apply()
 
     def renumber(self, node: int | None) -> None:
-        """Change or remove the node-ID without LSS. To be called before `start` or in `on_reset`."""
+        """Change or remove the node-ID without LSS. Call it before `start` or in `on_reset`."""
         self._make_services(node)
 
     @property
@@ -153,8 +156,8 @@ class LocalNode:
         if self._may_communicate:
             dues += [self.sdo.deadline, self.channels.deadline, self.pdo.deadline]
             dues += [self.errors.deadline, self.sync.deadline]
-        first = min((due for due in dues if due is not None), default=None)
-        return None if first is None else max(first, self._silent_until)
+        earliest = min((due for due in dues if due is not None), default=None)
+        return None if earliest is None else max(earliest, self._silent_until)
 
     @property
     def _may_communicate(self) -> bool:
@@ -162,7 +165,7 @@ class LocalNode:
         return self.nmt.state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL)
 
     def start(self, now: float) -> list[CanFrame]:
-        """Power on: initialise, return the boot-up message, be PRE-OPERATIONAL. Without a node-ID: wait for LSS."""
+        """Power on: enter PRE-OPERATIONAL and return the boot-up message; without a node-ID, wait for LSS."""
         self._on = True
         self.nmt.state = NmtState.INITIALISING
         self.pdo.stop()
@@ -178,7 +181,7 @@ class LocalNode:
         return [boot_up]
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """Return the frames to send after a frame, and after time passing. None before `start`."""
+        """Return the frames to send after a frame, or after time passing. Before `start` there are none."""
         if not self._on or now < self._silent_until:
             return []
         if now < self._due and self._seen == self.objects.changes and frame is not None and self.sdo.accept(frame, now):
@@ -214,22 +217,22 @@ class LocalNode:
     def error(
         self, code: int, now: float, *, source: Hashable = None, info: bytes = b"", register: int | None = None
     ) -> list[CanFrame]:
-        """Return an error occurred: set register and history. Return the emergency, if the NMT state allows one."""
+        """Record an error in register and history. Return the emergency, if the NMT state allows one."""
         return self.errors.error(code, now, source=source, info=info, register=register)
 
     def error_gone(self, code: int, now: float, *, source: Hashable = None, info: bytes = b"") -> list[CanFrame]:
-        """Return an error is cleared. Return the emergency 0000h with the remaining register."""
+        """Clear an error. Return the emergency 0000h with the remaining register."""
         return self.errors.error_gone(code, now, source=source, info=info)
 
     def bus_off(self, now: float) -> None:
-        """The CAN controller is bus-off, or a monitored node is lost: change the NMT state as 1029h configures it."""
+        """Change the NMT state as 1029h configures it, because the CAN is bus-off or a monitored node is lost."""
         after = self.control.after_error(self.nmt.state)
         if after is not self.nmt.state:
             self.nmt.state = after
             self._enter(after)
 
     def recovered(self, now: float) -> list[CanFrame]:
-        """Return the CAN controller recovered from bus-off: the emergency 8140h, cleared at once."""
+        """Return the emergency 8140h, cleared at once, because the CAN controller recovered from bus-off."""
         return self.error(_RECOVERED, now) + self.error_gone(_RECOVERED, now)
 
     def send_time(self, stamp: TimeStamp) -> list[CanFrame]:
@@ -237,7 +240,7 @@ class LocalNode:
         return self.consumers.time_message(stamp) if self._may_communicate and self.node is not None else []
 
     def _sync_and_pdo(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """SYNC and PDOs: a SYNC has the same effect whether it is received or produced."""
+        """Feed SYNC and PDOs. A SYNC has the same effect whether it is received or produced."""
         frames, sync, wrong = self.sync.feed(frame, now)
         if wrong:
             length = b"" if frame is None else bytes([len(frame.data)])
@@ -248,7 +251,7 @@ class LocalNode:
         return frames + self.pdo.feed(sync if wrong is not None or sync is not None else frame, now)
 
     def _error_control(self, node: int, resolved: bool, now: float) -> list[CanFrame]:
-        """Return a monitored node (0: the guarding master) is lost, or is back."""
+        """Return the emergency about a monitored node (0: the guarding master) that is lost, or is back."""
         source, info = ("error control", node), bytes([node])
         if resolved:
             return self.errors.error_gone(HEARTBEAT_ERROR, now, source=source, info=info)
@@ -278,7 +281,7 @@ class LocalNode:
         return self.start(now)
 
     def _follow(self, now: float) -> None:
-        """Take over the communication objects, if any may have changed."""
+        """Read the communication objects, if any may have changed."""
         objects = self.objects
         if self._seen == objects.changes and not self._computed:
             return
@@ -291,5 +294,5 @@ class LocalNode:
         self.consumers.follow()
 
     def _be_silent(self, until: float) -> None:
-        """While the bit rate changes, nothing is sent and nothing received."""
+        """Send and receive nothing until then, while the bit rate changes."""
         self._silent_until = until

@@ -5,10 +5,10 @@
         1016h  consumer heartbeat time      00 | node | time in ms, one entry for each monitored node
         1029h  error behaviour              of an operational device: 0 pre-operational, 1 no change, 2 stopped
 
-        a monitored node is lost, or the requests of the master stay away  ->  emergency 8130h, then behaviour 1029h
-        its heartbeat, or a request, comes again                           ->  emergency 0000h
+        a monitored node is lost, or the master sends no request in time   ->  emergency 8130h, then behaviour 1029h
+        its heartbeat, or a request, arrives again                         ->  emergency 0000h
 
-This file combines the parts as the objects configure them; see `nmt.heartbeat` and `nmt.node_guarding` for each.
+This file combines `nmt.heartbeat` and `nmt.node_guarding` as the objects configure them.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ class ErrorControlEvent(NamedTuple):
 
 
 def validate_consumer_writes(objects: ObjectDictionary) -> None:
-    """Validate writes: a node-ID may be in one entry of 1016h only: 0604 0043h."""
+    """Refuse with 0604 0043h to write a node-ID to more than one entry of 1016h."""
     for sub in objects.subs(_CONSUMER)[1:]:
 
         def check(word: int, sub: int = sub) -> None:
             entry = consumer_entry(word)
-            others = [integer_value(objects, _CONSUMER, other) for other in objects.subs(_CONSUMER)[1:] if other != sub]
-            if entry is not None and entry[0] in {other[0] for other in map(consumer_entry, others) if other}:
+            words = [integer_value(objects, _CONSUMER, other) for other in objects.subs(_CONSUMER)[1:] if other != sub]
+            if entry is not None and entry[0] in {other[0] for other in map(consumer_entry, words) if other}:
                 raise SdoAbort(AbortCode.INCOMPATIBLE_PARAMETER, _CONSUMER, sub)
 
         validate_writes(objects, _CONSUMER, sub, check)
@@ -86,7 +86,7 @@ class ErrorControl:
         self.heartbeat.state = self.guarded.state = state
 
     def follow(self, now: float) -> None:
-        """Take over the present values of the objects."""
+        """Read the present values of the objects."""
         objects = self.objects
         self.heartbeat.set_period(integer_value(objects, _HEARTBEAT_TIME) / 1000, now)
         self.guarded.life_time = integer_value(objects, _GUARD_TIME) * integer_value(objects, _LIFE_FACTOR) / 1000
@@ -98,7 +98,7 @@ class ErrorControl:
                 self.consumer.watch(times)
 
     def after_error(self, state: NmtState) -> NmtState:
-        """Return the NMT state after a communication error in `state`, by 1029h."""
+        """Return the NMT state that follows a communication error in `state`, by 1029h."""
         if state is not NmtState.OPERATIONAL:
             return state
         return _STATE_AFTER_ERROR.get(integer_value(self.objects, _BEHAVIOR, 1), state)

@@ -8,8 +8,8 @@
                            1: not in use   1: temporary   1: 29 bits
 
 A channel is in use if both of its COB-IDs have bit 31 = 0. While a COB-ID has bit 31 = 0, its identifier cannot be
-changed, and it can never be a restricted one: both 0609 0030h. The node-ID of the other side is information only; a CAN
-frame does not contain its sender.
+changed, and it can never be a restricted one: both are refused with 0609 0030h. The node-ID of the other side is
+information only, because a CAN frame does not contain its sender.
 
 Each server has its own transfer; all use the same dictionary. 1200h, if the dictionary has it, shows the identifiers
 that follow from the node-ID.
@@ -68,7 +68,7 @@ def client_channel(
     *,
     node_monitor: NodeMonitor | None = None,
 ) -> Channel:
-    """Return the channel of SDO client number `client` of a dictionary: for a device that is an SDO client itself.
+    """Return the channel of SDO client number `client` of a dictionary, for a device that is an SDO client itself.
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> words = {1: 0x6A0, 2: 0x5A0 + 0x140, 3: 7}
@@ -77,7 +77,7 @@ def client_channel(
     >>> channel.node, f"{channel.request_id:X}h {channel.response_id:X}h"
     (7, '6A0h 6E0h')
 
-    EncodeError if there is no such client, or its channel is not in use.
+    Raise EncodeError if there is no such client, or its channel is not in use.
     """
     if not 1 <= client <= _CLIENTS_MAX:
         raise EncodeError(f"SDO client {client}: expected 1..{_CLIENTS_MAX}")
@@ -109,7 +109,7 @@ class AdditionalServers:
         self.objects = objects
         self.dialect = dialect
         self.servers: dict[int, SdoServer] = {}
-        self._indices = [at for at in range(SERVER_1 + 1, SERVER_1 + SERVERS_MAX) if objects.subs(at)]
+        self._indices = [index for index in range(SERVER_1 + 1, SERVER_1 + SERVERS_MAX) if objects.subs(index)]
         self._in_use: list[_CobIds | None] = []
         self._keys: dict[tuple[int, bool], SdoServer] = {}
         self._show(_REQUEST, cob_id("SDO request", node))
@@ -126,7 +126,7 @@ class AdditionalServers:
         return min((due for server in self.servers.values() if (due := server.deadline) is not None), default=None)
 
     def follow(self) -> None:
-        """Take over the present values of the objects. A server is replaced only if its channel changed."""
+        """Read the present values of the objects. A server is replaced only if its channel has changed."""
         if not self._indices:
             return
         channels = [_cob_ids(self.objects, index) for index in self._indices]
@@ -140,21 +140,23 @@ class AdditionalServers:
             elif before.get(index) != cob_ids:
                 self.servers[number] = SdoServer(self.node, self.objects, self.dialect, cob_ids=cob_ids)
         self._in_use = channels
-        self._keys = {(s.request_id, s.request_extended): s for s in reversed(self.servers.values())}
+        self._keys = {
+            (server.request_id, server.request_extended): server for server in reversed(self.servers.values())
+        }
 
     def forget(self) -> None:
-        """End all transfers without an abort: the NMT state does not allow SDO any more."""
+        """End all transfers without an abort, because the NMT state does not allow SDO any more."""
         for server in self.servers.values():
             server.forget()
 
     def reset(self) -> None:
-        """A boot: end all transfers, and read the objects again."""
+        """End all transfers at a boot; the objects are then read again."""
         self.servers.clear()
         self._keys.clear()
         self._in_use = []
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """Return the responses of the servers to a frame, and after time passing."""
+        """Return the responses of the servers to a frame, or to time passing."""
         frames: list[CanFrame] = []
         addressed = None if frame is None else self._keys.get((frame.id, frame.extended))
         for server in self.servers.values():

@@ -6,9 +6,9 @@
         s   1  all             2  communication, 1000h to 1FFFh      3  application, 6000h to 9FFFh
             4  and above       manufacturer-specific, 2000h to 5FFFh
 
-Any other value is refused with 0800 0020h, against storing by accident. Both read as 1: stores on command. A 1010h or
-1011h with an `on_read` or `on_write` of its own is left to the application. The COB-ID of a temporary SDO channel (bit
-30 in 1200h to 12FFh) is not stored.
+Any other value is refused with 0800 0020h, so that nothing is stored by accident. Both objects read as 1, which means
+"stores on command". A 1010h or 1011h with an `on_read` or `on_write` of its own is left to the application. The COB-ID
+of a temporary SDO channel (bit 30 in 1200h to 12FFh) is not stored.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The SYNC of a device, as its objects 1005h, 1006h, 1007h and 1019h configure it.   [CiA 301, SYNC]
 
-        1005h  bit 30: this device produces SYNC             1007h  window in us: a synchronous RPDO that comes later
-        1006h  period in us                                         than that after a SYNC is not used
+        1005h  bit 30: this device produces SYNC             1007h  window in us: a synchronous RPDO that arrives
+        1006h  period in us                                         later than that after a SYNC is not used
         1019h  0: no counter, else its greatest value
 
         a SYNC of the wrong length (with or without counter, by 1019h)   ->  emergency 8240h, and the SYNC is ignored
@@ -24,7 +24,7 @@ WRONG_LENGTH = 0x8240
 
 
 def validate_sync_writes(objects: ObjectDictionary) -> None:
-    """Validate writes: 1019h can be changed only while the period is 0, and is 0 or 2 to 240."""
+    """Validate writes: 1019h can be changed only while the period is 0, to 0 or 2..240."""
 
     def overflow(value: int) -> None:
         if integer_value(objects, _PERIOD):
@@ -55,12 +55,12 @@ class DeviceSync:
         return None if self.producer is None else self.producer.deadline
 
     def stop(self) -> None:
-        """A boot, or STOPPED: when SYNC is allowed again, the counter starts with 1."""
+        """Stop at a boot or in STOPPED. When SYNC is allowed again, the counter starts with 1."""
         self.producer = None
         self._values = None
 
     def follow(self, now: float) -> None:
-        """Take over the present values of the objects."""
+        """Read the present values of the objects."""
         objects = self.objects
         values = (
             integer_value(objects, _COB_ID, default=SYNC_KEY[0]),
@@ -85,8 +85,8 @@ class DeviceSync:
             self.producer.start(now)
 
     def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], CanFrame | None, bool | None]:
-        """Return (frames to send; the SYNC that takes effect now, or None; whether the received SYNC had the wrong
-        length, or None if the frame was no SYNC)."""
+        """Return the frames to send, the SYNC that takes effect now or None, and whether a received SYNC had a wrong
+        length (None if the frame was not a SYNC)."""
         if frame is not None and frame.key == self.key and not frame.remote:
             if self._counts is not None and len(frame.data) != (self._counts > 0):
                 return [], None, True

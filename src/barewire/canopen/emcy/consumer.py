@@ -2,11 +2,11 @@
 
         80h+n   30 81 | 11 | ...     8130h occurred                        {8130h}
         80h+n   10 32 | 15 | ...     3210h occurred                        {8130h, 3210h}
-        80h+n   00 00 | 05 | ...     one is cleared; voltage is set        {3210h}
+        80h+n   00 00 | 05 | ...     one cleared, bit "voltage" remains    {3210h}
         80h+n   00 00 | 00 | ...     none is left                          {}
 
-A message 0000h does not name the error that is cleared. It clears the errors whose bit is no longer set in the register
-that it carries; with register 00h that is all of them.
+A message 0000h does not name the error that is cleared. It clears the errors whose bit is no longer set in its
+register; register 00h clears all errors.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.errors import DecodeError
 
 ERRORS_MAX = 64
-"""How many errors of one node are kept, so that a node that never clears one does not fill the memory."""
+"""How many errors of one node are kept. It limits the memory for a node that never clears an error."""
 _GENERIC = 0x01  # set with every error, so it identifies an error only if no other bit is set
 
 
 class EmcyEvent(NamedTuple):
-    """A received emergency: the message, the error codes that it cleared, and those that are active now."""
+    """A received emergency: the message, the error codes that it cleared, and the codes that are active now."""
 
     message: Emergency
     gone: tuple[int, ...]
@@ -37,8 +37,10 @@ class EmcyEvent(NamedTuple):
 class EmcyConsumer:
     """The active errors of all nodes. A machine.
 
-    `cob_ids` maps (identifier, extended) to the node for emergencies on other identifiers than 80h + node. With
-    `listed_only` all others are ignored, as in a device with 1028h. `history` holds the last messages of all nodes,
+        cob_ids       (identifier, extended) -> node, for emergencies on other identifiers than 80h + node
+        history       how many messages of all nodes `history` keeps
+        listed_only   ignore emergencies that are not in `cob_ids`, as in a device with 1028h
+
     `unreadable` counts frames too short for an error code.
 
     >>> consumer = EmcyConsumer()
@@ -61,7 +63,9 @@ class EmcyConsumer:
         self.listed_only = listed_only
         self.history: deque[EmcyEvent] = deque(maxlen=history)
         self.unreadable = 0
-        self._active: dict[int, dict[int, int]] = {}  # node -> code -> the bit that stays as long as it does
+        self._active: dict[
+            int, dict[int, int]
+        ] = {}  # node -> code -> the register bit that is set while the error is active
         self._registers: dict[int, int] = {}
 
     @property
@@ -92,11 +96,11 @@ class EmcyConsumer:
         except DecodeError:
             self.unreadable += 1
             return []
-        event = self._take(message, now)
+        event = self._apply(message, now)
         self.history.append(event)
         return [event]
 
-    def _take(self, message: Emergency, now: float) -> EmcyEvent:
+    def _apply(self, message: Emergency, now: float) -> EmcyEvent:
         errors = self._active.setdefault(message.node, {})
         gone: list[int] = []
         if message.code:

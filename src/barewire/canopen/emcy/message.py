@@ -17,7 +17,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.codecs import Layout
 from barewire.errors import DecodeError, EncodeError
 
-# By four digits, or by the first two: 3210h is found as 32, a voltage inside the device.
+# Keys are four digits, or the first two: 3210h is found as 32, a voltage inside the device.
 ERROR_CODES: dict[str, str] = {
     "00": "no error, or an error is gone",
     "10": "generic error",
@@ -134,13 +134,13 @@ class Emergency:
 
     @classmethod
     def decode(cls, frame: CanFrame) -> Emergency:
-        """Return a short message, as some devices send it, is filled with zeros and marked `padded` rather than lost.
+        """Decode a frame. A short message, as some devices send it, is filled with zeros and marked `padded`.
 
         Raise DecodeError for another identifier and for a frame without a whole error code.
         """
         found = classify(frame)
         if found is None or found[0].name != "EMCY" or frame.remote:
-            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no emergency message")
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is not an emergency message")
         if len(frame.data) < 2:
             raise DecodeError("short", frame.data, len(frame.data), "the error code needs bytes 0..1")
         code, register, info = cls.layout.unpack(frame.data.ljust(8, b"\0"))

@@ -28,14 +28,14 @@ from barewire.canopen.object_dictionary import ObjectDictionary
 _REGISTER, _HISTORY, _COB_ID, _INHIBIT = 0x1001, 0x1003, 0x1014, 0x1015
 _COMMUNICATION_ERRORS = range(0x8000, 0x9000)
 WAITING_MAX = 32
-"""How many emergencies may wait for the inhibit time; beyond that the oldest are dropped and counted."""
+"""How many emergencies may wait for the inhibit time. If there are more, the oldest are dropped and counted."""
 
 
 class EmcyProducer:
     """The active errors of one device. A machine: `feed` returns the messages that had to wait.
 
-    If the dictionary has them, 1001h and 1003h show register and history, and 1014h and 1015h are followed. An error
-    register with an `on_read` of its own, computed by the application, is sent as it is.
+    If the dictionary has them, 1001h and 1003h show register and history, and 1014h and 1015h configure the messages.
+    An error register with an `on_read` of its own, computed by the application, is sent as it is.
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> errors = EmcyProducer(5, ObjectDictionary([Entry(0x1001, 0, "error register", "u8", "ro")]))
@@ -96,7 +96,7 @@ class EmcyProducer:
 
     @property
     def history(self) -> tuple[int, ...]:
-        """The errors that occurred, the newest first: code in bits 0 to 15, the first two bytes of `info` above."""
+        """The past errors, the newest first: code in bits 0 to 15, the first two bytes of `info` above."""
         return tuple(self._history)
 
     @property
@@ -105,8 +105,8 @@ class EmcyProducer:
         if self._own_register:
             return integer_value(self.objects, _REGISTER)
         bits = 0
-        for more in self._active.values():
-            bits |= more | 1
+        for error_bits in self._active.values():
+            bits |= error_bits | 1
         return bits
 
     @property
@@ -117,7 +117,7 @@ class EmcyProducer:
     def error(
         self, code: int, now: float, *, source: Hashable = None, info: bytes = b"", register: int | None = None
     ) -> list[CanFrame]:
-        """Return an error occurred. `register` are its bits of 1001h, by default those of the class of its code."""
+        """Record an error and return its emergency. `register` are its bits of 1001h; default: those of its class."""
         if (code, source) in self._active:
             return []
         self._active[code, source] = register_of(code) if register is None else register
@@ -125,13 +125,13 @@ class EmcyProducer:
         return self._send(code, info, now)
 
     def error_gone(self, code: int, now: float, *, source: Hashable = None, info: bytes = b"") -> list[CanFrame]:
-        """Return an error is cleared: code 0000h with the remaining register."""
+        """Clear an error and return the message 0000h with the remaining register."""
         if self._active.pop((code, source), None) is None:
             return []
         return self._send(0, info, now)
 
     def reset(self, communication_only: bool) -> None:
-        """A reset: clear the errors without messages, with `communication_only` those of the class 8xxxh."""
+        """Clear the errors without messages, because of a reset; with `communication_only` those of the class 8xxxh."""
         self._waiting.clear()
         if communication_only:
             self._active = {key: bits for key, bits in self._active.items() if key[0] not in _COMMUNICATION_ERRORS}
@@ -140,7 +140,7 @@ class EmcyProducer:
             self._history.clear()
 
     def feed(self, item: None, now: float) -> list[CanFrame]:
-        """Return the waiting messages, one for each inhibit time."""
+        """Return the waiting messages that may be sent now: one in each inhibit time."""
         if not self.allowed:
             self._waiting.clear()
         if not self._waiting or now < self._free_at:

@@ -7,14 +7,14 @@
         ...              32 requests for a part, 128 for an address
         part 0 whole     must be confirmed -> answer: go on to part 1
 
-A bit that is 1 costs a whole time-out, so the time-out decides how long a scan takes. It is three times the longest
-response time so far, and never less than `floor`. If devices answer with different delays, a late answer would be taken
-for one to the next request; so if the begin request brought several answers, the scan waits after every answer for as
-long as those were apart (`linger`).
+A bit that is 1 costs a whole time-out, so the time-out determines how long a scan takes. It is three times the longest
+response time so far, and never less than `floor`. If devices answer with different delays, a late answer would be
+mistaken for one to the next request. So if the begin request brought several answers, the scan waits after every answer
+for as long as they were apart (`linger`).
 
-A lost frame looks like "no answer" and makes a wrong bit. The confirmation of the part detects that: the time-out is
-doubled, from now on each request without answer is repeated, and the scan starts again; parts that were confirmed
-before are confirmed again with one request instead of scanned.
+A lost frame looks like "no answer" and makes a wrong bit, which the confirmation of the part detects. The time-out is
+then doubled, each request without an answer is repeated from now on, and the scan starts again. Parts that were
+confirmed before are not scanned again, but confirmed with one request.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _NOTHING_KNOWN: KnownAddress = (None, None, None, None)
 
 
 class FastscanProgress(NamedTuple):
-    """The progress of a scan: bit `bit` of part `part`, `number` so far; `wait` is the present time-out in seconds."""
+    """The progress of a scan: the part and its bit, the number found so far, the present time-out in seconds."""
 
     part: int
     bit: int
@@ -79,7 +79,7 @@ class _Timing:
 
     @property
     def attempts(self) -> int:
-        """How often a request is sent before "no answer" is accepted: once as long as no scan has failed."""
+        """How often a request is sent before "no answer" is accepted: once while no scan has failed."""
         return 1 if not self.restarts else 2 if self.restarts < 4 else 3
 
 
@@ -93,9 +93,12 @@ def fastscan(
 ) -> Conversation[CanFrame, LssAddress | None]:
     """Find one device without a node-ID and switch it to configuration. Return its address, None if there is none.
 
-    `known` parts are not scanned but confirmed with one request each; None then means that no device matches them.
-    `timeout` and `floor` (seconds) are the time-out of the begin request and the shortest of all others. Raises
-    NoAnswer if after `attempts` scans no device confirmed an address, because the bus loses too many frames.
+    known      parts of the address that are not scanned but confirmed with one request each; the result is None
+               if no device matches them
+    timeout    time-out of the begin request, in seconds
+    floor      shortest time-out of all other requests, in seconds
+    attempts   scans before NoAnswer is raised, because the bus loses too many frames to confirm an address
+    progress   called before each request
     """
     if len(known) != 4:
         raise EncodeError(f"{len(known)} known parts: expected 4, None for an unknown one")
@@ -186,7 +189,7 @@ def _request(request: Fastscan, wait: float, linger: float | None) -> Conversati
 
 
 class AssignedNode(NamedTuple):
-    """A device that was found and got a node-ID. `booted`: its boot-up message was received."""
+    """A device that was given a node-ID. `booted` is whether its boot-up message was received."""
 
     address: LssAddress
     node: int
@@ -205,8 +208,8 @@ def assign_node_ids(
 ) -> Conversation[CanFrame, list[AssignedNode]]:
     """Find devices without a node-ID and assign `nodes` to them in order, until no device or no node-ID is left.
 
-    `known`, `timeout` and `floor` as in `fastscan`; `found` is called for each device. Raise LssRefused if a device
-    refuses its node-ID or, with `store`, cannot store it.
+    `known`, `timeout`, `floor` and `progress` are those of `fastscan`; `found` is called for each device. Raise
+    LssRefused if a device refuses its node-ID or, with `store`, cannot store it.
     """
     assigned: list[AssignedNode] = []
     yield from switch_global(LssState.WAITING)
@@ -225,7 +228,7 @@ def assign_node_ids(
 
 
 def _wait_for_boot_up(node: int, until: float) -> Conversation[CanFrame, bool]:
-    """Wait for the boot-up message of the node."""
+    """Wait for the boot-up message of the node; return whether it was received."""
     while True:
         heard: Heard[CanFrame] = yield Listen(until)
         if heard.item is not None:

@@ -10,7 +10,8 @@ master                                   the devices
 04 | 00                        ->                      all back to waiting; a device with a new node-ID boots now
 
 A bus has one LSS master, which sends one request at a time, so an answer belongs to the last request. Where no answer
-means "no such device", the result is False, 0 or None; where a device in configuration must answer, NoAnswer is raised.
+means "no such device", the result is False, 0 or None. If a device in configuration does not answer, NoAnswer is
+raised.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def request_lss(
 
 
 def read_answer(frame: CanFrame, wanted: int) -> LssMessage | None:
-    """Return the frame as an answer of the service `wanted`, None for every other frame."""
+    """Decode the frame as an answer of the service `wanted`. Return None for every other frame."""
     try:
         message = LssMessage.decode(frame)
     except DecodeError:
@@ -65,7 +66,7 @@ def read_answer(frame: CanFrame, wanted: int) -> LssMessage | None:
 
 
 def count_answers(message: LssMessage, wanted: int, timeout: float) -> Conversation[CanFrame, int]:
-    """Send a message and count the answers until the time-out. Simultaneous answers merge to one frame."""
+    """Send a message and count the answers until the time-out. Simultaneous answers merge into one frame."""
     now = yield from send_lss(message)
     until, count = now + timeout, 0
     while True:
@@ -82,7 +83,7 @@ def switch_global(state: LssState) -> Conversation[CanFrame, None]:
 
 
 def switch_selective(address: LssAddress, *, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, bool]:
-    """Switch the device with this address to configuration. False if no device answered."""
+    """Switch the device with this address to configuration. Return False if no device answered."""
     parts = (LssService.SELECT_VENDOR, LssService.SELECT_PRODUCT, LssService.SELECT_REVISION)
     for service, number in zip(parts, address):
         yield from send_lss(with_number(service, number))
@@ -130,21 +131,21 @@ def inquire_node(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, int 
 def configure_node(node: int | None, *, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, None]:
     """Set the pending node-ID of the device in configuration, or remove it. Raise LssRefused and NoAnswer."""
     number = UNCONFIGURED if node is None else check_node(node)
-    yield from _must_agree(LssMessage(LssService.CONFIGURE_NODE, bytes([number])), timeout)
+    yield from _must_accept(LssMessage(LssService.CONFIGURE_NODE, bytes([number])), timeout)
 
 
 def configure_bit_timing(entry: int, table: int = 0, *, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, None]:
     """Set the bit rate of the device in configuration, an entry of `BIT_RATES`. Raise LssRefused and NoAnswer."""
     if not (0 <= entry <= 255 and 0 <= table <= 255):
         raise EncodeError(f"bit timing table {table}, entry {entry}: expected 0..255 for both")
-    yield from _must_agree(LssMessage(LssService.CONFIGURE_BIT_TIMING, bytes([table, entry])), timeout)
+    yield from _must_accept(LssMessage(LssService.CONFIGURE_BIT_TIMING, bytes([table, entry])), timeout)
 
 
 def activate_bit_timing(delay: float) -> Conversation[CanFrame, float]:
     """Let all devices in configuration change their bit rate after `delay` seconds and stay silent for as long again.
 
     Return the time at which they send again; by then the caller must have changed the bit rate of its own port.
-    EncodeError for a delay outside 0..65.535 s.
+    Raise EncodeError for a delay outside 0..65.535 s.
     """
     milliseconds = round(delay * 1000)
     if not 0 <= milliseconds <= 0xFFFF:
@@ -155,19 +156,19 @@ def activate_bit_timing(delay: float) -> Conversation[CanFrame, float]:
 
 
 def store_configuration(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, None]:
-    """Have the device in configuration store node-ID and bit rate. Raise LssRefused and NoAnswer."""
-    yield from _must_agree(LssMessage(LssService.STORE), timeout)
+    """Let the device in configuration store node-ID and bit rate. Raise LssRefused and NoAnswer."""
+    yield from _must_accept(LssMessage(LssService.STORE), timeout)
 
 
 def _must_answer(message: LssMessage, timeout: float) -> Conversation[CanFrame, LssMessage]:
     answer = yield from request_lss(message, message.service, timeout)
     if answer is None:
-        what = LssService(message.service).name.lower().replace("_", " ")
-        raise NoAnswer(f"no device in the LSS state configuration answered {what} within {timeout:g} s")
+        name = LssService(message.service).name.lower().replace("_", " ")
+        raise NoAnswer(f"no device in the LSS state configuration answered {name} within {timeout:g} s")
     return answer
 
 
-def _must_agree(message: LssMessage, timeout: float) -> Conversation[CanFrame, None]:
+def _must_accept(message: LssMessage, timeout: float) -> Conversation[CanFrame, None]:
     answer = yield from _must_answer(message, timeout)
     if answer.body[0]:
         raise LssRefused(LssService(message.service), answer.body[0], answer.body[1])

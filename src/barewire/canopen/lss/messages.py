@@ -3,8 +3,8 @@
         7E5h | service | 7 bytes, numbers little-endian, unused 0 |      master -> every device
         7E4h | service | 7 bytes                                  |      device -> master
 
-The LSS address of a device is unique: the four numbers of 1018h, 128 bits in all. With it the master puts one device
-into the state *configuration* (the others stay in *waiting*) and configures or inquires it:
+The LSS address of a device is unique: the four numbers of 1018h, 128 bits in all. With it the master switches one
+device to the state *configuration* (the others stay in *waiting*), and configures or inquires it:
 
         vendor-ID    product code    revision    serial number
         1018h:01     1018h:02        1018h:03    1018h:04
@@ -112,13 +112,15 @@ class LssMessage:
     def decode(cls, frame: CanFrame) -> LssMessage:
         """Decode a frame. Raise DecodeError for another identifier or length, and for an unknown service."""
         if frame.key not in (REQUEST_KEY, ANSWER_KEY) or frame.remote:
-            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no LSS message: expected COB-ID 7E5h or 7E4h")
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is not an LSS message: expected COB-ID 7E5h or 7E4h")
         if len(frame.data) != 8:
             wrong: Reason = "short" if len(frame.data) < 8 else "long"
             raise DecodeError(wrong, frame.data, min(len(frame.data), 8), "an LSS message has 8 bytes")
         answer = frame.key == ANSWER_KEY
         if frame.data[0] not in (LSS_ANSWERS if answer else LSS_REQUESTS):
-            raise DecodeError("function", frame.data, 0, f"{frame.data[0]:02X}h is no LSS service of this direction")
+            raise DecodeError(
+                "function", frame.data, 0, f"{frame.data[0]:02X}h is not an LSS service of this direction"
+            )
         return cls(frame.data[0], frame.data[1:], answer)
 
     @property
@@ -157,14 +159,14 @@ class Fastscan:
     layout = Layout("<IBBB", "number", "bit", "sub", "next")
 
     def encode(self) -> CanFrame:
-        """Return the frame. Raise EncodeError as `check`."""
+        """Return the frame. Raise EncodeError as `check` does."""
         self.check()
         body = self.layout.pack(self.number, self.bit, self.sub, self.next)
         return LssMessage(LssService.FASTSCAN, body).encode()
 
     @classmethod
     def of_body(cls, body: bytes) -> Fastscan:
-        """Return the request behind the service byte. Raise DecodeError for a bit or a part that does not exist."""
+        """Decode the bytes behind the service. Raise DecodeError for a bit or a part that does not exist."""
         request = cls(*cls.layout.unpack(body))
         try:
             request.check()
@@ -185,7 +187,7 @@ BEGIN = 0x80
 
 
 class LssRefused(Refused):
-    """The device refused. `code` 1: out of range or not supported; 2 (store): no storage; FFh: see `detail`."""
+    """The device refused. `code` is 1: out of range or not supported, 2 (store): no storage, FFh: see `detail`."""
 
     def __init__(self, service: LssService, code: int, detail: int) -> None:
         super().__init__(service, code, detail)
@@ -195,5 +197,5 @@ class LssRefused(Refused):
 
     def __str__(self) -> str:
         words = {1: "not supported" if self.service is LssService.STORE else "out of range", 2: "no access to storage"}
-        why = words.get(self.code, f"code {self.code:02X}h, detail {self.detail:02X}h")
-        return f"{self.service.name.lower().replace('_', ' ')}: {why}"
+        reason = words.get(self.code, f"code {self.code:02X}h, detail {self.detail:02X}h")
+        return f"{self.service.name.lower().replace('_', ' ')}: {reason}"

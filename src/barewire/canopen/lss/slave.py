@@ -1,4 +1,4 @@
-"""The LSS slave: the device's side of LSS.   [CiA 305]
+"""The LSS slave: the LSS state of a device.   [CiA 305]
 
                           switch global 1
         WAITING  ----------------------------------->  CONFIGURATION
@@ -9,9 +9,9 @@
 
 There are two node-IDs: the active one, and the *pending* one that 11h sets. A device without a node-ID activates the
 pending one and boots when it returns to WAITING; a device with a node-ID activates it at its next reset. All devices
-receive every request, so a request that does not match the device or its state gets no answer.
+receive every request, so a request that does not match the device or its state is not answered.
 
-Depends on: LSS messages. Used by: `LocalNode`, which boots with the new node-ID. How a bit rate is set is the caller's.
+Depends on: LSS messages. Used by: `LocalNode`, which boots with the new node-ID. The caller changes the bit rate.
 """
 
 from __future__ import annotations
@@ -39,15 +39,18 @@ _PARTS = (0x40, 0x41, 0x42, 0x43)
 _LIMITS = (0x46, 0x47, 0x48, 0x49, 0x4A, 0x4B)
 
 StoreConfiguration = Callable[[int | None, int | None], bool]
-"""Stores (node-ID, entry of the bit rate table) for the next power-on; returns False if that fails."""
+"""Stores (node-ID, entry of the bit rate table) for the next power-on, and returns whether that succeeded."""
 
 
 class LssSlave:
-    """The LSS state of one device. A machine. `node` None: no node-ID yet.
+    """The LSS state of one device. A machine.
 
-    `store` stores the configuration; without it the answer is "not supported". `rates` are the entries of the bit rate
-    table that the device supports. `on_bit_timing(entry, delay)` is called for "activate": the device changes its bit
-    rate after `delay` seconds and sends nothing until `delay` more seconds have passed.
+        address         the four numbers of 1018h
+        node            the node-ID, None if the device has none yet
+        store           stores the configuration; without it the answer is "not supported"
+        rates           the entries of the bit rate table that the device supports
+        on_bit_timing   called with (entry, delay) at "activate": the device must change its bit rate after `delay`
+                        seconds; it sends nothing until `delay` more seconds have passed
 
     >>> slave = LssSlave(LssAddress(0x360, 1, 2, 3))
     >>> for text in ("7E5#4060030000000000", "7E5#4101000000000000", "7E5#4202000000000000", "7E5#4303000000000000"):
@@ -77,8 +80,8 @@ class LssSlave:
         self.on_bit_timing = on_bit_timing
         self.silence: Callable[[float], None] | None = None  # set by the device: send nothing until that time
         self.state = LssState.WAITING
-        self._matched = 0  # how many parts of switch selective have matched, in order
-        self._limits = 0  # the same for identify
+        self._matched = 0  # how many parts of "switch selective" have matched, in order
+        self._limits = 0  # the same for "identify"
         self._part = 0  # the part of the address that a fastscan has reached
 
     @property
@@ -88,17 +91,17 @@ class LssSlave:
 
     @property
     def must_boot(self) -> bool:
-        """A device without a node-ID was given one, and the master has switched it back to WAITING."""
+        """Whether a device without a node-ID was given one, and the master has switched it back to WAITING."""
         return self.state is LssState.WAITING and self.node is None and self.pending is not None
 
     def take_over(self) -> int | None:
-        """Return a reset: activate the pending node-ID and return it."""
+        """Activate the pending node-ID, because of a reset, and return it."""
         self.state = LssState.WAITING
         self.node = self.pending
         return self.node
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
-        """Return the answer, if the request concerns this device in its state."""
+        """Return the answer, if the request concerns this device in its present state."""
         if frame is None or frame.key != REQUEST_KEY:
             return []
         try:
@@ -129,7 +132,7 @@ class LssSlave:
         return self.node is None and self.pending is None
 
     def _select(self, part: int, number: int) -> tuple[int, bytes] | None:
-        """40h to 43h in order; the last one is answered if all match."""
+        """Compare a part of 40h to 43h, which must arrive in order. The last part is answered if all match."""
         if self.state is not LssState.WAITING:
             return None
         expected = part == 0 or self._matched == part
@@ -141,7 +144,7 @@ class LssSlave:
         return LssService.SELECTED, b""
 
     def _identify(self, step: int, number: int) -> tuple[int, bytes] | None:
-        """46h to 4Bh in order: vendor and product must be equal, revision and serial number within limits."""
+        """Compare a limit of 46h to 4Bh, which must arrive in order. Vendor and product must be equal."""
         vendor, product, revision, serial = self.address
         fits = (vendor == number, product == number, number <= revision, revision <= number, number <= serial,
                 serial <= number)[step]  # fmt: skip
@@ -171,7 +174,7 @@ class LssSlave:
         return True
 
     def _configure(self, service: int, body: bytes, now: float) -> tuple[int, bytes] | None:
-        """Return the services of the state CONFIGURATION."""
+        """Execute a service of the state CONFIGURATION, and return its answer."""
         if service == LssService.CONFIGURE_NODE:
             return service, bytes([self._set_node(body[0])])
         if service == LssService.CONFIGURE_BIT_TIMING:

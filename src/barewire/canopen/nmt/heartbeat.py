@@ -1,10 +1,10 @@
 """Error control by heartbeat: the state byte of a node, its producer and its consumer.   [CiA 301, heartbeat, boot-up]
 
         700h+n | t sssssss |        1 byte        s = 00 boot-up, 04 stopped, 05 operational, 7F pre-operational
-                                                  t = 0 in a heartbeat; alternates in the answers to node guarding
+                                                  t = 0 in a heartbeat; alternates in responses to node guarding
 
-A *producer* sends its state every 1017h milliseconds. A *consumer* has a time for each node it monitors (1016h:
-`00 | node | time in ms`) and reports a node whose heartbeat stays away for longer. In the older node guarding, the
+A *producer* sends its state every 1017h milliseconds. A *consumer* has a time for each monitored node (1016h:
+`00 | node | time in ms`) and reports a node that sends no heartbeat within its time. In the older node guarding, the
 master requests the same byte with a remote frame on 700h+n, and its top bit toggles (84h, 85h, FFh).
 
 The consumer keeps one of three conditions for each node; each transition is an event:
@@ -49,27 +49,29 @@ class NodeState:
 
     @property
     def is_boot_up(self) -> bool:
-        """00h: the node has just finished initialising."""
+        """Whether it is the boot-up message 00h: the node has just finished its initialisation."""
         return self.state == NmtState.INITIALISING and not self.toggle
 
     @property
     def name(self) -> str:
-        """The state in words; a reserved value as a number."""
+        """The state in words, or as a number if it is a reserved value."""
         return _NAMES.get(self.state, f"state {self.state:02X}h")
 
     def encode(self) -> CanFrame:
-        """Return one byte on 700h+n."""
+        """Return the frame: one byte on 700h+n."""
         return CanFrame(cob_id("error control", self.node), bytes([STATE_BYTE.encode(t=self.toggle, s=self.state)]))
 
     @classmethod
     def decode(cls, frame: CanFrame) -> NodeState:
-        """Return the message of a frame. Bytes behind the first are ignored, because some devices send them.
+        """Decode a frame. Bytes behind the first are ignored, because some devices send them.
 
         Raise DecodeError for another identifier and for a frame without data.
         """
         found = classify(frame)
         if found is None or found[0].name != "error control" or frame.remote:
-            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no error control message: those have 701h..77Fh")
+            raise DecodeError(
+                "mismatch", frame.data, 0, f"{frame} is not an error control message: expected 701h..77Fh"
+            )
         if not frame.data:
             raise DecodeError("short", frame.data, 0, "the state is byte 0, but there are none")
         fields = STATE_BYTE.decode(frame.data[0])
@@ -96,10 +98,10 @@ def consumer_entry(word: int) -> tuple[int, float] | None:
 
 
 class HeartbeatProducer:
-    """Sends `state` every `period` seconds, 0 for never. A machine.
+    """Sends `state` every `period` seconds; a period of 0 means never. A machine.
 
-    The times are absolute (t0 + k times the period), so a late call does not shift the later ones. After a long pause
-    one heartbeat is sent, not one for each that was missed.
+    The times are absolute (t0 + k times the period), so a late call does not shift the later heartbeats. After a long
+    pause one heartbeat is sent, and the missed ones are skipped.
     """
 
     __slots__ = ("_next", "_period", "node", "state")
@@ -121,7 +123,7 @@ class HeartbeatProducer:
         return self._period
 
     def set_period(self, period: float, now: float) -> None:
-        """Take a new 1017h, in seconds. The same value changes nothing; another one sends a heartbeat at once."""
+        """Set the period of 1017h, in seconds. If it changes, the next heartbeat is due at once."""
         if period == self._period:
             return
         self._period = period
@@ -148,8 +150,11 @@ HeartbeatKind = Literal["active", "state", "lost", "booted", "rebooted"]
 class HeartbeatEvent(NamedTuple):
     """A change of a node.
 
-    `active` its first heartbeat, or the first after it was lost; `state` another NMT state than before; `lost` no
-    heartbeat within its time; `booted` its boot-up message; `rebooted` the boot-up message of a node that was active.
+    active      its first heartbeat, or the first one after it was lost
+    state       its NMT state has changed
+    lost        no heartbeat within its time
+    booted      its boot-up message
+    rebooted    the boot-up message of a node that was active
     """
 
     node: int
@@ -168,7 +173,7 @@ class _Watched:
 
 
 class HeartbeatConsumer:
-    """Follows the heartbeats of all nodes and monitors those that have a time. A machine.
+    """Follows the heartbeats of all nodes, and monitors the nodes that have a time. A machine.
 
     >>> consumer = HeartbeatConsumer({5: 1.5})
     >>> [event.kind for event in consumer.feed(CanFrame.parse("705#7F"), 10.0)], consumer.deadline
@@ -196,13 +201,13 @@ class HeartbeatConsumer:
         self.times = dict(times)
 
     def expect(self, node: int, until: float) -> None:
-        """Report the node as lost at `until` even without any heartbeat before: for a master that just started it."""
+        """Report the node as lost at `until` even without an earlier heartbeat, for a master that just started it."""
         self._nodes.setdefault(check_node(node), _Watched()).deadline = until
 
     @property
     def deadline(self) -> float | None:
-        """When the next node counts as lost unless its heartbeat comes before."""
-        return min((w.deadline for w in self._nodes.values() if w.deadline is not None), default=None)
+        """When the next node counts as lost unless it sends a heartbeat before."""
+        return min((due for watched in self._nodes.values() if (due := watched.deadline) is not None), default=None)
 
     def liveness(self, node: int) -> Liveness:
         """Return the condition of a node."""
@@ -215,7 +220,7 @@ class HeartbeatConsumer:
         return None if watched is None else watched.state
 
     def feed(self, frame: CanFrame | None, now: float) -> list[HeartbeatEvent]:
-        """Return the events of nodes lost by now, then of the frame. Frames of other services cause none."""
+        """Return the events of nodes that are lost by now, then those of the frame."""
         events: list[HeartbeatEvent] = []
         for node, watched in self._nodes.items():
             if watched.deadline is not None and now >= watched.deadline:

@@ -6,7 +6,7 @@
 NMT has no response, so a command is confirmed by the error control messages of the node: a heartbeat with the target
 state, or the boot-up message after a reset. Nodes without heartbeat are polled by node guarding (`ask_every`).
 
-Waiting sends nothing:
+The functions that wait send nothing:
 
         705h | 00     wait_for_boot_up
         705h | 7F     wait_for_heartbeat
@@ -44,18 +44,22 @@ def send_nmt(
 ) -> Conversation[CanFrame, list[NmtConfirmation]]:
     """Send a command to a node, or with 0 to all, and wait until each node of `confirmed_by` reports the target state.
 
-    By default `confirmed_by` is the node itself, and empty for a command to all; if it is empty, nothing is waited for.
-    With `ask_every` (seconds), nodes that have not confirmed yet are polled by node guarding: for nodes without
-    heartbeat. A reset is confirmed by the boot-up message only.
+        confirmed_by   the nodes to wait for; default: the node itself, and none for a command to all
+        timeout        seconds to wait for the confirmations
+        ask_every      seconds after which nodes without heartbeat are polled by node guarding, again and again
+
+    A reset is confirmed by the boot-up message only.
 
     >>> from barewire.conversation import play
     >>> node = lambda frame, now: [(now + 0.1, CanFrame.parse("705#7F")), (now + 0.6, CanFrame.parse("705#05"))]
     >>> play(send_nmt(NmtCommand.START, 5), node)[0]
     [NmtConfirmation(node=5, state=5, after=0.6)]
 
-    Raises NoAnswer with the last state that each unconfirmed node reported.
+    Raise NoAnswer with the last state that each unconfirmed node reported.
     """
-    waiting = {check_node(number): "" for number in (confirmed_by if confirmed_by is not None else [node] * (node > 0))}
+    if confirmed_by is None:
+        confirmed_by = [node] if node else []
+    waiting = {check_node(number): "" for number in confirmed_by}
     sent: Heard[CanFrame] = yield Send(NmtMessage(command, node).encode())
     confirmed: list[NmtConfirmation] = []
     frames = 0
@@ -83,7 +87,7 @@ def send_nmt(
 
 
 def request_state(node: int, *, timeout: float = 0.5) -> Conversation[CanFrame, NodeState]:
-    """Request the state of a node by node guarding; a heartbeat that arrives meanwhile counts too. Raise NoAnswer."""
+    """Request the state of a node by node guarding. A heartbeat that arrives meanwhile counts too. Raise NoAnswer."""
     sent: Heard[CanFrame] = yield Send(guarding_request(check_node(node)))
     until = sent.now + timeout
     frames = 0
@@ -121,15 +125,15 @@ def wait_for_state(node: int, states: Collection[int], *, timeout: float = 10.0)
 
 
 def _wait(
-    node: int | None, what: str, wanted: Callable[[NodeState], bool], timeout: float
+    node: int | None, event: str, wanted: Callable[[NodeState], bool], timeout: float
 ) -> Conversation[CanFrame, NodeState]:
     if node is not None:
         check_node(node)
-    return _waiting(node, what, wanted, timeout)
+    return _waiting(node, event, wanted, timeout)
 
 
 def _waiting(
-    node: int | None, what: str, wanted: Callable[[NodeState], bool], timeout: float
+    node: int | None, event: str, wanted: Callable[[NodeState], bool], timeout: float
 ) -> Conversation[CanFrame, NodeState]:
     heard: Heard[CanFrame] = yield Listen(float("-inf"))
     until = heard.now + timeout
@@ -142,7 +146,7 @@ def _waiting(
             last = f"last reported was {NmtState.INITIALISING.name.lower() if received.is_boot_up else received.name}"
         if heard.now >= until:
             source = "any node" if node is None else f"node {node}"
-            raise NoAnswer(f"no {what} from {source} within {timeout:g} s: {last or 'no state was reported'}")
+            raise NoAnswer(f"no {event} from {source} within {timeout:g} s: {last or 'no state was reported'}")
         heard = yield Listen(until)
 
 
@@ -154,6 +158,6 @@ def _state(frame: CanFrame) -> NodeState | None:
 
 
 def _unconfirmed(command: NmtCommand, waiting: dict[int, str], timeout: float, frames: int) -> str:
-    what = command.name.lower().replace("_", " ")
-    each = "; ".join(f"node {node}: {state or 'it did not report its state'}" for node, state in waiting.items())
-    return f"{what} was not confirmed within {timeout:g} s: {each} ({frames} frames came)"
+    name = command.name.lower().replace("_", " ")
+    states = "; ".join(f"node {node}: {state or 'it did not report its state'}" for node, state in waiting.items())
+    return f"{name} was not confirmed within {timeout:g} s: {states} ({frames} frames came)"

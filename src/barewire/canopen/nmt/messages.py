@@ -10,8 +10,8 @@
                                                                                    |  ^  01 80  |  ^
                                                               OPERATIONAL 05 <-----+  +---------+  STOPPED 04
 
-Start, stop and enter pre-operational lead to their state from any of the other three; a device in INITIALISING receives
-nothing. `SERVICES_IN` is the table of the services that work in each state, `NmtSlave.may` reads it.
+Start, stop and enter pre-operational lead to their state from each of the lower three states; a device in INITIALISING
+receives nothing. `SERVICES_IN` lists the services that work in each state; `NmtSlave.may` reads it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class NmtCommand(IntEnum):
 
 
 class NmtState(IntEnum):
-    """The states, with the numbers that a heartbeat carries. 00 is sent once, as the boot-up message."""
+    """The states, with their numbers in a heartbeat. 00 is sent once, as the boot-up message."""
 
     INITIALISING = 0x00
     STOPPED = 0x04
@@ -69,7 +69,7 @@ SERVICES_IN: dict[NmtState, frozenset[ServiceName]] = {
 
 @dataclass(frozen=True, slots=True)
 class NmtMessage:
-    """A command to one node, or to all nodes with node 0.
+    """A command to one node, or to all nodes if the node is 0.
 
         000h | command 1 | node 1
 
@@ -95,10 +95,10 @@ class NmtMessage:
     def decode(cls, frame: CanFrame) -> NmtMessage:
         """Decode a frame. Raise DecodeError for another identifier or length, an unknown command, a node above 127."""
         if frame.key != (cob_id("NMT"), False) or frame.remote:
-            raise DecodeError("mismatch", frame.data, 0, f"{frame} is no NMT command: expected COB-ID 000h")
+            raise DecodeError("mismatch", frame.data, 0, f"{frame} is not an NMT command: expected COB-ID 000h")
         command, node = cls.layout.unpack(frame.data)
         if command not in STATE_AFTER:
-            raise DecodeError("function", frame.data, 0, f"{command:02X}h is no NMT command")
+            raise DecodeError("function", frame.data, 0, f"{command:02X}h is not an NMT command")
         if node > 127:
             raise DecodeError("value", frame.data, 1, f"node {node}: expected 0..127")
         return cls(NmtCommand(command), node)
@@ -115,7 +115,7 @@ class NmtChange(NamedTuple):
 class NmtSlave:
     """The NMT state of one device, changed by the commands addressed to it. A machine.
 
-    After a reset it is in INITIALISING until its owner has finished initialising and calls `booted`.
+    After a reset it is in INITIALISING, until the device has finished its initialisation and calls `booted`.
 
     >>> slave = NmtSlave(5)
     >>> slave.booted()
@@ -135,7 +135,7 @@ class NmtSlave:
         return None
 
     def booted(self) -> None:
-        """End of initialising: PRE-OPERATIONAL. The caller sends the boot-up message now."""
+        """End the initialisation and enter PRE-OPERATIONAL. The caller sends the boot-up message now."""
         if self.state is not NmtState.INITIALISING:
             raise EncodeError(f"node {self.node} is {self.state.name}, not INITIALISING")
         self.state = NmtState.PRE_OPERATIONAL

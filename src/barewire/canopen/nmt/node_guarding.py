@@ -10,7 +10,7 @@
         no request for a life time: the node has lost the master          (life guarding, from the first request on)
 
 The toggle bit distinguishes a new response from a repeated old one: a response with the wrong toggle bit does not
-count. A node that produces heartbeats (1017h is not 0) is not guarded; the two exclude each other.
+count. A node that produces heartbeats (1017h is not 0) is not guarded: only one of the two is active.
 """
 
 from __future__ import annotations
@@ -36,8 +36,11 @@ class Guard(NamedTuple):
 class GuardEvent(NamedTuple):
     """A change of a guarded node.
 
-    `answered` its first response, or the first after it was lost; `state` another NMT state than before; `toggle` a
-    response with the wrong toggle bit; `lost` no response for a life time; `booted` its boot-up message.
+    answered   its first response, or the first one after it was lost
+    state      its NMT state has changed
+    toggle     a response with the wrong toggle bit
+    lost       no response for a life time
+    booted     its boot-up message
     """
 
     node: int
@@ -89,12 +92,12 @@ class GuardingMaster:
         return min(dues, default=None)
 
     def state(self, node: int) -> int | None:
-        """Return the last state that the node reported, None before the first and while it is lost."""
+        """Return the last state that the node reported, None before the first one and while it is lost."""
         guarded = self._nodes.get(node)
         return None if guarded is None or guarded.lost else guarded.state
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame | GuardEvent]:
-        """Return the events of the frame, of nodes lost by now, and the requests that are due."""
+        """Return the events of the frame and of nodes that are lost by now, and the requests that are due."""
         output: list[CanFrame | GuardEvent] = []
         if frame is not None:
             output += self._receive(frame, now)
@@ -134,14 +137,14 @@ class GuardingMaster:
 
 
 class LifeEvent(NamedTuple):
-    """Life guarding of a node: `lost` the requests of the master stay away, `resolved` they come again."""
+    """A change in life guarding: `lost`, no request of the master for a life time; `resolved`, a request again."""
 
     kind: Literal["lost", "resolved"]
     at: float
 
 
 class GuardedNode:
-    """The node's side. A machine: `feed` returns the response with `state` (CanFrame) and life guarding (LifeEvent).
+    """The guarded node. A machine: `feed` returns the response with `state` (CanFrame) and life guarding (LifeEvent).
 
     A `life_time` of 0 switches life guarding off.
 
@@ -151,7 +154,7 @@ class GuardedNode:
     ['705#05', '705#85', '705#05']
     """
 
-    __slots__ = ("_asked_at", "_key", "_lost", "_toggle", "life_time", "node", "state")
+    __slots__ = ("_key", "_lost", "_requested_at", "_toggle", "life_time", "node", "state")
 
     def __init__(self, node: int) -> None:
         self.node = check_node(node)
@@ -159,19 +162,19 @@ class GuardedNode:
         self.life_time = 0.0
         self._key = (cob_id("error control", node), False)
         self._toggle = False
-        self._asked_at: float | None = None
+        self._requested_at: float | None = None
         self._lost = False
 
     @property
     def deadline(self) -> float | None:
         """When the master counts as lost unless it sends a request before."""
-        if self._asked_at is None or self._lost or not self.life_time:
+        if self._requested_at is None or self._lost or not self.life_time:
             return None
-        return self._asked_at + self.life_time
+        return self._requested_at + self.life_time
 
     def reset(self) -> None:
-        """A boot: the toggle bit starts with 0, and life guarding waits for the first request."""
-        self._toggle, self._asked_at, self._lost = False, None, False
+        """Restart with toggle bit 0 at a boot; life guarding then waits for the first request."""
+        self._toggle, self._requested_at, self._lost = False, None, False
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame | LifeEvent]:
         """Return the response to a request, and the events of life guarding."""
@@ -182,7 +185,7 @@ class GuardedNode:
             output.append(LifeEvent("lost", now))
         if frame is None or not frame.remote or frame.key != self._key:
             return output
-        self._asked_at = now
+        self._requested_at = now
         if self._lost:
             self._lost = False
             output.append(LifeEvent("resolved", now))
