@@ -77,7 +77,7 @@ PLACE = (NODE, WORD, BYTE, WORD)
 
 
 def canopen(message: Any, has_data: bool) -> st.SearchStrategy[Any]:
-    """Either message of 2B/0D. `has_data`: a write has data (requests); otherwise a read has (responses)."""
+    """Build either message of 2B/0D. `has_data`: writes have data (requests), otherwise reads (responses)."""
     data = st.binary(max_size=200)
     full = st.builds(lambda d, *rest: message(*rest[:4], len(d), d, has_data, rest[4]), data, *PLACE, DIALECT)
     bare = st.builds(lambda n, *rest: message(*rest[:4], n, b"", not has_data, rest[4]), WORD, *PLACE, DIALECT)
@@ -93,7 +93,7 @@ REQUESTS: dict[type[AnyRequest], st.SearchStrategy[AnyRequest]] = {
     ReadInputRegisters: st.builds(ReadInputRegisters, ADDRESS, st.integers(1, 125)),
     WriteSingleCoil: st.builds(WriteSingleCoil, ADDRESS, st.booleans()),
     WriteSingleRegister: st.builds(WriteSingleRegister, ADDRESS, WORD),
-    # Two bytes of data, as everywhere but in some echoes: those have their own tests below.
+    # Two bytes of data, as in all messages but query data, which has its own tests below.
     Diagnostics: st.one_of(
         st.builds(Diagnostics, st.just(0), st.binary(min_size=2, max_size=2)),
         st.builds(Diagnostics, WORD, st.just(b"\0\0")),
@@ -163,7 +163,7 @@ def test_requests_are_listed_by_function_code() -> None:
     assert codes == sorted(codes)
 
 
-# There and back --------------------------------------------------------------------------------------------------
+# Encoding and decoding -------------------------------------------------------------------------------------------
 
 
 @modest
@@ -421,15 +421,15 @@ def test_a_server_id_of_252_bytes_is_refused() -> None:
         ReportServerIdResponse(bytes(252))
 
 
-# Length, told from the beginning ---------------------------------------------------------------------------------
+# The length from the first bytes ---------------------------------------------------------------------------------
 
 
-def measures_well(pdu: bytes, measure: Any) -> None:
+def assert_measured(pdu: bytes, measure: Any) -> None:
     """The measured length never shrinks, never exceeds the PDU, and equals it in the end."""
-    told = [measure(pdu[:length]) for length in range(1, len(pdu) + 1)]
-    assert told == sorted(told)
-    assert told[-1] == len(pdu)
-    for length, size in enumerate(told[:-1], start=1):
+    measured = [measure(pdu[:length]) for length in range(1, len(pdu) + 1)]
+    assert measured == sorted(measured)
+    assert measured[-1] == len(pdu)
+    for length, size in enumerate(measured[:-1], start=1):
         assert length < size <= len(pdu)
 
 
@@ -437,7 +437,7 @@ def measures_well(pdu: bytes, measure: Any) -> None:
 @given(ANY_REQUEST, st.binary(max_size=4))
 def test_the_length_of_a_request_follows_from_its_first_bytes(request: AnyRequest, behind: bytes) -> None:
     pdu = request.encode()
-    measures_well(pdu, measure_request)
+    assert_measured(pdu, measure_request)
     assert measure_request(pdu + behind) == len(pdu)
 
 
@@ -445,7 +445,7 @@ def test_the_length_of_a_request_follows_from_its_first_bytes(request: AnyReques
 @given(ANY_RESPONSE, st.binary(max_size=4))
 def test_the_length_of_a_response_follows_from_its_first_bytes(response: Response, behind: bytes) -> None:
     pdu = response.encode()
-    measures_well(pdu, measure_response)
+    assert_measured(pdu, measure_response)
     assert measure_response(pdu + behind) == len(pdu)
 
 
@@ -607,13 +607,13 @@ def test_another_mei_type_is_a_mismatch() -> None:
 
 
 def test_an_exception_response_has_bit_7() -> None:
-    with refused(DecodeError, "function 03 is no exception: bit 7 is not set"):
+    with refused(DecodeError, "function 03 is not an exception: bit 7 is not set"):
         ExceptionResponse.decode(unhex("03 02"))
 
 
 @pytest.mark.parametrize("value", [2, -1, 0xFF00, None, "on", 0.5])
 def test_a_coil_value_other_than_true_or_false_is_refused(value: Any) -> None:
-    """Such as FF00h, the value on the wire: it used to be sent, and its echo was not recognised."""
+    """For example FF00h, the value on the wire."""
     for make in (WriteSingleCoil, WriteSingleCoilResponse):
         with refused(EncodeError, f"value = {value!r}: expected True or False") as caught:
             make(0, value)
@@ -626,6 +626,6 @@ def test_a_coil_value_other_than_true_or_false_is_refused(value: Any) -> None:
 
 
 def test_a_coil_value_may_be_0_or_1() -> None:
-    one: Any = 1  # typed as bool; a number is what programs without a type checker give
+    one: Any = 1  # declared as bool; programs without a type checker pass numbers
     assert WriteSingleCoil(0, one) == WriteSingleCoil(0, True)
     assert WriteSingleCoil(0, one - 1).read_response(unhex("05 0000 0000")) == WriteSingleCoilResponse(0, False)

@@ -1,4 +1,4 @@
-"""The registry, and function codes of one's own."""
+"""The registry, and custom function codes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Blink(Request[BlinkResponse]):
 
 
 @pytest.fixture(autouse=True)
-def _as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+def _restored_registry(monkeypatch: pytest.MonkeyPatch) -> None:
     """Restore the registry after each test."""
     monkeypatch.setattr(functions, "_requests", dict(functions._requests))
     monkeypatch.setattr(functions, "_encapsulated", dict(functions._encapsulated))
@@ -83,15 +83,15 @@ def test_a_registered_code_can_be_replaced(monkeypatch: pytest.MonkeyPatch) -> N
     assert decode_request(unhex("07 0003")) == Blink(3)
 
 
-@pytest.mark.parametrize("what", [int, BlinkResponse, Blink(3), Request])
-def test_only_a_request_can_be_registered(what: Any) -> None:
+@pytest.mark.parametrize("candidate", [int, BlinkResponse, Blink(3), Request])
+def test_only_a_request_can_be_registered(candidate: Any) -> None:
     with refused(EncodeError, "register needs a request class, with a function_code, a layout and a response"):
-        register(what)
+        register(candidate)
 
 
 @pytest.mark.parametrize("wrong", [ZeroDivisionError("division"), IndexError("index"), "3", 2.5, -1])
 def test_a_measure_that_raises_leaves_the_length_unknown(wrong: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A user's `measure` is called with the first bytes of any frame, also damaged ones: the line must go on."""
+    """A user's `measure` is called with the first bytes of any frame, also of damaged ones. The line must continue."""
 
     def measure(pdu: bytes) -> Any:
         if isinstance(wrong, Exception):

@@ -41,10 +41,10 @@ PDUS = st.binary(max_size=9) | st.builds(
 """Any bytes, and nearly valid requests."""
 
 
-def outcome_of(what: Callable[..., Any], *args: Any) -> object:
-    """The value, or the type and text of the error."""
+def outcome_of(function: Callable[..., Any], *args: Any) -> object:
+    """Return the value, or the type and text of the error."""
     try:
-        return what(*args)
+        return function(*args)
     except (BarewireError, ModbusException) as error:
         return type(error), str(error), vars(error)
 
@@ -117,7 +117,7 @@ class SwappedResponse(ReadHoldingRegistersResponse):
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
         cls.check_function(pdu)
-        return cls(tuple(int.from_bytes(pdu[at : at + 2], "little") for at in range(2, len(pdu), 2)))
+        return cls(tuple(int.from_bytes(pdu[start : start + 2], "little") for start in range(2, len(pdu), 2)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,7 @@ class ReadSwapped(ReadHoldingRegisters):
 
 @dataclass(frozen=True, slots=True)
 class WideResponse(ReadHoldingRegistersResponse):
-    """With a byte count of two bytes, and an age."""
+    """A response with a byte count of two bytes and one more attribute."""
 
     age: int = 9
 
@@ -145,7 +145,7 @@ class WideResponse(ReadHoldingRegistersResponse):
 
 @dataclass(frozen=True, slots=True)
 class ReadWide(ReadHoldingRegisters):
-    """With one more byte."""
+    """A request with one more byte."""
 
     hurry: int = 1
 

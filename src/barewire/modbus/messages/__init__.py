@@ -1,4 +1,4 @@
-"""The messages of Modbus: for each function code a request and a response class, each a page with its bytes drawn.
+"""The messages of Modbus: a request and a response class for each function code, each with a drawing of its bytes.
 
     base                 the base classes of messages, and the exception response
     coils                01 02 05 0F      bits: coils and discrete inputs
@@ -12,11 +12,11 @@
     canopen_reference    2B/0D            an object dictionary behind Modbus; its exception is an SDO abort
     registry             the class of a PDU, the length of a PDU from its first bytes, custom function codes
 
-**This file is the list of the functions.** A new one is a file above (or a class in one) and its line in the two lists
-below: `registry` registers every request class it finds here under its `function_code` (and `mei_type`), and
-`barewire.modbus` offers every name. The first list is for type checkers, which read only import statements.
+**This file is the list of the functions.** To add one, write its two classes and add them to both lists below:
+`registry` registers every request class it finds here under its `function_code` (and `mei_type`), and `barewire.modbus`
+exports every name. The first list is for type checkers, which read only import statements.
 
-Depends on: codecs, adu, exceptions. Used by: every room above, and rtu, which counts bytes.
+Depends on: codecs, adu, exceptions. Used by: every room above, and rtu, for the lengths of messages.
 """
 
 from typing import TYPE_CHECKING

@@ -3,8 +3,8 @@
     PDU  | function code | data ... |                       [MB-APP 4.1]
 
 Each message class documents one message: a drawing of its bytes, an example that runs, a `layout`. The layout packs,
-unpacks, explains and measures, so no byte position is written twice. A client needs no code per function: it sends the
-request, and `request.read_response(pdu)` returns the response only if it answers exactly that request.
+unpacks, explains and measures, so no byte position is written twice. A client needs no code for a function: it sends
+the request, and `request.read_response(pdu)` returns the response only if it answers exactly that request.
 
 Depends on: codecs, adu, exceptions. Used by: every message, and all code that handles messages in general.
 """
@@ -25,7 +25,7 @@ EXCEPTION_BIT = 0x80
 
 
 class Message:
-    """Common to requests and responses. `function_code` and the field names of `layout` are the standard's."""
+    """A request or a response. `function_code` and the field names of `layout` are those of the standard."""
 
     __slots__ = ()
 
@@ -36,30 +36,32 @@ class Message:
     layout: ClassVar[Layout]
 
     def encode(self) -> bytes:
-        """The PDU. Its values were checked when the message was made."""
+        """Encode the message as a PDU. Its values were checked when it was made."""
         return self.layout.pack_of(self)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """Decode a PDU. Raises DecodeError, with place and reason, also for another function code."""
+        """Decode a PDU. Raises DecodeError, with offset and reason, also for another function code."""
         cls.check_function(pdu)
         return cls.make(pdu, *cls.layout.unpack(pdu)[1:])
 
     @classmethod
     def make(cls, pdu: bytes, *values: Any) -> Self:
-        """The message with these values. A value that could not be encoded (EncodeError) is a DecodeError here."""
+        """Make the message with these values. Raises DecodeError for a value that could not be encoded."""
         try:
             return cls(*values)
         except EncodeError as error:
-            # The number of registers or bits follows from the byte count, so that is the field to point at.
+            # The number of registers or bits follows from the byte count, so the error gives the offset of that field.
             names = (error.field, cls.layout.count)
             places = [field.offset for field in cls.layout.fields(pdu) if field.name in names]
-            missing = cls.layout.size if error.field == cls.layout.tail else 0  # a tail of no bytes is no field
+            missing = (
+                cls.layout.size if error.field == cls.layout.tail else 0
+            )  # `fields` has no field for an empty tail
             raise DecodeError("value", pdu, places[0] if places else missing, str(error)) from None
 
     @classmethod
     def check_function(cls, pdu: bytes) -> None:
-        """DecodeError unless the PDU begins with this message's function code."""
+        """Raise DecodeError unless the PDU begins with this message's function code."""
         if not pdu:
             raise DecodeError("short", pdu, 0, "an empty PDU has no function code")
         if pdu[0] != cls.function_code:
@@ -68,12 +70,12 @@ class Message:
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """The length of the whole PDU in bytes, as far as its first bytes determine it; None if they do not."""
+        """Return the length of the whole PDU, as far as its first bytes determine it; None if they do not."""
         return cls.layout.measure(pdu)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """Every field with its place, for `explain`. Damaged messages are shown as far as their bytes go."""
+        """Return every field with its offset, for `explain`. A damaged message is shown as far as its bytes go."""
         return cls.layout.fields(pdu)
 
 
@@ -86,13 +88,13 @@ class Request(Message, Generic[R]):
     mei_type: ClassVar[int | None] = None
     """The second byte, which distinguishes the functions of code 2B [MB-APP 6.19]."""
     writes: ClassVar[bool] = False
-    """Whether carrying it out changes something: then a lost response leaves the outcome unknown."""
+    """Whether the request changes something, so that a lost response leaves the outcome unknown."""
 
     def read_response(self, pdu: bytes) -> R:
-        """The response, if this PDU is one to this request: right function, right byte count, right echo.
+        """Decode the response to this request: its function, byte count and echoed fields must fit.
 
         Raises ModbusException for an exception response, DecodeError("mismatch") for a well-formed response to another
-        request, and DecodeError with another reason for a PDU that is no response at all.
+        request, and DecodeError with another reason for a PDU that is not a response at all.
         """
         if pdu and pdu[0] == self.function_code | EXCEPTION_BIT:
             raise ModbusException(ExceptionResponse.decode(pdu).exception_code, self.function_code)
@@ -101,16 +103,16 @@ class Request(Message, Generic[R]):
         return answer
 
     def without_answer(self, *, listens_only: bool = False) -> R | None:
-        """A value in place of the response if the standard demands silence of the unit; None if it must respond.
+        """Return a value in place of the response if the standard demands silence of the unit; None if it must respond.
 
         `listens_only`: the unit was put into listen only mode before.
         """
         return None
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """The response, if it answers this request; DecodeError("mismatch") if not.
+        """Return the response if it answers this request. Raises DecodeError("mismatch") if not.
 
-        Here: every field that request and response have in common must be equal. Other messages override it.
+        By default every field that request and response have in common must be equal; messages may override it.
         """
         for field in self.layout.fields(self.encode()):
             if hasattr(response, field.name) and getattr(response, field.name) != getattr(self, field.name, None):
@@ -119,7 +121,7 @@ class Request(Message, Generic[R]):
 
     @classmethod
     def declines(cls, error: DecodeError) -> int:
-        """The exception code for a malformed request of this function: 03 unless its figure has another one."""
+        """Return the exception code for a malformed request: 03 unless the figure of the function has another one."""
         return ILLEGAL_DATA_VALUE
 
     def refuse(self, pdu: bytes, field: str, asked: object, answered: object) -> None:
@@ -157,15 +159,15 @@ class ExceptionResponse(Response):
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message: any function code with bit 7 set."""
+        """Decode a PDU with any function code that has bit 7 set."""
         function_code, exception_code = cls.layout.unpack(pdu)
         if not function_code & EXCEPTION_BIT:
-            raise DecodeError("mismatch", pdu, 0, f"function {function_code:02X} is no exception: bit 7 is not set")
+            raise DecodeError("mismatch", pdu, 0, f"function {function_code:02X} is not an exception: bit 7 is not set")
         return cls(function_code, exception_code)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, the exception code with its name."""
+        """Return the fields, with the name of the exception code."""
         found = cls.layout.fields(pdu)
         if len(found) > 1:
             found[1] = found[1]._replace(meaning=exception_name(pdu[1]))
@@ -179,7 +181,7 @@ def check_range(name: str, value: int, low: int, high: int) -> None:
 
 
 def checked(pdu: bytes) -> bytes:
-    """The PDU, if it is 1 to 253 bytes; EncodeError otherwise."""
+    """Return the PDU. Raises EncodeError unless it is 1 to 253 bytes."""
     if not isinstance(pdu, bytes):
         raise EncodeError(f"a PDU is bytes, and this is {type(pdu).__name__}", "pdu")
     check_pdu(pdu)

@@ -13,11 +13,10 @@ control has a second byte; 2, a counter byte follows), but not those for a netwo
 the position of the node depends. Numbers of the header are big-endian. **The data are bytes of the object dictionary
 and stay bytes here**: a read returns them little-endian, as in CANopen; for writing no manual defines the order.
 
-The dialect can be seen in the bytes: in the place of the 00 of `cia309`, `schneider` has the node, and no node has the
-number 0.
+The bytes show the dialect: where `cia309` has the 00, `schneider` has the node, and no node has the number 0.
 
-When the object dictionary refuses the access, the exception response carries the SDO abort code. It is the one
-exception response of more than two bytes:
+If the object dictionary refuses the access, the exception response carries the SDO abort code. It is the only exception
+response of more than two bytes:
 
     AB | FF | length 2 | MEI type 0D | EC | SDO abort code 4
 """
@@ -75,12 +74,11 @@ class ExtendedExceptionResponse(Response):
         check_range("abort_code", self.abort_code, 0, 0xFFFFFFFF)
 
     def encode(self) -> bytes:
-        """The PDU."""
         return self.layout.pack(self.function_code, EXTENDED, 6, MEI_CANOPEN, SDO_ABORT, self.abort_code)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message; its constant fields must be as drawn."""
+        """Decode a PDU, whose constant fields must be as drawn."""
         cls.check_function(pdu)
         _, *fixed, abort_code = cls.layout.unpack(pdu)
         expected = (("exception_code", 1, EXTENDED), ("length", 2, 6), ("mei_type", 4, MEI_CANOPEN), ("error", 5, 0xEC))
@@ -91,12 +89,12 @@ class ExtendedExceptionResponse(Response):
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """The length field determines it, once it has arrived."""
+        """Return the length from the length field, once that has arrived."""
         return 4 + int.from_bytes(pdu[2:4], "big") if len(pdu) >= 4 else 4
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, the constants in words."""
+        """Return the fields, with the constants in words."""
         words = {
             "exception_code": "extended: the error follows",
             "length": "bytes that follow",
@@ -121,7 +119,7 @@ _LAYOUTS: dict[str, Layout] = {
 
 
 def _dialect(pdu: bytes) -> ReferenceDialect:
-    """The dialect of these bytes: no node has the number 0."""
+    """Return the dialect of these bytes: no node has the number 0."""
     return "cia309" if len(pdu) < 4 or pdu[3] == 0 else "schneider"
 
 
@@ -145,7 +143,7 @@ def _encode(message: CanopenReference | CanopenReferenceResponse) -> bytes:
 
 
 def _decode(pdu: bytes, *, has_data: bool) -> dict[str, Any]:
-    """The fields of either message. `has_data`: writes carry data (requests); otherwise reads do (responses)."""
+    """Decode the fields of either message. `has_data`: writes carry data (requests), otherwise reads (responses)."""
     dialect = _dialect(pdu)
     _, mei_type, control, *rest, data = _LAYOUTS[dialect].unpack(pdu)
     if mei_type != MEI_CANOPEN:
@@ -208,24 +206,23 @@ class CanopenReferenceResponse(Response):
             raise EncodeError(f"{len(self.data)} bytes of data for a count of {self.count}", "count")
 
     def encode(self) -> bytes:
-        """The PDU, in the dialect of the message."""
         return _encode(self)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU, of either dialect, as a message."""
+        """Decode a PDU of either dialect."""
         cls.check_function(pdu)
         fields = _decode(pdu, has_data=False)
         return cls.make(pdu, *fields.values())
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """The length: the response to a read carries `count` bytes."""
+        """Return the length: the response to a read carries `count` bytes."""
         return _measure(pdu, has_data=False)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, with the dialect in words."""
+        """Return the fields, with the dialect in words."""
         return _fields(pdu)
 
 
@@ -268,44 +265,43 @@ class CanopenReference(Request[CanopenReferenceResponse]):
     def read(
         cls, node: int, index: int, sub_index: int = 0, *, count: int, dialect: ReferenceDialect = "cia309"
     ) -> Self:
-        """The request for at most `count` bytes of an object."""
+        """Make the request for at most `count` bytes of an object."""
         return cls(node, index, sub_index, count=count, dialect=dialect)
 
     @classmethod
     def write_to(
         cls, node: int, index: int, sub_index: int, data: bytes, *, dialect: ReferenceDialect = "cia309"
     ) -> Self:
-        """The request to write `data`, in the byte order of the device."""
+        """Make the request to write `data`, in the byte order of the device."""
         return cls(node, index, sub_index, count=len(data), data=data, write=True, dialect=dialect)
 
     def encode(self) -> bytes:
-        """The PDU, in the dialect of the message."""
         return _encode(self)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU, of either dialect, as a message."""
+        """Decode a PDU of either dialect."""
         cls.check_function(pdu)
         return cls.make(pdu, *_decode(pdu, has_data=True).values())
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """The length: a request to write carries `count` bytes."""
+        """Return the length: a request to write carries `count` bytes."""
         return _measure(pdu, has_data=True)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, with the dialect in words."""
+        """Return the fields, with the dialect in words."""
         return _fields(pdu)
 
     def read_response(self, pdu: bytes) -> CanopenReferenceResponse:
-        """The response, as of every request; an SDO abort of the object dictionary is raised as `SdoAborted`."""
+        """Decode the response. Raises SdoAborted for an SDO abort of the object dictionary."""
         if pdu[:2] == ExtendedExceptionResponse.BEGINNING:
             raise SdoAborted(ExtendedExceptionResponse.decode(pdu).abort_code)
         return Request.read_response(self, pdu)
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """The response must have the object, node and dialect of the request, and at most `count` bytes."""
+        """Check that the response has the object, node and dialect of the request, and at most `count` bytes."""
         for name in ("write", "dialect", "node", "index", "sub_index", "start"):
             if getattr(response, name) != getattr(self, name):
                 self.refuse(pdu, name, getattr(self, name), getattr(response, name))

@@ -21,7 +21,7 @@ _BITS = frozenset((False, True))
 
 
 def _packed(bits: Sequence[bool | int]) -> bytes:
-    """Bits as bytes; EncodeError for a value that is no bit, such as 2, which would otherwise pass for `on`."""
+    """Pack bits into bytes. Raises EncodeError for a value that is not a bit: 2 would otherwise pass for `on`."""
     if not _BITS.issuperset(bits):
         place = next(place for place, bit in enumerate(bits) if bit not in _BITS)
         raise EncodeError(f"bit {place} of {len(bits)}: {bits[place]!r} is not True or False", "bits")
@@ -34,7 +34,7 @@ def _check_coil(value: bool | int) -> None:
 
 
 def _bit_fields(found: list[Field], name: str) -> list[Field]:
-    """These fields, with the packed tail replaced by one field for each byte, its bits in the order of addresses."""
+    """Replace the packed tail by one field for each byte, with its bits in the order of addresses."""
     tail = found[-1] if found and isinstance(found[-1].value, str) else None
     if tail is None:
         return found
@@ -52,7 +52,7 @@ class ReadCoilsResponse(Response):
 
         01 | byte count | packed coils ...
 
-    Decoded alone it has whole bytes of coils; `ReadCoils.read_response` returns as many as were asked for.
+    Decoded without its request, it has whole bytes of coils; `ReadCoils.read_response` returns as many as it asked for.
 
     >>> ReadCoilsResponse((True, False, True)).encode().hex(" ")
     '01 01 05'
@@ -68,19 +68,18 @@ class ReadCoilsResponse(Response):
         check_range("quantity", len(self.bits), 1, READ_COILS_LIMIT)
 
     def encode(self) -> bytes:
-        """The PDU."""
         data = _packed(self.bits)
         return self.layout.pack(self.function_code, len(data), tail=data)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message: eight bits for each byte."""
+        """Decode a PDU: eight bits for each byte."""
         cls.check_function(pdu)
         return cls.make(pdu, unpack_bits(cls.layout.unpack(pdu)[-1]))
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, bit by bit."""
+        """Return the fields, with each bit."""
         return _bit_fields(cls.layout.fields(pdu), str(cls.layout.tail)[:-1])
 
 
@@ -119,7 +118,7 @@ class ReadCoils(Request[ReadCoilsResponse]):
         check_range("quantity", self.quantity, 1, READ_COILS_LIMIT)
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """The response must have exactly the bytes that the quantity fills; its bits are cut to the quantity."""
+        """Check that the quantity fills the bytes of the response, and cut its bits to the quantity."""
         asked = (self.quantity + 7) // 8
         if len(response.bits) != 8 * asked:
             self.refuse(pdu, "byte_count", asked, len(response.bits) // 8)
@@ -160,12 +159,11 @@ class WriteSingleCoilResponse(Response):
         _check_coil(self.value)
 
     def encode(self) -> bytes:
-        """The PDU."""
         return self.layout.pack(self.function_code, self.address, ON if self.value else OFF)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message. FF00h is on, 0000h is off, any other value is DecodeError("value")."""
+        """Decode a PDU: FF00h is on, 0000h is off. Raises DecodeError("value") for any other value."""
         cls.check_function(pdu)
         _, address, value = cls.layout.unpack(pdu)
         if value not in (ON, OFF):
@@ -174,7 +172,7 @@ class WriteSingleCoilResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, the value in words."""
+        """Return the fields, with the value in words."""
         found = cls.layout.fields(pdu)
         if len(found) > 2:
             word = {ON: "on", OFF: "off"}.get(int(str(found[2].value)), "neither on (FF00h) nor off (0000h)")
@@ -206,18 +204,15 @@ class WriteSingleCoil(Request[WriteSingleCoilResponse]):
         _check_coil(self.value)
 
     def encode(self) -> bytes:
-        """The PDU."""
         return self.layout.pack(self.function_code, self.address, ON if self.value else OFF)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message: the same bytes as the response."""
         same = WriteSingleCoilResponse.decode(pdu)
         return cls(same.address, same.value)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields: the same as those of the response."""
         return WriteSingleCoilResponse.fields(pdu)
 
 
@@ -264,7 +259,7 @@ class WriteMultipleCoils(Request[WriteMultipleCoilsResponse]):
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
         check_range("quantity", len(self.bits), 1, WRITE_COILS_LIMIT)
-        _packed(self.bits)  # each one on or off, or EncodeError
+        _packed(self.bits)  # raises EncodeError for a value that is not a bit
         object.__setattr__(self, "bits", tuple(map(bool, self.bits)))
 
     @property
@@ -273,13 +268,12 @@ class WriteMultipleCoils(Request[WriteMultipleCoilsResponse]):
         return len(self.bits)
 
     def encode(self) -> bytes:
-        """The PDU."""
         data = pack_bits(self.bits)
         return self.layout.pack(self.function_code, self.address, len(self.bits), len(data), tail=data)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message; the byte count must fit the quantity."""
+        """Decode a PDU, whose byte count must fit the quantity."""
         cls.check_function(pdu)
         _, address, quantity, byte_count, data = cls.layout.unpack(pdu)
         try:
@@ -292,5 +286,5 @@ class WriteMultipleCoils(Request[WriteMultipleCoilsResponse]):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, bit by bit."""
+        """Return the fields, with each bit."""
         return _bit_fields(cls.layout.fields(pdu), "coil")

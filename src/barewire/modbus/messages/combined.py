@@ -1,6 +1,6 @@
 """Reading and writing in one request: function codes 16 (mask write) and 17 (write, then read).
 
-Between a client's separate read and write another client may change the registers; within these requests it cannot.
+Another client may change the registers between a separate read and write, but not within one of these requests.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from barewire.modbus.messages.base import Request, Response, check_range
 from barewire.modbus.messages.registers import READ_REGISTERS_LIMIT, ReadHoldingRegistersResponse, register_fields
 
 _WRITE_LIMIT = 121
-"""Two registers fewer than function 10 can write: the read address and the read quantity take their place."""
+"""Two registers fewer than with function 10, because of the read address and the read quantity."""
 
 
 def masked(register: int, and_mask: int, or_mask: int) -> int:
-    """The register after a mask write: each bit is kept where AND is 1, and taken from OR where AND is 0. [MB-APP 6.16]
+    """Return the register after a mask write: AND keeps the bits that are 1, OR gives the others.         [MB-APP 6.16]
 
     >>> hex(masked(0x12, and_mask=0xF2, or_mask=0x25))
     '0x17'
@@ -48,7 +48,7 @@ class MaskWriteRegisterResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, with the effect of each mask."""
+        """Return the fields, with the effect of each mask."""
         found = cls.layout.fields(pdu)
         words = ("", "", "bits to keep", "value of the bits that are not kept")
         return [field._replace(meaning=meaning) for field, meaning in zip(found, words)]
@@ -77,11 +77,10 @@ class MaskWriteRegister(Request[MaskWriteRegisterResponse]):
     writes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        MaskWriteRegisterResponse(self.address, self.and_mask, self.or_mask)  # the same fields, the same limits
+        MaskWriteRegisterResponse(self.address, self.and_mask, self.or_mask)  # it has the same fields and limits
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields: the same as those of the response."""
         return MaskWriteRegisterResponse.fields(pdu)
 
 
@@ -128,7 +127,7 @@ class ReadWriteMultipleRegisters(Request[ReadWriteMultipleRegistersResponse]):
         check_range("write_address", self.write_address, 0, 0xFFFF)
         check_range("write_quantity", len(self.registers), 1, _WRITE_LIMIT)
         object.__setattr__(self, "registers", tuple(self.registers))
-        from_registers(self.registers)  # each one in 0..65535, or EncodeError
+        from_registers(self.registers)  # raises EncodeError for a value outside 0..65535
 
     @property
     def write_quantity(self) -> int:
@@ -136,14 +135,13 @@ class ReadWriteMultipleRegisters(Request[ReadWriteMultipleRegistersResponse]):
         return len(self.registers)
 
     def encode(self) -> bytes:
-        """The PDU."""
         data = from_registers(self.registers)
         places = (self.read_address, self.read_quantity, self.write_address, len(self.registers))
         return self.layout.pack(self.function_code, *places, len(data), tail=data)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message; the byte count must be twice the quantity."""
+        """Decode a PDU, whose byte count must be twice the quantity."""
         cls.check_function(pdu)
         _, read_address, read_quantity, write_address, write_quantity, byte_count, data = cls.layout.unpack(pdu)
         try:
@@ -156,12 +154,12 @@ class ReadWriteMultipleRegisters(Request[ReadWriteMultipleRegistersResponse]):
         return cls(read_address, read_quantity, write_address, to_registers(data))
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """The response must have exactly as many registers as were to be read."""
+        """Check that the response has as many registers as were asked for."""
         if len(response.registers) != self.read_quantity:
             self.refuse(pdu, "byte_count", 2 * self.read_quantity, 2 * len(response.registers))
         return response
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, register by register."""
+        """Return the fields, with each register."""
         return register_fields(cls.layout.fields(pdu))

@@ -1,6 +1,6 @@
 """The recent events of a serial server: function codes 0B (event counter) and 0C (event log).
 
-An event is one byte; what its bits mean depends on the two at the top [MB-APP 6.10]:
+An event is one byte. Its top two bits determine the meaning of the others [MB-APP 6.10]:
 
     1.......    a request arrived    bit 1 damaged, 4 overrun, 5 while in listen only mode, 6 a broadcast
     01......    it was handled       bit 0 exception 1..3, 1 exception 4, 2 exception 5 or 6, 3 exception 7,
@@ -38,20 +38,20 @@ _SENT_BITS = {
 
 
 def event_text(event: int) -> str:
-    """One byte of the log in words.
+    """Describe one byte of the log in words.
 
     >>> event_text(0xC0), event_text(0x41), event_text(0x04)
     ('received: broadcast', 'sent: exception 1..3', 'entered listen only mode')
     """
     if event & RECEIVED:
-        kind, bits = "received", _RECEIVED_BITS
+        event_name, bits = "received", _RECEIVED_BITS
     elif event & SENT:
-        kind, bits = "sent", _SENT_BITS
+        event_name, bits = "sent", _SENT_BITS
     else:
         known = {RESTARTED: "communications restarted", LISTENS_ONLY: "entered listen only mode"}
         return known.get(event, "undefined event")
     details = ", ".join(words for bit, words in bits.items() if event >> bit & 1)
-    return f"{kind}: {details}" if details else kind
+    return f"{event_name}: {details}" if details else event_name
 
 
 def _status_words(found: list[Field], name: str = "status") -> list[Field]:
@@ -87,7 +87,7 @@ class GetCommEventCounterResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, the status in words."""
+        """Return the fields, with the status in words."""
         return _status_words(cls.layout.fields(pdu))
 
 
@@ -95,7 +95,7 @@ class GetCommEventCounterResponse(Response):
 class GetCommEventCounter(Request[GetCommEventCounterResponse]):
     """Read the number of requests that were carried out without an exception.             [MB-APP 6.9]
 
-    After a lost response it shows whether the request was carried out: if so, the number has grown.
+    After a lost response it shows whether the request was carried out: then the number has grown.
 
         0B
 
@@ -137,17 +137,15 @@ class GetCommEventLogResponse(Response):
         check_range("events", len(self.events), 0, EVENT_LIMIT)
 
     def texts(self) -> list[str]:
-        """The events in words, the newest first."""
+        """Return the events in words, the newest first."""
         return [event_text(event) for event in self.events]
 
     def encode(self) -> bytes:
-        """The PDU."""
         counts = (self.status, self.event_count, self.message_count)
         return self.layout.pack(self.function_code, 6 + len(self.events), *counts, tail=self.events)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message."""
         cls.check_function(pdu)
         _, byte_count, status, event_count, message_count, events = cls.layout.unpack(pdu)
         if byte_count != 6 + len(events):
@@ -159,15 +157,17 @@ class GetCommEventLogResponse(Response):
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """The byte count determines it, once it has arrived; never less than the three counters."""
+        """Return the length from the byte count, once that has arrived; it is never less than the fixed part."""
         return max(cls.layout.size, 2 + pdu[1]) if len(pdu) > 1 else cls.layout.size
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, event by event, in words."""
+        """Return the fields, with each event in words."""
         found = _status_words([field for field in cls.layout.fields(pdu) if field.name != "events"])
-        rows = [Field(at, 1, "event", pdu[at], event_text(pdu[at])) for at in range(cls.layout.size, len(pdu))]
-        return [*found, *rows]
+        start = cls.layout.size
+        return found + [
+            Field(start + row, 1, "event", event, event_text(event)) for row, event in enumerate(pdu[start:])
+        ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,13 @@
-"""The state of the server itself: function codes 07 and 08. For serial lines only by the standard; many TCP servers
-have them too.
+"""The state of the server itself: function codes 07 and 08.
 
-Diagnostics (08) has sub-functions, in two bytes: 00 is an echo, 01 to 04, 0A and 14 are commands, 0B to 12 read the
-counters of a serial server.
+By the standard they are for serial lines only, but many TCP servers have them too. Diagnostics (08) has sub-functions,
+in two bytes: 00 is an echo, 01 to 04, 0A and 14 are commands, 0B to 12 read the counters of a serial server.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 from barewire.codecs import Field, Layout
 from barewire.errors import EncodeError
@@ -36,7 +35,7 @@ class ReadExceptionStatusResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, with the bits 7 to 0."""
+        """Return the fields, with bits 7 to 0 of the status."""
         found = cls.layout.fields(pdu)
         if len(found) > 1:
             found[1] = found[1]._replace(meaning=f"bits 7..0: {pdu[1]:08b}")
@@ -97,13 +96,13 @@ RESTART_AND_CLEAR_LOG = b"\xff\x00"
 def _check_diagnostics(sub_function: int, data: bytes) -> None:
     check_range("sub_function", sub_function, 0, 0xFFFF)
     check_range("data length", len(data), 0, 250)
-    # The data of reserved sub-functions are not defined, so they are not checked: a server declines these anyway.
+    # The data of reserved sub-functions are not defined, and a server declines these, so they are not checked.
     if sub_function in SUB_FUNCTIONS and sub_function != RETURN_QUERY_DATA and len(data) != 2:
         raise EncodeError(f"sub-function {sub_function:02X} has 2 bytes of data, got {len(data)}", "data")
 
 
 def _check_asked(sub_function: int, data: bytes) -> None:
-    """Data of a request must be zeros, except for echoes, restart (0000 or FF00) and the delimiter (CHAR 00)."""
+    """Check that the data of a request are 0000, except for query data, restart (or FF00) and delimiter (CHAR 00)."""
     if sub_function == RESTART_COMMUNICATIONS:
         allowed = data in (b"\0\0", RESTART_AND_CLEAR_LOG)
     elif sub_function == CHANGE_ASCII_DELIMITER:
@@ -112,8 +111,8 @@ def _check_asked(sub_function: int, data: bytes) -> None:
         allowed = sub_function == RETURN_QUERY_DATA or sub_function not in SUB_FUNCTIONS or data == b"\0\0"
     if not allowed:
         expected = {RESTART_COMMUNICATIONS: "00 00 or FF 00", CHANGE_ASCII_DELIMITER: "a character and 00"}
-        shown, right = data.hex(" ").upper(), expected.get(sub_function, "00 00")
-        raise EncodeError(f"data {shown} for sub-function {sub_function:02X}: expected {right}", "data")
+        given, right = data.hex(" ").upper(), expected.get(sub_function, "00 00")
+        raise EncodeError(f"data {given} for sub-function {sub_function:02X}: expected {right}", "data")
 
 
 def _diagnostics_fields(found: list[Field]) -> list[Field]:
@@ -149,31 +148,24 @@ class DiagnosticsResponse(Response):
         return int.from_bytes(self.data, "big")
 
     def encode(self) -> bytes:
-        """The PDU."""
         return self.layout.pack(self.function_code, self.sub_function, tail=self.data)
 
     @classmethod
-    def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message."""
-        cls.check_function(pdu)
-        return cls.make(pdu, *cls.layout.unpack(pdu)[1:])
-
-    @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """The length with two bytes of data. Echoes may be longer: on RTU only silence ends those."""
+        """Return the length with two bytes of data. Query data may be longer: on RTU only silence ends those."""
         return cls.layout.size + 2
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, the sub-function with its name."""
+        """Return the fields, with the name of the sub-function."""
         return _diagnostics_fields(cls.layout.fields(pdu))
 
 
 @dataclass(frozen=True, slots=True)
 class Unanswered(DiagnosticsResponse):
-    """The result of `ask` where the standard demands silence and the unit was silent.     [MB-APP 6.8.1]
+    """The result of `ask` if the standard demands silence and the unit was silent.        [MB-APP 6.8.1]
 
-    That is: for Force Listen Only Mode, and for a restart of a unit in that mode. Whether the unit exists is unknown.
+    That is after Force Listen Only Mode, and after a restart of a unit in that mode. The unit may not exist at all.
 
     >>> Diagnostics(FORCE_LISTEN_ONLY).without_answer()
     Unanswered(sub_function=4, data=b'')
@@ -182,10 +174,10 @@ class Unanswered(DiagnosticsResponse):
     data: bytes = b""
 
     def __post_init__(self) -> None:
-        """There is nothing to check."""
+        """Skip the checks of a response: there is nothing to check."""
 
     def encode(self) -> bytes:
-        """Raises EncodeError: it stands for the absence of a message."""
+        """Raise EncodeError, because this stands for the absence of a message."""
         raise EncodeError("Unanswered stands for silence and cannot be encoded", "data")
 
 
@@ -212,33 +204,25 @@ class Diagnostics(Request[DiagnosticsResponse]):
         _check_asked(self.sub_function, self.data)
 
     def encode(self) -> bytes:
-        """The PDU."""
         return self.layout.pack(self.function_code, self.sub_function, tail=self.data)
 
     @classmethod
-    def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message."""
-        cls.check_function(pdu)
-        return cls.make(pdu, *cls.layout.unpack(pdu)[1:])
-
-    @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """The length: the same as that of the response."""
         return DiagnosticsResponse.measure(pdu)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, the sub-function with its name."""
+        """Return the fields, with the name of the sub-function."""
         return _diagnostics_fields(cls.layout.fields(pdu))
 
     def without_answer(self, *, listens_only: bool = False) -> DiagnosticsResponse | None:
-        """Force Listen Only Mode has no response; nor has a restart of a unit in listen only mode."""
+        """Return `Unanswered` for Force Listen Only Mode, and for a restart of a unit in that mode."""
         if self.sub_function == FORCE_LISTEN_ONLY or (listens_only and self.sub_function == RESTART_COMMUNICATIONS):
             return Unanswered(self.sub_function)
         return None
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """The response must have the same sub-function; and the same data, where it is an echo."""
+        """Check that the response has the same sub-function, and the same data if it is an echo."""
         if response.sub_function != self.sub_function:
             self.refuse(pdu, "sub_function", self.sub_function, response.sub_function)
         if self.sub_function in ECHOED and response.data != self.data:

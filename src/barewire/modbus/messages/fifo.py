@@ -36,13 +36,12 @@ class ReadFifoQueueResponse(Response):
         check_range("fifo_count", len(self.registers), 0, FIFO_LIMIT)
 
     def encode(self) -> bytes:
-        """The PDU."""
         data = from_registers(self.registers)
         return self.layout.pack(self.function_code, 2 + len(data), len(self.registers), tail=data)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message. Both counts must fit the bytes."""
+        """Decode a PDU, whose two counts must fit its bytes."""
         cls.check_function(pdu)
         _, byte_count, fifo_count, data = cls.layout.unpack(pdu)
         if byte_count != 2 + len(data):
@@ -56,12 +55,12 @@ class ReadFifoQueueResponse(Response):
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """The byte count determines it, once it has arrived."""
+        """Return the length from the byte count, once that has arrived."""
         return 3 + int.from_bytes(pdu[1:3], "big") if len(pdu) >= 3 else cls.layout.size
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, register by register."""
+        """Return the fields, with each register."""
         return register_fields(cls.layout.fields(pdu))
 
 

@@ -14,6 +14,7 @@ from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ILLEGAL_DATA_VALUE
 from barewire.modbus.messages.base import R, Request, Response, check_range
+from barewire.modbus.messages.registers import register_rows
 
 _REFERENCE_TYPE = 6
 RECORD_LIMIT = 0x270F
@@ -45,15 +46,15 @@ def _check_place(file: int, record: int, length: int) -> None:
     check_range("length", length, 1, _BYTES_LIMIT // 2)
 
 
-def _refused(pdu: bytes, at: int, file: int, record: int, length: int) -> DecodeError | None:
-    """The error of the group at this offset, if it is not valid."""
+def _group_error(pdu: bytes, at: int, file: int, record: int, length: int) -> DecodeError | None:
+    """Return the error of the group at this offset, or None if it is valid."""
     if pdu[at] != _REFERENCE_TYPE:
         return DecodeError("value", pdu, at, f"reference type {pdu[at]}: expected {_REFERENCE_TYPE}")
     try:
         _check_place(file, record, length)
     except EncodeError as error:
-        behind = {"file": 1, "record": 3}.get(error.field or "", 5)
-        return DecodeError("value", pdu, at + behind, str(error))
+        offset = {"file": 1, "record": 3}.get(error.field or "", 5)
+        return DecodeError("value", pdu, at + offset, str(error))
     return None
 
 
@@ -62,7 +63,7 @@ class _FileRequest(Request[R]):
 
     @classmethod
     def declines(cls, error: DecodeError) -> int:
-        """An invalid reference type, file or record is exception 02, all else 03.        [MB-APP figures 24, 25]"""
+        """Return 02 for an invalid reference type, file or record, and 03 otherwise.      [MB-APP figures 24, 25]"""
         return ILLEGAL_DATA_ADDRESS if error.reason == "value" and error.at > 1 else ILLEGAL_DATA_VALUE
 
 
@@ -89,14 +90,13 @@ class ReadFileRecordResponse(Response):
             check_range("length", len(registers), 1, _BYTES_LIMIT // 2)
 
     def encode(self) -> bytes:
-        """The PDU."""
         groups = map(from_registers, self.records)
         data = b"".join(bytes([1 + len(group), _REFERENCE_TYPE]) + group for group in groups)
         return self.layout.pack(self.function_code, len(data), tail=data)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message: group after group, the last one ends with the PDU."""
+        """Decode a PDU group by group. The last group ends with the PDU."""
         cls.check_function(pdu)
         cls.layout.unpack(pdu)
         records, at = [], cls.layout.size
@@ -114,26 +114,15 @@ class ReadFileRecordResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, group by group."""
+        """Return the fields of each group."""
         found, at = cls.layout.fields(pdu)[:2], cls.layout.size
         while at < len(pdu):
             end = min(len(pdu), at + 1 + pdu[at])
             found.append(Field(at, 1, "length", pdu[at], "bytes in this group"))
             found += [Field(at + 1, 1, "reference_type", pdu[at + 1]) for _ in pdu[at + 1 : min(end, at + 2)]]
-            found += _register_rows(pdu, at + 2, end)
+            found += register_rows(pdu[at + 2 : end], at + 2)
             at = end
         return found
-
-
-def _register_rows(pdu: bytes, start: int, end: int) -> list[Field]:
-    """One field for each register between two offsets, and one for an odd byte at the end."""
-    whole = (end - start) // 2 if end > start else 0
-    rows = [
-        Field(at, 2, f"register {number}", int.from_bytes(pdu[at : at + 2], "big"))
-        for number, at in enumerate(range(start, start + 2 * whole, 2))
-    ]
-    odd = [Field(end - 1, 1, "odd byte", pdu[end - 1], "half a register")] if end - start > 2 * whole else []
-    return rows + odd
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,27 +152,25 @@ class ReadFileRecord(_FileRequest[ReadFileRecordResponse]):
             raise EncodeError(f"the answer would have {2 + answered} bytes: more than the 253 of a PDU", "byte_count")
 
     def encode(self) -> bytes:
-        """The PDU."""
         data = b"".join(_PLACE.pack(_REFERENCE_TYPE, *place) for place in self.places)
         return self.layout.pack(self.function_code, len(data), tail=data)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message."""
         cls.check_function(pdu)
         _, byte_count, data = cls.layout.unpack(pdu)
         if byte_count % _PLACE.size:
             raise DecodeError("length", pdu, 1, f"byte count {byte_count}: expected groups of {_PLACE.size} bytes")
         places: list[RecordPlace] = []
-        for at in range(0, byte_count, _PLACE.size):
-            place = RecordPlace(*_PLACE.unpack(data[at : at + _PLACE.size])[1:])
-            if wrong := _refused(pdu, cls.layout.size + at, *place):
-                raise wrong
+        for start in range(0, byte_count, _PLACE.size):
+            place = RecordPlace(*_PLACE.unpack(data[start : start + _PLACE.size])[1:])
+            if error := _group_error(pdu, cls.layout.size + start, *place):
+                raise error
             places.append(place)
         return cls.make(pdu, tuple(places))
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """The response must have as many groups as the request, each of the length asked for."""
+        """Check that the response has as many groups as the request, each of the length asked for."""
         asked, answered = [length for _, _, length in self.places], list(map(len, response.records))
         if asked != answered:
             self.refuse(pdu, "byte_count", asked, answered)
@@ -191,10 +178,10 @@ class ReadFileRecord(_FileRequest[ReadFileRecordResponse]):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, group by group."""
+        """Return the fields of each group."""
         found = cls.layout.fields(pdu)[:2]
-        for at in range(cls.layout.size, len(pdu), _PLACE.size):
-            found += _PLACE.fields(pdu[at : at + _PLACE.size], at)
+        for start in range(cls.layout.size, len(pdu), _PLACE.size):
+            found += _PLACE.fields(pdu[start : start + _PLACE.size], start)
         return found
 
 
@@ -215,7 +202,6 @@ class WriteFileRecordResponse(Response):
         object.__setattr__(self, "records", _records(self.records))
 
     def encode(self) -> bytes:
-        """The PDU."""
         data = b"".join(
             _PLACE.pack(_REFERENCE_TYPE, file, record, len(registers), tail=from_registers(registers))
             for file, record, registers in self.records
@@ -224,7 +210,7 @@ class WriteFileRecordResponse(Response):
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message: group after group, the last one ends with the PDU."""
+        """Decode a PDU group by group. The last group ends with the PDU."""
         cls.check_function(pdu)
         cls.layout.unpack(pdu)
         records, at = [], cls.layout.size
@@ -232,8 +218,8 @@ class WriteFileRecordResponse(Response):
             if at + _PLACE.size > len(pdu):
                 raise DecodeError("short", pdu, at, f"a group begins here, but only {len(pdu) - at} bytes follow")
             _, file, record, length = _PLACE.unpack(pdu[at : at + _PLACE.size])
-            if wrong := _refused(pdu, at, file, record, length):
-                raise wrong
+            if error := _group_error(pdu, at, file, record, length):
+                raise error
             start = at + _PLACE.size
             at = start + 2 * length
             if at > len(pdu):
@@ -243,23 +229,23 @@ class WriteFileRecordResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, group by group and register by register."""
+        """Return the fields of each group, with each register."""
         found, at = cls.layout.fields(pdu)[:2], cls.layout.size
         while at < len(pdu):
             head = _PLACE.fields(pdu[at : at + _PLACE.size], at)
             start = at + _PLACE.size
             length = int(str(head[3].value)) if len(head) > 3 else 0
             at = min(len(pdu), start + 2 * length)
-            found += [*head, *_register_rows(pdu, start, at)]
+            found += [*head, *register_rows(pdu[start:at], start)]
         return found
 
 
 def _records(records: Iterable[Sequence[Any]]) -> tuple[FileRecord, ...]:
-    """The groups as `FileRecord`, each one checked."""
+    """Return the groups as `FileRecord`, after checking each."""
     found = tuple(FileRecord(file, record, tuple(registers)) for file, record, registers in records)
     for group in found:
         _check_place(group.file, group.record, len(group.registers))
-        from_registers(group.registers)  # each one in 0..65535, or EncodeError
+        from_registers(group.registers)  # raises EncodeError for a value outside 0..65535
     check_range("byte_count", sum(_PLACE.size + 2 * len(group.registers) for group in found), 9, _BYTES_LIMIT)
     return found
 
@@ -286,15 +272,12 @@ class WriteFileRecord(_FileRequest[WriteFileRecordResponse]):
         object.__setattr__(self, "records", _records(self.records))
 
     def encode(self) -> bytes:
-        """The PDU: the same bytes as the response."""
         return WriteFileRecordResponse(self.records).encode()
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message: the same bytes as the response."""
         return cls(WriteFileRecordResponse.decode(pdu).records)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields: the same as those of the response."""
         return WriteFileRecordResponse.fields(pdu)

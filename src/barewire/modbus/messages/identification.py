@@ -33,7 +33,7 @@ OBJECT_NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class ReportServerIdResponse(Response):
-    """Device-specific bytes; by the standard with an id and a run indicator (FF or 00).   [MB-APP 6.13]
+    """Device-specific bytes, which include an ID and a run indicator (FF or 00).          [MB-APP 6.13]
 
         11 | byte count | data ...
 
@@ -51,19 +51,17 @@ class ReportServerIdResponse(Response):
         check_range("byte_count", len(self.data), 0, 251)
 
     def encode(self) -> bytes:
-        """The PDU."""
         return self.layout.pack(self.function_code, len(self.data), tail=self.data)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message."""
         cls.check_function(pdu)
         return cls.make(pdu, bytes(cls.layout.unpack(pdu)[-1]))
 
 
 @dataclass(frozen=True, slots=True)
 class ReportServerId(Request[ReportServerIdResponse]):
-    """Read the id and the run indicator of a device.                                      [MB-APP 6.13]
+    """Read the ID and the run indicator of a device.                                      [MB-APP 6.13]
 
         11
 
@@ -119,7 +117,7 @@ class ReadDeviceIdentificationResponse(Response):
                 raise EncodeError(text, "objects")
 
     def encode(self) -> bytes:
-        """The PDU; EncodeError if the objects together do not fit it."""
+        """Encode the message. Raises EncodeError if the objects together do not fit a PDU."""
         more = MORE if self.more_follows else NO_MORE
         values = (self.read_code, self.conformity, more, self.next_object, len(self.objects))
         tail = b"".join(bytes([object_id, len(value)]) + value for object_id, value in self.objects)
@@ -127,9 +125,9 @@ class ReadDeviceIdentificationResponse(Response):
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message. The list must end exactly with its last object."""
+        """Decode a PDU, which must end exactly with its last object."""
         cls.check_function(pdu)
-        _, mei_type, read_code, conformity, more, next_object, number, tail = cls.layout.unpack(pdu)
+        _, mei_type, read_code, conformity, more, next_object, number, _ = cls.layout.unpack(pdu)
         if mei_type != MEI_DEVICE_IDENTIFICATION:
             raise DecodeError("mismatch", pdu, 1, f"MEI type {mei_type:02X}h where 0Eh was expected")
         if more not in (MORE, NO_MORE):
@@ -143,12 +141,11 @@ class ReadDeviceIdentificationResponse(Response):
             at += 2 + pdu[at + 1]
         if at < len(pdu):
             raise DecodeError("long", pdu, at, f"{len(pdu) - at} bytes are left over after {number} objects")
-        del tail
         return cls.make(pdu, read_code, conformity, tuple(objects), more == MORE, next_object)
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
-        """Walk the objects that have arrived: the length of each one determines where the next begins."""
+        """Return the length from the objects that have arrived: each one gives the offset of the next."""
         at = cls.layout.size
         if len(pdu) < at:
             return at
@@ -160,7 +157,7 @@ class ReadDeviceIdentificationResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, object by object, with the standard's names."""
+        """Return the fields of each object, with the standard's names."""
         found = [field for field in cls.layout.fields(pdu) if field.name != "objects"]
         at = cls.layout.size
         while at + 1 < len(pdu):
@@ -198,12 +195,10 @@ class ReadDeviceIdentification(Request[ReadDeviceIdentificationResponse]):
         check_range("object_id", self.object_id, 0, 0xFF)
 
     def encode(self) -> bytes:
-        """The PDU."""
         return self.layout.pack(self.function_code, MEI_DEVICE_IDENTIFICATION, self.read_code, self.object_id)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message."""
         cls.check_function(pdu)
         _, mei_type, read_code, object_id = cls.layout.unpack(pdu)
         if mei_type != MEI_DEVICE_IDENTIFICATION:
@@ -211,14 +206,14 @@ class ReadDeviceIdentification(Request[ReadDeviceIdentificationResponse]):
         return cls.make(pdu, read_code, object_id)
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """The response must have the read code of the request."""
+        """Check that the response has the read code of the request."""
         if response.read_code != self.read_code:
             self.refuse(pdu, "read_code", self.read_code, response.read_code)
         return response
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, the codes in words."""
+        """Return the fields, with the codes in words."""
         found = cls.layout.fields(pdu)
         if len(found) > 2:
             found[2] = found[2]._replace(meaning=READ_CODES.get(pdu[2], "not defined"))

@@ -3,7 +3,7 @@
 A register is 16 bits, the more significant byte first [MB-APP 4.2]. Holding registers can be written, input registers
 cannot. Modbus does not define values of several registers: see `barewire.codecs.order`.
 
-Reading registers is what clients and servers do most, so `ReadHoldingRegisters` has shortcuts: see `_SHORTCUTS` below.
+Reads of registers are the most frequent requests, so `ReadHoldingRegisters` has shortcuts: see `_SHORTCUTS` below.
 """
 
 from __future__ import annotations
@@ -28,18 +28,20 @@ _RESPONSES = tuple(Struct(f">BB{quantity}H") for quantity in range(READ_REGISTER
 
 
 def register_fields(found: list[Field]) -> list[Field]:
-    """These fields, with the tail of registers replaced by one field for each register."""
+    """Replace the tail of registers by one field for each register."""
     tail = found[-1] if found and isinstance(found[-1].value, str) else None
-    if tail is None:
-        return found
-    data = bytes.fromhex(str(tail.value))
+    return found if tail is None else [*found[:-1], *register_rows(bytes.fromhex(str(tail.value)), tail.offset)]
+
+
+def register_rows(data: bytes, offset: int) -> list[Field]:
+    """Return one field for each register in `data`, and one for an odd byte at the end. `data` begins at `offset`."""
     rows = [
-        Field(tail.offset + 2 * place, 2, f"register {place}", int.from_bytes(data[2 * place : 2 * place + 2], "big"))
+        Field(offset + 2 * place, 2, f"register {place}", int.from_bytes(data[2 * place : 2 * place + 2], "big"))
         for place in range(len(data) // 2)
     ]
     if len(data) % 2:
-        rows.append(Field(tail.offset + len(data) - 1, 1, "odd byte", data[-1], "half a register cannot be"))
-    return [*found[:-1], *rows]
+        rows.append(Field(offset + len(data) - 1, 1, "odd byte", data[-1], "half a register"))
+    return rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,18 +64,19 @@ class ReadHoldingRegistersResponse(Response):
         check_range("quantity", len(self.registers), 1, READ_REGISTERS_LIMIT)
 
     def encode(self) -> bytes:
-        """The PDU."""
         row = self.registers
         try:
             if self.layout is _ROW:
                 return _RESPONSES[len(row)].pack(self.function_code, 2 * len(row), *row)
         except (StructError, IndexError):
             pass
-        return self.layout.pack(self.function_code, 2 * len(row), tail=from_registers(row))  # raises, with the reason
+        return self.layout.pack(
+            self.function_code, 2 * len(row), tail=from_registers(row)
+        )  # raises EncodeError with the reason
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message. An odd byte count is DecodeError("length")."""
+        """Decode a PDU. Raises DecodeError("length") for an odd byte count."""
         cls.check_function(pdu)
         _, byte_count, data = cls.layout.unpack(pdu)
         if byte_count % 2:
@@ -82,7 +85,7 @@ class ReadHoldingRegistersResponse(Response):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, register by register."""
+        """Return the fields, with each register."""
         return register_fields(cls.layout.fields(pdu))
 
 
@@ -121,7 +124,7 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message, by the shortcut if it is a valid one."""
+        """Decode a PDU, by the shortcut if it is valid."""
         if cls in _SHORTCUTS and len(pdu) == _REQUEST.size and pdu[0] == cls.function_code:
             _, address, quantity = _REQUEST.unpack(pdu)
             if 1 <= quantity <= READ_REGISTERS_LIMIT:
@@ -129,17 +132,19 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
                 _set_address(request, address)
                 _set_quantity(request, quantity)
                 return request
-        return super(ReadHoldingRegisters, cls).decode(pdu)  # a dataclass with slots is a second class: no bare super()
+        return super(ReadHoldingRegisters, cls).decode(
+            pdu
+        )  # bare super() fails in a dataclass with slots, which is a new class
 
     def read_response(self, pdu: bytes) -> ReadHoldingRegistersResponse:
-        """The response, by the shortcut if the PDU is one to this request."""
+        """Decode the response, by the shortcut if it answers this request."""
         size = 2 * self.quantity
         if len(pdu) != 2 + size or pdu[0] != self.function_code or pdu[1] != size or type(self) not in _SHORTCUTS:
             return Request.read_response(self, pdu)
         return _with_row(self.response, _ROWS[self.quantity].unpack_from(pdu, 2))
 
     def answer(self, row: tuple[int, ...]) -> ReadHoldingRegistersResponse:
-        """The response with this row, which must be as many registers as were asked for: it is not checked again."""
+        """Return the response with this row. It must have as many registers as were asked for: they are not checked."""
         if type(self) in _SHORTCUTS:
             return _with_row(self.response, row)
         cls: Any = self.response
@@ -147,7 +152,7 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
         return response
 
     def fit(self, response: Any, pdu: bytes) -> Any:
-        """The response must have exactly as many registers as were asked for."""
+        """Check that the response has as many registers as were asked for."""
         if len(response.registers) != self.quantity:
             self.refuse(pdu, "byte_count", 2 * self.quantity, 2 * len(response.registers))
         return response
@@ -272,7 +277,7 @@ class WriteMultipleRegisters(Request[WriteMultipleRegistersResponse]):
         check_range("address", self.address, 0, 0xFFFF)
         check_range("quantity", len(self.registers), 1, _WRITE_LIMIT)
         object.__setattr__(self, "registers", tuple(self.registers))
-        from_registers(self.registers)  # each one in 0..65535, or EncodeError
+        from_registers(self.registers)  # raises EncodeError for a value outside 0..65535
 
     @property
     def quantity(self) -> int:
@@ -280,13 +285,12 @@ class WriteMultipleRegisters(Request[WriteMultipleRegistersResponse]):
         return len(self.registers)
 
     def encode(self) -> bytes:
-        """The PDU."""
         data = from_registers(self.registers)
         return self.layout.pack(self.function_code, self.address, len(self.registers), len(data), tail=data)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
-        """The PDU as a message; the byte count must be twice the quantity."""
+        """Decode a PDU, whose byte count must be twice the quantity."""
         cls.check_function(pdu)
         _, address, quantity, byte_count, data = cls.layout.unpack(pdu)
         try:
@@ -299,5 +303,5 @@ class WriteMultipleRegisters(Request[WriteMultipleRegistersResponse]):
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
-        """The fields, register by register."""
+        """Return the fields, with each register."""
         return register_fields(cls.layout.fields(pdu))

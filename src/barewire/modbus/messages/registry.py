@@ -1,18 +1,17 @@
 """The registry: the request class of a function code, and from it the response class and the length of a PDU.
 
 It is filled from the list in `messages/__init__.py`: every request class there is registered under its `function_code`,
-and under its `mei_type` if it has one (function 2B). Servers, clients, sniffers, `explain` and the byte count of RTU
-lines look classes up here, so there is no other table of function codes. Derived from it: decoding, lengths, sniffing,
-`explain`, and the names of `barewire.modbus`. Written by hand, because it is behaviour or needs static types: what a
-unit does (`_ANSWERS` in `server/table.py` and `server/handlers.py`), the method of a client (`io/modbus/methods.py`),
-the imports for type checkers in `messages/__init__.py`.
+and under its `mei_type` if it has one (function 2B). Servers, clients, sniffers, `explain` and RTU lines look classes
+up here, so there is no other table of function codes. Three lists are written by hand, because they are behaviour or
+need static types: what a unit does (`_ANSWERS` in `server/table.py` and `server/handlers.py`), the methods of a client
+(`io/modbus/methods.py`), and the imports for type checkers in `messages/__init__.py`.
 
-A function code of your own: write a request and a response class, then `register(YourRequest)`.
+To add a function code of your own, write a request and a response class, then call `register(YourRequest)`.
 """
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import messages
@@ -20,6 +19,7 @@ from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Mess
 from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse
 
 AnyRequest: TypeAlias = Request[Any]
+M = TypeVar("M", bound=Message)
 
 ENCAPSULATED = 0x2B
 """The function code that is followed by an MEI type, which selects the function [MB-APP 6.19]."""
@@ -31,7 +31,7 @@ _encapsulated: dict[int, type[AnyRequest]] = {}
 def register(request: type[AnyRequest], mei_type: int | None = None) -> type[AnyRequest]:
     """Register a request class under its function code; also usable as a decorator.
 
-    `mei_type`, only for function 2B, is the class's own unless given. Raises EncodeError for a class that is no
+    `mei_type`, only for function 2B, is that of the class unless given. Raises EncodeError for a class that is not a
     request, for a code outside 1..127, and for 2B without an MEI type. A class registered before under the same code
     is replaced: some devices have a 07 of their own.
     """
@@ -64,13 +64,13 @@ for _name in messages.NAMES:
 
 
 def known_requests() -> list[type[AnyRequest]]:
-    """Every registered request class, by function code."""
+    """Return every registered request class, by function code."""
     found = [*_requests.values(), *_encapsulated.values()]
     return sorted(found, key=lambda request: request.function_code)
 
 
 def request_class(pdu: bytes) -> type[AnyRequest] | None:
-    """The class of a request PDU, from its first one or two bytes; None for an unknown function."""
+    """Return the class of a request PDU, from its first one or two bytes; None for an unknown function."""
     if not pdu:
         return None
     if pdu[0] == ENCAPSULATED:
@@ -79,7 +79,7 @@ def request_class(pdu: bytes) -> type[AnyRequest] | None:
 
 
 def response_class(pdu: bytes) -> type[Response] | None:
-    """The class of a response PDU, exception responses included; None for an unknown function."""
+    """Return the class of a response PDU, also of an exception response; None for an unknown function."""
     if pdu and pdu[0] & EXCEPTION_BIT:
         return ExtendedExceptionResponse if pdu[:2] == ExtendedExceptionResponse.BEGINNING else ExceptionResponse
     request = request_class(pdu)
@@ -92,13 +92,13 @@ def _measure(message: type[Message] | None, pdu: bytes) -> int | None:
     try:
         size = message.measure(pdu)
     except Exception:
-        # A user's own `measure` may fail on the first bytes of a damaged frame. Then silence ends the frame instead.
+        # The `measure` of a user's class may fail on the first bytes of a damaged frame. Then silence ends the frame.
         return None
     return size if isinstance(size, int) and size > 0 else None
 
 
 def measure_request(pdu: bytes) -> int | None:
-    """The length of a request PDU in bytes, as far as its first bytes determine it; None if they do not.
+    """Return the length of a request PDU, as far as its first bytes determine it; None if they do not.
 
     >>> measure_request(b"\\x03"), measure_request(b"\\x10\\x00\\x00\\x00\\x02\\x04"), measure_request(b"\\x41")
     (5, 10, None)
@@ -107,7 +107,7 @@ def measure_request(pdu: bytes) -> int | None:
 
 
 def measure_response(pdu: bytes) -> int | None:
-    """The length of a response PDU, as `measure_request` does it.
+    """Return the length of a response PDU, like `measure_request`.
 
     >>> measure_response(b"\\x03"), measure_response(b"\\x03\\x04"), measure_response(b"\\x83")
     (2, 6, 2)
@@ -116,28 +116,26 @@ def measure_response(pdu: bytes) -> int | None:
 
 
 def decode_request(pdu: bytes) -> AnyRequest:
-    """A request PDU as a message. DecodeError("function") for an unregistered function code.
+    """Decode a request PDU. Raises DecodeError("function") for an unregistered function code.
 
     >>> decode_request(bytes.fromhex("03006B0003"))
     ReadHoldingRegisters(address=107, quantity=3)
     """
-    if not pdu:
-        raise DecodeError("short", pdu, 0, "an empty PDU has no function code")
-    found = request_class(pdu)
-    if found is None:
-        raise DecodeError("function", pdu, 0, f"function {pdu[0]:02X} is not known")
-    return found.decode(pdu)
+    return _decode(request_class(pdu), pdu)
 
 
 def decode_response(pdu: bytes) -> Response:
-    """A response PDU as a message, without its request; where there is one, use `request.read_response` instead.
+    """Decode a response PDU without its request. With the request, use `request.read_response` instead.
 
     >>> decode_response(bytes.fromhex("8302"))
     ExceptionResponse(function_code=131, exception_code=2)
     """
+    return _decode(response_class(pdu), pdu)
+
+
+def _decode(message: type[M] | None, pdu: bytes) -> M:
     if not pdu:
         raise DecodeError("short", pdu, 0, "an empty PDU has no function code")
-    found = response_class(pdu)
-    if found is None:
+    if message is None:
         raise DecodeError("function", pdu, 0, f"function {pdu[0]:02X} is not known")
-    return found.decode(pdu)
+    return message.decode(pdu)
