@@ -19,15 +19,17 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from barewire.modbus.messages.diagnostics import SUB_FUNCTIONS
-from barewire.modbus.messages.registry import known_requests
-
 ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT))
+
+from barewire.modbus.messages.diagnostics import SUB_FUNCTIONS  # noqa: E402
+from barewire.modbus.messages.registry import known_requests  # noqa: E402
+from tests.interop.services import CARRIERS, NO_PEER  # noqa: E402
+
 TESTS = ROOT / "tests" / "interop"
 PAGE = ROOT / "docs" / "interop.md"
 OURSELVES = "ourselves"
 
-CARRIERS = ("rtu", "ascii", "tcp", "udp", "tls", "rtu+tcp", "ascii+tcp")
 CAN_CARRIERS = ("virtual", "slcan", "socketcand", "socketcan", "udp_multicast", "file")
 ROLES = {"server": "their clients use our server", "client": "our clients use their servers"}
 
@@ -64,12 +66,6 @@ CANOPEN_SERVICES = (
     *("EMCY", "SYNC", "TIME", "TPDO", "RPDO", "PDO mapping", "LSS switch", "LSS identify", "LSS inquire"),
     *("LSS configure", "LSS fastscan", "EDS"),
 )
-NO_PEER = {
-    "2B/0D": "CANopen General Reference: no available program supports it, in any direction. Its bytes are compared "
-    "with those of two manuals (`vectors/`); both dialects are exchanged between our own client and our own server "
-    "over every carrier, and tshark recognises its MEI type.",
-}
-"""Modbus functions without a peer, with the reason and the evidence that replaces it."""
 _NO_BLOCKS = "their node has none: it answers an upload with segments, which our master accepts, and refuses a download"
 _NO_SLAVE = "the library has a master, but no slave"
 CANOPEN_NO_PEER = {

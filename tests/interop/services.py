@@ -12,7 +12,14 @@ from barewire.modbus.messages.diagnostics import SUB_FUNCTIONS
 BITS_AND_REGISTERS = ("01", "02", "03", "04", "05", "06", "0F", "10")
 DIAGNOSTICS = tuple(f"08/{sub:02X}" for sub in SUB_FUNCTIONS)
 EVERY = (*BITS_AND_REGISTERS, "07", *DIAGNOSTICS, "0B", "0C", "11", "14", "15", "16", "17", "18", "2B/0E")
-"""Every public function but 2B/0D, which no other program supports."""
+"""Every public function that another program supports."""
+NO_PEER = {
+    "2B/0D": "CANopen General Reference: no available program supports it, in any direction. Its bytes are compared "
+    "with those of two manuals (`vectors/`); both dialects are exchanged between our own client and our own server "
+    "over every carrier, and tshark recognises its MEI type.",
+}
+"""Public functions that no other program supports, with the evidence that replaces a peer."""
+PUBLIC = (*EVERY, *NO_PEER)
 
 TCP_LIKE = ("tcp", "udp", "tls")
 CARRIERS = ("rtu", "ascii", *TCP_LIKE, "rtu+tcp", "ascii+tcp")

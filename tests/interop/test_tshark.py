@@ -24,7 +24,7 @@ from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from tests.helpers import unhex
 from tests.interop.dissector import ALL, PAIRED, RTU, TCP, UNIT, assert_same_fields, tshark
-from tests.interop.services import EVERY, service
+from tests.interop.services import PUBLIC, service
 
 pytestmark = pytest.mark.needs("tshark")
 
@@ -87,7 +87,7 @@ def test_the_exchanges_cover_every_function_and_every_exception() -> None:
             good.add(service(decode_request(pdu)))
         assert explain("tcp", tcp_frame(UNIT, pdu), "request").error is None or request == "2B 0E 05 00"
         assert not answer or explain("tcp", tcp_frame(UNIT, answer), "response").error is None
-    assert good == {*EVERY, "2B/0D"}
+    assert good == set(PUBLIC)
     answers = {unhex(response) for _, response in EXCHANGES if response}
     assert {answer[1] for answer in answers if answer[0] == 0x83} >= set(EXCEPTIONS)
     assert {answer[0] & 0x7F for answer in answers if answer[0] & 0x80} == asked
@@ -111,7 +111,7 @@ def assert_all_same(rows: list[dict[str, list[str]]]) -> None:
         assert header == [UNIT, number, 0, len(pdu) + 1]
 
 
-@pytest.mark.evidence("tshark", "frames", "tcp", *EVERY, "2B/0D")
+@pytest.mark.evidence("tshark", "frames", "tcp", *PUBLIC)
 def test_every_message_over_tcp(tmp_path: Path) -> None:
     def wrap(packer: PacketBuilder, number: int, from_client: bool, pdu: bytes) -> bytes:
         return packer.tcp(tcp_frame(UNIT, pdu, number), from_client=from_client)
@@ -129,7 +129,7 @@ def test_every_message_over_tcp(tmp_path: Path) -> None:
     assert theirs.items() <= pairs.items()
 
 
-@pytest.mark.evidence("tshark", "frames", "udp", *EVERY, "2B/0D")
+@pytest.mark.evidence("tshark", "frames", "udp", *PUBLIC)
 def test_every_message_over_udp(tmp_path: Path) -> None:
     def wrap(packer: PacketBuilder, number: int, from_client: bool, pdu: bytes) -> bytes:
         return packer.rtu(
@@ -142,7 +142,7 @@ def test_every_message_over_udp(tmp_path: Path) -> None:
     assert_all_same(tshark(file, ALL + TCP, "-o", "mbudp.udp.port:5020", "-o", "mbtcp.tcp.port:5020"))
 
 
-@pytest.mark.evidence("tshark", "frames", "rtu", *EVERY, "2B/0D")
+@pytest.mark.evidence("tshark", "frames", "rtu", *PUBLIC)
 def test_every_message_over_rtu(tmp_path: Path) -> None:
     def wrap(packer: PacketBuilder, number: int, from_client: bool, pdu: bytes) -> bytes:
         return packer.rtu(rtu_frame(UNIT, pdu), from_client=from_client)
