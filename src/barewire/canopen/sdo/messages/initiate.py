@@ -40,11 +40,57 @@ def object_message(command: int, index: int, sub: int, data: bytes = b"") -> byt
     return OBJECT_LAYOUT.pack(command, index, sub, tail=data.ljust(4, b"\0"))
 
 
-def _check_expedited(data: bytes, indicated: bool) -> None:
-    if not 1 <= len(data) <= 4:
-        raise EncodeError(f"{len(data)} bytes do not fit an expedited transfer: it carries 1 to 4")
-    if not indicated and len(data) != 4:
-        raise EncodeError("without an indicated size all 4 bytes are sent: expected 4")
+@dataclass(frozen=True, slots=True)
+class _Expedited:
+    """A message with the value itself, which has the same bytes in both directions."""
+
+    index: int
+    sub: int
+    data: bytes
+    indicated: bool = True
+
+    pattern: ClassVar[BitPattern]
+
+    def encode(self) -> bytes:
+        """Return the 8 bytes. Raise EncodeError for a value of no or more than 4 bytes."""
+        if not 1 <= len(self.data) <= 4:
+            raise EncodeError(f"{len(self.data)} bytes do not fit an expedited transfer: it carries 1 to 4")
+        if not self.indicated and len(self.data) != 4:
+            raise EncodeError("without an indicated size all 4 bytes are sent: expected 4")
+        command = self.pattern.encode(n=4 - len(self.data), s=self.indicated)
+        return object_message(command, self.index, self.sub, self.data)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """Decode the bytes; unused ones at the end may be missing. Without s, all four bytes are the value."""
+        command, index, sub, value = OBJECT_LAYOUT.unpack(data)
+        fields = cls.pattern.decode(command)
+        size = 4 - fields["n"] if fields["s"] else 4
+        if len(value) < size:
+            raise DecodeError("short", data, len(data), f"{size} bytes of data announced, got {len(value)}")
+        return cls(index, sub, value[:size], bool(fields["s"]))
+
+
+@dataclass(frozen=True, slots=True)
+class _Sized:
+    """A message about a value that follows in segments, which has the same bytes in both directions."""
+
+    index: int
+    sub: int
+    size: int | None = None
+
+    pattern: ClassVar[BitPattern]
+
+    def encode(self) -> bytes:
+        """Return the 8 bytes."""
+        size = b"" if self.size is None else SIZE_FIELD.pack(self.size)
+        return object_message(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """Decode the bytes; unused ones at the end may be missing."""
+        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
+        return cls(index, sub, indicated_size(cls.pattern, data))
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +127,7 @@ class InitiateUpload:
 
 
 @dataclass(frozen=True, slots=True)
-class ExpeditedUpload:
+class ExpeditedUpload(_Expedited):
     """The response with the value itself, 1 to 4 bytes.
 
         010- nn1s | index 2 | sub 1 | data 4
@@ -92,29 +138,11 @@ class ExpeditedUpload:
     With `indicated` false (42h) the response does not state how many of the four bytes are the value.
     """
 
-    index: int
-    sub: int
-    data: bytes
-    indicated: bool = True
-
     pattern: ClassVar = BitPattern("010- nn1s")
-
-    def encode(self) -> bytes:
-        """Return the 8 bytes of the response."""
-        _check_expedited(self.data, self.indicated)
-        return object_message(
-            self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data
-        )
-
-    @classmethod
-    def decode(cls, data: bytes) -> Self:
-        """Decode the bytes of the response; unused bytes at the end may be missing."""
-        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
-        return cls(index, sub, *_expedited(cls.pattern, data))
 
 
 @dataclass(frozen=True, slots=True)
-class UploadInitiated:
+class UploadInitiated(_Sized):
     """The server will send the value in segments, usually of the given size.
 
         010- --0s | index 2 | sub 1 | size 4
@@ -123,26 +151,11 @@ class UploadInitiated:
     '41 08 10 00 10 00 00 00'
     """
 
-    index: int
-    sub: int
-    size: int | None = None
-
     pattern: ClassVar = BitPattern("010- --0s")
-
-    def encode(self) -> bytes:
-        """Return the 8 bytes of the response."""
-        size = b"" if self.size is None else SIZE_FIELD.pack(self.size)
-        return object_message(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
-
-    @classmethod
-    def decode(cls, data: bytes) -> Self:
-        """Decode the bytes of the response; unused bytes at the end may be missing."""
-        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
-        return cls(index, sub, indicated_size(cls.pattern, data))
 
 
 @dataclass(frozen=True, slots=True)
-class ExpeditedDownload:
+class ExpeditedDownload(_Expedited):
     """The client writes a value of 1 to 4 bytes.
 
         001- nn1s | index 2 | sub 1 | data 4
@@ -151,29 +164,11 @@ class ExpeditedDownload:
     '2b 40 60 00 0f 00 00 00'
     """
 
-    index: int
-    sub: int
-    data: bytes
-    indicated: bool = True
-
     pattern: ClassVar = BitPattern("001- nn1s")
-
-    def encode(self) -> bytes:
-        """Return the 8 bytes of the request."""
-        _check_expedited(self.data, self.indicated)
-        return object_message(
-            self.pattern.encode(n=4 - len(self.data), s=self.indicated), self.index, self.sub, self.data
-        )
-
-    @classmethod
-    def decode(cls, data: bytes) -> Self:
-        """Decode the bytes of the request; unused bytes at the end may be missing."""
-        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
-        return cls(index, sub, *_expedited(cls.pattern, data))
 
 
 @dataclass(frozen=True, slots=True)
-class InitiateDownload:
+class InitiateDownload(_Sized):
     """The client will write a value in segments, usually of the given size.
 
         001- --0s | index 2 | sub 1 | size 4
@@ -182,22 +177,7 @@ class InitiateDownload:
     '21 08 10 00 10 00 00 00'
     """
 
-    index: int
-    sub: int
-    size: int | None = None
-
     pattern: ClassVar = BitPattern("001- --0s")
-
-    def encode(self) -> bytes:
-        """Return the 8 bytes of the request."""
-        size = b"" if self.size is None else SIZE_FIELD.pack(self.size)
-        return object_message(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
-
-    @classmethod
-    def decode(cls, data: bytes) -> Self:
-        """Decode the bytes of the request; unused bytes at the end may be missing."""
-        _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
-        return cls(index, sub, indicated_size(cls.pattern, data))
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,15 +242,6 @@ def has_reserved_bits(pattern: BitPattern, command: int) -> bool:
     (False, True)
     """
     return pattern.encode(**pattern.decode(command)) != command
-
-
-def _expedited(pattern: BitPattern, data: bytes) -> tuple[bytes, bool]:
-    """Return (value, indicated) of an expedited message: n is valid only if s is set, else all four bytes are kept."""
-    fields = pattern.decode(data[0])
-    size = 4 - fields["n"] if fields["s"] else 4
-    if len(data) < 4 + size:
-        raise DecodeError("short", data, len(data), f"{size} bytes of data announced, got {len(data) - 4}")
-    return data[4 : 4 + size], bool(fields["s"])
 
 
 def indicated_size(pattern: BitPattern, data: bytes) -> int | None:

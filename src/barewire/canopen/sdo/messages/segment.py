@@ -63,21 +63,15 @@ class SdoSegment:
 
 
 @dataclass(frozen=True, slots=True)
-class NextSegment:
-    """The client requests the next segment of an upload.
-
-        011t ---- | reserved 7
-
-    >>> NextSegment(1).encode().hex(" ")
-    '70 00 00 00 00 00 00 00'
-    """
+class _ToggleOnly:
+    """A message that consists of its command byte, with the toggle bit."""
 
     toggle: int
 
-    pattern: ClassVar = BitPattern("011t ----")
+    pattern: ClassVar[BitPattern]
 
     def encode(self) -> bytes:
-        """Return the 8 bytes of the request."""
+        """Return the 8 bytes."""
         return bytes([self.pattern.encode(t=self.toggle)]).ljust(8, b"\0")
 
     @classmethod
@@ -87,7 +81,20 @@ class NextSegment:
 
 
 @dataclass(frozen=True, slots=True)
-class SegmentTaken:
+class NextSegment(_ToggleOnly):
+    """The client requests the next segment of an upload.
+
+        011t ---- | reserved 7
+
+    >>> NextSegment(1).encode().hex(" ")
+    '70 00 00 00 00 00 00 00'
+    """
+
+    pattern: ClassVar = BitPattern("011t ----")
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentTaken(_ToggleOnly):
     """The server confirms a segment of a download; the confirmation of the last one means that the value is written.
 
         001t ---- | reserved 7
@@ -96,15 +103,4 @@ class SegmentTaken:
     '20 00 00 00 00 00 00 00'
     """
 
-    toggle: int
-
     pattern: ClassVar = BitPattern("001t ----")
-
-    def encode(self) -> bytes:
-        """Return the 8 bytes of the response."""
-        return bytes([self.pattern.encode(t=self.toggle)]).ljust(8, b"\0")
-
-    @classmethod
-    def decode(cls, data: bytes) -> Self:
-        """Decode the command byte."""
-        return cls(cls.pattern.decode(data[0])["t"])
