@@ -63,7 +63,7 @@ FRAMES = st.one_of(
         st.binary(max_size=8),
         st.sampled_from([False, False, True]),
         st.just(False),
-        requested=st.just(0),  # only remote frames ask for bytes; hypothesis would invent numbers otherwise
+        requested=st.just(0),  # only remote frames request bytes; hypothesis would otherwise invent numbers
     ),
     st.builds(lambda id, extended: CanFrame(id, b"", extended, True, 1), IDENTIFIERS, st.booleans()),
     st.builds(lambda data: CanFrame(0x605, data), WRITES),
@@ -98,7 +98,7 @@ def test_a_local_node_sends_only_frames_of_its_own(
         now += pause
         sent = one.feed(frame, now)
         for answer in sent:
-            # PDOs, SYNC and EMCY may have been given other identifiers; those of a fixed identifier are of this node.
+            # PDOs, SYNC and EMCY may have other identifiers by now; all other services are those of this node.
             owner = classify(answer)
             assert len(answer.data) <= 8
             assert not answer.remote

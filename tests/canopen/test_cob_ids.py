@@ -56,7 +56,7 @@ def test_classify_inverts_cob_id() -> None:
             assert cob_id(service.name, node or None) == identifier
             owned[identifier] = service.name
     assert len(owned) == 12 * 127 + 5
-    assert 0x001 not in owned  # GFC and all else that CiA 301 does not give away
+    assert 0x001 not in owned  # GFC, and identifiers that CiA 301 does not assign
     assert 0x180 not in owned
     assert 0x6E0 not in owned
 

@@ -139,7 +139,7 @@ def test_synchronous_rpdos_outside_the_window_are_not_used() -> None:
     assert (objects.get(0x6040), node.pdo.outside_window) == (1, 1)
 
 
-# FACTS of TIME: computed by hand from 1984-01-01.
+# Computed by hand from 1984-01-01.
 @pytest.mark.parametrize(
     ("unix", "data"),
     [

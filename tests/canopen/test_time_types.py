@@ -50,7 +50,7 @@ def test_values_out_of_range_raise() -> None:
         with pytest.raises(DecodeError) as caught:
             object_codec("time_of_day").decode(bytes.fromhex(data))
         assert caught.value.reason == reason
-    # The four void bits are nobody's.
+    # The four void bits have no meaning.
     assert object_codec("time_difference").decode(bytes.fromhex("010000F00000")) == 1
 
 

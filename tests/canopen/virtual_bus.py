@@ -47,24 +47,26 @@ class VirtualBus:
         for frame in sent or []:
             self._send(frame, len(self._devices) - 1, self.now)
 
-    def _send(self, frame: CanFrame, sender: int | None, at: float) -> None:
+    def _send(self, frame: CanFrame, sender: int | None, now: float) -> None:
         self._frames += 1
         if self.lose(self._frames, frame):
             return
-        self.log.append((at, str(frame)))
+        self.log.append((now, str(frame)))
         for receiver in [None, *range(len(self._devices))]:
             if receiver != sender:
-                heapq.heappush(self._under_way, (at + self.wire, next(self._order), receiver, frame))
+                heapq.heappush(self._under_way, (now + self.wire, next(self._order), receiver, frame))
 
     def _next_due(self) -> tuple[float, int] | None:
-        dues = [(due, place) for place, (device, _) in enumerate(self._devices) if (due := device.deadline) is not None]
+        dues = [
+            (due, number) for number, (device, _) in enumerate(self._devices) if (due := device.deadline) is not None
+        ]
         return min(dues, default=None)
 
-    def inject(self, text: str, at: float) -> None:
+    def inject(self, text: str, now: float) -> None:
         """Send a frame from outside the simulated devices."""
-        self._send(CanFrame.parse(text), -1, at)
+        self._send(CanFrame.parse(text), -1, now)
 
-    def hear(self, until: float) -> CanFrame | None:
+    def receive(self, until: float) -> CanFrame | None:
         """Let time pass until the conversation receives a frame, None at `until`."""
         while True:
             arrival = self._under_way[0][0] if self._under_way else float("inf")
@@ -97,7 +99,7 @@ class VirtualBus:
                         self._send(frame, None, self.now)
                     heard: Heard[CanFrame] = Heard(None, self.now)
                 else:
-                    heard = Heard(self.hear(step.until), self.now)
+                    heard = Heard(self.receive(step.until), self.now)
                 step = conversation.send(heard)
         except StopIteration as stop:
             result: Result = stop.value
@@ -105,7 +107,7 @@ class VirtualBus:
 
     def pass_time(self, seconds: float) -> list[str]:
         """Let time pass and return the frames that the master receives."""
-        until, heard = self.now + seconds, []
-        while (frame := self.hear(until)) is not None:
-            heard.append(str(frame))
-        return heard
+        until, received = self.now + seconds, []
+        while (frame := self.receive(until)) is not None:
+            received.append(str(frame))
+        return received

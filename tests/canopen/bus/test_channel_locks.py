@@ -23,7 +23,7 @@ def test_one_lock_per_key_at_a_time_and_other_keys_are_independent() -> None:
     assert [lock.granted for lock in (first, second, third, other)] == [True, False, False, True]
     locks.release(first)
     assert woken == ["second"]
-    locks.release(third)  # a waiting request is given up
+    locks.release(third)  # a waiting request is removed
     locks.release(second)
     assert woken == ["second"]
     assert len(locks) == 1

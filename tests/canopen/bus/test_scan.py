@@ -29,10 +29,10 @@ def test_127_nodes_with_few_requests_at_a_time() -> None:
     assert result.nodes[5].device_type == 0x20192
     assert result.nodes[5].answered_after == pytest.approx(0.0035)
     assert asked == list(range(1, 128))
-    times = [at for at, text in bus.log if text.startswith("6") or text[:2] == "67"]
+    times = [time for time, text in bus.log if text.startswith("6") or text[:2] == "67"]
     assert min(later - sooner for sooner, later in pairwise(times)) >= 0.002 - 1e-9
-    for at in times:
-        assert sum(at - 0.05 < other <= at for other in times) <= 4 + 3  # three were answered at once
+    for time in times:
+        assert sum(time - 0.05 < other <= time for other in times) <= 4 + 3  # three were answered at once
 
 
 def test_a_stopped_node_is_found_by_its_heartbeat() -> None:
@@ -63,7 +63,7 @@ def test_evidence_of_every_kind() -> None:
     assert [text for _, text in bus.log if text[:1] == "6"] == []  # no request was sent
 
 
-def test_frames_of_other_protocols_are_no_evidence() -> None:
+def test_frames_of_other_protocols_are_not_evidence() -> None:
     bus = VirtualBus()
     for tick in range(100):
         for text in ("00000581#4300100092010200", "00000701#05", "00000081#0010010000000000", "18FEF100#FFFFFFFF",

@@ -215,7 +215,7 @@ def test_a_value_that_does_not_fit_its_bits_is_counted() -> None:
 
 
 def answer(device: LocalNode, request: str) -> str:
-    """Return one SDO request by its data; 'ok' for a confirmation, the abort code in reading order, or the value."""
+    """Return the response to an SDO request: 'ok' for a confirmation, the abort code in reading order, or the value."""
     data = CanFrame.parse(feed(device, f"605#{request.replace(' ', '')}")[0]).data
     number = int.from_bytes(data[4:], "little")
     return {0x60: "ok", 0x80: f"{number:08X}"}.get(data[0], f"{number:X}")
@@ -329,7 +329,7 @@ def in_a_block(*pdos: PdoConfig) -> LocalNode:
 
 
 def segment(device: LocalNode, now: float) -> list[str]:
-    """Feed the next segment of the block; the frames sent then."""
+    """Feed the next segment of the block. Return the frames sent then."""
     session = device.sdo._transfer
     assert session is not None
     frame = CanFrame(0x605, bytes([session.next_segment]) + bytes(7))

@@ -15,7 +15,7 @@ OFF = 1 << 31
 
 
 def device(*channels: tuple[int, int, int, int]) -> LocalNode:
-    """Node 5 with records (index, COB-ID, COB-ID, node)."""
+    """Return node 5 with records (index, COB-ID, COB-ID, node)."""
     words = [
         Entry(index, sub, f"{index:04X}h:{sub}", "u8" if sub == 3 else "u32", "rw", word)
         for index, *rest in channels
@@ -106,7 +106,7 @@ def test_a_channel_is_switched_on_off_and_changed_by_sdo() -> None:
     assert bus.run(upload(channel, 0x1201, 3)) == b"\x09"
     with pytest.raises(SdoAbort, match="1201h:01: 0609 0030h"):
         write(1, 0x6A2)
-    # A channel may switch itself off: the confirmation is the last that it says.
+    # A channel may switch itself off; the confirmation is its last frame.
     bus.run(download(channel, 0x1201, 1, (OFF | 0x6A0).to_bytes(4, "little")))
     assert node.channels.servers == {}
     assert feed(node, "6A0#4000210000000000", bus.now) == []
@@ -164,5 +164,5 @@ def test_a_restricted_identifier_is_accepted_only_for_a_service_that_is_off() ->
     assert feed(node, "605#2314100000000080") == ["585#6014100000000000"]
     assert feed(node, "605#2314100000000000") == ["585#8014100030000906"]
     assert feed(node, "605#2314100085000000") == ["585#6014100000000000"]
-    assert feed(node, "605#2305100000000000") == ["585#8005100030000906"]  # SYNC is listened to in any case
+    assert feed(node, "605#2305100000000000") == ["585#8005100030000906"]  # the device receives SYNC in any case
     assert feed(node, "605#2305100081000000") == ["585#6005100000000000"]

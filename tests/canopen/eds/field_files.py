@@ -159,9 +159,9 @@ FIELD = [
 ]  # fmt: skip
 
 
-def linted(name: str, file: str, rules: str, seen: str, at: tuple[int, int] = SPEED, value: Any = 5) -> Oddity:
-    """Return a case that is read without doubt, and has something to say against it: the line and rule of lint."""
-    return Oddity(name, file, tuple(word.strip() for word in rules.split(",")), {at: value}, seen)
+def linted(name: str, file: str, rules: str, seen: str, place: tuple[int, int] = SPEED, value: Any = 5) -> Oddity:
+    """Return a case that is read without doubt, but has findings of lint: their lines and rules."""
+    return Oddity(name, file, tuple(word.strip() for word in rules.split(",")), {place: value}, seen)
 
 
 def information(key: str, value: str) -> str:

@@ -284,4 +284,4 @@ STORAGE = [
 ]  # fmt: skip
 
 MADE = [*TEXT, *NAMES, *NUMBERS, *OBJECTS, *STORAGE]
-"""Thought of beforehand; `eds_field` tells which of them files in the field have, and has more of these."""
+"""Invented cases. `field_files` lists those that were found in public files, and adds others from such files."""

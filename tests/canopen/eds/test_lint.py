@@ -137,7 +137,7 @@ DefaultValue=5
 PDOMapping=1
 """
 
-# (what stands there, what shall stand there, the line where it stands or the text of that line, the rule)
+# (the old text, the new text, the line of the finding or the text of that line, the rule)
 FAULTS = [
     ("[Comments]", "[Remarks]", "[Remarks]", "unknown-section"),
     ("[FileInfo]", "[FileData]", 0, "missing-section"),

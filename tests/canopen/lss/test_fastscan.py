@@ -68,7 +68,7 @@ def test_known_parts_are_confirmed_not_scanned() -> None:
     known = (ADDRESS.vendor, ADDRESS.product, None, None)
     assert bus.run(fastscan(known, progress=steps.append)) == ADDRESS
     assert {step.part for step in steps} == {2, 3}
-    assert [one.node for one in bus.run(assign_node_ids([5], known))] == [5]
+    assert [assigned.node for assigned in bus.run(assign_node_ids([5], known))] == [5]
 
 
 def test_known_parts_that_no_device_has() -> None:
@@ -88,8 +88,8 @@ def test_several_devices_get_their_node_ids(latencies: tuple[float, ...]) -> Non
     reported: list[AssignedNode] = []
     result = bus.run(assign_node_ids(range(10, 20), found=reported.append))
     assert result == reported
-    assert sorted(one.address for one in result) == sorted(addresses)
-    assert [(one.node, one.booted) for one in result] == [(10, True), (11, True), (12, True)]
+    assert sorted(assigned.address for assigned in result) == sorted(addresses)
+    assert [(assigned.node, assigned.booted) for assigned in result] == [(10, True), (11, True), (12, True)]
     assert sorted(device.node or 0 for device in devices) == [10, 11, 12]
 
 
@@ -105,7 +105,7 @@ def is_number(missing: int, number: int, frame: CanFrame) -> bool:
 
 
 def test_any_single_lost_frame_does_not_change_the_result() -> None:
-    """Whichever frame is lost, the right address is found and the device is in configuration."""
+    """The right address is found, whichever frame is lost, and the device is in configuration."""
     bus = VirtualBus()
     add(bus, ADDRESS)
     bus.run(fastscan())

@@ -75,7 +75,7 @@ def test_the_identifiers_of_both_directions() -> None:
         ("605#0400000000000000", "mismatch"),
     ],
 )
-def test_frames_that_are_no_lss_message(text: str, reason: str) -> None:
+def test_frames_that_are_not_lss_messages(text: str, reason: str) -> None:
     with pytest.raises(DecodeError) as caught:
         LssMessage.decode(CanFrame.parse(text))
     assert caught.value.reason == reason

@@ -62,7 +62,7 @@ def test_a_command_to_all_nodes_is_confirmed_by_each() -> None:
     bus = bus_with(5, 6, 7)
     assert bus.run(send_nmt(NmtCommand.START)) == []  # returns without waiting
     confirmed = bus.run(send_nmt(NmtCommand.STOP, 0, confirmed_by=[5, 6, 7]))
-    assert sorted(one.node for one in confirmed) == [5, 6, 7]
+    assert sorted(confirmation.node for confirmation in confirmed) == [5, 6, 7]
 
 
 def test_the_last_state_of_a_node_that_does_not_confirm_is_in_the_error() -> None:
@@ -75,7 +75,7 @@ def test_the_last_state_of_a_node_that_does_not_confirm_is_in_the_error() -> Non
 
 def listening(conversation: Conversation[CanFrame, NodeState], *lines: tuple[float, str]) -> NodeState:
     """Run a conversation that only listens, with frames that arrive at given times."""
-    coming = [(at, CanFrame.parse(text)) for at, text in lines]
+    coming = [(time, CanFrame.parse(text)) for time, text in lines]
     now = 0.0
     step = next(conversation)
     try:

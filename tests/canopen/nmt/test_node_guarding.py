@@ -28,7 +28,7 @@ def feed(master: GuardingMaster, text: str | None, now: float) -> list[str]:
 def test_the_master_polls_every_guard_time_and_expects_a_toggling_bit() -> None:
     master = GuardingMaster({5: Guard(1.0, 2)}, 0.0)
     assert feed(master, None, 0.0) == ["705#R1"]
-    assert feed(master, "705#FF", 0.01) == ["answered 5"]  # whatever the first toggle bit: we may have come later
+    assert feed(master, "705#FF", 0.01) == ["answered 5"]  # either toggle bit: the node may have been guarded before
     assert master.deadline == 1.0
     assert feed(master, None, 1.0) == ["705#R1"]
     assert feed(master, "705#7F", 1.01) == []
@@ -73,7 +73,7 @@ def test_requests_to_many_nodes_are_spread() -> None:
         ["704#R1"],
         ["701#R1"],
     ]
-    assert feed(master, "706#05", 1.1) == []  # nobody whom we guard
+    assert feed(master, "706#05", 1.1) == []  # not a guarded node
     assert feed(master, "00000701#05", 1.1) == []
 
 

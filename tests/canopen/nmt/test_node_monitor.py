@@ -1,4 +1,4 @@
-"""The node monitor: explanations of why a node did not answer."""
+"""The node monitor: explanations of why a node did not respond."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from barewire.errors import NoAnswer
 
 def monitor_of(*lines: tuple[float, str]) -> NodeMonitor:
     monitor = NodeMonitor()
-    for at, text in lines:
-        assert monitor.feed(CanFrame.parse(text), at) == []
+    for time, text in lines:
+        assert monitor.feed(CanFrame.parse(text), time) == []
     return monitor
 
 
@@ -64,7 +64,7 @@ def test_the_time_out_of_a_channel_is_explained() -> None:
     )
 
 
-def test_other_nodes_are_listed_when_the_node_was_never_heard() -> None:
+def test_other_nodes_are_listed_when_the_node_has_sent_no_frame() -> None:
     monitor = NodeMonitor()
     mark = monitor.mark(0x585)
     monitor.feed(CanFrame.parse("581#0000000000000000"), 1.0)

@@ -93,7 +93,7 @@ def test_invalid_configurations_raise() -> None:
 
 
 def test_the_tpdo_of_one_device_is_the_rpdo_of_another() -> None:
-    """The TPDO of node 5 is the RPDO of node 6; SYNC is produced by a third."""
+    """The TPDO of node 5 is the RPDO of node 6; a third node produces SYNC."""
     bus = VirtualBus()
     sender = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=2))
     objects = ObjectDictionary([Entry(0x6040, 0, "controlword", "u16", "rw", 0)])

@@ -145,7 +145,7 @@ def test_a_sam_consumer_stores_what_its_dispatcher_list_names() -> None:
         source.objects.set(0x6401, sub, value)
     bus.pass_time(1.0)
     assert [listener.objects.get(0x2000, sub) for sub in (1, 2, 3, 4)] == [0, 0, 100, -200]
-    assert (listener.objects.get(0x2102), listener.pdo.refused) == (5, 1)  # 400 is no percentage
+    assert (listener.objects.get(0x2102), listener.pdo.refused) == (5, 1)  # 400 exceeds the limit
     assert [stranger.objects.get(0x2000, sub) for sub in (1, 2, 3, 4)] == [0, 0, 0, 0]
     assert listener.errors.active == stranger.errors.active == ()
 

@@ -62,7 +62,7 @@ class Bus:
         return self._clients[0].result
 
     def run_all(self, *conversations: Conversation[CanFrame, Any]) -> list[Any]:
-        """Run conversations at the same time, each as a client of its own."""
+        """Run conversations at the same time, each on its own client."""
         while len(self._clients) < len(conversations):
             self._clients.append(Client())
         for client, conversation in zip(self._clients, conversations):
@@ -89,12 +89,12 @@ class Bus:
                 client.at = self._put(frame, client, self.now)
 
     def _next_event(self, busy: list[Client]) -> None:
-        """The next event: a client continues, a frame arrives, or a deadline expires."""
+        """Process the next event: a client continues, a frame arrives, or a deadline expires."""
         for client in busy:
             if isinstance(client.step, Listen) and client.inbox:
                 return self._resume(client, client.inbox.popleft())
         wakes = [client.step.until if isinstance(client.step, Listen) else client.at for client in busy]
-        first = min(range(len(busy)), key=lambda place: wakes[place])
+        first = min(range(len(busy)), key=lambda number: wakes[number])
         if not self._event(max(self.now, wakes[first])):
             self.now = max(self.now, wakes[first])
             self._resume(busy[first], None)
@@ -113,7 +113,7 @@ class Bus:
             self._begin(client)
 
     def _event(self, until: float) -> bool:
-        """Return the next arrival or deadline until then, arrivals first."""
+        """Process the next arrival or deadline until then, arrivals first. Return whether there was one."""
         dues = [(node.deadline, node) for node in self.nodes if node.deadline is not None]
         due, node = min(dues, key=lambda pair: pair[0], default=(None, None))
         arrival = self._coming[0][0] if self._coming else None
@@ -138,7 +138,7 @@ class Bus:
             self._put(frame, node, self.now)
 
     def _put(self, frame: CanFrame, sender: object, now: float) -> float:
-        """Return when the frame is transmitted."""
+        """Put a frame on the bus. Return when its transmission ends."""
         self.free_at = out = max(self.free_at, now) + FRAME_TIME
         self.log.append(f"{'C' if isinstance(sender, Client) else 'S'} {frame.data.hex(' ').upper()}")
         arriving = [(0.0, frame)] if self.fault is None else self.fault(self.sent, frame)
@@ -159,7 +159,7 @@ class Store:
         self.writes = 0
 
     def size(self, index: int, sub: int) -> int | None:
-        """Always unknown."""
+        """Return None: the size is always unknown."""
         self.read(index, sub)
         return None
 
@@ -170,7 +170,7 @@ class Store:
         return self.objects[index, sub]
 
     def may_write(self, index: int, sub: int, size: int | None) -> None:
-        """Every existing object may be written."""
+        """Accept every existing object."""
         self.read(index, sub)
 
     def write(self, index: int, sub: int, data: bytes) -> None:

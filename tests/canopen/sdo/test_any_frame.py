@@ -69,7 +69,7 @@ def test_the_server_survives_any_frames(beginning: str, frames: list[tuple[bytes
 def test_the_client_survives_any_frames(
     block: bool | BlockSettings, downloads: bool, frames: list[tuple[bytes, float]], good: int
 ) -> None:
-    """`good` requests with a real server, then arbitrary frames."""
+    """Run `good` requests with a real server, then arbitrary frames."""
     store = Store()
     store.objects[0x2101, 0] = bytes(50)
     server = SdoServer(5, store, blksize=4)

@@ -60,7 +60,7 @@ def test_the_crc_at_the_end(data: bytes, crc: int) -> None:
 def test_every_length_there_and_back(length: int, block: bool | BlockSettings) -> None:
     value, store, channel = counting(length), Store(), Channel(5)
     bus = Bus(SdoServer(5, store, blksize=127 if block is True else 5))
-    pieces = [value[at : at + 5] for at in range(0, length, 5)]
+    pieces = [value[start : start + 5] for start in range(0, length, 5)]
     for data, size in ((value, None), (pieces, length), (pieces, None), (iter([b"", value, b""]), None)):
         store.objects[0x2100, 0] = b"before"
         bus.run(download(channel, 0x2100, 0, data, size=size, block=block))
@@ -225,7 +225,7 @@ def sender(length: int, blksize: int, burst: int = 99) -> BlockSender:
 
 
 def numbers(frames: list[bytes]) -> list[str]:
-    """Command byte and first byte of data."""
+    """Return command byte and first byte of data of each frame."""
     return [frame[:2].hex() for frame in frames]
 
 
@@ -317,7 +317,7 @@ def test_a_receiver_acknowledges_after_silence() -> None:
 
 
 def test_a_receiver_does_not_repeat_an_ambiguous_acknowledgement() -> None:
-    """With one segment in a block it is unknown whether the acknowledgement or the next block was lost."""
+    """With one segment in a block, the acknowledgement or the next block may have been lost."""
     half, _ = receiver(1)
     assert half.feed(segment(1, 1), 0.0) == [bytes.fromhex("A201010000000000")]
     assert half.feed(None, 0.7) == []

@@ -40,7 +40,7 @@ def test_read_a_u32() -> None:
         ("585#4B0020010A0B0000", "0A0B"),
         ("585#470020010A0B0C00", "0A0B0C"),
         ("585#430020010A0B0C0D", "0A0B0C0D"),
-        ("585#4F0020010A0B0C0D", "0A"),  # what is not data may be anything
+        ("585#4F0020010A0B0C0D", "0A"),  # bytes that are not data may have any value
         ("585#420020010A0B0C0D", "0A0B0C0D"),
     ],
 )
@@ -67,7 +67,7 @@ def test_write_without_indicating_the_size() -> None:
     play(download(5, 0x1017, 0, bytes.fromhex("E8030000"), indicated=False), script)
 
 
-# The worked example of the AZ3's guide, 4.3.1, node 15, with the index in the order that travels.
+# The worked example of the AZ3's guide, 4.3.1, node 15, with the index in the order of the wire.
 def test_read_the_controlword_as_the_az3_guide_does() -> None:
     script = Script(("60F#4340600000000000", "58F#4340600006000000"))
     data, _ = play(upload(15, 0x6040, dialect=AZ3), script)
@@ -121,7 +121,7 @@ def test_other_frames_and_late_responses_are_counted_and_ignored() -> None:
     script = Script(
         (
             "605#4041600000000000",
-            "605#4041600000000000",  # our own, as some adapters echo it
+            "605#4041600000000000",  # the request itself, as some adapters echo it
             "586#4B41600001000000",  # another node
             "00000585#4B41600001000000",  # the same number, another identifier
             "585#R8",  # a remote frame
@@ -193,7 +193,7 @@ def test_the_time_out_text_reports_what_came_instead() -> None:
 
 
 def busy_bus(conversation: Conversation[CanFrame, object], times: list[float]) -> None:
-    """A bus with a frame of another node every millisecond, beyond the time-out; records when frames were sent."""
+    """A bus with a frame of another node every millisecond, beyond the time-out. It records when frames were sent."""
     step, now = next(conversation), 0.0
     while now < 10.0:
         if not isinstance(step, Listen):
@@ -218,7 +218,7 @@ def test_after_a_time_out_the_channel_waits_for_late_responses() -> None:
     assert channel.quiet_until == 2.0
     conversation = upload(channel, 0x6041, timeout=1.0)
     assert next(conversation) == Listen(2.0)
-    # The response to the first request arrives now, and is not taken for that to the second.
+    # The response to the first request arrives now, and is not mistaken for the response to the second.
     assert conversation.send(Heard(CanFrame.parse("585#4B41600099990000"), 1.5)) == Listen(2.0)
     assert conversation.send(Heard(None, 2.0)) == Send(CanFrame.parse("605#4041600000000000"))
     assert conversation.send(Heard(None, 2.0)) == Listen(3.0)
@@ -240,7 +240,7 @@ def test_a_channel_carries_one_transfer_at_a_time() -> None:
 
 
 def test_frames_received_before_the_request_are_not_the_response() -> None:
-    """The same object is read repeatedly, and once the response arrives twice."""
+    """The same object is read repeatedly, and one response arrives twice."""
     channel = Channel(5)
     conversation = upload(channel, 0x6041)
     step = next(conversation)

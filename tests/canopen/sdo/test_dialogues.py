@@ -191,14 +191,14 @@ def test_our_client_and_our_server(name: str) -> None:
     assert (server.deadline, server.counters.aborts_sent) == (None, 0)
 
 
-def say(server: SdoServer | LocalNode, *texts: str, now: float = 0.0) -> list[str]:
+def exchange(server: SdoServer | LocalNode, *texts: str, now: float = 0.0) -> list[str]:
     """Return the frames of the server in response, without trailing zeros."""
-    said = []
+    responses = []
     for text in texts:
         for frame in server.feed(CanFrame(0x605, bytes.fromhex(text).ljust(8, b"\0")), now):
             assert len(frame.data) == 8
-            said.append(frame.data.hex(" ").upper())
-    return said
+            responses.append(frame.data.hex(" ").upper())
+    return responses
 
 
 def full(*texts: str) -> list[str]:
@@ -206,7 +206,7 @@ def full(*texts: str) -> list[str]:
 
 
 def elapse(server: SdoServer) -> list[str]:
-    """Return no frame arrives until the deadline of the server."""
+    """Return the frames of the server at its deadline, if no frame arrives before."""
     assert server.deadline is not None
     return [frame.data.hex(" ").upper() for frame in server.feed(None, server.deadline)]
 
@@ -216,24 +216,26 @@ TEN = ("01 30 31 32 33 34 35 36", "82 37 38 39")
 
 def test_a_lost_first_segment() -> None:
     server = SdoServer(5, objects())
-    assert say(server, "C6 00 21 00 0A", TEN[1]) == full("A4 00 21 00 7F")
+    assert exchange(server, "C6 00 21 00 0A", TEN[1]) == full("A4 00 21 00 7F")
     assert elapse(server) == full("A2 00 7F")
-    assert say(server, *TEN, "D1 58 9C", now=0.8) == full("A2 02 7F", "A1")
+    assert exchange(server, *TEN, "D1 58 9C", now=0.8) == full("A2 02 7F", "A1")
     assert server.objects.read(0x2100, 0) == b"0123456789"
 
 
 def test_a_lost_last_segment() -> None:
     server = SdoServer(5, objects())
-    say(server, "C6 00 21 00 0A", TEN[0], now=10.0)
+    exchange(server, "C6 00 21 00 0A", TEN[0], now=10.0)
     assert server.deadline == pytest.approx(10.7)
     assert elapse(server) == full("A2 01 7F")
-    assert say(server, "81 37 38 39", "D1 58 9C", now=10.8) == full("A2 01 7F", "A1")
+    assert exchange(server, "81 37 38 39", "D1 58 9C", now=10.8) == full("A2 01 7F", "A1")
     assert server.objects.read(0x2100, 0) == b"0123456789"
 
 
 def test_a_wrong_crc() -> None:
     server = SdoServer(5, objects())
-    assert say(server, "C6 00 21 00 0A", *TEN, "D1") == full("A4 00 21 00 7F", "A2 02 7F", "80 00 21 00 04 00 04 05")
+    assert exchange(server, "C6 00 21 00 0A", *TEN, "D1") == full(
+        "A4 00 21 00 7F", "A2 02 7F", "80 00 21 00 04 00 04 05"
+    )
     assert server.objects.read(0x2100, 0) == b""
 
 
@@ -272,20 +274,20 @@ def test_a_wrong_crc() -> None:
 )
 def test_the_server_aborts_at_protocol_violations(frames: tuple[str, ...], answer: str) -> None:
     server = SdoServer(5, objects())
-    assert say(server, *frames)[-1] == answer
+    assert exchange(server, *frames)[-1] == answer
     assert server.deadline is None
-    assert say(server, "40 00 10") == full("43 00 10 00 91 01 0F")
+    assert exchange(server, "40 00 10") == full("43 00 10 00 91 01 0F")
 
 
 def test_segments_after_an_aborted_block_are_ignored() -> None:
-    """As commands, the remaining segments 22h and 23h of such a block would write."""
+    """The remaining segments 22h and 23h of such a block would be taken for commands that write."""
     server = SdoServer(5, objects(), blksize=0x20)
-    say(server, "C6 00 21 00 64 00 00 00")
-    assert say(server, "21 00 00 00 00 00 00 00") == full("80 00 21 00 03 00 04 05")
-    assert say(server, "22 17 10 00 00 00 00 00", "23 17 10 00 00 00 00 00", "A4") == []
+    exchange(server, "C6 00 21 00 64 00 00 00")
+    assert exchange(server, "21 00 00 00 00 00 00 00") == full("80 00 21 00 03 00 04 05")
+    assert exchange(server, "22 17 10 00 00 00 00 00", "23 17 10 00 00 00 00 00", "A4") == []
     assert server.counters.strays == 3
     assert server.objects.read(0x1017, 0) == b"\xe8\x03"
-    assert say(server, "2B 17 10 00 01") == full("60 17 10")
+    assert exchange(server, "2B 17 10 00 01") == full("60 17 10")
 
 
 @pytest.mark.parametrize(
@@ -303,7 +305,7 @@ def test_segments_after_an_aborted_block_are_ignored() -> None:
 )
 def test_a_silent_client_times_out(frames: tuple[str, ...], silences: int, answer: str) -> None:
     server = SdoServer(5, objects(), timeout=2.0)
-    say(server, *frames, now=1.0)
+    exchange(server, *frames, now=1.0)
     for _ in range(silences - 1):
         assert [line[:2] for line in elapse(server)] == ["A2"]
     assert server.deadline == pytest.approx(3.0)
@@ -313,10 +315,10 @@ def test_a_silent_client_times_out(frames: tuple[str, ...], silences: int, answe
 
 
 def test_a_new_request_replaces_a_finished_block_upload() -> None:
-    """Only the A1 of a block upload is missing when the next request arrives: it is served."""
+    """If only the A1 of a block upload is missing, the next request is served."""
     server = SdoServer(5, objects())
-    say(server, "A4 08 10 00 14", "A3", "A2 03 14")
-    assert say(server, "40 00 10") == full("43 00 10 00 91 01 0F")
+    exchange(server, "A4 08 10 00 14", "A3", "A2 03 14")
+    assert exchange(server, "40 00 10") == full("43 00 10 00 91 01 0F")
 
 
 def test_a_server_without_block_transfer() -> None:
@@ -339,12 +341,12 @@ def refused_download() -> Conversation[CanFrame, None]:
 def test_a_stopped_device_forgets_its_transfer() -> None:
     device = LocalNode(5, objects())
     device.start(0.0)
-    say(device, "40 08 10")
+    exchange(device, "40 08 10")
     assert device.sdo.deadline == 1.0
     device.feed(CanFrame.parse("000#0205"), 0.5)
     assert device.sdo.deadline is None
     device.feed(CanFrame.parse("000#8005"), 0.6)
-    assert say(device, "60") == full("80 00 00 00 01 00 04 05")
+    assert exchange(device, "60") == full("80 00 00 00 01 00 04 05")
 
 
 def test_the_server_refuses_a_value_above_its_limit() -> None:
@@ -426,7 +428,7 @@ def test_a_server_that_omits_trailing_zeros() -> None:
 
 
 def test_a_server_that_acknowledges_at_the_first_gap() -> None:
-    """Some acknowledge before the end of the block: the sender continues after that segment, renumbered."""
+    """If a server acknowledges before the end of the block, the sender continues after that segment, renumbered."""
     data = bytes(range(1, 29))
     turns = (
         ("C6 00 21 00 1C", "A4 00 21 00 7F"),

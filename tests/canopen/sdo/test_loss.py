@@ -22,7 +22,7 @@ TIMEOUT = 1.0
 
 
 class Kind(NamedTuple):
-    """A way to move a value, and how many bytes to move in it."""
+    """A kind of transfer, and the lengths of the values to transfer."""
 
     name: str
     downloads: bool
@@ -88,7 +88,7 @@ def frames_of(kind: Kind, length: int) -> list[str]:
 
 
 def faults(kind: Kind, length: int) -> Iterator[tuple[int, str, Fault]]:
-    """Yield every frame of the transfer, in every bad way but corruption."""
+    """Yield all faults of a transfer but corruption: the number of the frame, the name of the fault, and the fault."""
     for hit in range(len(frames_of(kind, length))):
         for name, delays in (("lost", []), ("doubled", [0.0, 0.0]), ("late", [1.5 * TIMEOUT]), ("swapped", [0.00015])):
 
@@ -120,9 +120,9 @@ def test_any_frame_lost_doubled_late_or_swapped(kind: Kind, length: int) -> None
 
 @pytest.mark.parametrize(("kind", "length"), BLOCK_CASES)
 def test_every_segment_and_every_acknowledgement_may_be_lost(kind: Kind, length: int) -> None:
-    """What nobody can make up for are the single frames at both ends: request, answer, start; end and its answer."""
+    """Any frame can be lost without an error, except request, response and start, and the end and its response."""
     frames = frames_of(kind, length)
-    first = next(place for place, frame in enumerate(frames) if frame[:2] in ("01", "81"))
+    first = next(number for number, frame in enumerate(frames) if frame[:2] in ("01", "81"))
     last = len(frames) - 3
     for hit, name, fault in faults(kind, length):
         if first <= hit <= last:
@@ -138,14 +138,16 @@ def test_the_lost_end_of_a_block_upload_delays_nothing() -> None:
 @pytest.mark.parametrize("change", [0x01, 0x80, 0xFF])
 @pytest.mark.parametrize(("kind", "length"), CASES)
 def test_any_byte_of_any_frame_corrupted(kind: Kind, length: int, change: int) -> None:
-    """Never wrong bytes where a CRC protects them. A request and its answer, and whatever travels without blocks, the
-    wire is trusted with (46h is a good answer, if C6h was not meant); but there is an end, and another beginning."""
+    """A CRC prevents wrong bytes. Requests, responses and transfers without blocks have none, so their bytes may be
+    wrong (46h is a valid response in place of C6h), but every transfer ends, and the next one works."""
     for hit in range(len(frames_of(kind, length))):
-        for at in range(8):
+        for position in range(8):
 
-            def fault(number: int, frame: CanFrame, hit: int = hit, at: int = at) -> list[tuple[float, CanFrame]]:
+            def fault(
+                number: int, frame: CanFrame, hit: int = hit, position: int = position
+            ) -> list[tuple[float, CanFrame]]:
                 data = bytearray(frame.data)
-                data[at] ^= change
+                data[position] ^= change
                 return [(0.0, frame._replace(data=bytes(data)) if number == hit else frame)]
 
             transfer(kind, length, fault, trusted=not kind.block or hit < 2)

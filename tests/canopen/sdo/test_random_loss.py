@@ -48,7 +48,7 @@ def tried(conversation: Generator[Any, Any, Any]) -> Generator[Any, Any, Any]:
 
 
 def count_successes(seed: int) -> int:
-    """Ten transfers under random faults; returns how many of them succeeded."""
+    """Run ten transfers under random faults. Return how many succeeded."""
     rng = random.Random(seed)
     store, worked = Store(), 0
     server = SdoServer(5, store, blksize=rng.choice((0, 1, 2, 3, 5, 127)))
