@@ -19,7 +19,7 @@ from barewire.explain.capture.modbus_replay import replay
 from barewire.explain.capture.pcapng import file_header, packet_block
 from barewire.modbus import decode_request
 from barewire.modbus.exceptions import EXCEPTIONS
-from barewire.modbus.sniffer.sniffer import ResponseSeen
+from barewire.modbus.sniffer import ResponseSeen
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from tests.helpers import unhex

@@ -1,14 +1,13 @@
-"""Several open requests on one connection; other units and transactions; datagrams."""
+"""Several open requests on one connection, in any order and as datagrams."""
 
 from __future__ import annotations
 
 import random
 
-import pytest
 from hypothesis import given, strategies as st
 
-from barewire.modbus import Adu, Noise
-from barewire.tcp import DatagramLine, FanOut, TcpLine, encode
+from barewire.modbus import Adu
+from barewire.tcp import FanOut, encode
 from tests.helpers import modest
 
 
@@ -54,38 +53,3 @@ def test_an_invalid_header_goes_to_every_line() -> None:
     for place, data in fan.feed(b"\x00\x01\x12\x34\x00\x03"):
         fan.lines[place].feed(data, 0.0)
     assert all(line.broken is not None for line in fan.lines)
-
-
-@pytest.mark.parametrize(
-    ("line", "adu", "fits"),
-    [
-        (TcpLine(), Adu(1, b"\x07", 1), True),
-        (TcpLine(), Adu(2, b"\x07", 1), False),
-        (TcpLine(), Adu(1, b"\x07", 2), False),
-        (TcpLine(any_unit=True), Adu(2, b"\x07", 1), True),
-        (TcpLine(any_unit=True), Adu(1, b"\x07", 2), False),
-        (TcpLine(any_transaction=True), Adu(1, b"\x07", 2), True),
-        (TcpLine(any_transaction=True), Adu(2, b"\x07", 1), False),
-    ],
-)
-def test_other_units_and_transactions_are_accepted_on_request_only(line: TcpLine, adu: Adu, fits: bool) -> None:
-    line.request(1, b"\x07")
-    assert line.answers(adu) is fits
-    assert line.numbered is not (line.answers(Adu(1, b"", 99)))
-
-
-@pytest.mark.parametrize(
-    ("data", "reason"),
-    [
-        (encode(1, b"\x07")[:-1], "short"),
-        (encode(1, b"\x07") + b"\x00", "long"),
-        (b"\x00\x01\x00\x02\x00\x02\x01\x07", "protocol"),
-        (b"\x00\x01\x00\x00\x00\x00\x01\x07", "length"),
-    ],
-)
-def test_a_datagram_is_a_frame_or_noise_and_the_next_one_begins_anew(data: bytes, reason: str) -> None:
-    line = DatagramLine()
-    (noise,) = line.feed(data, 0.0)
-    assert isinstance(noise, Noise)
-    assert (noise.data, noise.reason, line.held, line.broken) == (data, reason, b"", None)
-    assert line.feed(encode(1, b"\x07", 5), 0.0) == [Adu(1, b"\x07", 5)]

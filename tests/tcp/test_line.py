@@ -1,4 +1,4 @@
-"""The framing of a TCP connection by the length in the header; an invalid header breaks the line."""
+"""The framing of a TCP connection by the length in the header; an invalid header breaks the line; datagrams."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.modbus import Adu, Noise
-from barewire.tcp import TcpLine, decode, encode
+from barewire.tcp import DatagramLine, TcpLine, decode, encode
 from tests.helpers import Chunk, accounts_for_every_byte, chunked, deliveries, feed_all, modest, spaced, unhex
 
 SHORT = encode(1, b"\x07", 1)
@@ -91,6 +91,24 @@ def test_an_answer_has_the_last_transaction_and_the_unit(adu: Adu, right: bool) 
     assert line.answers(adu) is right
 
 
+@pytest.mark.parametrize(
+    ("line", "adu", "fits"),
+    [
+        (TcpLine(), Adu(1, b"\x07", 1), True),
+        (TcpLine(), Adu(2, b"\x07", 1), False),
+        (TcpLine(), Adu(1, b"\x07", 2), False),
+        (TcpLine(any_unit=True), Adu(2, b"\x07", 1), True),
+        (TcpLine(any_unit=True), Adu(1, b"\x07", 2), False),
+        (TcpLine(any_transaction=True), Adu(1, b"\x07", 2), True),
+        (TcpLine(any_transaction=True), Adu(2, b"\x07", 1), False),
+    ],
+)
+def test_other_units_and_transactions_are_accepted_on_request_only(line: TcpLine, adu: Adu, fits: bool) -> None:
+    line.request(1, b"\x07")
+    assert line.answers(adu) is fits
+    assert line.numbered is not (line.answers(Adu(1, b"", 99)))
+
+
 def test_a_response_has_the_unit_and_transaction_of_its_request() -> None:
     assert TcpLine().response(Adu(7, b"\x07", 0xABCD), unhex("07 6D")) == encode(7, unhex("07 6D"), 0xABCD)
 
@@ -112,3 +130,20 @@ SEGMENTS = st.one_of(
 @given(chunked(SEGMENTS, longest_pause=100.0))
 def test_every_byte_is_in_a_frame_in_noise_or_held(chunks: list[Chunk]) -> None:
     accounts_for_every_byte(TcpLine(), chunks, lambda adu: encode(adu.unit, adu.pdu, adu.transaction or 0), bound=259)
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (encode(1, b"\x07")[:-1], "short"),
+        (encode(1, b"\x07") + b"\x00", "long"),
+        (b"\x00\x01\x00\x02\x00\x02\x01\x07", "protocol"),
+        (b"\x00\x01\x00\x00\x00\x00\x01\x07", "length"),
+    ],
+)
+def test_a_datagram_is_a_frame_or_noise_and_the_next_one_begins_anew(data: bytes, reason: str) -> None:
+    line = DatagramLine()
+    (noise,) = line.feed(data, 0.0)
+    assert isinstance(noise, Noise)
+    assert (noise.data, noise.reason, line.held, line.broken) == (data, reason, b"", None)
+    assert line.feed(encode(1, b"\x07", 5), 0.0) == [Adu(1, b"\x07", 5)]

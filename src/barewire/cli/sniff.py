@@ -31,7 +31,7 @@ from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_lin
 from barewire.io.canopen.capture import listen_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
-from barewire.modbus.sniffer.sniffer import (
+from barewire.modbus.sniffer import (
     WINDOW,
     AmbiguousFrame,
     NoiseSeen,

@@ -257,9 +257,9 @@ class RtuLine:
         return end
 
     def _found(self, number: int, end: int) -> list[Adu | Noise]:
-        at = number - self._removed
-        noise = self._drop(at, "checksum", f"{at} bytes that are not a frame before a good one")
-        return [noise, self._take(end - at)]
+        size = number - self._removed
+        noise = self._drop(size, "checksum", f"{size} bytes that are not a frame before a good one")
+        return [noise, self._take(end - size)]
 
     def _take(self, end: int) -> Adu:
         adu = received_adu((self._held[0], bytes(self._held[1 : end - 2]), None))

@@ -15,7 +15,7 @@ from barewire.explain.capture.modbus_packets import PacketBuilder, modbus_payloa
 from barewire.explain.capture.modbus_replay import replay
 from barewire.explain.capture.pcapng import Packet, file_header, is_capture, packet_block, read_packets
 from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_line
-from barewire.modbus.sniffer.sniffer import (
+from barewire.modbus.sniffer import (
     AmbiguousFrame,
     RequestSeen,
     ResponseMissing,

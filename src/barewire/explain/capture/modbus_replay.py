@@ -14,8 +14,7 @@ from barewire.explain.capture.bytelog import parse_log
 from barewire.explain.capture.modbus_packets import MODBUS_PORTS, ConnectionKey, modbus_payload
 from barewire.explain.capture.pcapng import is_capture, read_packets
 from barewire.modbus.framing import Line
-from barewire.modbus.sniffer.numbered import NumberedSniffer
-from barewire.modbus.sniffer.sniffer import WINDOW, Sniffer, SnifferEvent
+from barewire.modbus.sniffer import WINDOW, NumberedSniffer, Sniffer, SnifferEvent
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import TcpLine
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from barewire.explain.modbus.pdu import explain_pdu
 from barewire.modbus.messages.base import EXCEPTION_BIT
-from barewire.modbus.sniffer.sniffer import (
+from barewire.modbus.sniffer import (
     AmbiguousFrame,
     NoiseSeen,
     RequestSeen,

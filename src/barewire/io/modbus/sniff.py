@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import dialer, modbus_line
-from barewire.modbus.sniffer.sniffer import WINDOW, Sniffer, SnifferEvent
+from barewire.modbus.sniffer import WINDOW, Sniffer, SnifferEvent
 
 _POLL = 0.1
 """Seconds between two checks whether to stop."""

@@ -87,7 +87,7 @@ def accepted_sequence(case: ServerCase, answers: Sequence[StepAnswer]) -> tuple[
 
 
 def refusals(case: ServerCase, answers: Sequence[StepAnswer]) -> dict[int, bytes]:
-    """The steps that were refused by exception 01 (no such function) or 02 (no such address): place -> response.
+    """Return the steps that were refused by exception 01 (no such function) or 02 (no such address): place -> response.
 
     01 counts where the case expects a response, 02 only where it accepts a response that is not an exception.
     """

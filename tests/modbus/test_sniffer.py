@@ -11,10 +11,11 @@ from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.errors import EncodeError
 from barewire.modbus import Noise, ReadHoldingRegisters, ReadHoldingRegistersResponse
 from barewire.modbus.framing import Line
-from barewire.modbus.sniffer.numbered import OPEN_LIMIT, NumberedSniffer
-from barewire.modbus.sniffer.sniffer import (
+from barewire.modbus.sniffer import (
+    OPEN_LIMIT,
     AmbiguousFrame,
     NoiseSeen,
+    NumberedSniffer,
     RequestSeen,
     ResponseMissing,
     ResponseSeen,
