@@ -1,4 +1,4 @@
-"""SYNC and TIME: producers, monitor and consumer, and both in a device."""
+"""SYNC and TIME: the messages, producers, monitor and consumer, and both in a device."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from barewire.canopen import (
     LocalNode,
     ObjectDictionary,
     PdoConfig,
+    SyncMessage,
     SyncMonitor,
     SyncProducer,
     TimeConsumer,
@@ -20,6 +21,35 @@ from barewire.canopen.abort_codes import SdoAbort
 from barewire.canopen.object_dictionary import Entry
 from barewire.canopen.time_stamp import EPOCH_UNIX
 from barewire.errors import DecodeError, EncodeError
+
+
+@pytest.mark.parametrize(("text", "counter"), [("080#", None), ("080#01", 1), ("080#F0", 240)])
+def test_sync(text: str, counter: int | None) -> None:
+    assert SyncMessage.decode(CanFrame.parse(text)) == SyncMessage(counter)
+    assert str(SyncMessage(counter).encode()) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("080#00", "value"),
+        ("080#F1", "value"),
+        ("080#0102", "long"),
+        ("081#", "mismatch"),
+        ("00000080#", "mismatch"),
+        ("080#R", "mismatch"),
+    ],
+)
+def test_invalid_sync_messages_raise(text: str, reason: str) -> None:
+    with pytest.raises(DecodeError) as caught:
+        SyncMessage.decode(CanFrame.parse(text))
+    assert caught.value.reason == reason
+
+
+@pytest.mark.parametrize("counter", [0, 241])
+def test_sync_counter_has_a_range(counter: int) -> None:
+    with pytest.raises(EncodeError):
+        SyncMessage(counter).encode()
 
 
 def test_the_producer_has_absolute_times_a_counter_and_statistics() -> None:

@@ -115,5 +115,5 @@ class SdoAbort(Refused):
         if self.named != (self.index, self.sub):
             more = f" (the abort names {self.named[0]:04X}h:{self.named[1]:02X})"
         if self.why:
-            more = f", so we ended it: {self.why}"
+            more = f", so the client ended it: {self.why}"
         return f"{self.index:04X}h:{self.sub:02X}: {self.text}{more}"

@@ -95,7 +95,7 @@ class CanFrame(NamedTuple):
         >>> CanFrame.parse("00000581#11.22.33").key
         (1409, True)
 
-        Three digits are a base identifier, eight an extended one; dots between bytes are skipped. Raises DecodeError.
+        Three digits are a base identifier, eight an extended one; dots between bytes are skipped. Raise DecodeError.
         """
         raw = text.strip()
         seen = raw.encode("ascii", "replace")

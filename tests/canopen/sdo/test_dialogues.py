@@ -400,7 +400,7 @@ def test_the_client_aborts_at_protocol_violations(turns: list[tuple[str, ...]], 
     with pytest.raises(SdoAbort) as caught:
         scripted(upload(channel, 0x1008), ("40 08 10", "41 08 10 00 04"), *turns, (f"80 08 10 00 {code}",))
     assert caught.value.why == why
-    assert str(caught.value).endswith(f", so we ended it: {why}")
+    assert str(caught.value).endswith(f", so the client ended it: {why}")
     assert channel.quiet_until is not None
 
 

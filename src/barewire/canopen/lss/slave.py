@@ -132,7 +132,7 @@ class LssSlave:
         return self.node is None and self.pending is None
 
     def _select(self, part: int, number: int) -> tuple[int, bytes] | None:
-        """Compare a part of 40h to 43h, which must arrive in order. The last part is answered if all match."""
+        """Compare a part of 40h to 43h, in order. The last part is answered if all match."""
         if self.state is not LssState.WAITING:
             return None
         expected = part == 0 or self._matched == part
@@ -144,7 +144,7 @@ class LssSlave:
         return LssService.SELECTED, b""
 
     def _identify(self, step: int, number: int) -> tuple[int, bytes] | None:
-        """Compare a limit of 46h to 4Bh, which must arrive in order. Vendor and product must be equal."""
+        """Compare a number of 46h to 4Bh, in order: vendor and product must be equal, the others are limits."""
         vendor, product, revision, serial = self.address
         fits = (vendor == number, product == number, number <= revision, revision <= number, number <= serial,
                 serial <= number)[step]  # fmt: skip
