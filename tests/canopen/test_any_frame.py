@@ -1,4 +1,4 @@
-"""Arbitrary frames: machines raise nothing and do not grow; decoders raise DecodeError; nodes send only their frames."""
+"""Arbitrary frames: machines raise nothing and do not grow, decoders raise DecodeError, nodes send their own frames."""
 
 from __future__ import annotations
 

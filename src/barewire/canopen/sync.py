@@ -62,7 +62,7 @@ def sync_counter(data: bytes) -> int | None:
 
 
 class SyncProducer:
-    """Produces SYNC every `period` seconds with a counter from 1 to `overflow` (0: without counter). A machine.
+    """A machine that sends SYNC every `period` seconds, with a counter from 1 to `overflow` (0: without counter).
 
     >>> producer = SyncProducer(0.01, overflow=2)
     >>> producer.start(0.0)
@@ -141,7 +141,7 @@ class SyncEvent(NamedTuple):
 
 
 class SyncMonitor:
-    """Checks the SYNC of another node. A machine.
+    """A machine that checks the SYNC of another node.
 
     `overflow` is the expected value of 1019h: above 0 a counter is required, 0 forbids it, None accepts both.
     `shortest` and `longest` are the intervals measured in seconds, so `longest - shortest` is the jitter.

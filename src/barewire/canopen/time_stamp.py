@@ -69,7 +69,7 @@ class TimeStamp:
 
 
 class TimeProducer:
-    """Produces TIME every `period` seconds. A machine.
+    """A machine that sends TIME every `period` seconds.
 
     Its only clock is `now`; `unix_at_zero` is the Unix time at which `now` was 0.
 
@@ -110,7 +110,7 @@ class TimeReceived(NamedTuple):
 
 
 class TimeConsumer:
-    """Follows the TIME messages of another node. A machine; `unreadable` counts messages that cannot be decoded.
+    """A machine that follows the TIME messages of another node. `unreadable` counts those that cannot be decoded.
 
     >>> consumer = TimeConsumer()
     >>> received = consumer.feed(TimeStamp.of_unix(EPOCH_UNIX + 1.5).encode(), 10.0)

@@ -84,7 +84,7 @@ def read_objects(document: Document, found: list[Diagnostic]) -> dict[int, EdsOb
 
 
 class _Reader:
-    """Reads the objects of one document; adds diagnostics to `found`."""
+    """A reader of the objects of one document, which adds diagnostics to `found`."""
 
     def __init__(self, document: Document, found: list[Diagnostic]) -> None:
         self.document = document

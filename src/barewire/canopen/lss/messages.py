@@ -67,7 +67,7 @@ class LssService(IntEnum):
 
 
 class LssState(IntEnum):
-    """The two LSS states of a device, with their numbers in switch global."""
+    """The two LSS states of a device, with their numbers in "switch global"."""
 
     WAITING = 0
     CONFIGURATION = 1

@@ -98,7 +98,7 @@ def consumer_entry(word: int) -> tuple[int, float] | None:
 
 
 class HeartbeatProducer:
-    """Sends `state` every `period` seconds; a period of 0 means never. A machine.
+    """A machine that sends `state` every `period` seconds; a period of 0 means never.
 
     The times are absolute (t0 + k times the period), so a late call does not shift the later heartbeats. After a long
     pause one heartbeat is sent, and the missed ones are skipped.
@@ -173,7 +173,7 @@ class _Watched:
 
 
 class HeartbeatConsumer:
-    """Follows the heartbeats of all nodes, and monitors the nodes that have a time. A machine.
+    """A machine that follows the heartbeats of all nodes, and monitors the nodes that have a time.
 
     >>> consumer = HeartbeatConsumer({5: 1.5})
     >>> [event.kind for event in consumer.feed(CanFrame.parse("705#7F"), 10.0)], consumer.deadline

@@ -35,7 +35,7 @@ class TrafficMark(NamedTuple):
 
 
 class NodeMonitor:
-    """Records all frames of a bus. A machine without events; its methods evaluate the record.
+    """A record of all frames of a bus. A machine without events; its methods evaluate the record.
 
     >>> monitor = NodeMonitor()
     >>> mark = monitor.mark(0x585)

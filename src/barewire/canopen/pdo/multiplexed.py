@@ -187,7 +187,7 @@ class MpdoProducer:
 
 
 class MpdoConsumer:
-    """Stores the MPDOs that this device receives. `refused` counts messages that could not be stored."""
+    """The receiver of the MPDOs of this device. `refused` counts messages that could not be stored."""
 
     __slots__ = ("_table", "addressing", "node", "objects", "refused")
 

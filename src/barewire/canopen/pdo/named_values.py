@@ -88,7 +88,7 @@ class PdoReceived(NamedTuple):
 
 
 class PdoConsumer:
-    """Receives PDOs of other nodes. A machine.
+    """A machine that receives PDOs of other nodes.
 
     >>> consumer = PdoConsumer([RemotePdo.of(5, PdoConfig("TPDO", 1, (0x60410010,)))])
     >>> [(event.source.node, event.values) for event in consumer.feed(CanFrame.parse("185#3706"), 0.0)]

@@ -95,7 +95,7 @@ def check_blksize(blksize: int) -> int:
 
 
 class BlockSender:
-    """Sends a value in blocks. A machine: acknowledgements in, frames out.
+    """The sender of a value in blocks. A machine: acknowledgements in, frames out.
 
     It returns at most `burst` segments at a time. Until the block is sent, `deadline` is now: the caller listens
     between the bursts, because an acknowledgement or an abort may arrive at any time.
@@ -186,7 +186,7 @@ class BlockSender:
 
 
 class BlockReceiver:
-    """Receives a value in blocks. A machine: the data of frames in, acknowledgements out.
+    """The receiver of a value in blocks. A machine: the data of frames in, acknowledgements out.
 
     `over` is true when the whole value is in the sink; the frame that `feed` returned with it (A1) must still be sent.
     """

@@ -68,7 +68,7 @@ def _check_timeout(now: float, deadline: float) -> list[bytes]:
 
 
 class SegmentedUpload:
-    """Sends a value segment by segment."""
+    """An upload in segments."""
 
     __slots__ = ("_timeout", "_toggle", "_value", "deadline", "over")
     next_segment = 0
@@ -99,7 +99,7 @@ class SegmentedUpload:
 
 
 class SegmentedDownload:
-    """Receives a value segment by segment."""
+    """A download in segments."""
 
     __slots__ = ("_buffer", "_timeout", "_toggle", "_value", "_write", "deadline", "over")
     next_segment = 0
@@ -135,7 +135,7 @@ class SegmentedDownload:
 
 
 class BlockUpload:
-    """Sends a value in blocks, after the start message of the client."""
+    """An upload in blocks, which begins with the start message of the client."""
 
     __slots__ = ("_blksize", "_crc", "_sender", "_timeout", "_value", "deadline", "over")
     next_segment = 0
@@ -171,7 +171,7 @@ class BlockUpload:
 
 
 class BlockDownload:
-    """Receives a value in blocks."""
+    """A download in blocks."""
 
     __slots__ = ("_buffer", "_receiver", "_write", "accept", "over")
     gives_way = False
