@@ -61,7 +61,7 @@ class _Guarded:
 
 
 class GuardingMaster:
-    """The master in node guarding. A machine: `feed` returns the requests to send (CanFrame) and the changes (GuardEvent).
+    """The master in node guarding. A machine: `feed` returns requests to send (CanFrame) and changes (GuardEvent).
 
     >>> master = GuardingMaster({5: Guard(1.0, 2)}, 0.0)
     >>> [str(frame) for frame in master.feed(None, 0.0)]
