@@ -53,7 +53,7 @@ def measure(url: str, patience: float = 0.3) -> dict[str, str]:
     """Run a battery against the server at this URL."""
     endpoint = Endpoint.parse(url)
     endpoint = endpoint._replace(options={**endpoint.options, "timeout": str(patience)})
-    return {result.case.name: cell_of(result.case, result.failure, result.heard) for result in conform(endpoint)}
+    return {result.case.name: cell_of(result.case, result.failure, result.received) for result in conform(endpoint)}
 
 
 def cell_of(case: ServerCase, failure: str | None, heard: Any) -> str:

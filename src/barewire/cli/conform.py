@@ -99,7 +99,7 @@ def _case_fields(result: CaseResult) -> dict[str, object]:
         "clause": result.case.clause,
         "ok": None if result.not_judged else result.failure is None,
         "not_judged": result.not_judged or None,
-        "received": [answer_text(answer) for answer in result.heard],
+        "received": [answer_text(answer) for answer in result.received],
         "failure": result.failure,
     }
 

@@ -96,7 +96,7 @@ def test_the_page_has_the_present_results_of_barewire() -> None:
     spec.loader.exec_module(tool)
     assert tool.OURS == OURS
     own = {
-        kind: {result.case.name: tool.cell_of(result.case, result.failure, result.heard) for result in held(url)}
+        kind: {result.case.name: tool.cell_of(result.case, result.failure, result.received) for result in held(url)}
         for kind, url in OURS.items()
     }
     assert tool.PAGE.read_text(encoding="utf-8") == tool.page(own), "run python tools/conform_page.py"
@@ -144,7 +144,7 @@ def test_a_server_that_always_answers_the_same_fails() -> None:
 def test_a_server_that_closes_the_connection_fails_with_that_reason() -> None:
     with peer(socket.socket.close) as port:
         result = next(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=30")))
-    assert result.heard == (None,)
+    assert result.received == (None,)
     assert result.failure == "03 with quantity 0: closed, expected 83 03"
 
 
@@ -240,7 +240,7 @@ def test_a_refusal_is_a_failure_if_a_valid_request_is_carried_out() -> None:
         results = list(conform(Endpoint.parse(f"{host.url}?timeout=0.5")))
     assert [result.not_judged for result in results if result.not_judged] == []
     (failed,) = [result for result in results if result.failure]
-    assert [answer_text(answer) for answer in failed.heard].count("83 02") == 1
+    assert [answer_text(answer) for answer in failed.received].count("83 02") == 1
 
 
 def flood(connection: socket.socket) -> None:
@@ -262,11 +262,11 @@ def drip(connection: socket.socket) -> None:
 )
 def test_a_server_that_does_not_stop_sending_ends_the_run(scheme: str, talk: Callable[[socket.socket], None]) -> None:
     results = []
-    with peer(talk) as port, refused(NoAnswer, "never stops talking"):
+    with peer(talk) as port, refused(NoAnswer, "never stops sending"):
         for result in conform(Endpoint.parse(f"{scheme}://127.0.0.1:{port}?timeout=0.1")):
             results.append(result)
     failures = [result.failure or "" for result in results[-3:]]
-    assert all("it did not stop talking" in failure and len(failure) < 200 for failure in failures)
+    assert all("it did not stop sending" in failure and len(failure) < 200 for failure in failures)
 
 
 def test_a_server_that_never_answers_gets_no_verdict() -> None:

@@ -2,8 +2,8 @@
 
     for result in conform(Endpoint.parse("tcp://127.0.0.1:502?unit=1")): ...
 
-On TCP every case has a connection of its own; a serial line is the same for all. The stimuli are written as they are,
-and everything received is collected until the server has been silent for a while: no client is involved.
+On TCP every case has a connection of its own; a serial line is the same for all. The stimuli are sent as they are,
+without a client, and everything received is collected until the server has been silent for a while.
 
 The cases read and write the server's registers and coils 0 to 9. A case whose requests the server refuses because it
 does not have these (exception 02) or the function (01) is not judged: a valid request is refused in the same way.
@@ -44,10 +44,10 @@ ANSWER_TIMEOUT = 1.0
 second for an exception."""
 
 _TOO_MANY = 4096
-"""Bytes: the answers to one step have fewer."""
+"""Bytes of one step after which the server is taken to send without end."""
 
 RESTART = 3.0
-"""Seconds that a server which answered before may take to come back, because something may restart it."""
+"""Seconds after which a server that answered before must accept connections again: it may be restarted."""
 
 _CASES_IN_A_ROW, _KEPT = 3, 8
 _READ_ONE_REGISTER = ServerCase("read one register", "", (ServerStep((Stimulus(bytes.fromhex("0300000001")),)),), ())
@@ -69,7 +69,7 @@ _VALID_REQUESTS = {
         ),
     )
 }
-"""For each function that the cases use on register or coil 0, a request that a server with these must carry out."""
+"""By function that the cases use on register or coil 0, a request that a server with these must carry out."""
 
 
 class CaseResult(NamedTuple):
@@ -80,13 +80,13 @@ class CaseResult(NamedTuple):
     """
 
     case: ServerCase
-    heard: tuple[StepAnswer, ...]
+    received: tuple[StepAnswer, ...]
     failure: str | None
     not_judged: str = ""
 
 
 def battery(endpoint: Endpoint) -> tuple[ServerCase, ...]:
-    """The cases for the framing of an endpoint. EncodeError for a CAN bus."""
+    """Return the cases for the framing of an endpoint. Raises EncodeError for a CAN bus."""
     if endpoint.scheme not in CARRIERS:
         known = ", ".join(f"{name}://" for name in CARRIERS)
         raise EncodeError(f"endpoint {str(endpoint)!r}: there are cases for {known}")
@@ -94,11 +94,14 @@ def battery(endpoint: Endpoint) -> tuple[ServerCase, ...]:
 
 
 def conform(endpoint: Endpoint) -> Iterator[CaseResult]:
-    """Run every case. EncodeError for an endpoint without cases, PortError where no server is.
+    """Run every case, and yield its result.
 
-    Unfinished where going on makes no sense: the server sends without end in three cases in a row; or it did not answer
-    in three cases that require an answer, nor to a plain read, nor to another one `RESTART` seconds later; or it
-    answered before and cannot be reached any more.
+    Raises EncodeError for an endpoint without cases, PortError if no server is there, and Unfinished
+
+    - if the server sends without end in three cases in a row,
+    - if it answered neither in three cases in a row that require an answer, nor a plain read after them, nor another
+      read `RESTART` seconds later,
+    - if it answered before and cannot be reached any more.
     """
     cases = battery(endpoint)
     unit, timeout = endpoint.integer("unit", 1), endpoint.seconds("timeout", ANSWER_TIMEOUT)
@@ -108,17 +111,17 @@ def conform(endpoint: Endpoint) -> Iterator[CaseResult]:
         for place, case in enumerate(cases):
             left = len(cases) - place - 1
             try:
-                heard = tester.run(case)
+                received = tester.run(case)
             except PortError as error:
                 if not place:
                     raise
                 raise Unfinished(f"{error}, in the case {case.name!r}", left + 1) from None
-            failure = f"{case.name}: {tester.loud}" if tester.loud else difference(case, heard, unit)
-            not_judged = tester.lacking(case, heard) if failure and not tester.loud else ""
-            yield CaseResult(case, tuple(heard), None if not_judged else failure, not_judged)
-            if tester.loud_cases >= _CASES_IN_A_ROW:
-                raise Unfinished(f"{name} never stops talking: {tester.loud}", left)
-            silent = 0 if any(heard) else silent + _must_answer(case)
+            failure = f"{case.name}: {tester.endless}" if tester.endless else difference(case, received, unit)
+            not_judged = tester.lacking(case, received) if failure and not tester.endless else ""
+            yield CaseResult(case, tuple(received), None if not_judged else failure, not_judged)
+            if tester.endless_cases >= _CASES_IN_A_ROW:
+                raise Unfinished(f"{name} never stops sending: {tester.endless}", left)
+            silent = 0 if any(received) else silent + _must_answer(case)
             if silent >= _CASES_IN_A_ROW:
                 was_answered = tester.was_answered
                 if not tester.still_answers():
@@ -133,12 +136,12 @@ def conform(endpoint: Endpoint) -> Iterator[CaseResult]:
 
 
 def _must_answer(case: ServerCase) -> bool:
-    """Whether every accepted way of this case has an answer."""
+    """Return whether every accepted sequence of this case has an answer."""
     return all(any(answer not in (SILENCE, CLOSED) for answer in sequence) for sequence in case.accepts)
 
 
 class _Tester:
-    """Carries out the steps of cases. `loud` is the failure of the latest case if the server did not stop sending."""
+    """Carries out the steps of cases. `endless` is the failure of the latest case if the server sent without end."""
 
     def __init__(self, endpoint: Endpoint, unit: int, timeout: float) -> None:
         self._endpoint = endpoint
@@ -147,8 +150,8 @@ class _Tester:
         self._dial = dialer(endpoint)
         self._is_tcp = endpoint.framing == "tcp"
         self._slow = 600 * 11 / endpoint.integer("baudrate", DEFAULT_BAUDRATE) if endpoint.is_serial_port else 0.0
-        self.loud = ""
-        self.loud_cases = 0
+        self.endless = ""
+        self.endless_cases = 0
         self.was_answered = False
         self._number = 0
         self._last = float("-inf")  # when the last byte was on the wire, in either direction
@@ -163,7 +166,7 @@ class _Tester:
         self._port = None
 
     def still_answers(self) -> bool:
-        """Whether a plain read is answered, now or `RESTART` seconds later."""
+        """Return whether a plain read is answered, now or `RESTART` seconds later."""
         for pause in (0.0, RESTART):
             time.sleep(pause)
             self.close()
@@ -195,7 +198,7 @@ class _Tester:
         """Carry out every step; return the answers of each."""
         if self._is_tcp:
             self.close()
-        self.loud = ""
+        self.endless = ""
         answers = []
         for place, step in enumerate(case.steps):
             following = case.steps[place + 1].after if place + 1 < len(case.steps) else 0.0
@@ -203,7 +206,7 @@ class _Tester:
             # If the next step is due soon, do not wait longer than that for an answer that must not come.
             answers.append(self._step(step, following if following and is_silent else self._timeout))
         self.was_answered |= any(answers)
-        self.loud_cases = self.loud_cases + 1 if self.loud else 0
+        self.endless_cases = self.endless_cases + 1 if self.endless else 0
         return answers
 
     def _step(self, step: ServerStep, timeout: float) -> StepAnswer:
@@ -211,7 +214,7 @@ class _Tester:
             self._port, self._line = self._opened(), modbus_line(self._endpoint, "client")
         quiet_at = max(self._last + step.after, self._line.quiet_at)
         time.sleep(max(0.0, quiet_at - time.monotonic()))
-        heard: list[Adu] = []
+        received: list[Adu] = []
         try:
             self._send([self._bytes(stimulus) for stimulus in step.stimuli])
             self._last = time.monotonic()
@@ -226,21 +229,21 @@ class _Tester:
                     self._last = time.monotonic()
                     until = self._last + timeout
                     count += len(data)
-                heard += self._frames(data)
+                received += self._frames(data)
                 if count > _TOO_MANY or now > started + limit:
-                    self.loud = f"it did not stop talking, {count} bytes in {now - started:.1f} s"
+                    self.endless = f"it did not stop sending, {count} bytes in {now - started:.1f} s"
                     self.close()
-                    return heard[:_KEPT]
-                if len(heard) >= len(step.stimuli) and not self._line.held:
+                    return received[:_KEPT]
+                if len(received) >= len(step.stimuli) and not self._line.held:
                     # All answers are there: one short wait for an extra one is enough.
                     until = min(until, time.monotonic() + timeout / 10)
         except PortError:
             self.close()
-            return heard or None
-        return heard
+            return received or None
+        return received
 
     def _opened(self) -> Port[bytes]:
-        """The port, opened. A server that answered before gets `RESTART` seconds to be there again."""
+        """Open the port. If the server answered before, try again for `RESTART` seconds."""
         until = time.monotonic() + (RESTART if self.was_answered else 0.0)
         while True:
             try:
@@ -259,7 +262,7 @@ class _Tester:
             self._port.send(data)
 
     def _frames(self, data: bytes | None) -> Iterator[Adu]:
-        """The frames in the data. Noise becomes an answer that no case accepts."""
+        """Yield the frames in the data. Noise becomes an answer that no case accepts."""
         for event in self._line.feed(data, time.monotonic()):
             yield Adu(self._unit, event.data) if isinstance(event, Noise) else event
 

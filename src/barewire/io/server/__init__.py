@@ -2,7 +2,7 @@
 
     base                 the thread of a server, and how it ends
     connection_limits    how many clients may be connected, and how long one may be silent
-    modbus               ModbusServer; by kind of port: tcp (without asyncio), serial, asyncio_thread
+    modbus               ModbusServer; by kind of port: tcp (without asyncio), serial, asyncio_stream
     asyncio_modbus       AsyncModbusServer; by kind of port: asyncio_stream, asyncio_ports
     can                  a node on a CAN bus
 

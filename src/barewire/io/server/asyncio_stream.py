@@ -1,4 +1,4 @@
-"""The asyncio server for connections: TCP, TLS, RTU and ASCII over TCP. `AsyncModbusServer` makes it.
+"""The asyncio server for connections, TCP, TLS, RTU and ASCII over TCP; and an asyncio server in a thread.
 
     bytes -> (TlsSession) -> Server.feed -> (fault injector) -> (TlsSession) -> bytes
 
@@ -11,16 +11,17 @@ from __future__ import annotations
 import asyncio
 import socket
 import ssl
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from barewire.errors import DecodeError, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import modbus_line
-from barewire.io.ports.tcp import CHUNK, CONNECTIONS, reason, set_socket_options
+from barewire.io.ports.tcp import CHUNK, CONNECTIONS, listening_socket, reason, set_socket_options
 from barewire.io.ports.tls import roles_of, server_context, tls_reason
 from barewire.io.ports.tls_session import TlsSession
 from barewire.io.server.asyncio_ports import DatagramServer
+from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable, Inject, send_replies
 from barewire.modbus import Authorization, Request, Server, Unit
 from barewire.modbus.server.server import counters_for
@@ -228,3 +229,37 @@ def server_at(
     if endpoint.is_datagram:
         return DatagramServer(endpoint, units, inject)
     return StreamServer(endpoint, units, authorization, inject)
+
+
+class AsyncioService:
+    """An asyncio server in a thread of `ModbusServer`: tls, udp, rtu+tcp, ascii+tcp.
+
+    `inject` puts faults into the answers.
+    """
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        units: Mapping[int, Unit],
+        authorization: Authorization | None = None,
+        inject: Inject | None = None,
+    ) -> None:
+        self._server = server_at(endpoint, units, authorization, inject)
+        self.connections = self._server.connections
+        self._listener, self.url = listening_socket(endpoint)
+
+    def serve(self, is_over: Callable[[], bool]) -> None:
+        """Serve until `is_over()`."""
+        asyncio.run(self._serve(is_over))
+
+    async def _serve(self, is_over: Callable[[], bool]) -> None:
+        await self._server.listen(self._listener)
+        try:
+            while not is_over():
+                await asyncio.sleep(POLL_INTERVAL)
+        finally:
+            await self._server.close()
+
+    def close(self) -> None:
+        """Release the port."""
+        self._listener.close()

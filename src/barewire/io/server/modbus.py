@@ -5,7 +5,7 @@
 
     tcp              `tcp`: one thread, no event loop
     rtu, ascii       `serial`
-    tls, udp, rtu+tcp, ascii+tcp      `asyncio_thread`
+    tls, udp, rtu+tcp, ascii+tcp      `asyncio_stream`
 
 Each of these files is loaded when a URL needs it. Several servers may serve the same units, each in its own thread:
 only one thread at a time enters a unit (`locking`).
@@ -125,7 +125,7 @@ def _service(
         from barewire.io.fault_injection.ports import FaultInjector
 
         return TcpService(endpoint, units, FaultInjector(faults))
-    from barewire.io.server.asyncio_thread import AsyncioService
+    from barewire.io.server.asyncio_stream import AsyncioService
 
     if faults is None:
         return AsyncioService(endpoint, units, authorization)
