@@ -1,4 +1,4 @@
-"""What the tests of io share: certificates, made once, and a long default time-out."""
+"""Fixtures of the tests of io: certificates, made once, and a long default time-out."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
     leaf(where, "norole")
     leaf(where, "expired", role="Operator", days=-1)
     leaf(where, "expired-server", server=True, days=-1)
-    leaf(where, "stranger", role="Operator", ca="other")
-    leaf(where, "stranger-server", server=True, ca="other")
+    leaf(where, "other-ca", role="Operator", ca="other")
+    leaf(where, "other-ca-server", server=True, ca="other")
     leaf(where, "odd", role="INTEGER:7")
     return where
 
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The default time-out is half a minute instead of a second, for which a busy machine may stand still. A test that
-    waits for a time-out gives one."""
+    """The default time-out is half a minute, because a busy machine may stand still for more than a second. A test that
+    waits for a time-out gives its own."""
     seconds = Endpoint.seconds
 
     def at_least(endpoint: Endpoint, name: str, default: float) -> float:

@@ -12,9 +12,9 @@ R = TypeVar("R")
 
 
 @contextlib.contextmanager
-def peer(*talks: Callable[[socket.socket], None]) -> Iterator[int]:
-    """A server on loopback: each connection that comes is given to the next of `talks`, the last of them to all that
-    follow. Gives its port."""
+def peer(*handlers: Callable[[socket.socket], None]) -> Iterator[int]:
+    """A server on loopback; yields its port. Each connection is passed to the next of `handlers`, all further ones to
+    the last of them."""
     listener = socket.create_server(("127.0.0.1", 0))
     open_now: list[socket.socket] = []
 
@@ -24,14 +24,14 @@ def peer(*talks: Callable[[socket.socket], None]) -> Iterator[int]:
             while True:
                 connection, _ = listener.accept()
                 open_now.append(connection)
-                talk = talks[min(count, len(talks) - 1)]
+                handler = handlers[min(count, len(handlers) - 1)]
                 count += 1
-                threading.Thread(target=converse, args=(talk, connection), daemon=True).start()
+                threading.Thread(target=converse, args=(handler, connection), daemon=True).start()
 
-    def converse(talk: Callable[[socket.socket], None], connection: socket.socket) -> None:
+    def converse(handler: Callable[[socket.socket], None], connection: socket.socket) -> None:
         with contextlib.suppress(OSError):
             connection.settimeout(60)
-            talk(connection)
+            handler(connection)
         connection.close()
 
     thread = threading.Thread(target=serve, daemon=True)

@@ -9,11 +9,11 @@ from barewire.io.endpoint import CARRIERS
 SERIAL = [scheme for scheme, carrier in CARRIERS.items() if carrier.transport == "serial"]
 TUNNELS = [scheme for scheme, carrier in CARRIERS.items() if carrier.framing != "tcp" and scheme not in SERIAL]
 NUMBERED = [scheme for scheme, carrier in CARRIERS.items() if carrier.framing == "tcp"]
-"""Those whose answers bear transaction numbers."""
+"""Schemes whose answers have transaction numbers."""
 NETWORK = [*NUMBERED, *TUNNELS]
 
 with_openssl = pytest.mark.needs("openssl")
 EVERY_SCHEME = pytest.mark.parametrize(
-    "scheme", [pytest.param(one, marks=[with_openssl] if one == "tls" else []) for one in CARRIERS]
+    "scheme", [pytest.param(scheme, marks=[with_openssl] if scheme == "tls" else []) for scheme in CARRIERS]
 )
-EVERY_SCHEME_WITHOUT_TLS = pytest.mark.parametrize("scheme", [one for one in CARRIERS if one != "tls"])
+EVERY_SCHEME_WITHOUT_TLS = pytest.mark.parametrize("scheme", [scheme for scheme in CARRIERS if scheme != "tls"])

@@ -30,7 +30,7 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("url", "said"),
+    ("url", "message"),
     [
         ("127.0.0.1:502", "expected tcp://HOST:PORT"),
         ("http://127.0.0.1", "expected tcp://HOST:PORT"),
@@ -72,10 +72,10 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
         ("can://socketcand/127.0.0.1:99999/can0", "is not a number in 0..65535"),
     ],
 )
-def test_a_wrong_url_is_an_error_of_one_line(url: str, said: str) -> None:
+def test_a_wrong_url_is_an_error_of_one_line(url: str, message: str) -> None:
     with pytest.raises(EncodeError) as caught:
         Endpoint.parse(url)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

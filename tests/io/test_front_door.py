@@ -112,7 +112,7 @@ def test_a_wrong_option_is_explained(client: Any) -> None:
 
 
 @pytest.mark.parametrize("client", BOTH)
-def test_what_is_no_request_message_is_explained(client: Any) -> None:
+def test_an_object_other_than_a_request_message_is_refused(client: Any) -> None:
     one = client("tcp://127.0.0.1:1", lazy=True)
     expected = "expected a request message, such as ReadHoldingRegisters(0, 2) of barewire.modbus, got "
     with refused(TypeError, expected + "'foo'"):

@@ -62,7 +62,7 @@ def test_values_by_name_with_asyncio(wire: str) -> None:
             velocity, position = await az3.read("TARGET VELOCITY", "TARGET POSITION")
             assert (velocity.value, position.value) == (1500, 77)
             assert len(await az3.read_all()) > 100
-            assert [one.value for one in await az3.read_all(["TARGET POSITION"])] == [77]
+            assert [reading.value for reading in await az3.read_all(["TARGET POSITION"])] == [77]
 
     with served(wire) as url:
         asyncio.run(main(url))

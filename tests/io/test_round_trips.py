@@ -29,8 +29,8 @@ CHANGES_ALL_ELSE = {
     *(
         "Little Endian / Big Endian",
         "Counter Watchdog",
-    ),  # how everything else is read, and whether the drive stays well
-    *("Save and reboot", "Event index"),  # not answered; another thing when it is read
+    ),  # the settings of the link itself, and of faults
+    *("Save and reboot", "Event index"),  # not answered; has another meaning when it is read
 }
 
 
@@ -55,7 +55,7 @@ def test_every_writable_parameter_over_every_transport(name: str, url: str) -> N
     with server as host, connect(device, host.url, timeout=20) as connected:
         if name == "adxl":
             connected.write(MENU)
-        for parameter in [one for one in device.parameters if travels(device, one, url)]:
+        for parameter in [parameter for parameter in device.parameters if travels(device, parameter, url)]:
             if parameter.name.startswith("C14"):
                 connected.write({"C13 Save a copy of the setup parameters": 12})
             value = next(value for value in wanted(parameter) if in_range(parameter, value))
@@ -68,6 +68,6 @@ def test_every_writable_parameter_over_every_transport(name: str, url: str) -> N
             if parameter.name in MENU:
                 connected.write(MENU)
             if parameter.type == "bool":
-                connected.write({parameter.name: False})  # BRAKE ACTIVATION on, BRAKE VALUE is of no parameter
+                connected.write({parameter.name: False})  # BRAKE ACTIVATION on, BRAKE VALUE belongs to no parameter
     assert wrong == []
     assert done > {"az3": 190, "adxl": 15, "csd-mt": 60}[name]

@@ -9,7 +9,7 @@ from hypothesis import example, given, reject, strategies as st
 from barewire.io.url import pairs, split, unquote
 from tests.helpers import modest
 
-# Control characters are taken out by urllib and stay here; "#" begins a fragment there, and is refused by Endpoint.
+# urllib removes control characters, which stay here; "#" begins a fragment there, and is refused by Endpoint.
 PLAIN = st.characters(exclude_categories=("Cc", "Cs"), exclude_characters="#")
 TEXT = st.text(st.sampled_from("ab/:?&=+%2fF3éC.[]; ") | PLAIN, max_size=30)
 
@@ -43,14 +43,14 @@ def test_the_three_parts(scheme: str, rest: str) -> None:
     try:
         theirs = urlsplit(url)
     except ValueError:
-        reject()  # brackets that are no IPv6 address: Endpoint checks hosts itself
+        reject()  # brackets around something other than an IPv6 address: Endpoint checks hosts itself
     assert split(url) == (theirs.scheme, theirs.netloc + theirs.path, theirs.query)
 
 
-def test_a_text_without_colon_and_slashes_is_no_url() -> None:
+def test_a_text_without_colon_and_slashes_is_not_a_url() -> None:
     assert split("tcp:127.0.0.1") == ("", "", "")
 
 
-def test_a_lone_surrogate_in_a_path_is_no_error() -> None:
+def test_a_lone_surrogate_in_a_path_is_accepted() -> None:
     assert unquote("/dev/\udcff") == "/dev/\udcff"
     assert unquote("/dev/\udcff%41").endswith("A")

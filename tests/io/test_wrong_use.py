@@ -81,7 +81,7 @@ def test_faults_are_kinds_with_probabilities(server: Any, faults: Any) -> None:
 
 @pytest.mark.parametrize("connect", CONNECT)
 @pytest.mark.parametrize("device", [None, 5])
-def test_what_is_no_device_is_explained(connect: Any, device: Any) -> None:
+def test_an_object_other_than_a_device_is_refused(connect: Any, device: Any) -> None:
     with refused(EncodeError, f"device {device}: expected the name or the path of a description"):
         connect(device, "tcp://127.0.0.1:1")
     with refused(EncodeError, f"device {device}: expected the name or the path of a description"):
@@ -265,7 +265,7 @@ async def _read(client: barewire.AsyncModbusClient) -> tuple[bool, ...]:
     return await client.read_coils(0, 1)
 
 
-def test_a_simulator_is_no_description() -> None:
+def test_a_simulator_is_not_a_description() -> None:
     from barewire.devices.sim import simulator
 
     with refused(EncodeError, "expected the name or the path of a description, or a Device"):

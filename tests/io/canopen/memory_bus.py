@@ -1,4 +1,4 @@
-"""Buses that need no hardware: one in memory, whose members share a `CanBus`, and python-can's virtual one."""
+"""Buses without hardware: one in memory, whose members share a `CanBus`, and python-can's virtual one."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ IDENTITY = LssAddress(0x360, 0xDEADBEEF, 0x10002, 0xFFFFFFFF)
 
 
 class MemoryPort:
-    """A port on which comes what the test puts there; what is sent goes nowhere but to the others on the same bus."""
+    """A port that receives the items of the test. Sent frames go only to the other subscribers of the same bus."""
 
     name = "memory"
 
     def __init__(self) -> None:
         self.sent: deque[CanFrame] = deque(maxlen=1000)
         self.closed = False
-        self._coming: deque[CanFrame | ErrorFrame | FdFrame | PortError] = deque()
-        self._some = threading.Event()
+        self._incoming: deque[CanFrame | ErrorFrame | FdFrame | PortError] = deque()
+        self._has_items = threading.Event()
 
-    def come(self, *items: CanFrame | ErrorFrame | FdFrame | PortError) -> None:
-        """These come next."""
-        self._coming.extend(items)
-        self._some.set()
+    def deliver(self, *items: CanFrame | ErrorFrame | FdFrame | PortError) -> None:
+        """Let the port receive these items next."""
+        self._incoming.extend(items)
+        self._has_items.set()
 
     def send(self, item: CanFrame) -> None:
         self.sent.append(item)
@@ -49,13 +49,13 @@ class MemoryPort:
         return item if isinstance(item, CanFrame) else None
 
     def receive_any(self, timeout: float) -> CanFrame | ErrorFrame | FdFrame | None:
-        if not self._coming:
-            self._some.clear()
-            if not self._coming:
-                self._some.wait(timeout)
-        if not self._coming:
+        if not self._incoming:
+            self._has_items.clear()
+            if not self._incoming:
+                self._has_items.wait(timeout)
+        if not self._incoming:
             return None
-        item = self._coming.popleft()
+        item = self._incoming.popleft()
         if isinstance(item, PortError):
             raise item
         return item
@@ -65,7 +65,7 @@ class MemoryPort:
 
 
 def objects() -> ObjectDictionary:
-    """A node with a little of everything."""
+    """The objects of a node, of several types."""
     numbers = [Entry(0x3000 + place, 0, f"number {place}", "u32", "rw", place * 7919) for place in range(100)]
     return ObjectDictionary(
         [
@@ -81,7 +81,7 @@ def objects() -> ObjectDictionary:
 
 
 def device(node: int | None = 5) -> LocalNode:
-    """With two PDOs and LSS."""
+    """A node with two PDOs and LSS."""
     pdos = [PdoConfig("RPDO", 1, (0x60400010, 0x60FF0020)), PdoConfig("TPDO", 1, (0x60410010, 0x60FF0020), type=1)]
     return LocalNode(node, objects(), pdos, lss=LssSlave(IDENTITY, store=lambda node, rate: True))
 

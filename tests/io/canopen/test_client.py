@@ -43,9 +43,9 @@ pytest.importorskip("can")
 Calls = Callable[[Any], Awaitable[None]]
 
 
-async def get(said: Any) -> Any:
+async def get(sent_texts: Any) -> Any:
     """What a verb gave: on one client the value, on the other a coroutine of it."""
-    return await said if inspect.isawaitable(said) else said
+    return await sent_texts if inspect.isawaitable(sent_texts) else sent_texts
 
 
 def run_with(calls: Calls, kind: str, url: str) -> None:
@@ -85,12 +85,12 @@ def test_sdo(kind: str, thing: tuple[str, LocalNode]) -> None:
         with pytest.raises(SdoAbort, match="0609 0031h"):
             await get(client.node().sdo.download(0x2001, 0, b"\x65"))
         value = bytes(place * 7 % 251 for place in range(5000))
-        told: list[tuple[int, int | None]] = []
+        reported: list[tuple[int, int | None]] = []
         sdo = client.node().sdo
         for block in (False, True, "auto"):
-            await get(sdo.download(0x2100, 0, value, block=block, progress=lambda *done: told.append(done)))
-            assert told[-1] == (5000, 5000)
-            assert await get(sdo.upload(0x2100, block=block, progress=lambda *done: told.append(done))) == value
+            await get(sdo.download(0x2100, 0, value, block=block, progress=lambda *done: reported.append(done)))
+            assert reported[-1] == (5000, 5000)
+            assert await get(sdo.upload(0x2100, block=block, progress=lambda *done: reported.append(done))) == value
             await get(client.node().sdo.download(0x2100, 0, b"", block=block))
         pieces = (value[at : at + 100] for at in range(0, 5000, 100))
         await get(client.node().sdo.download(0x2100, 0, pieces, size=5000, block="auto"))
@@ -168,8 +168,8 @@ def test_emcy_sync_and_time(kind: str, thing: tuple[str, LocalNode]) -> None:
             assert [isinstance(beat, SyncEvent) and beat.counter for beat in beats] == [1, 2, 3, 4, 1, 2]
             await get(client.sync.send(3))
             clock = client.time.start(60.0)
-            heard = await get(times.get(30.0))
-            assert isinstance(heard, TimeReceived)
+            received = await get(times.get(30.0))
+            assert isinstance(received, TimeReceived)
             clock.stop()
             await get(client.time.send(1709210096.789))
             assert (await get(times.get(30.0))).stamp.unix == 1709210096.789
@@ -182,26 +182,26 @@ def test_emcy_sync_and_time(kind: str, thing: tuple[str, LocalNode]) -> None:
 @KINDS
 def test_node_guarding(kind: str, thing: tuple[str, LocalNode]) -> None:
     async def calls(client: Any) -> None:
-        told: list[GuardEvent] = []
+        reported: list[GuardEvent] = []
 
         async def until(*kinds: str) -> None:
             deadline = time.monotonic() + 30.0
-            while tuple(event.kind for event in told) != kinds:
-                assert time.monotonic() < deadline, told
+            while tuple(event.kind for event in reported) != kinds:
+                assert time.monotonic() < deadline, reported
                 await asyncio.sleep(0.001)
 
-        guarding = client.nmt.start_guarding({5: Guard(0.02, 200)}, told.append)
+        guarding = client.nmt.start_guarding({5: Guard(0.02, 200)}, reported.append)
         await until("answered")
         await get(client.node().nmt.send(NmtCommand.STOP))
         await until("answered", "state")
-        assert (told[-1].node, told[-1].state) == (5, NmtState.STOPPED)
+        assert (reported[-1].node, reported[-1].state) == (5, NmtState.STOPPED)
         await get(client.node().nmt.send(NmtCommand.RESET_COMMUNICATION))
         await until("answered", "state", "booted", "state")
         guarding.stop()
-        told.clear()
-        gone = client.nmt.start_guarding({6: Guard(0.01, 2)}, told.append)
+        reported.clear()
+        guarding_6 = client.nmt.start_guarding({6: Guard(0.01, 2)}, reported.append)
         await until("lost")
-        gone.stop()
+        guarding_6.stop()
         with pytest.raises(EncodeError, match="expected a time above 0"):
             client.nmt.start_guarding({5: Guard(0.0)}, print)
 
@@ -246,7 +246,7 @@ def test_sync_time_and_emcy_with_other_identifiers(kind: str, thing: tuple[str, 
 
 
 class Wrong:
-    """A machine that has one thing to say."""
+    """A machine with one event."""
 
     deadline = None
 
@@ -313,9 +313,9 @@ def test_the_pdos_of_a_described_machine_by_its_names(kind: str, request: pytest
 @KINDS
 def test_scan_run_frames_and_host(kind: str, thing: tuple[str, LocalNode]) -> None:
     async def calls(client: Any) -> None:
-        asked: list[int] = []
-        survey = await get(client.scan(range(1, 8), progress=lambda node, survey: asked.append(node)))
-        assert (list(survey.nodes), asked) == ([5], list(range(1, 8)))
+        requests: list[int] = []
+        survey = await get(client.scan(range(1, 8), progress=lambda node, survey: requests.append(node)))
+        assert (list(survey.nodes), requests) == ([5], list(range(1, 8)))
         assert list((await get(client.run(scan(range(4, 7))))).nodes) == [5]
         with client.frames((0x585, False)) as answers, client.frames() as everything:
             await get(client.node().sdo.upload(0x6041))
@@ -334,9 +334,9 @@ def test_lss(kind: str, request: pytest.FixtureRequest) -> None:
 
     async def calls(client: Any) -> None:
         assert await get(client.lss.identify_unconfigured(timeout=0.5)) == 1
-        told: list[int] = []
-        assert await get(client.lss.fastscan(timeout=0.5, progress=lambda at: told.append(at.bit))) == IDENTITY
-        assert told == [*range(31, -1, -1)] * 4
+        reported: list[int] = []
+        assert await get(client.lss.fastscan(timeout=0.5, progress=lambda at: reported.append(at.bit))) == IDENTITY
+        assert reported == [*range(31, -1, -1)] * 4
         assert await get(client.lss.inquire_address()) == IDENTITY
         assert await get(client.lss.inquire_node()) is None
         await get(client.lss.switch_global(LssState.WAITING))
@@ -385,9 +385,9 @@ def test_a_silent_node_does_not_keep_another_one_waiting() -> None:
                 silent.node().sdo.upload(0x1000)
 
         waiting = threading.Thread(target=ask)
-        with client.frames((0x605, False)) as asked:
+        with client.frames((0x605, False)) as requests:
             waiting.start()
-            assert asked.get(10.0) is not None
+            assert requests.get(10.0) is not None
         assert client.node().sdo.upload(0x6041) == bytes.fromhex("3706")
 
         async def main() -> bytes:
@@ -432,7 +432,7 @@ def test_cancelled_at_every_await_and_the_next_transfer_works(block: bool, downl
             assert await client.node().sdo.upload(0x6041) == bytes.fromhex("3706")
             if ended:
                 return steps
-        raise AssertionError("it never came to its end")
+        raise AssertionError("it did not end")
 
     with memory_bus() as bus:
         assert asyncio.run(main(bus)) >= 5
@@ -472,14 +472,14 @@ class Cramped(MemoryPort):
 
 
 def test_a_task_cancelled_within_a_burst_sends_its_abort_when_there_is_room() -> None:
-    """The controller takes five frames of a burst of sixteen. Behind the rest of them comes the abort."""
+    """The controller takes five frames of a burst of sixteen. The abort follows after the rest of them."""
 
     async def main(bus: CanBus, port: Cramped) -> list[CanFrame]:
         client = AsyncCanopenClient(bus, node=5, timeout=30.0)
         task: asyncio.Task[Any] = asyncio.create_task(client.node().sdo.download(0x2100, 0, bytes(2000), block=True))
         while not port.sent:
             await asyncio.sleep(0.001)
-        port.come(CanFrame.parse("585#A40021007F000000"))
+        port.deliver(CanFrame.parse("585#A40021007F000000"))
         while port.room:
             await asyncio.sleep(0.001)
         task.cancel()
@@ -493,15 +493,15 @@ def test_a_task_cancelled_within_a_burst_sends_its_abort_when_there_is_room() ->
 
     port = Cramped(6)
     with CanBus(port) as bus:
-        said = [str(frame) for frame in asyncio.run(main(bus, port))]
-    assert [text[:6] for text in said[1:17]] == [f"605#{number:02X}" for number in range(1, 17)]
-    assert said[17:] == ["605#8000210000000008"]
+        sent_texts = [str(frame) for frame in asyncio.run(main(bus, port))]
+    assert [text[:6] for text in sent_texts[1:17]] == [f"605#{number:02X}" for number in range(1, 17)]
+    assert sent_texts[17:] == ["605#8000210000000008"]
 
 
 def test_receive_gives_the_frames_since_its_first_call() -> None:
     port = MemoryPort()
     with CanopenClient(port, timeout=0.01) as client:
         assert client.receive(0.0) is None
-        port.come(CanFrame.parse("705#05"))
+        port.deliver(CanFrame.parse("705#05"))
         assert str(client.receive(5.0)) == "705#05"
         assert client.receive() is None

@@ -47,8 +47,8 @@ def test_our_device_passes() -> None:
     assert len(results) > 130
 
 
-def test_values_set_before_are_no_failure_of_the_device(device: str) -> None:
-    """1017h is compared with what it has after a reset, not with what it had when the battery came."""
+def test_values_set_before_are_not_a_failure_of_the_device(device: str) -> None:
+    """1017h is compared with its value after a reset, not with its value before the battery."""
     with CanopenClient(device) as client:
         client.node().sdo.download(0x1017, 0, (1234).to_bytes(2, "little"))
         results = list(conform_can(Endpoint.parse(device), only=("SDO-01",)))
@@ -72,7 +72,7 @@ def test_gentle_leaves_out_cases_that_change_values() -> None:
 
 def test_no_device_and_another_scheme_are_errors() -> None:
     with pytest.raises(NoAnswer):
-        list(conform_can(Endpoint.parse("can://virtual/nobody?node=5&timeout=0.05")))
+        list(conform_can(Endpoint.parse("can://virtual/empty?node=5&timeout=0.05")))
     with refused(EncodeError, "these cases are for can://"):
         list(conform_can(Endpoint.parse("tcp://127.0.0.1:1")))
 
@@ -105,20 +105,20 @@ def test_the_command() -> None:
 
 
 def test_the_command_refuses_wrong_options() -> None:
-    for arguments, said in (
-        (("can://virtual/nobody?node=5&timeout=0.05",), "node 5"),
-        (("can://virtual/nobody", "--large", "1000:00"), "--large '1000:00': expected INDEX:SUB from 2000:00 on"),
-        (("can://virtual/nobody", "--large", "here"), "--large 'here': expected INDEX:SUB"),
+    for arguments, message in (
+        (("can://virtual/empty?node=5&timeout=0.05",), "node 5"),
+        (("can://virtual/empty", "--large", "1000:00"), "--large '1000:00': expected INDEX:SUB from 2000:00 on"),
+        (("can://virtual/empty", "--large", "here"), "--large 'here': expected INDEX:SUB"),
         (("tcp://127.0.0.1:1", "--gentle"), "--gentle, --large and --only are for can://"),
     ):
         done = run_command("conform", *arguments)
         assert done.returncode == 1
         assert len(done.stderr.splitlines()) == 1
-        assert said in done.stderr
+        assert message in done.stderr
 
 
 def hold_on(only: str, results: list[NodeCaseResult], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
-    """Collect what comes of the cases that are not left out; behind so many results something happens."""
+    """Collect the results of the cases that are not left out; do something after so many results."""
     for result in conform_can(Endpoint.parse(f"{URL}&timeout=0.1"), only=(only,)):
         if result.outcome is not None:
             results.append(result)
@@ -142,16 +142,16 @@ def test_a_device_that_stops_answering_ends_the_run(monkeypatch: pytest.MonkeyPa
     assert str(caught.value).endswith(f" ({caught.value.not_run} cases not run)")
 
 
-def test_the_run_goes_on_after_a_restart_of_the_device() -> None:
-    """The case in which it comes back may hear its boot-up message, and fail; the others are as ever."""
+def test_the_run_continues_after_a_restart_of_the_device() -> None:
+    """The case during the restart may receive its boot-up message, and fail; the others pass."""
     results: list[NodeCaseResult] = []
     with ExitStack() as stack:
         host = stack.enter_context(CanopenServer(URL, device=plain()))
 
-        def anew() -> None:
+        def restart() -> None:
             host.close()
             stack.enter_context(CanopenServer(URL, device=plain()))
 
-        hold_on("NMT-1", results, 3, anew)
+        hold_on("NMT-1", results, 3, restart)
     assert [result.failure for result in results[4:] if result.failure] == []
     assert len(results) > 5

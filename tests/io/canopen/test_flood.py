@@ -1,4 +1,4 @@
-"""Transfers on a bus that is full of other frames, some of them nearly responses."""
+"""Transfers on a bus full of other frames, some of which resemble responses."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ LATE = CanFrame(0x585, bytes.fromhex("4300300078563412"))  # the response for an
 
 @contextmanager
 def flood(port: MemoryPort, *more: CanFrame) -> Iterator[None]:
-    """Somebody else talks, as fast as the reader takes it away."""
+    """Another node sends, as fast as the reader receives."""
     over = threading.Event()
 
-    def talk() -> None:
+    def send() -> None:
         for item in itertools.cycle(OTHERS + more):
             if over.is_set():
                 return
-            port.come(item)
-            while len(port._coming) > 20 and not over.is_set():
+            port.deliver(item)
+            while len(port._incoming) > 20 and not over.is_set():
                 over.wait(0.0005)
 
-    thread = threading.Thread(target=talk)
+    thread = threading.Thread(target=send)
     thread.start()
     try:
         yield

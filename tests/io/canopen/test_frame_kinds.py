@@ -16,7 +16,7 @@ from barewire.io.endpoint import Endpoint
 can = pytest.importorskip("can")
 
 
-def test_error_and_fd_frames_are_kinds_of_their_own() -> None:
+def test_error_and_fd_frames_have_their_own_types() -> None:
     from barewire.io.ports.python_can import CanPort
 
     port = CanPort(Endpoint.parse("can://virtual/kinds"))

@@ -38,22 +38,22 @@ class TextClient:
         self.writer = writer
 
     @classmethod
-    async def at(cls, made: CanopenGateway) -> TextClient:
+    async def connect(cls, made: CanopenGateway) -> TextClient:
         return cls(*await asyncio.open_connection("127.0.0.1", made.port))
 
-    def say(self, text: str) -> None:
+    def send_text(self, text: str) -> None:
         self.writer.write(text.encode())
 
-    async def hear(self) -> str:
+    async def read_line(self) -> str:
         line = await asyncio.wait_for(self.reader.readline(), 30)
         assert line == b"" or line.endswith(b"\r\n"), line
         return line.decode().rstrip("\r\n")
 
     async def ask(self, line: str) -> str:
-        self.say(line + "\n")
-        return await self.hear()
+        self.send_text(line + "\n")
+        return await self.read_line()
 
-    async def leave(self) -> None:
+    async def close(self) -> None:
         self.writer.close()
         await self.writer.wait_closed()
 
@@ -65,17 +65,17 @@ def play(body: Callable[[], Coroutine[Any, Any, None]]) -> None:
 def test_lines_are_answered_in_order_in_whatever_pieces_they_come() -> None:
     async def body() -> None:
         async with gateway("gateway-lines") as (made, _):
-            person = await TextClient.at(made)
+            terminal = await TextClient.connect(made)
             text = "[1] 5 r 0x1000 0 x32\r\n# nothing\n\n[2] 5 w 0x1017 0 u16 0\n[3] nonsense\n[4] 5 r 0x1017 0 u16\n"
             for at in range(0, len(text), 7):
-                person.say(text[at : at + 7])
+                terminal.send_text(text[at : at + 7])
                 await asyncio.sleep(0)
-            answers = [await person.hear() for _ in range(4)]
+            answers = [await terminal.read_line() for _ in range(4)]
             assert answers[0].startswith("[1] 0x")
             assert answers[1] == "[2] OK"
             assert answers[2].startswith("[3] ERROR:101 #")
             assert answers[3] == "[4] 0"
-            await person.leave()
+            await terminal.close()
 
     play(body)
 
@@ -86,13 +86,13 @@ def test_every_line_end_is_accepted(end: str) -> None:
 
     async def body() -> None:
         async with gateway(f"gateway-ends-{end.encode().hex()}") as (made, _):
-            person = await TextClient.at(made)
+            terminal = await TextClient.connect(made)
             for part in f"[1] set node 5{end}[2] info version{end}[3] set node 6{end}":
-                person.say(part)
+                terminal.send_text(part)
                 await asyncio.sleep(0)
             for number in (1, 2, 3):
-                assert (await person.hear()).startswith(f"[{number}] ")
-            await person.leave()
+                assert (await terminal.read_line()).startswith(f"[{number}] ")
+            await terminal.close()
 
     play(body)
 
@@ -100,13 +100,13 @@ def test_every_line_end_is_accepted(end: str) -> None:
 def test_bytes_that_are_not_text_are_a_syntax_error() -> None:
     async def body() -> None:
         async with gateway("gateway-binary") as (made, _):
-            person = await TextClient.at(made)
-            person.writer.write(b"\xff\xfb\x01\x00\x80" * 20 + b"\n\0\n[1] \xc3\x28\n")
+            terminal = await TextClient.connect(made)
+            terminal.writer.write(b"\xff\xfb\x01\x00\x80" * 20 + b"\n\0\n[1] \xc3\x28\n")
             for _ in range(2):
-                assert (await person.hear()).startswith("[0] ERROR:101 #")
-            assert (await person.hear()).startswith("[1] ERROR:101 #")
-            assert await person.ask("[2] set node 5") == "[2] OK"
-            await person.leave()
+                assert (await terminal.read_line()).startswith("[0] ERROR:101 #")
+            assert (await terminal.read_line()).startswith("[1] ERROR:101 #")
+            assert await terminal.ask("[2] set node 5") == "[2] OK"
+            await terminal.close()
 
     play(body)
 
@@ -116,16 +116,16 @@ def test_a_bus_without_remote_frames_has_no_guarding() -> None:
 
     async def body() -> None:
         async with gateway("gateway-remote") as (_, client):
-            client.bus.name = "socketcand/127.0.0.1:1/can0"  # what python-can says over it has no remote frames
+            client.bus.name = "socketcand/127.0.0.1:1/can0"  # python-can has no remote frames there
             async with await serve_gateway(client) as made:
-                person = await TextClient.at(made)
-                refusal = await person.ask("[1] 5 enable guarding 20 2")
+                terminal = await TextClient.connect(made)
+                refusal = await terminal.ask("[1] 5 enable guarding 20 2")
                 assert refusal.startswith("[1] ERROR:100 #")
                 assert "enable heartbeat" in refusal
-                assert await person.ask("[2] 5 disable guarding") == "[2] OK"
-                assert await person.ask("[3] 5 enable heartbeat 1000") == "[3] OK"
+                assert await terminal.ask("[2] 5 disable guarding") == "[2] OK"
+                assert await terminal.ask("[3] 5 enable heartbeat 1000") == "[3] OK"
                 assert not made.ended.is_set()
-                await person.leave()
+                await terminal.close()
 
     play(body)
 
@@ -133,13 +133,13 @@ def test_a_bus_without_remote_frames_has_no_guarding() -> None:
 def test_a_client_that_closes_its_sending_half_is_answered() -> None:
     async def body() -> None:
         async with gateway("gateway-eof") as (made, _):
-            person = await TextClient.at(made)
-            person.say("[1] 5 r 0x1017 0 u16\n[2] info version")  # no line end, as `printf` leaves it
-            person.writer.write_eof()
-            assert (await person.hear()).startswith("[1] ")
-            assert (await person.hear()).startswith("[2] ")
-            assert await person.hear() == ""
-            await person.leave()
+            terminal = await TextClient.connect(made)
+            terminal.send_text("[1] 5 r 0x1017 0 u16\n[2] info version")  # no line end, as `printf` leaves it
+            terminal.writer.write_eof()
+            assert (await terminal.read_line()).startswith("[1] ")
+            assert (await terminal.read_line()).startswith("[2] ")
+            assert await terminal.read_line() == ""
+            await terminal.close()
 
     play(body)
 
@@ -147,16 +147,16 @@ def test_a_client_that_closes_its_sending_half_is_answered() -> None:
 def test_all_connections_get_boot_ups_and_guarding_events() -> None:
     async def body() -> None:
         async with gateway("gateway-notices") as (made, _):
-            one, other = await TextClient.at(made), await TextClient.at(made)
+            one, other = await TextClient.connect(made), await TextClient.connect(made)
             assert await other.ask("[1] set sdo_timeout 300") == "[1] OK"
             assert await one.ask("[1] 5 reset node") == "[1] OK"
-            assert await one.hear() == "1 5 BOOT_UP"
-            assert await other.hear() == "1 5 BOOT_UP"
+            assert await one.read_line() == "1 5 BOOT_UP"
+            assert await other.read_line() == "1 5 BOOT_UP"
             assert await other.ask("[2] 99 enable guarding 20 2") == "[2] OK"
-            assert await other.hear() == "1 99 ERROR 201 #no answer to guarding"
+            assert await other.read_line() == "1 99 ERROR 201 #no answer to guarding"
             assert await other.ask("[3] 99 disable guarding") == "[3] OK"
-            await one.leave()
-            await other.leave()
+            await one.close()
+            await other.close()
 
     play(body)
 
@@ -164,14 +164,14 @@ def test_all_connections_get_boot_ups_and_guarding_events() -> None:
 def test_a_silent_node_does_not_delay_other_connections() -> None:
     async def body() -> None:
         async with gateway("gateway-dead") as (made, _):
-            patient, quick = await TextClient.at(made), await TextClient.at(made)
-            assert await patient.ask("[1] set sdo_timeout 3000") == "[1] OK"
-            patient.say("[2] 99 r 0x1000 0\n")
+            waiting, quick = await TextClient.connect(made), await TextClient.connect(made)
+            assert await waiting.ask("[1] set sdo_timeout 3000") == "[1] OK"
+            waiting.send_text("[2] 99 r 0x1000 0\n")
             for number in range(50):
                 assert (await quick.ask(f"[{number}] 5 r 0x1017 0 u16")).startswith(f"[{number}] ")
-            assert (await patient.hear()).startswith("[2] ERROR:0x05040000 #")
-            await patient.leave()
-            await quick.leave()
+            assert (await waiting.read_line()).startswith("[2] ERROR:0x05040000 #")
+            await waiting.close()
+            await quick.close()
 
     play(body)
 
@@ -179,13 +179,13 @@ def test_a_silent_node_does_not_delay_other_connections() -> None:
 def test_a_closed_connection_leaves_no_task_and_no_lock() -> None:
     async def body() -> None:
         async with gateway("gateway-leaving") as (made, _):
-            gone = await TextClient.at(made)
-            gone.say("[1] set sdo_timeout 60000\n[2] 99 r 0x1000 0\n")
-            assert await gone.hear() == "[1] OK"
-            gone.writer.transport.abort()
-            person = await TextClient.at(made)
-            assert (await person.ask("[1] 5 r 0x1017 0 u16")).startswith("[1] ")
-            await person.leave()
+            aborted = await TextClient.connect(made)
+            aborted.send_text("[1] set sdo_timeout 60000\n[2] 99 r 0x1000 0\n")
+            assert await aborted.read_line() == "[1] OK"
+            aborted.writer.transport.abort()
+            terminal = await TextClient.connect(made)
+            assert (await terminal.ask("[1] 5 r 0x1017 0 u16")).startswith("[1] ")
+            await terminal.close()
 
     play(body)
 
@@ -193,11 +193,11 @@ def test_a_closed_connection_leaves_no_task_and_no_lock() -> None:
 def test_a_line_that_is_too_long_is_refused_and_the_next_is_read() -> None:
     async def body() -> None:
         async with gateway("gateway-long") as (made, _):
-            person = await TextClient.at(made)
-            person.say("[1] 5 w 0x2000 0 d " + "A" * 200_000)
-            assert (await person.hear()).startswith("[0] ERROR:600 #")
-            assert await person.ask("\n[2] set node 5") == "[2] OK"
-            await person.leave()
+            terminal = await TextClient.connect(made)
+            terminal.send_text("[1] 5 w 0x2000 0 d " + "A" * 200_000)
+            assert (await terminal.read_line()).startswith("[0] ERROR:600 #")
+            assert await terminal.ask("\n[2] set node 5") == "[2] OK"
+            await terminal.close()
 
     play(body)
 
@@ -205,8 +205,8 @@ def test_a_line_that_is_too_long_is_refused_and_the_next_is_read() -> None:
 def test_a_connection_that_is_not_read_loses_notices_and_gets_their_number() -> None:
     async def body() -> None:
         async with gateway("gateway-slow") as (made, _):
-            person = await TextClient.at(made)
-            assert await person.ask("[1] set rpdo 1 0x7FF event 1 0x2000 0 u64") == "[1] OK"
+            terminal = await TextClient.connect(made)
+            assert await terminal.ask("[1] set rpdo 1 0x7FF event 1 0x2000 0 u64") == "[1] OK"
             (connection,) = made._connections
             for number in range(2_000_000):  # the system's buffers take some megabytes first
                 connection._feed_notices(CanFrame(0x7FF, number.to_bytes(8, "little")), 0.0)
@@ -214,12 +214,12 @@ def test_a_connection_that_is_not_read_loses_notices_and_gets_their_number() -> 
                     break
             assert connection._writer.transport.get_write_buffer_size() < UNREAD_LIMIT + 1000
             while not connection._writer.transport.get_write_buffer_size() < 100:
-                await person.hear()
+                await terminal.read_line()
             connection._feed_notices(CanFrame(0x7FF, bytes(8)), 0.0)
-            while not (line := await person.hear()).startswith("#"):
+            while not (line := await terminal.read_line()).startswith("#"):
                 pass
             assert line == "#3 notices were lost: they were not read"
-            await person.leave()
+            await terminal.close()
 
     play(body)
 
@@ -227,15 +227,15 @@ def test_a_connection_that_is_not_read_loses_notices_and_gets_their_number() -> 
 def test_bus_off_is_a_notice() -> None:
     async def body() -> None:
         async with gateway("gateway-bus-off") as (made, client):
-            person = await TextClient.at(made)
-            assert await person.ask("[1] set node 5") == "[1] OK"
+            terminal = await TextClient.connect(made)
+            assert await terminal.ask("[1] set node 5") == "[1] OK"
             client.bus._report(ErrorFrame(0x40), 0.0)
-            assert await person.hear() == "1 ERROR 301 #bus off"
+            assert await terminal.read_line() == "1 ERROR 301 #bus off"
             client.bus._report(ErrorFrame(0x04, bytes([0, 0x20])), 0.0)
-            assert (await person.hear()).startswith("1 ERROR 300 #")
-            client.bus._report(ErrorFrame(0x04, bytes([0, 0x04])), 0.0)  # a warning, not told
-            assert await person.ask("[2] set node 5") == "[2] OK"
-            await person.leave()
+            assert (await terminal.read_line()).startswith("1 ERROR 300 #")
+            client.bus._report(ErrorFrame(0x04, bytes([0, 0x04])), 0.0)  # a warning is not reported
+            assert await terminal.ask("[2] set node 5") == "[2] OK"
+            await terminal.close()
 
     play(body)
 
@@ -243,13 +243,13 @@ def test_bus_off_is_a_notice() -> None:
 def test_the_end_of_the_bus_ends_the_gateway() -> None:
     async def body() -> None:
         async with gateway("gateway-gone") as (made, client):
-            person = await TextClient.at(made)
-            assert await person.ask("[1] set node 5") == "[1] OK"
+            terminal = await TextClient.connect(made)
+            assert await terminal.ask("[1] set node 5") == "[1] OK"
             client.bus._fail("the adapter was unplugged")
             await asyncio.wait_for(made.ended.wait(), 30)
             assert "unplugged" in str(made.failure)
-            assert await person.hear() == ""
-            await person.leave()
+            assert await terminal.read_line() == ""
+            await terminal.close()
 
     play(body)
 
@@ -257,13 +257,13 @@ def test_the_end_of_the_bus_ends_the_gateway() -> None:
 def test_connections_above_the_limit_are_refused() -> None:
     async def body() -> None:
         async with gateway("gateway-many") as (made, _):
-            people = [await TextClient.at(made) for _ in range(GATEWAY_CONNECTIONS)]
-            for person in people:
-                assert await person.ask("[1] set node 5") == "[1] OK"
-            late = await TextClient.at(made)
-            assert (await late.hear()).startswith("[0] ERROR:600 #")
-            for person in [*people, late]:
-                await person.leave()
+            terminals = [await TextClient.connect(made) for _ in range(GATEWAY_CONNECTIONS)]
+            for terminal in terminals:
+                assert await terminal.ask("[1] set node 5") == "[1] OK"
+            late = await TextClient.connect(made)
+            assert (await late.read_line()).startswith("[0] ERROR:600 #")
+            for terminal in [*terminals, late]:
+                await terminal.close()
 
     play(body)
 
@@ -271,17 +271,17 @@ def test_connections_above_the_limit_are_refused() -> None:
 def test_fifty_connections_at_the_same_time() -> None:
     async def body() -> None:
         async with gateway("gateway-fifty") as (made, _):
-            people = [await TextClient.at(made) for _ in range(50)]
+            terminals = [await TextClient.connect(made) for _ in range(50)]
 
-            async def talk(number: int) -> None:
-                person = people[number]
+            async def main(number: int) -> None:
+                terminal = terminals[number]
                 for turn in range(1, 6):
-                    assert await person.ask(f"[{100 * number + turn}] 5 r 0x1000 0 x32") == (
+                    assert await terminal.ask(f"[{100 * number + turn}] 5 r 0x1000 0 x32") == (
                         f"[{100 * number + turn}] 0x00020192"
                     )
-                await person.leave()
+                await terminal.close()
 
-            await asyncio.gather(*map(talk, range(50)))
+            await asyncio.gather(*map(main, range(50)))
 
     play(body)
 
@@ -289,35 +289,35 @@ def test_fifty_connections_at_the_same_time() -> None:
 def test_a_broken_connection_ends_its_transfer() -> None:
     async def body() -> None:
         async with gateway("gateway-broken") as (made, _):
-            person = await TextClient.at(made)
-            assert await person.ask("[1] set sdo_timeout 60000") == "[1] OK"
-            person.say("[2] 9 r 0x1000 0 u32\n")  # there is no node 9
+            terminal = await TextClient.connect(made)
+            assert await terminal.ask("[1] set sdo_timeout 60000") == "[1] OK"
+            terminal.send_text("[2] 9 r 0x1000 0 u32\n")  # there is no node 9
             while not made.client.bus._locks._queue:
                 await asyncio.sleep(0.01)
-            sock = person.writer.get_extra_info("socket")
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset, no farewell
-            person.writer.transport.abort()
+            sock = terminal.writer.get_extra_info("socket")
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset of the connection
+            terminal.writer.transport.abort()
             while made._connections:
                 await asyncio.sleep(0.01)
-            other = await TextClient.at(made)
+            other = await TextClient.connect(made)
             assert not made.client.bus._locks._queue
             assert await other.ask("[3] 5 r 0x1000 0 x32") == "[3] 0x00020192"
-            await other.leave()
+            await other.close()
 
     play(body)
 
 
 def test_a_client_that_sends_no_more_still_gets_its_response() -> None:
-    """As `nc -N` does: the end of what is said is not the end of the connection."""
+    """As with `nc -N`: a client that closed its sending half still receives."""
 
     async def body() -> None:
         async with gateway("gateway-half") as (made, _):
-            person = await TextClient.at(made)
-            person.say("[1] 5 r 0x1000 0 x32\n")
-            person.writer.write_eof()
-            assert await person.hear() == "[1] 0x00020192"
-            assert await person.hear() == ""
-            await person.leave()
+            terminal = await TextClient.connect(made)
+            terminal.send_text("[1] 5 r 0x1000 0 x32\n")
+            terminal.writer.write_eof()
+            assert await terminal.read_line() == "[1] 0x00020192"
+            assert await terminal.read_line() == ""
+            await terminal.close()
 
     play(body)
 

@@ -1,4 +1,4 @@
-"""Nodes of one's own on a bus: `do`, reports of the controller; wrong arguments of clients and nodes."""
+"""Local nodes on a bus: `do`, reports of the controller; wrong arguments of clients and nodes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PATIENCE = 30.0
 
 
 def thermometer() -> LocalNode:
-    """It has no heartbeat: nothing brings it to speak but its value."""
+    """A node without heartbeat, which sends only when its value changes."""
     objects = ObjectDictionary([*standard_objects(), Entry(0x6000, 0, "temperature", "i16", "ro", 215)])
     return LocalNode(5, objects, [PdoConfig("TPDO", 1, (0x60000010,))])
 
@@ -39,15 +39,15 @@ def test_do_on_a_served_node_sends_frames_at_once() -> None:
         pdo = client.node().pdo.remote("TPDO", 1, objects=node.objects)
         with client.emergencies() as wrong, client.pdos(pdo) as values:
             host.do(lambda now: node.error(0x4210, now))
-            told = wrong.get(timeout=PATIENCE)
-            assert isinstance(told, EmcyEvent)
-            assert told.message.code == 0x4210
+            reported = wrong.get(timeout=PATIENCE)
+            assert isinstance(reported, EmcyEvent)
+            assert reported.message.code == 0x4210
             host.do(lambda now: node.objects.set(0x6000, 0, 216))
-            heard = values.get(timeout=PATIENCE)
-            assert getattr(heard, "values", None) == {"temperature": 216}
-            node.objects["temperature"] = 217  # seen by itself, a little later
-            heard = values.get(timeout=PATIENCE)
-            assert getattr(heard, "values", None) == {"temperature": 217}
+            received = values.get(timeout=PATIENCE)
+            assert getattr(received, "values", None) == {"temperature": 216}
+            node.objects["temperature"] = 217  # takes effect a little later
+            received = values.get(timeout=PATIENCE)
+            assert getattr(received, "values", None) == {"temperature": 217}
 
 
 def test_do_on_a_node_hosted_by_a_client_sends_frames_at_once() -> None:
@@ -86,23 +86,23 @@ def test_a_served_node_that_was_bus_off_follows_1029h_and_sends_8140h() -> None:
     host.port.close()
     host.port = port
     with host:
-        port.come(CanFrame.parse("000#0105"), BUS_OFF)
+        port.deliver(CanFrame.parse("000#0105"), BUS_OFF)
         wait(lambda: host.others == 1)
         wait(lambda: node.state is NmtState.PRE_OPERATIONAL)  # 1029h is 0
-        port.come(RESTARTED)
+        port.deliver(RESTARTED)
         wait(lambda: "085#0000000000000000" in map(str, port.sent))
     assert [str(frame) for frame in port.sent] == ["705#00", "085#4081110000000000", "085#0000000000000000"]
     assert host.others == 2
 
 
 def wait(condition: Callable[[], bool]) -> None:
-    """Until it holds."""
+    """Wait until the condition holds."""
     pause = threading.Event()
     for _ in range(3000):
         if condition():
             return
         pause.wait(0.01)
-    raise AssertionError("it did not come about")
+    raise AssertionError("the condition did not become true")
 
 
 def test_a_node_in_the_url_must_be_that_of_the_device() -> None:

@@ -1,4 +1,4 @@
-"""CANopen over python-can's udp_multicast: a bus whose frames are UDP packets. Nothing of it leaves the machine."""
+"""CANopen over python-can's udp_multicast: a bus whose frames are UDP packets. The packets do not leave the machine."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GROUP = "239.74.163.2"
 
 
 def way_to_the_group() -> tuple[int, bool]:
-    """A port of the group that is free, and whether this machine has a way to a group at all."""
+    """A free port of the group. The test is skipped if this machine has no route to a group."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
         probe.bind(("", 0))

@@ -1,4 +1,4 @@
-"""A bus whose port fails and is opened again: errors, events, and what goes on."""
+"""A bus whose port fails and is opened again: errors, events, and what continues."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def frame(text: str) -> CanFrame:
 
 
 class Adapter:
-    """What opens ports: as many attempts fail as `failing` says; each port is kept."""
+    """Opens ports, of which it keeps each. The next `failing` attempts fail."""
 
     def __init__(self) -> None:
         self.ports: list[MemoryPort] = [MemoryPort()]
@@ -64,52 +64,52 @@ class Adapter:
 
 
 def until(stream: Stream[CanFrame], kind: type[T]) -> T:
-    """The next event of a kind; what comes before is passed over."""
+    """Return the next event of a kind, and skip those before it."""
     while True:
         event = stream.get(30.0)
-        assert event is not None, f"{kind.__name__} did not come"
+        assert event is not None, f"{kind.__name__} did not arrive"
         if isinstance(event, kind):
             return event
 
 
-def test_streams_report_bus_down_and_bus_up_and_go_on() -> None:
+def test_streams_report_bus_down_and_bus_up_and_continue() -> None:
     adapter = Adapter()
     adapter.failing = 2
     with adapter.bus() as bus, Stream(bus, FrameListener(), {(0x80, False)}) as stream:
-        adapter.port.come(frame("080#01"), UNPLUGGED)
+        adapter.port.deliver(frame("080#01"), UNPLUGGED)
         assert stream.get(30.0) == frame("080#01")
         assert stream.get(30.0) == BusDown("the adapter was unplugged")
         back = stream.get(30.0)
         assert isinstance(back, BusUp)
         assert back.after > 0
         assert [port.closed for port in adapter.ports] == [True, False]
-        adapter.port.come(frame("080#02"))
+        adapter.port.deliver(frame("080#02"))
         assert stream.get(30.0) == frame("080#02")
         assert bus.failure is None
     assert adapter.port.closed
 
 
-def test_a_transfer_fails_the_next_waits_for_the_bus_and_a_hosted_node_goes_on() -> None:
+def test_a_transfer_fails_the_next_waits_for_the_bus_and_a_hosted_node_continues() -> None:
     adapter = Adapter()
     with adapter.bus() as bus, Stream(bus, FrameListener(), None) as stream:
         ours = device(6)
         with CanopenClient(bus, node=5, timeout=30.0) as client, client.host(ours):
             client.node(6).sdo.download(0x2001, 0, b"\x07")
             adapter.may_open.clear()
-            told: list[str] = []
+            reported: list[str] = []
 
             def ask() -> None:
                 with pytest.raises(PortError) as caught:
                     client.node().sdo.upload(0x1000)
-                told.append(str(caught.value))
+                reported.append(str(caught.value))
 
             asking = threading.Thread(target=ask)
             asking.start()
             while until(stream, CanFrame).id != 0x605:
                 pass
-            adapter.port.come(UNPLUGGED)
+            adapter.port.deliver(UNPLUGGED)
             asking.join(30.0)
-            assert told == ["the adapter was unplugged"]
+            assert reported == ["the adapter was unplugged"]
             with pytest.raises(PortError, match="unplugged"):
                 client.node(timeout=0.01).sdo.upload(0x1000)
             with pytest.raises(PortError, match="unplugged"):
@@ -117,7 +117,7 @@ def test_a_transfer_fails_the_next_waits_for_the_bus_and_a_hosted_node_goes_on()
             threading.Timer(0.05, adapter.may_open.set).start()
             assert client.node(6).sdo.upload(0x2001) == b"\x07"
             assert client.receive(0.0) is None
-            adapter.port.come(frame("080#"))
+            adapter.port.deliver(frame("080#"))
             assert client.receive(30.0) == frame("080#")
 
 
@@ -134,7 +134,7 @@ def test_reopening_with_asyncio() -> None:
                     silent = asyncio.create_task(client.node(5).sdo.upload(0x1000))
                     while frame("605#4000100000000000") not in adapter.port.sent:
                         await asyncio.sleep(0)
-                    adapter.port.come(UNPLUGGED)
+                    adapter.port.deliver(UNPLUGGED)
                     with pytest.raises(PortError, match="unplugged"):
                         await silent
                     assert await stream.get(30.0) == BusDown("the adapter was unplugged")
@@ -153,7 +153,7 @@ def test_a_stream_opened_while_the_bus_is_down() -> None:
     adapter = Adapter()
     adapter.may_open.clear()
     with adapter.bus() as bus, Stream(bus, FrameListener(), None) as first:
-        adapter.port.come(UNPLUGGED)
+        adapter.port.deliver(UNPLUGGED)
         until(first, BusDown)
         with pytest.raises(PortError, match="unplugged"):
             bus.send(frame("080#"))
@@ -168,7 +168,7 @@ def test_a_bus_can_be_closed_during_a_pause() -> None:
     adapter.failing = 10**9
     bus = adapter.bus()
     stream = Stream(bus, FrameListener(), None)
-    adapter.port.come(UNPLUGGED)
+    adapter.port.deliver(UNPLUGGED)
     until(stream, BusDown)
     reopening = bus._reopening
     assert reopening is not None
@@ -184,7 +184,7 @@ def test_a_bus_can_be_closed_during_a_pause() -> None:
 def test_a_bus_without_dial_is_not_opened_again() -> None:
     port = MemoryPort()
     with CanBus(port) as bus, Stream(bus, FrameListener(), None) as stream:
-        port.come(UNPLUGGED)
+        port.deliver(UNPLUGGED)
         with pytest.raises(PortError, match="unplugged"):
             stream.get(30.0)
 
@@ -199,9 +199,9 @@ def test_a_port_that_fails_at_once_does_not_end_the_growth_of_the_pauses(monkeyp
         port = MemoryPort()
         if broken:
             broken -= 1
-            port.come(PortError("network is down"))
+            port.deliver(PortError("network is down"))
         else:
-            port.come(frame("080#"))
+            port.deliver(frame("080#"))
         return port
 
     class Stop(threading.Event):
@@ -233,10 +233,10 @@ def test_a_node_sends_8140h_when_the_controller_is_back_on_the_bus() -> None:
         client.node().nmt.send_confirmed(NmtCommand.START, ask_every=0.1, timeout=30.0)
         errors = client.frames((0x86, False))
         for restarted in (ErrorFrame(0x100), frame("123#")):
-            port.come(ErrorFrame(0x40, bytes(8)), restarted)
-            said = [str(until(errors, CanFrame)) for _ in range(2)]
-            assert said == ["086#4081110000000000", "086#0000000000000000"]
-        assert client.node().nmt.state(timeout=30.0).state == NmtState.PRE_OPERATIONAL  # as 1029h wants it
+            port.deliver(ErrorFrame(0x40, bytes(8)), restarted)
+            message = [str(until(errors, CanFrame)) for _ in range(2)]
+            assert message == ["086#4081110000000000", "086#0000000000000000"]
+        assert client.node().nmt.state(timeout=30.0).state == NmtState.PRE_OPERATIONAL  # as 1029h requires
 
 
 # Through python-can
@@ -248,7 +248,7 @@ def free_port() -> int:
         return number
 
 
-def test_clients_go_on_after_a_restart_of_the_socketcand_server() -> None:
+def test_clients_continue_after_a_restart_of_the_socketcand_server() -> None:
     place = free_port()
     url = f"can://socketcand/127.0.0.1:{place}/can0?node=5&timeout=30"
     hub = SocketcandHub("127.0.0.1", place)
@@ -278,18 +278,18 @@ def test_a_served_node_goes_on_after_a_restart_of_the_socketcand_server() -> Non
             hub = SocketcandHub("127.0.0.1", place)
             with CanopenClient(url) as client:
                 deadline = time.monotonic() + 30.0
-                heard = b""
-                while not heard and time.monotonic() < deadline:
-                    with suppress(NoAnswer):  # the node may still be on its way
-                        heard = client.node(timeout=0.1).sdo.upload(0x2001)
-                assert heard == b"\x07"  # it has not been switched off
+                received = b""
+                while not received and time.monotonic() < deadline:
+                    with suppress(NoAnswer):  # the node may not be back yet
+                        received = client.node(timeout=0.1).sdo.upload(0x2001)
+                assert received == b"\x07"  # it has not been switched off
         assert host.failure is None
     finally:
         hub.close()
 
 
 class Slcan:
-    """The far end of a serial adapter, on a pseudo-terminal that a name points to."""
+    """The far end of a serial adapter, on a pseudo-terminal with a link to it."""
 
     def __init__(self, link: Path) -> None:
         self.far, self._near = os.openpty()
@@ -310,7 +310,7 @@ class Slcan:
     "noise",
     [b"t12\r", b"tXYZ2\r", b"\xff\xfe\x80t1\r", b"T123\r", b"t1238001122\r", b"\r\r\r", b"zzz\r", b"\a", b"R0000\r"],
 )
-def test_noise_on_a_serial_adapter_is_counted_and_reading_goes_on(tmp_path: Path, noise: bytes) -> None:
+def test_noise_on_a_serial_adapter_is_counted_and_reading_continues(tmp_path: Path, noise: bytes) -> None:
     pytest.importorskip("serial")
     adapter = Slcan(tmp_path / "can")
     port = CanPort(Endpoint.parse(f"can://slcan/{tmp_path}/can"))
@@ -318,16 +318,16 @@ def test_noise_on_a_serial_adapter_is_counted_and_reading_goes_on(tmp_path: Path
         adapter.say(b"t12320102\r")
         assert port.receive(30.0) == frame("123#0102")
         adapter.say(noise + b"t12320304\r")
-        heard = [port.receive(30.0)]
-        while heard[-1] != frame("123#0304"):
-            heard.append(port.receive(30.0))
-        assert port.garbled + len(heard) <= 3
+        received = [port.receive(30.0)]
+        while received[-1] != frame("123#0304"):
+            received.append(port.receive(30.0))
+        assert port.garbled + len(received) <= 3
     finally:
         port.close()
         adapter.close()
 
 
-def test_nothing_but_noise_is_a_port_error(tmp_path: Path) -> None:
+def test_only_noise_is_a_port_error(tmp_path: Path) -> None:
     pytest.importorskip("serial")
     adapter = Slcan(tmp_path / "can")
     port = CanPort(Endpoint.parse(f"can://slcan/{tmp_path}/can"))

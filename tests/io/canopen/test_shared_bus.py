@@ -1,4 +1,4 @@
-"""One reader, many subscribers: which frames they get, losses, errors, the end."""
+"""One reader, many subscribers: the frames that they get, losses, errors, the end."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_frames_go_to_the_subscribers_of_their_identifier() -> None:
     with CanBus(port) as bus, Subscriber(bus, {(0x585, False)}) as ours, Subscriber(bus, {(0x585, True)}) as foreign:
         with Subscriber(bus, None) as everything:
             texts = ["585#01", "00000585#02", "586#03", "585#R1"]
-            port.come(*map(frame, texts))
+            port.deliver(*map(frame, texts))
             assert [str(everything.receive(30.0)) for _ in texts] == texts
         assert [str(ours.receive(30.0)), str(ours.receive(30.0)), ours.receive(0.0)] == ["585#01", "585#R1", None]
         assert [str(foreign.receive(30.0)), foreign.receive(0.0)] == ["00000585#02", None]
@@ -69,7 +69,7 @@ def test_an_error_gets_a_note_of_the_frames_that_were_lost() -> None:
     with CanBus(port) as bus, Subscriber(bus, {(0x585, False)}, room=1) as subscriber:
         for _ in range(3):
             bus.send(frame("585#80"))
-        error = NoAnswer("nobody")
+        error = NoAnswer("no answer")
         subscriber.note_losses(error)
         assert error.__notes__ == ["2 frames were lost here: they arrived faster than they were taken"]
 
@@ -83,7 +83,7 @@ def test_reports_of_the_controller_reach_every_stream_and_no_conversation() -> N
     ):
         with Subscriber(bus, None) as conversation:
             fd = FdFrame(0x585, bytes(12))
-            port.come(BUS_OFF, fd, frame("001#"))
+            port.deliver(BUS_OFF, fd, frame("001#"))
             assert [one.get(30.0), one.get(30.0), one.get(30.0)] == [BUS_OFF, fd, frame("001#")]
             assert [two.get(30.0), two.get(30.0)] == [BUS_OFF, fd]
             assert conversation.receive(30.0) == frame("001#")
@@ -107,7 +107,7 @@ def test_a_failed_port_is_an_error_for_all_now_and_later() -> None:
             thread.start()
         while not port.sent:
             stream.get(30.0)
-        port.come(frame("080#"), PortError("the adapter was unplugged"))
+        port.deliver(frame("080#"), PortError("the adapter was unplugged"))
         for thread in threads:
             thread.join(10.0)
         assert ends == ["the adapter was unplugged"] * 3
@@ -122,10 +122,10 @@ def test_closing_ends_the_reader_and_the_iteration_of_streams() -> None:
     port = MemoryPort()
     bus = CanBus(port)
     stream = Stream(bus, FrameListener(), None)
-    heard: list[object] = []
+    received: list[object] = []
 
     def iterate() -> None:
-        heard.extend(stream)
+        received.extend(stream)
 
     thread = threading.Thread(target=iterate)
     thread.start()
@@ -133,7 +133,7 @@ def test_closing_ends_the_reader_and_the_iteration_of_streams() -> None:
     stream.close()
     thread.join(10.0)
     bus.close()
-    assert (heard, port.closed, threading.active_count()) == ([frame("080#")], True, before)
+    assert (received, port.closed, threading.active_count()) == ([frame("080#")], True, before)
     bus.close()
 
 
@@ -144,7 +144,7 @@ def test_watch_is_called_for_both_directions() -> None:
         Subscriber(bus, None) as subscriber,
     ):
         subscriber.send(frame("605#4000100000000000"))
-        port.come(frame("585#4300100092010200"))
+        port.deliver(frame("585#4300100092010200"))
         assert subscriber.receive(30.0) is not None
     assert seen == [("sent", "605#4000100000000000"), ("received", "585#4300100092010200")]
 
@@ -155,7 +155,7 @@ def test_an_error_of_watch_is_a_port_error() -> None:
 
     port = MemoryPort()
     with CanBus(port, watch=watch) as bus, Subscriber(bus, None) as subscriber:
-        port.come(frame("080#"))
+        port.deliver(frame("080#"))
         with pytest.raises(PortError, match="reading memory ended: ValueError: full"):
             subscriber.receive(10.0)
 
@@ -175,7 +175,7 @@ def test_a_transfer_inside_another_on_one_channel_is_refused_and_does_not_hang()
 def test_no_answer_reports_when_the_node_last_sent_a_frame() -> None:
     port = MemoryPort()
     with CanBus(port) as bus, CanopenClient(bus, node=5, timeout=0.02) as client, Subscriber(bus, None) as subscriber:
-        port.come(frame("705#7F"))
+        port.deliver(frame("705#7F"))
         subscriber.receive(30.0)
         with pytest.raises(NoAnswer, match=r"node 5 last sent a frame 0.\S+ s ago, pre-operational, 0 frames on 585h"):
             client.node().sdo.upload(0x6041)
@@ -186,18 +186,18 @@ def test_an_asyncio_subscriber_gets_all_frames_of_a_burst() -> None:
         with AsyncSubscriber(bus, None) as subscriber, AsyncStream(bus, FrameListener(), None) as stream:
             waiting = asyncio.create_task(subscriber.receive(10.0))
             await asyncio.sleep(0)
-            port.come(*(CanFrame(number) for number in range(1, 100)))
+            port.deliver(*(CanFrame(number) for number in range(1, 100)))
             assert await waiting == CanFrame(1)
             assert [await subscriber.receive(30.0) for _ in range(98)] == [CanFrame(number) for number in range(2, 100)]
             assert await subscriber.receive(0.0) is None
             assert await subscriber.receive(0.001) is None
             assert await stream.get(0.0) == CanFrame(1)
-            gone = asyncio.create_task(subscriber.receive(10.0))
+            cancelled = asyncio.create_task(subscriber.receive(10.0))
             await asyncio.sleep(0)
-            gone.cancel()
+            cancelled.cancel()
             with pytest.raises(asyncio.CancelledError):
-                await gone
-            port.come(BUS_OFF, PortError("unplugged"))
+                await cancelled
+            port.deliver(BUS_OFF, PortError("unplugged"))
             with pytest.raises(PortError, match="unplugged"):
                 await subscriber.receive(10.0)
             events: list[object] = []
@@ -256,9 +256,9 @@ def test_a_port_with_a_full_buffer_tries_again(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(port._bus, "send", full)
     port.send(frame("080#"))
-    heard = other.recv(30.0)
-    assert heard is not None
-    assert heard.arbitration_id == 0x80
+    received = other.recv(30.0)
+    assert received is not None
+    assert received.arbitration_id == 0x80
     left = 1_000_000
     monkeypatch.setattr(base, "SEND_TIMEOUT", 0.01)
     with pytest.raises(PortError, match="no room for a frame"):
@@ -275,17 +275,17 @@ def test_each_receiver_on_the_virtual_bus_gets_its_own_message() -> None:
     port = CanPort(Endpoint.parse("can://virtual/copies?receive_own_messages=true"))
     others = [can.Bus(interface="virtual", channel="copies") for _ in range(2)]
     frames = [frame("585#0102030405060708"), frame("00000585#"), frame("705#R1")]
-    for each in frames:
-        port.send(each)
-    for each in frames:
+    for item in frames:
+        port.send(item)
+    for item in frames:
         one, two = (other.recv(30.0) for other in others)
         assert one is not two
         for message in (one, two):
             assert message is not None
             message.data.clear()
-            assert (message.arbitration_id, message.is_extended_id) == each.key
-            assert (message.is_remote_frame, message.dlc, message.is_rx) == (each.remote, each.dlc, True)
-    assert [port.receive(30.0) for _ in frames] == frames  # whatever the others did with theirs
+            assert (message.arbitration_id, message.is_extended_id) == item.key
+            assert (message.is_remote_frame, message.dlc, message.is_rx) == (item.remote, item.dlc, True)
+    assert [port.receive(30.0) for _ in frames] == frames  # although the others changed theirs
     port.close()
     for other in others:
         other.shutdown()

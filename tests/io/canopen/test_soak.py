@@ -13,7 +13,7 @@ from barewire.io.canopen.shared_bus import CanBus
 from tests.io.canopen.memory_bus import device, memory_bus
 
 NUMBERS = 100
-"""Objects 3000h ... with values of their own: an answer to another question is another value."""
+"""Objects from 3000h on, each with another value, so that an answer to another request is a wrong value."""
 
 
 def right(place: int, data: bytes) -> bool:
@@ -21,7 +21,7 @@ def right(place: int, data: bytes) -> bool:
 
 
 def by_threads(client: CanopenClient, threads: int, reads: int) -> list[int]:
-    """Each thread reads in an order of its own; returned is how many values each found right."""
+    """Read in several threads, each in another order; return how many right values each read."""
     found = [0] * threads
 
     def work(number: int) -> None:
@@ -51,8 +51,8 @@ async def by_tasks(client: AsyncCanopenClient, tasks: int, reads: int) -> list[i
 def test_three_threads_on_one_node() -> None:
     with memory_bus() as bus, CanopenClient(bus, node=5, timeout=30.0) as client, client.host(device()):
         assert by_threads(client, 3, 20_000) == [20_000] * 3
-        heard = client.channel().total
-        assert (heard.late, heard.garbled) == (0, 0)
+        received = client.channel().total
+        assert (received.late, received.garbled) == (0, 0)
 
 
 def test_fifty_tasks_on_one_node() -> None:
@@ -66,7 +66,7 @@ def test_fifty_tasks_on_one_node() -> None:
         assert asyncio.run(main(bus)) == [800] * 50
 
 
-def test_the_same_on_python_can_s_bus() -> None:
+def test_threads_on_the_virtual_bus_of_python_can() -> None:
     pytest.importorskip("can")
     url = "can://virtual/soak?node=5&timeout=30"
 

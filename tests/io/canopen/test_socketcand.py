@@ -1,4 +1,4 @@
-"""The bus between processes: frames are passed on, anything else is not and does no harm."""
+"""The bus between processes: frames are passed on, anything else is ignored."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def test_frames_of_one_client_go_to_all_others(port: int) -> None:
             assert three.receive(2.0) == frame
         assert one.receive(0.05) is None
     finally:
-        for each in (one, two, three):
-            each.close()
+        for connection in (one, two, three):
+            connection.close()
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_frames_of_one_client_go_to_all_others(port: int) -> None:
         b"< " + b" " * 2000 + b">",
     ],
 )
-def test_messages_that_are_no_frame_are_not_passed_on(port: int, message: bytes) -> None:
+def test_messages_that_are_not_frames_are_not_passed_on(port: int, message: bytes) -> None:
     one, two = member(port), member(port)
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=5) as foreign:

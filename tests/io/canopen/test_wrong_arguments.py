@@ -39,7 +39,7 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "no PDO before the first": lambda c: c.node().pdo.read_config("TPDO", 0),
     "no PDO behind the last": lambda c: c.node().pdo.read_config("RPDO", 513),
     "no such direction": lambda c: c.node().pdo.read_config("XPDO", 1),
-    "a mapping is no PDO": lambda c: c.node().pdo.write_config(PdoConfig("TPDO", 513, ())),
+    "a mapping is not a PDO": lambda c: c.node().pdo.write_config(PdoConfig("TPDO", 513, ())),
     "node 0": lambda c: c.node(0).sdo.upload(0x1000),
 }
 

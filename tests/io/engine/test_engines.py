@@ -1,4 +1,4 @@
-"""Both engines: what the steps of a conversation do to a port, and what an abandoned conversation still sends."""
+"""Both engines: the calls of a port for each step of a conversation, and the last frames of an abandoned one."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from barewire.conversation import Abandoned, Conversation, Heard, Listen, Send, 
 from barewire.errors import PortError
 from barewire.io.engine import asyncio as aio, blocking
 
-Talk = Conversation[str, list[Heard[str]]]
+TextConversation = Conversation[str, list[Heard[str]]]
 
 
 class Port:
-    """A port for both engines that echoes what it is sent, and fails with the item `broken`."""
+    """A port for both engines that receives the items it sent, and fails with the item `broken`."""
 
     def __init__(self, broken: str = "") -> None:
         self.log: list[str] = []
@@ -50,60 +50,60 @@ class AsyncPort:
         return self.port.receive(timeout)
 
 
-def with_blocking(port: Port, talk: Talk) -> list[Heard[str]]:
-    return blocking.run(talk, port)
+def with_blocking(port: Port, conversation: TextConversation) -> list[Heard[str]]:
+    return blocking.run(conversation, port)
 
 
-def with_asyncio(port: Port, talk: Talk) -> list[Heard[str]]:
-    return asyncio.run(aio.run(talk, AsyncPort(port)))
+def with_asyncio(port: Port, conversation: TextConversation) -> list[Heard[str]]:
+    return asyncio.run(aio.run(conversation, AsyncPort(port)))
 
 
 engines = pytest.mark.parametrize("run", [with_blocking, with_asyncio])
-Run = Callable[[Port, Talk], list[Heard[str]]]
+Run = Callable[[Port, TextConversation], list[Heard[str]]]
 
 
-def said(port: Port) -> list[str]:
+def sent_items(port: Port) -> list[str]:
     return [item for item in port.log if item != "sent"]
 
 
 @engines
-def test_send_all_sends_in_order_and_is_answered_once(run: Run) -> None:
-    def talk() -> Talk:
-        heard = [(yield Send("a")), (yield SendAll(("b", "c", "d"))), (yield SendAll(()))]
+def test_send_all_sends_in_order_and_is_resumed_once(run: Run) -> None:
+    def conversation() -> TextConversation:
+        received = [(yield Send("a")), (yield SendAll(("b", "c", "d"))), (yield SendAll(()))]
         for _ in range(5):
-            heard.append((yield Listen(0.0)))
-        return heard
+            received.append((yield Listen(0.0)))
+        return received
 
     port = Port()
-    heard = run(port, talk())
-    assert said(port) == ["a", "b", "c", "d"]
-    assert [item for item, _ in heard] == [None, None, None, "a", "b", "c", "d", None]
-    times = [now for _, now in heard]
+    received = run(port, conversation())
+    assert sent_items(port) == ["a", "b", "c", "d"]
+    assert [item for item, _ in received] == [None, None, None, "a", "b", "c", "d", None]
+    times = [now for _, now in received]
     assert times == sorted(times)
 
 
 def test_asyncio_waits_once_until_all_of_a_send_all_is_sent() -> None:
-    def talk() -> Talk:
+    def conversation() -> TextConversation:
         yield Send("a")
         yield SendAll(("b", "c"))
         return []
 
     port = Port()
-    with_asyncio(port, talk())
+    with_asyncio(port, conversation())
     assert port.log == ["a", "sent", "b", "c", "sent"]
 
 
 @engines
-def test_a_port_that_fails_within_a_send_all_is_given_the_abort_frames(run: Run) -> None:
-    def talk() -> Talk:
+def test_a_port_that_fails_within_a_send_all_gets_the_abort_frames(run: Run) -> None:
+    def conversation() -> TextConversation:
         try:
             yield SendAll(("a", "b", "c"))
         except Abandoned:
-            yield SendAll(("abort", "goodbye"))
+            yield SendAll(("abort", "end"))
             raise
         return []
 
     port = Port(broken="b")
     with pytest.raises(PortError, match="unplugged"):
-        run(port, talk())
-    assert said(port) == ["a", "b", "abort", "goodbye"]
+        run(port, conversation())
+    assert sent_items(port) == ["a", "b", "abort", "end"]

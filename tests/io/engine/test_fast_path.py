@@ -1,7 +1,7 @@
-"""The fast path has the results, errors, counters and times of `bus.ask`, whatever comes.
+"""The fast path has the results, errors, counters and times of `bus.ask`, for any input.
 
 Both run in virtual time against the same faulty peer, request after request, and everything visible is compared after
-each. Blocking and asyncio.
+each request; blocking and asyncio.
 """
 
 from __future__ import annotations
@@ -21,30 +21,32 @@ from barewire.tcp import DatagramLine, TcpLine
 from tests.helpers import modest
 
 Script = list[tuple[float, bytes | BaseException]]
-"""What comes after a request: so many seconds after what came before it."""
+"""The items received after a request, each with the seconds since the item before it."""
 
-QUESTIONS: list[Request[Any]] = [
+REQUESTS: list[Request[Any]] = [
     *(ReadHoldingRegisters(3, 1), ReadHoldingRegisters(0, 125), ReadHoldingRegisters(250, 20)),
     *(WriteSingleRegister(3, 7), Diagnostics(0, b"\1\2"), Diagnostics(4)),
 ]
-COMES = st.sampled_from(["good", "cut", "stray", "other unit", "damaged", "header", "noise", "gone", "interrupt", "0"])
+KINDS_OF_INPUT = st.sampled_from(
+    ["good", "cut", "stray", "other unit", "damaged", "header", "noise", "closed", "interrupt", "0"]
+)
 PAUSE = st.sampled_from([0.0, 0.25, 0.5, 1.0])
-ASKED = st.tuples(st.sampled_from(QUESTIONS), st.integers(1, 2), st.sampled_from([0.0, 1.0, 1.0, 1.0]))
+REQUEST = st.tuples(st.sampled_from(REQUESTS), st.integers(1, 2), st.sampled_from([0.0, 1.0, 1.0, 1.0]))
 SENDING = st.sampled_from(["out", "out", "out", "out", "out", "out", "fails", "is interrupted"])
-SCRIPTS = st.lists(st.tuples(COMES, PAUSE, st.integers(0, 300)), max_size=4)
-QUESTION = st.tuples(ASKED, SENDING, SCRIPTS | st.just([("good", 0.25, 0)]))
+SCRIPTS = st.lists(st.tuples(KINDS_OF_INPUT, PAUSE, st.integers(0, 300)), max_size=4)
+STEP = st.tuples(REQUEST, SENDING, SCRIPTS | st.just([("good", 0.25, 0)]))
 
 
-class Wrong:
-    """A port in virtual time. `expect` sets what becomes of the next request."""
+class FaultyPort:
+    """A port in virtual time. `expect` sets the results of the next request."""
 
     def __init__(self) -> None:
         self.now = 100.0
-        self.said: list[bytes] = []
+        self.sent_items: list[bytes] = []
         self._server = Server(TcpLine(), {1: Table(size=256), 2: Table(size=256)}, serial=False)
         self._sending = "out"
         self._script: list[tuple[str, float, int]] = []
-        self._coming: Script = []
+        self._incoming: Script = []
 
     def clock(self) -> float:
         return self.now
@@ -53,7 +55,7 @@ class Wrong:
         self._sending, self._script = sending, script
 
     def send(self, item: bytes) -> None:
-        self.said.append(item)
+        self.sent_items.append(item)
         sending, self._sending = self._sending, "out"
         if sending == "fails":
             raise PortError("the port failed")
@@ -61,46 +63,46 @@ class Wrong:
             raise KeyboardInterrupt
         replies = self._server.feed(item, self.now)
         good = replies[0].data if replies else b""
-        for what, pause, at in self._script:
-            self._coming += [(pause, one) for one in self._made(what, good, at)]
+        for kind, pause, number in self._script:
+            self._incoming += [(pause, item) for item in self._made(kind, good, number)]
         self._script = []
 
     @staticmethod
-    def _made(what: str, good: bytes, at: int) -> list[bytes | BaseException]:
+    def _made(kind: str, good: bytes, number: int) -> list[bytes | BaseException]:
         other: dict[str, list[bytes | BaseException]] = {
-            "cut": [good[: at % (len(good) + 1)], good[at % (len(good) + 1) :]],
+            "cut": [good[: number % (len(good) + 1)], good[number % (len(good) + 1) :]],
             "stray": [bytes([0xEE]) + good[1:]],
             "other unit": [good[:6] + b"\x09" + good[7:]],
-            "damaged": [good[:7] + bytes([at % 256]) + good[8:]],
-            "header": [good[:2] + bytes([at % 2]) + good[3:]],
-            "noise": [bytes(at)],
-            "gone": [PortError("the other side closed the connection")],
+            "damaged": [good[:7] + bytes([number % 256]) + good[8:]],
+            "header": [good[:2] + bytes([number % 2]) + good[3:]],
+            "noise": [bytes(number)],
+            "closed": [PortError("the other side closed the connection")],
             "interrupt": [KeyboardInterrupt()],
-            "0": [good + good[: at % 40]],
+            "0": [good + good[: number % 40]],
         }
-        return [one for one in other.get(what, [good]) if one]
+        return [item for item in other.get(kind, [good]) if item]
 
     def receive(self, timeout: float) -> bytes | None:
-        if not self._coming or self._coming[0][0] > timeout:
-            if self._coming:
-                self._coming[0] = (self._coming[0][0] - timeout, self._coming[0][1])
+        if not self._incoming or self._incoming[0][0] > timeout:
+            if self._incoming:
+                self._incoming[0] = (self._incoming[0][0] - timeout, self._incoming[0][1])
             self.now += timeout
             return None
-        pause, what = self._coming.pop(0)
+        pause, item = self._incoming.pop(0)
         self.now += pause
-        if isinstance(what, BaseException):
-            self._coming.clear()
-            raise what
-        return what
+        if isinstance(item, BaseException):
+            self._incoming.clear()
+            raise item
+        return item
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: the port is only in memory."""
 
 
-class AsyncWrong:
+class AsyncFaultyPort:
     """The same for asyncio."""
 
-    def __init__(self, port: Wrong) -> None:
+    def __init__(self, port: FaultyPort) -> None:
         self.write, self._port = port.send, port
 
     def sent(self) -> Awaitable[float | None] | None:
@@ -111,27 +113,27 @@ class AsyncWrong:
 
 
 class VirtualLoop(asyncio.SelectorEventLoop):
-    port: Wrong
+    port: FaultyPort
 
     def time(self) -> float:
         return self.port.now
 
 
-Ask = Callable[[Bus, int, Request[Any], float, Wrong], Any]
+Ask = Callable[[Bus, int, Request[Any], float, FaultyPort], Any]
 
 
-def through_bus(bus: Bus, unit: int, request: Request[Any], timeout: float, port: Wrong) -> Any:
+def with_bus_ask(bus: Bus, unit: int, request: Request[Any], timeout: float, port: FaultyPort) -> Any:
     return run(bus.ask(unit, request, timeout=timeout), port, port.clock)
 
 
-def blocking(bus: Bus, unit: int, request: Request[Any], timeout: float, port: Wrong) -> Any:
+def blocking(bus: Bus, unit: int, request: Request[Any], timeout: float, port: FaultyPort) -> Any:
     return plain.exchange(bus, unit, request, timeout, port, port.clock)
 
 
-def with_await(bus: Bus, unit: int, request: Request[Any], timeout: float, port: Wrong) -> Any:
+def with_await(bus: Bus, unit: int, request: Request[Any], timeout: float, port: FaultyPort) -> Any:
     loop = VirtualLoop()
     loop.port = port
-    coming = aio.exchange(bus, unit, request, timeout, AsyncWrong(port))
+    coming = aio.exchange(bus, unit, request, timeout, AsyncFaultyPort(port))
     try:
         return loop.run_until_complete(coming)
     finally:
@@ -139,51 +141,51 @@ def with_await(bus: Bus, unit: int, request: Request[Any], timeout: float, port:
         loop.close()
 
 
-def all_that_can_be_seen(ask: Ask, bus: Bus, port: Wrong, asked: tuple[Request[Any], int, float]) -> tuple[Any, ...]:
-    request, unit, timeout = asked
+def visible_state(ask: Ask, bus: Bus, port: FaultyPort, arguments: tuple[Request[Any], int, float]) -> tuple[Any, ...]:
+    request, unit, timeout = arguments
     try:
         result = ask(bus, unit, request, timeout, port)
     except (BarewireError, KeyboardInterrupt) as error:
         result = type(error), str(error), type(error.__cause__), str(error.__cause__)
     line = bus.line
-    told = (
+    seen = (
         line.held,
         str(line.broken),
         port.now,
-        port.said,
+        port.sent_items,
         repr(bus.counters),
         {unit: vars(state).copy() for unit, state in bus.state.units.items()},
         repr(bus.state.pending),
     )
-    return result, *told
+    return result, *seen
 
 
 @pytest.mark.parametrize("fast", [blocking, with_await])
 @pytest.mark.parametrize("options", [{}, {"dead_after": 2}, {"gap": 0.5}, {"gaps": {2: 0.5}}], ids=str)
 @pytest.mark.parametrize("kind", [TcpLine, DatagramLine])
 @modest
-@given(talk=st.lists(QUESTION, min_size=2, max_size=6))
+@given(steps=st.lists(STEP, min_size=2, max_size=6))
 def test_the_fast_path_has_the_results_and_effects_of_bus_ask(
-    fast: Ask, options: dict[str, Any], kind: type[TcpLine], talk: Any
+    fast: Ask, options: dict[str, Any], kind: type[TcpLine], steps: Any
 ) -> None:
     slow_bus, fast_bus = Bus(kind(), **options), Bus(kind(), **options)
-    slow_port, fast_port = Wrong(), Wrong()
-    for asked, sending, script in talk:
+    slow_port, fast_port = FaultyPort(), FaultyPort()
+    for arguments, sending, script in steps:
         slow_port.expect(sending, script)
         fast_port.expect(sending, script)
-        slow = all_that_can_be_seen(through_bus, slow_bus, slow_port, asked)
-        assert all_that_can_be_seen(fast, fast_bus, fast_port, asked) == slow
+        expected = visible_state(with_bus_ask, slow_bus, slow_port, arguments)
+        assert visible_state(fast, fast_bus, fast_port, arguments) == expected
         if slow_bus.line.broken:
             slow_bus.line, fast_bus.line = kind(), kind()
 
 
 def test_a_regular_exchange_makes_no_conversation(monkeypatch: pytest.MonkeyPatch) -> None:
     """Otherwise the test above would compare `bus.ask` with itself."""
-    bus, port = Bus(TcpLine()), Wrong()
+    bus, port = Bus(TcpLine()), FaultyPort()
     port.expect("out", [("good", 0.25, 0)])
-    blocking(bus, 1, QUESTIONS[0], 1.0, port)  # of a unit of which nothing is known yet
+    blocking(bus, 1, REQUESTS[0], 1.0, port)  # to a unit without a state yet
     monkeypatch.setattr(Bus, "_exchange", None)
     for ask in (blocking, with_await):
         port.expect("out", [("good", 0.25, 0)])
-        assert ask(bus, 1, QUESTIONS[1], 1.0, port).registers == (0,) * 125
+        assert ask(bus, 1, REQUESTS[1], 1.0, port).registers == (0,) * 125
     assert bus.counters.asked == bus.counters.answered == 3

@@ -1,4 +1,4 @@
-"""Every fault on every carrier that has it, on real ports: what a client makes of it."""
+"""Every fault on every carrier that has it, on real ports: and the result of a client."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_a_fault_on_every_carrier(scheme: str, kind: str, request: pytest.Fixtur
             pass
         return
     expected = EXPECTED[kind]
-    # Short where no answer comes; long enough for a busy computer where one must come.
+    # Short where no answer is expected; otherwise long enough for a busy computer.
     timeout = 0.15 if expected is NoAnswer else 5.0
     how: dict[str, Any] = {"fault_seed": 1, "fault_delay": 0.3, "on_fault": reported.append}
     server = faulty_server(scheme, files, timeout, faults={kind: 1.0}, **how)

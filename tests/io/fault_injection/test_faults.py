@@ -1,4 +1,4 @@
-"""Faults in virtual time: what each does to an answer, how often, and what a client makes of it."""
+"""Faults in virtual time: the change of an answer, its frequency, and the result of a client."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ def test_faults_on_a_can_bus() -> None:
     ((_, astray),) = always("wrong-unit", wire=CanWire()).pass_on(SDO, 0.0)
     assert str(astray) == "582#4B41600037060000"
     assert always("exception", "wrong-unit", wire=CanWire()).pass_on(HEARTBEAT, 0.0) == [(0.0, HEARTBEAT)]
-    (_, stranger), (_, whole) = always("noise", wire=CanWire()).pass_on(SDO, 0.0)
-    assert stranger.extended
+    (_, noise_frame), (_, whole) = always("noise", wire=CanWire()).pass_on(SDO, 0.0)
+    assert noise_frame.extended
     assert whole == SDO
     with refused(EncodeError, "fault 'flip' is not possible on this wire: expected exception, wrong-unit, noise, late"):
         always("flip", wire=CanWire())
@@ -110,21 +110,21 @@ def test_the_same_seed_has_the_same_faults() -> None:
 
 
 def test_a_fault_hits_the_same_answers_with_and_without_others() -> None:
-    alone = [said == [] for said in strikes(7, drop=0.1)]
-    assert alone == [said == [] for said in strikes(7, drop=0.1, noise=0.9, flip=0.5)]
+    alone = [message == [] for message in strikes(7, drop=0.1)]
+    assert alone == [message == [] for message in strikes(7, drop=0.1, noise=0.9, flip=0.5)]
     assert 5 < sum(alone) < 40
 
 
 def test_faults_are_counted_and_reported() -> None:
-    told: list[str] = []
-    faults: Faults[bytes] = Faults(ModbusWire("rtu"), {"late": 1.0, "split": 1.0}, Random(), on_fault=told.append)
+    reported: list[str] = []
+    faults: Faults[bytes] = Faults(ModbusWire("rtu"), {"late": 1.0, "split": 1.0}, Random(), on_fault=reported.append)
     faults.pass_on(ANSWER, 0.0)
-    assert told == ["split", "late"]
+    assert reported == ["split", "late"]
     assert dict(faults.counts) == {"split": 1, "late": 1}
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("latte", "fault 'latte': expected some of drop, exception, flip, late, noise, split, wrong-unit"),
         ("late:2", "fault 'late:2': expected a probability, 0..1, after the colon"),
@@ -132,12 +132,12 @@ def test_faults_are_counted_and_reported() -> None:
         ("", "fault '': expected some of"),
     ],
 )
-def test_an_unknown_fault_or_wrong_probability_is_an_error(text: str, said: str) -> None:
-    with refused(EncodeError, said):
+def test_an_unknown_fault_or_wrong_probability_is_an_error(text: str, message: str) -> None:
+    with refused(EncodeError, message):
         parse_faults(text)
 
 
-# What a client makes of it
+# The result of a client
 
 
 def spoiled(peer: Peer, faults: Faults[bytes]) -> Peer:
@@ -147,7 +147,7 @@ def spoiled(peer: Peer, faults: Faults[bytes]) -> Peer:
     return answers
 
 
-def asked(*kinds: str, line: Callable[[], Any] = TcpLine, wire: str = "tcp") -> tuple[int, ...]:
+def read_with_faults(*kinds: str, line: Callable[[], Any] = TcpLine, wire: str = "tcp") -> tuple[int, ...]:
     timing = Timing.of(19200)
     serial = wire == "rtu"
     server = Server(RtuLine(timing, role="server") if serial else TcpLine(), {1: Table()}, serial=serial)
@@ -158,25 +158,25 @@ def asked(*kinds: str, line: Callable[[], Any] = TcpLine, wire: str = "tcp") -> 
 
 @pytest.mark.parametrize("wire", ["rtu", "tcp"])
 def test_a_client_reads_a_split_answer_and_rejects_the_others(wire: str) -> None:
-    assert asked("split", wire=wire) == (0, 0)
+    assert read_with_faults("split", wire=wire) == (0, 0)
     for kind in ("late", "drop", "wrong-unit"):
         with pytest.raises(NoAnswer):
-            asked(kind, wire=wire)
+            read_with_faults(kind, wire=wire)
     with pytest.raises(ModbusException, match="06"):
-        asked("exception", wire=wire)
+        read_with_faults("exception", wire=wire)
 
 
 def test_on_a_serial_line_noise_is_skipped_and_a_flipped_bit_is_detected() -> None:
-    assert asked("noise", wire="rtu") == (0, 0)
+    assert read_with_faults("noise", wire="rtu") == (0, 0)
     with pytest.raises(NoAnswer, match="received instead"):
-        asked("flip", wire="rtu")
+        read_with_faults("flip", wire="rtu")
 
 
 # The port
 
 
 class Clocked:
-    """A port with a clock: what was sent when; nothing ever comes."""
+    """A port with a clock. It records items with their times, and receives nothing."""
 
     def __init__(self) -> None:
         self.now = 0.0

@@ -43,35 +43,35 @@ def urls(certificates: Path) -> Iterator[URLs]:
         host.close()
 
 
-def blocking(url: str, talk: Callable[[Any], Any]) -> None:
-    """Run the coroutine `talk` with the blocking client, whose methods it awaits."""
+def blocking(url: str, exchange: Callable[[Any], Any]) -> None:
+    """Run the coroutine `exchange` with the blocking client, whose methods it awaits."""
 
     class Answered:
         def __init__(self, client: ModbusClient) -> None:
             self._client = client
 
         def __getattr__(self, name: str) -> Any:
-            def said(*args: Any, **kwargs: Any) -> Awaitable[Any]:
+            def message(*args: Any, **kwargs: Any) -> Awaitable[Any]:
                 async def answer() -> Any:
                     return getattr(self._client, name)(*args, **kwargs)
 
                 return answer()
 
-            return said
+            return message
 
         def at(self, **how: Any) -> Any:
             return Answered(self._client.at(**how))
 
     with ModbusClient(url) as client:
-        asyncio.run(talk(Answered(client)))
+        asyncio.run(exchange(Answered(client)))
 
 
-def waiting(url: str, talk: Callable[[Any], Any]) -> None:
-    """Run `talk` with the asyncio client."""
+def waiting(url: str, exchange: Callable[[Any], Any]) -> None:
+    """Run `exchange` with the asyncio client."""
 
     async def main() -> None:
         async with AsyncModbusClient(url) as client:
-            await talk(client)
+            await exchange(client)
 
     asyncio.run(main())
 
@@ -80,7 +80,7 @@ def waiting(url: str, talk: Callable[[Any], Any]) -> None:
 @pytest.mark.parametrize("how", [blocking, waiting])
 @pytest.mark.parametrize("scheme", CARRIERS)
 def test_both_clients_have_the_same_results_on_every_carrier(urls: URLs, scheme: str, how: Callable[..., None]) -> None:
-    async def talk(client: Any) -> None:
+    async def exchange(client: Any) -> None:
         await client.write_multiple_registers(0, tuple(range(100)))
         await client.write_single_register(0, 7)
         assert await client.read_holding_registers(0, 100) == (7, *range(1, 100))
@@ -95,7 +95,7 @@ def test_both_clients_have_the_same_results_on_every_carrier(urls: URLs, scheme:
         assert await client.at(unit=2).read_holding_registers(address=1, quantity=1) == (99,)
         assert await client.read_holding_registers(1, 1) == (1,)
 
-    how(urls[scheme], talk)
+    how(urls[scheme], exchange)
 
 
 @pytest.mark.parametrize("scheme", TUNNELS)
@@ -125,7 +125,7 @@ def test_the_types_of_the_methods() -> None:
 
 @pytest.mark.parametrize("scheme", SERIAL)
 def test_the_asyncio_server_on_a_serial_line(scheme: str) -> None:
-    async def talk() -> None:
+    async def exchange() -> None:
         # Two pseudo-terminals and a task between them, which is the cable.
         ends = [PseudoTerminal(), PseudoTerminal()]
         loop = asyncio.get_running_loop()
@@ -147,19 +147,19 @@ def test_the_asyncio_server_on_a_serial_line(scheme: str) -> None:
             loop.remove_reader(end.fileno())
             end.close()
 
-    asyncio.run(talk())
+    asyncio.run(exchange())
 
 
 @pytest.mark.needs("openssl")
 @pytest.mark.parametrize("scheme", NUMBERED)
 def test_sixteen_requests_under_way(urls: URLs, scheme: str) -> None:
-    async def talk() -> None:
+    async def exchange() -> None:
         async with AsyncModbusClient(urls[scheme], in_flight=16) as client:
             await asyncio.gather(*(client.write_single_register(at, 2 * at) for at in range(200)))
             got = await asyncio.gather(*(client.read_holding_registers(at, 1) for at in range(200)))
             assert got == [(2 * at,) for at in range(200)]
 
-    asyncio.run(talk())
+    asyncio.run(exchange())
 
 
 def test_answers_in_any_order_are_matched_to_their_requests() -> None:
@@ -169,13 +169,13 @@ def test_answers_in_any_order_are_matched_to_their_requests() -> None:
             requests = [read_exactly(connection, 12) for _ in range(16)]
             connection.sendall(b"".join(answer(request) for request in reversed(requests)))
 
-    async def talk(port: int) -> None:
+    async def exchange(port: int) -> None:
         async with AsyncModbusClient(f"tcp://127.0.0.1:{port}", in_flight=16) as client:
             got = await asyncio.gather(*(client.read_holding_registers(at, 1) for at in range(64)))
             assert got == [(at,) for at in range(64)]
 
     with peer(backwards) as port:
-        asyncio.run(talk(port))
+        asyncio.run(exchange(port))
 
 
 def test_a_wrong_header_fails_all_pending_requests_and_the_next_request_works() -> None:
@@ -184,10 +184,10 @@ def test_a_wrong_header_fails_all_pending_requests_and_the_next_request_works() 
         connection.sendall(bytes.fromhex("0001 1234 0005 01 03 02 0000"))
         connection.recv(1)
 
-    async def talk(port: int) -> None:
+    async def exchange(port: int) -> None:
         async with AsyncModbusClient(f"tcp://127.0.0.1:{port}?timeout=5", in_flight=16) as client:
-            asked = (client.read_holding_registers(at, 1) for at in range(3))
-            failed = await asyncio.gather(*asked, return_exceptions=True)
+            sent_requests = (client.read_holding_registers(at, 1) for at in range(3))
+            failed = await asyncio.gather(*sent_requests, return_exceptions=True)
             assert len(failed) == 3
             for error in failed:
                 assert isinstance(error, (NoAnswer, PortError))
@@ -195,24 +195,24 @@ def test_a_wrong_header_fails_all_pending_requests_and_the_next_request_works() 
             assert await client.read_holding_registers(7, 1) == (7,)
 
     with peer(wrong, honest) as port:
-        asyncio.run(talk(port))
+        asyncio.run(exchange(port))
 
 
 @pytest.mark.parametrize(
-    ("url", "in_flight", "said"),
+    ("url", "in_flight", "message"),
     [
         ("rtu:///dev/null", 2, "one at a time"),
         ("tcp://127.0.0.1?any_transaction=1", 2, "one at a time"),
         ("tcp://127.0.0.1", 17, "expected 1..16"),
     ],
 )
-def test_in_flight_above_one_needs_transaction_numbers(url: str, in_flight: int, said: str) -> None:
-    with refused(EncodeError, said):
+def test_in_flight_above_one_needs_transaction_numbers(url: str, in_flight: int, message: str) -> None:
+    with refused(EncodeError, message):
         AsyncModbusClient(url, in_flight=in_flight)
 
 
 @pytest.mark.parametrize(
-    ("url", "said"),
+    ("url", "message"),
     [
         ("rtu:///dev/x", "sends after 2.01 ms of silence (t3.5), accepts pauses up to 30 ms inside a frame"),
         (
@@ -224,5 +224,5 @@ def test_in_flight_above_one_needs_transaction_numbers(url: str, in_flight: int,
         ("rtu+tcp://host:4001", "waits for no silence, accepts pauses up to 200 ms inside a frame"),
     ],
 )
-def test_the_times_of_a_line_in_words(url: str, said: str) -> None:
-    assert said in timing_in_words(Endpoint.parse(url))
+def test_the_times_of_a_line_in_words(url: str, message: str) -> None:
+    assert message in timing_in_words(Endpoint.parse(url))

@@ -132,13 +132,13 @@ def test_an_echo_is_not_taken_for_an_answer() -> None:
 
 def test_a_server_that_always_answers_the_same_fails() -> None:
     with peer(honest) as port:
-        said = {}
+        failures = {}
         for result in conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=1")):
-            said[result.case.name] = result.failure
+            failures[result.case.name] = result.failure
             if result.case.name == "five requests in one segment":
                 break
-    assert said["03 with quantity 0"] == "03 with quantity 0: 03 02 00 00, expected 83 03"
-    assert said["five requests in one segment"] is None
+    assert failures["03 with quantity 0"] == "03 with quantity 0: 03 02 00 00, expected 83 03"
+    assert failures["five requests in one segment"] is None
 
 
 def test_a_server_that_closes_the_connection_fails_with_that_reason() -> None:
@@ -257,12 +257,14 @@ def drip(connection: socket.socket) -> None:
 
 
 @pytest.mark.parametrize(
-    ("scheme", "talk"),
+    ("scheme", "handler"),
     [("tcp", flood), ("rtu+tcp", flood), ("ascii+tcp", flood), ("rtu+tcp", drip), ("ascii+tcp", drip)],
 )
-def test_a_server_that_does_not_stop_sending_ends_the_run(scheme: str, talk: Callable[[socket.socket], None]) -> None:
+def test_a_server_that_does_not_stop_sending_ends_the_run(
+    scheme: str, handler: Callable[[socket.socket], None]
+) -> None:
     results = []
-    with peer(talk) as port, refused(NoAnswer, "never stops sending"):
+    with peer(handler) as port, refused(NoAnswer, "never stops sending"):
         for result in conform(Endpoint.parse(f"{scheme}://127.0.0.1:{port}?timeout=0.1")):
             results.append(result)
     failures = [result.failure or "" for result in results[-3:]]
@@ -271,13 +273,13 @@ def test_a_server_that_does_not_stop_sending_ends_the_run(scheme: str, talk: Cal
 
 def test_a_server_that_never_answers_gets_no_verdict() -> None:
     """Some cases accept silence, so a wrong unit number would pass them."""
-    said = refused(NoAnswer, "nothing was answered in any case: is there a unit 9")
-    with peer(lambda connection: print(connection.recv(1))) as port, said:
+    message = refused(NoAnswer, "nothing was answered in any case: is there a unit 9")
+    with peer(lambda connection: print(connection.recv(1))) as port, message:
         list(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=0.02&unit=9")))
 
 
 def hold_on(url: str, results: list[CaseResult], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
-    """Collect the results; after `behind` of them something happens to the server."""
+    """Collect the results; call `happens` after some of them."""
     for result in conform(Endpoint.parse(url)):
         results.append(result)
         if len(results) == at:
@@ -300,8 +302,8 @@ def test_a_dead_port_ends_the_run_early(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_server_that_dies_during_the_run_ends_it(monkeypatch: pytest.MonkeyPatch, scheme: str, words: str) -> None:
     monkeypatch.setattr(shell, "RESTART", 0.1)
     results: list[CaseResult] = []
-    told = pytest.raises(Unfinished, match=words)
-    with ModbusServer(f"{scheme}://127.0.0.1:0", units={1: Table(100)}) as host, told as caught:
+    raises = pytest.raises(Unfinished, match=words)
+    with ModbusServer(f"{scheme}://127.0.0.1:0", units={1: Table(100)}) as host, raises as caught:
         hold_on(f"{host.url}?timeout=0.3", results, 5, host.close)
     assert len(results) >= 5
     assert len(results) + caught.value.not_run == len(CASES_TCP)
@@ -314,11 +316,11 @@ def test_a_server_that_is_restarted_is_tested_further() -> None:
             host = stack.enter_context(ModbusServer("tcp://127.0.0.1:0", units={1: Table(100)}))
             url = host.url
 
-            def anew() -> None:
+            def restart_server() -> None:
                 host.close()
                 stack.enter_context(ModbusServer(url, units={1: Table(100)}))
 
-            hold_on(f"{url}?timeout={patience}", results, 5, anew)
+            hold_on(f"{url}?timeout={patience}", results, 5, restart_server)
         return results
 
     results = again(run)
@@ -330,8 +332,8 @@ def test_the_conform_command_reports_cases_that_were_not_run() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mute:
         mute.bind(("127.0.0.1", 0))
         done = run_command("conform", f"udp://127.0.0.1:{mute.getsockname()[1]}?timeout=0.02", "--json")
-    said = [json.loads(line) for line in done.stdout.splitlines()]
-    assert [one["ok"] for one in said[:-1]] == [False, False, False]
-    assert said[-1]["not_run"] == len(CASES_TCP) - 3
-    assert done.stderr == f"barewire: {said[-1]['unfinished']}\n"
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [line["ok"] for line in lines[:-1]] == [False, False, False]
+    assert lines[-1]["not_run"] == len(CASES_TCP) - 3
+    assert done.stderr == f"barewire: {lines[-1]['unfinished']}\n"
     assert done.returncode == 1

@@ -65,7 +65,7 @@ def test_a_line_that_is_unplugged_in_the_middle_of_an_exchange(wire: str, answer
         thread.start()
         return thread
 
-    async def talk() -> None:
+    async def main() -> None:
         thread = unplugged()
         async with AsyncModbusClient(url, recovery="wait", late_window=0.1) as client:
             with pytest.raises(PortError):
@@ -81,15 +81,15 @@ def test_a_line_that_is_unplugged_in_the_middle_of_an_exchange(wire: str, answer
         thread.join(5)
         with ModbusServer(f"{wire}://{place}", units=full()):
             assert client.read_holding_registers(9, 1) == (9,)
-    asyncio.run(talk())
+    asyncio.run(main())
 
 
-# Silence that is meant -----------------------------------------------------------------------------------------------
+# Listen only mode -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("wire", ["rtu://pty?baudrate=115200", "ascii://pty?baudrate=115200", "rtu+tcp://127.0.0.1:0"])
 def test_force_listen_only_and_restart_with_both_clients(wire: str) -> None:
-    async def talk(url: str) -> None:
+    async def main(url: str) -> None:
         async with AsyncModbusClient(url) as client:
             assert await client.diagnostics(0x04) == b""
             assert await client.ask(Diagnostics(0x01)) == Unanswered(0x01)
@@ -101,7 +101,7 @@ def test_force_listen_only_and_restart_with_both_clients(wire: str) -> None:
             assert client.diagnostics(0x04) == b""
             assert client.ask(Diagnostics(0x01)) == Unanswered(0x01)
             assert client.read_holding_registers(7, 1) == (7,)
-        asyncio.run(talk(url))
+        asyncio.run(main(url))
 
 
 def test_counters_of_a_unit_are_shared_by_all_connections_to_its_line() -> None:

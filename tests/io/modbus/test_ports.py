@@ -122,7 +122,7 @@ def test_a_refused_connection() -> None:
 
 
 @pytest.mark.parametrize("path", ["/dev/null", "/etc/passwd"])
-def test_a_file_that_is_no_serial_port_is_an_error(path: str) -> None:
+def test_a_file_that_is_not_a_serial_port_is_an_error(path: str) -> None:
     with pytest.raises(PortError, match=f"^{path}: the file exists, but is not a serial port$"):
         ModbusClient(f"rtu://{path}")
 
@@ -174,24 +174,24 @@ def test_a_port_in_use_is_an_error() -> None:
 def test_a_stream_that_is_not_modbus_is_closed() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         port = int(host.url.rpartition(":")[2])
-        with socket.create_connection(("127.0.0.1", port), timeout=30) as stranger:
-            stranger.sendall(b"GET / HTTP/1.1\r\n\r\n")
-            assert stranger.recv(100) == b""
+        with socket.create_connection(("127.0.0.1", port), timeout=30) as peer_socket:
+            peer_socket.sendall(b"GET / HTTP/1.1\r\n\r\n")
+            assert peer_socket.recv(100) == b""
 
 
 def test_several_requests_in_one_segment_and_one_in_many() -> None:
     request = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         port = int(host.url.rpartition(":")[2])
-        with socket.create_connection(("127.0.0.1", port), timeout=30) as stranger:
-            stranger.sendall(3 * request)
+        with socket.create_connection(("127.0.0.1", port), timeout=30) as peer_socket:
+            peer_socket.sendall(3 * request)
             got = b""
             while len(got) < 3 * 11:
-                got += stranger.recv(100)
+                got += peer_socket.recv(100)
             assert got == 3 * bytes.fromhex("0001 0000 0005 01 03 02 0000")
             for byte in request:
-                stranger.sendall(bytes([byte]))
-            assert stranger.recv(100) == bytes.fromhex("0001 0000 0005 01 03 02 0000")
+                peer_socket.sendall(bytes([byte]))
+            assert peer_socket.recv(100) == bytes.fromhex("0001 0000 0005 01 03 02 0000")
 
 
 def test_a_new_path_becomes_a_pseudo_terminal_and_is_removed_again(tmp_path: Path) -> None:

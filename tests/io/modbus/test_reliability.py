@@ -60,7 +60,7 @@ def test_a_blocking_client_reconnects_to_a_restarted_server(scheme: str, tmp_pat
         second = start()
         assert client.read_holding_registers(9, 1) == (9,)
         second.close()
-        third = start()  # while nobody asked: the client finds out before it sends anything
+        third = start()  # without a request meanwhile: the client detects it before it sends
         assert client.read_holding_registers(10, 1) == (10,)
         third.close()
 
@@ -71,7 +71,7 @@ def test_an_asyncio_client_reconnects_to_a_restarted_server(scheme: str, tmp_pat
     first = restarted(f"{scheme}://{place}")()
     start = restarted(first.url)
 
-    async def talk() -> None:
+    async def main() -> None:
         async with AsyncModbusClient(first.url) as client:
             assert await client.read_holding_registers(7, 1) == (7,)
             await asyncio.to_thread(first.close)
@@ -84,7 +84,7 @@ def test_an_asyncio_client_reconnects_to_a_restarted_server(scheme: str, tmp_pat
             assert await client.read_holding_registers(10, 1) == (10,)
             await asyncio.to_thread(third.close)
 
-    asyncio.run(talk())
+    asyncio.run(main())
 
 
 def hang_up(connection: socket.socket) -> None:
@@ -101,12 +101,12 @@ def test_a_read_is_repeated_on_a_new_connection_and_a_write_is_not() -> None:
     ):
         client.ask(WriteSingleRegister(7, 1), retries=5)
 
-    async def talk(port: int) -> None:
+    async def main(port: int) -> None:
         async with AsyncModbusClient(f"tcp://127.0.0.1:{port}") as client:
             assert (await client.ask(ReadHoldingRegisters(7, 1), retries=1)).registers == (7,)
 
     with peer(hang_up, honest) as port:
-        asyncio.run(talk(port))
+        asyncio.run(main(port))
 
 
 def test_between_attempts_there_is_a_pause_and_the_error_names_it() -> None:
@@ -164,7 +164,7 @@ def slow(connection: socket.socket) -> None:
 
 @pytest.mark.parametrize("in_flight", [1, 4])
 def test_cancelled_after_any_number_of_turns_of_the_loop_over_tcp(in_flight: int) -> None:
-    async def talk(port: int) -> None:
+    async def main(port: int) -> None:
         for turns in range(25):
             client = AsyncModbusClient(f"tcp://127.0.0.1:{port}", in_flight=in_flight, lazy=turns % 2 == 0)
             async with client:
@@ -177,12 +177,12 @@ def test_cancelled_after_any_number_of_turns_of_the_loop_over_tcp(in_flight: int
                 assert await client.read_holding_registers(turns, 1) == (turns,)
 
     with peer(slow) as port:
-        asyncio.run(talk(port))
+        asyncio.run(main(port))
 
 
 @pytest.mark.parametrize("scheme", SERIAL)
 def test_cancelled_at_any_time_on_a_serial_line(scheme: str) -> None:
-    async def talk(url: str) -> None:
+    async def main(url: str) -> None:
         async with AsyncModbusClient(url, late_window=0.1) as client:
             for step in range(30):
                 task = asyncio.ensure_future(client.read_holding_registers(299 - step, 1))
@@ -193,11 +193,11 @@ def test_cancelled_at_any_time_on_a_serial_line(scheme: str) -> None:
                 assert await client.read_holding_registers(step, 1) == (step,)
 
     with ModbusServer(f"{scheme}://pty?baudrate=115200", units=full()) as host:
-        asyncio.run(talk(host.url))
+        asyncio.run(main(host.url))
 
 
 def test_cancelled_while_it_waits_for_its_turn() -> None:
-    async def talk(port: int) -> None:
+    async def main(port: int) -> None:
         async with AsyncModbusClient(f"tcp://127.0.0.1:{port}") as client:
             tasks = [asyncio.ensure_future(client.read_holding_registers(at, 1)) for at in range(12)]
             await asyncio.sleep(0)
@@ -209,13 +209,13 @@ def test_cancelled_while_it_waits_for_its_turn() -> None:
             assert await client.read_holding_registers(5, 1) == (5,)
 
     with peer(slow) as port:
-        asyncio.run(talk(port))
+        asyncio.run(main(port))
 
 
 # Turns ---------------------------------------------------------------------------------------------------------------
 
 
-def test_a_busy_unit_does_not_keep_the_others_waiting() -> None:
+def test_a_busy_unit_does_not_delay_the_others() -> None:
     order: list[int] = []
     go = threading.Event()
 
@@ -223,7 +223,7 @@ def test_a_busy_unit_does_not_keep_the_others_waiting() -> None:
         while True:
             request = read_exactly(connection, 12)
             order.append(request[6])
-            go.wait(60)  # the first is answered when all have asked
+            go.wait(60)  # the first is answered when all requests are waiting
             connection.sendall(answer(request))
 
     async def tasks(port: int) -> None:
@@ -262,7 +262,7 @@ def test_a_busy_unit_does_not_keep_the_others_waiting() -> None:
 
 
 def quirky(change: Callable[[bytes], bytes]) -> Callable[[socket.socket], None]:
-    def talk(connection: socket.socket) -> None:
+    def main(connection: socket.socket) -> None:
         while True:
             request = read_exactly(connection, 12)
             if request[7] == 0x08:
@@ -270,7 +270,7 @@ def quirky(change: Callable[[bytes], bytes]) -> Callable[[socket.socket], None]:
             else:
                 connection.sendall(change(answer(request)))
 
-    return talk
+    return main
 
 
 @pytest.mark.parametrize(
@@ -298,7 +298,7 @@ def test_with_any_transaction_a_late_answer_is_not_delivered() -> None:
             request = read_exactly(connection, 12)
             reply = request[:5] + b"\x06" + request[6:12] if request[7] == 0x08 else answer(request)
             if request[8:10] == b"\0\x0a":
-                held = reply  # the answer to the question for register 10 comes with the next one
+                held = reply  # the answer for register 10 is sent with the next one
             else:
                 connection.sendall(b"\0\0" + held[2:] + b"\0\0" + reply[2:] if held else b"\0\0" + reply[2:])
                 held = b""

@@ -71,12 +71,12 @@ def test_a_repeated_answer_is_not_taken_for_the_next_one(peer: tuple[str, Echoin
 def test_a_repeated_answer_while_an_asyncio_program_was_busy(peer: tuple[str, Echoing]) -> None:
     url, there = peer
 
-    async def talk() -> None:
+    async def main() -> None:
         async with AsyncModbusClient(url) as client:
             assert await client.read_holding_registers(10, 1) == (1,)
             there.taken.set()
-            assert there.again.wait(10)  # not awaited: the loop stands still, like the program of somebody in a hurry
+            assert there.again.wait(10)  # not awaited: the loop stands still, like a program in a hurry
             assert await client.read_holding_registers(20, 1) == (2,)
             assert client.bus.counters.strays == 1
 
-    asyncio.run(talk())
+    asyncio.run(main())

@@ -31,7 +31,7 @@ class Turned(serial.Serial):
         self.log.append(value)
 
     def _update_rts_state(self) -> None:
-        """Not here."""
+        """A pseudo-terminal has no RTS."""
 
     def write(self, data: Any) -> int | None:
         self.log.append("write")
@@ -58,7 +58,7 @@ def test_rts_is_on_while_sending_and_off_after_the_last_bit(log: list[Any]) -> N
 
 
 def test_rts_with_asyncio_even_if_the_task_is_cancelled(log: list[Any]) -> None:
-    async def talk(url: str) -> None:
+    async def main(url: str) -> None:
         async with AsyncModbusClient(url) as client:
             log.clear()
             assert await client.read_holding_registers(0, 1) == (0,)
@@ -74,10 +74,10 @@ def test_rts_with_asyncio_even_if_the_task_is_cancelled(log: list[Any]) -> None:
             assert await client.read_holding_registers(2, 1) == (0,)
 
     with ModbusServer("rtu://pty", units={1: Table()}) as host:
-        asyncio.run(talk(f"{host.url}?rs485=rts&pace=1"))
+        asyncio.run(main(f"{host.url}?rs485=rts&pace=1"))
 
 
-# A pin of one's own ----------------------------------------------------------------------------------------------
+# A function of the caller --------------------------------------------------------------------------------------------
 
 
 def test_a_function_of_the_caller_sets_the_direction() -> None:
@@ -94,26 +94,26 @@ def test_a_function_of_the_caller_sets_the_direction() -> None:
 
 
 def test_a_function_sets_the_direction_for_the_asyncio_client_and_server() -> None:
-    asked: list[bool] = []
+    directions: list[bool] = []
     answered: list[bool] = []
 
-    async def talk(ours: str, theirs: str) -> None:
+    async def main(ours: str, theirs: str) -> None:
         server = AsyncModbusServer(f"rtu://{theirs}?baudrate=115200", {1: Table()}, set_direction=answered.append)
-        client = AsyncModbusClient(f"rtu://{ours}?baudrate=115200", set_direction=asked.append)
+        client = AsyncModbusClient(f"rtu://{ours}?baudrate=115200", set_direction=directions.append)
         async with server, client:
             for _ in range(3):
                 assert await client.read_holding_registers(0, 1) == (0,)
-        assert asked == [False, *[True, False] * 3]
+        assert directions == [False, *[True, False] * 3]
         assert answered == [False, *[True, False] * 3]
 
     with relayed() as (ours, theirs):
-        asyncio.run(talk(ours, theirs))
+        asyncio.run(main(ours, theirs))
 
 
 def test_a_port_closed_while_sending_is_set_back_to_receiving() -> None:
     turned: list[bool] = []
 
-    async def talk(url: str) -> None:
+    async def main(url: str) -> None:
         client = AsyncModbusClient(f"{url}?pace=1&baudrate=300", set_direction=turned.append)
         async with client:
             task = asyncio.ensure_future(client.read_holding_registers(1, 1))
@@ -124,7 +124,7 @@ def test_a_port_closed_while_sending_is_set_back_to_receiving() -> None:
         assert turned == [False, True, False]
 
     terminal = PseudoTerminal()
-    asyncio.run(talk(f"rtu://{terminal.path}"))
+    asyncio.run(main(f"rtu://{terminal.path}"))
     terminal.close()
 
 
@@ -135,10 +135,10 @@ def test_a_direction_function_that_raises_is_a_port_error(fails_at: int) -> None
     def turn(sending: bool) -> None:
         nonlocal calls
         calls += 1
-        if calls >= fails_at:  # from then on: an asyncio client that has its answer already opens the port anew
+        if calls >= fails_at:  # from then on: an asyncio client that has its answer already opens the port again
             raise RuntimeError("no such pin")
 
-    async def talk(url: str) -> None:
+    async def main(url: str) -> None:
         with refused(PortError, "the direction of the line could not be set: RuntimeError: no such pin"):
             async with AsyncModbusClient(url, set_direction=turn) as client:
                 await client.read_holding_registers(0, 1)
@@ -151,7 +151,7 @@ def test_a_direction_function_that_raises_is_a_port_error(fails_at: int) -> None
         ):
             client.read_holding_registers(0, 1)
         calls = 0
-        asyncio.run(talk(host.url))
+        asyncio.run(main(host.url))
 
 
 @pytest.mark.parametrize("url", ["tcp://127.0.0.1:1", "rtu+tcp://127.0.0.1:1", "rtu:///dev/null?rs485=rts"])

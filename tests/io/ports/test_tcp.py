@@ -50,7 +50,7 @@ def exchanged(ends: tuple[TcpPort, socket.socket], times: int, timeout: float) -
 def test_receive_waits_exactly_for_its_time_out(ends: tuple[TcpPort, socket.socket], times: int) -> None:
     port, other = ends
     exchanged(ends, times, LONG)
-    assert port.receive(0.0) is None  # a look is no wait of half a minute
+    assert port.receive(0.0) is None  # it does not wait for half a minute
     for _ in range(3):
         assert port.receive(SOON) is None
     assert port.receive(0.0) is None
@@ -117,7 +117,7 @@ def test_sending_more_than_the_system_takes_at_once(
 def test_data_for_a_cancelled_task_is_received_by_the_next_task() -> None:
     """Also when both happen in the same round of the loop, in either order."""
 
-    async def talk(cancelled_first: bool) -> None:
+    async def main(cancelled_first: bool) -> None:
         box = Mailbox("somewhere", lambda data: None)
         waiting = asyncio.ensure_future(box.receive(LONG))
         await asyncio.sleep(0)
@@ -132,11 +132,11 @@ def test_data_for_a_cancelled_task_is_received_by_the_next_task() -> None:
         box.fail("gone")
 
     for cancelled_first in (True, False):
-        asyncio.run(talk(cancelled_first))
+        asyncio.run(main(cancelled_first))
 
 
 def test_data_before_the_end_of_a_connection_is_received_first() -> None:
-    async def talk() -> None:
+    async def main() -> None:
         box = Mailbox("somewhere", lambda data: None)
         waiting = asyncio.ensure_future(box.receive(LONG))
         await asyncio.sleep(0)
@@ -147,4 +147,4 @@ def test_data_before_the_end_of_a_connection_is_received_first() -> None:
         with pytest.raises(PortError, match="gone"):
             await box.receive(LONG)
 
-    asyncio.run(talk())
+    asyncio.run(main())

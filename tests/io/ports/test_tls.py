@@ -62,7 +62,7 @@ def test_a_role_that_may_write_writes(host: ModbusServer, certificates: Path) ->
             client.write_single_register(100, 1)
         assert caught.value.code == 1
         with pytest.raises(ModbusException):
-            client.write_multiple_registers(99, (1, 2))  # the second is beyond what it may
+            client.write_multiple_registers(99, (1, 2))  # the role may not write the second
         with pytest.raises(ModbusException):
             client.at(unit=10).write_single_register(5, 1)
 
@@ -86,23 +86,23 @@ def test_a_certificate_without_a_role_is_refused_by_a_table_of_roles(host: Modbu
 
 
 def test_the_asyncio_client_over_tls(host: ModbusServer, certificates: Path) -> None:
-    async def talk() -> None:
+    async def main() -> None:
         async with AsyncModbusClient(tls_url(certificates, "operator", place(host)), in_flight=16) as client:
             await asyncio.gather(*(client.write_single_register(at, at) for at in range(50)))
             assert await client.read_holding_registers(0, 50) == tuple(range(50))
             with pytest.raises(ModbusException):
                 await client.ask(WriteSingleRegister(100, 1))
 
-    asyncio.run(talk())
+    asyncio.run(main())
 
 
-def test_an_asyncio_client_receives_all_tls_records_that_came_together(certificates: Path) -> None:
-    """Answers that lie in the system's buffer, each in a record of its own: asyncio decrypts one behind the other into
-    the buffer that it is given, a part of which must be that part and no copy."""
+def test_an_asyncio_client_receives_all_tls_records_that_arrived_together(certificates: Path) -> None:
+    """The answers are in the system's buffer, each in its own record. asyncio decrypts them one after the other into
+    slices of the buffer that it gets, so a slice must not be a copy."""
     context = server_context(Endpoint.parse(tls_url(certificates, "server", roles="any")))
     all_said = threading.Event()
 
-    def talk(connection: socket.socket) -> None:
+    def main(connection: socket.socket) -> None:
         with context.wrap_socket(connection, server_side=True) as tls:
             for request in [read_exactly(tls, 12) for _ in range(16)]:
                 tls.sendall(answer(request))
@@ -112,13 +112,13 @@ def test_an_asyncio_client_receives_all_tls_records_that_came_together(certifica
     async def ask(port: int) -> None:
         url = tls_url(certificates, "operator", f"127.0.0.1:{port}", timeout="30")
         async with AsyncModbusClient(url, in_flight=16) as client:
-            asked = [asyncio.ensure_future(client.read_holding_registers(at, 1)) for at in range(16)]
-            while not all_said.wait(0.0):  # the loop stands still between two looks
+            requests = [asyncio.ensure_future(client.read_holding_registers(at, 1)) for at in range(16)]
+            while not all_said.wait(0.0):  # the loop stands still between two checks
                 await asyncio.sleep(0)
                 all_said.wait(0.05)
-            assert await asyncio.gather(*asked) == [(at,) for at in range(16)]
+            assert await asyncio.gather(*requests) == [(at,) for at in range(16)]
 
-    with peer(talk) as port:
+    with peer(main) as port:
         asyncio.run(ask(port))
 
 
@@ -127,7 +127,7 @@ def test_an_asyncio_client_receives_all_tls_records_that_came_together(certifica
     [
         ("expired", "ca", "the other side refuses our certificate: it has expired", "certificate has expired"),
         (
-            "stranger",
+            "other-ca",
             "ca",
             "refuses our certificate: it does not trust the CA that signed it",
             "unable to get local issuer",
@@ -138,7 +138,7 @@ def test_an_asyncio_client_receives_all_tls_records_that_came_together(certifica
             "the other side's certificate is refused: self-signed certificate in certificate chain",
             "trust the CA that signed",
         ),
-        # Refused after the handshake: closed or reset, as the system has it.
+        # Refused after the handshake: closed or reset, depending on the system.
         ("odd", "ca", "127.0.0.1:", "the role in the certificate is not one UTF8String"),
     ],
 )
@@ -149,21 +149,21 @@ def test_a_wrong_client_certificate_is_one_line_on_both_sides(
         refused(PortError, client_says) as caught,
         ModbusClient(tls_url(certificates, name, place(host), ca=ca)) as client,
     ):
-        client.read_holding_registers(0, 1)  # in TLS 1.3 a client is told with the first thing that it hears
+        client.read_holding_registers(0, 1)  # in TLS 1.3 a client gets the refusal with its first data
     assert "\n" not in str(caught.value)
     assert server_says in closed_because(host)
 
 
 @pytest.mark.parametrize(
-    ("server", "said"),
-    [("expired-server", "certificate has expired"), ("stranger-server", "unable to get local issuer certificate")],
+    ("server", "message"),
+    [("expired-server", "certificate has expired"), ("other-ca-server", "unable to get local issuer certificate")],
 )
-def test_a_wrong_server_certificate_is_an_error_of_the_client(certificates: Path, server: str, said: str) -> None:
+def test_a_wrong_server_certificate_is_an_error_of_the_client(certificates: Path, server: str, message: str) -> None:
     with ModbusServer(tls_url(certificates, server, roles="any"), units={1: Table()}) as host:
         url = tls_url(certificates, "operator", place(host))
-        with refused(PortError, said):
+        with refused(PortError, message):
             ModbusClient(url)
-        with refused(PortError, said):
+        with refused(PortError, message):
             asyncio.run(AsyncModbusClient(url).open())
 
 
@@ -206,7 +206,7 @@ def test_tls_1_1_is_refused(host: ModbusServer, certificates: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("url", "said"),
+    ("url", "message"),
     [
         ("tls://127.0.0.1:0?key={0}/server.key&ca={0}/ca.crt", "TLS needs cert=FILE"),
         ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/none", "ca: there is no file"),
@@ -220,12 +220,12 @@ def test_tls_1_1_is_refused(host: ModbusServer, certificates: Path) -> None:
         ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/ca.crt&roles={0}/ca.crt", "table of roles"),
     ],
 )
-def test_wrong_certificate_files_are_an_error_at_construction(certificates: Path, url: str, said: str) -> None:
-    with refused(EncodeError, said):
+def test_wrong_certificate_files_are_an_error_at_construction(certificates: Path, url: str, message: str) -> None:
+    with refused(EncodeError, message):
         ModbusServer(url.format(certificates), units={1: Table()})
 
 
-def test_a_table_of_roles_that_is_no_text_is_an_error_of_one_line(certificates: Path, tmp_path: Path) -> None:
+def test_a_table_of_roles_that_is_not_a_text_is_an_error_of_one_line(certificates: Path, tmp_path: Path) -> None:
     (tmp_path / "roles.json").write_bytes(b'{"Viewer\xff": []}')
     with refused(EncodeError, "not UTF-8 at byte 8"):
         ModbusServer(tls_url(certificates, "server", roles=str(tmp_path / "roles.json")), units={1: Table()})

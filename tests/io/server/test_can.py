@@ -1,4 +1,4 @@
-"""A CANopen node of one's own on a bus: what it may be made of, blocking and with asyncio."""
+"""Servers of a CANopen node: every kind of device, blocking and with asyncio."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def test_the_asyncio_client_is_connected_by_async_with_and_receives() -> None:
     asyncio.run(main())
 
 
-def test_what_cannot_be_a_node_is_refused() -> None:
+def test_an_object_that_cannot_be_a_node_is_refused() -> None:
     url = "can://virtual/server-refused"
     with pytest.raises(EncodeError, match="expected device= or eds=, one of them"):
         CanopenServer(url)

@@ -1,4 +1,4 @@
-"""Which connection is closed, without sockets and clock: compared with a simple rule, in any order of events."""
+"""The connection that is closed, without sockets and clock, compared with a simple rule for any order of events."""
 
 from __future__ import annotations
 
@@ -10,81 +10,81 @@ from tests.helpers import modest
 
 
 class Fake:
-    """A connection. Aborted, it may remove itself, as that of the threaded server does and that of asyncio does not."""
+    """A connection. `abort` may remove it from the table, as in the threaded server, or not, as in asyncio."""
 
-    def __init__(self, name: str, all_of_them: ConnectionTable[Fake], tells: bool = True) -> None:
+    def __init__(self, name: str, table: ConnectionTable[Fake], removes_itself: bool = True) -> None:
         self.peer, self.was_answered, self.aborted = name, False, 0
-        self._all, self._tells = all_of_them, tells
+        self._table, self._removes_itself = table, removes_itself
 
     unsent = 7
 
     def abort(self) -> None:
         self.aborted += 1
-        if self._tells:
-            self._all.remove(self)
+        if self._removes_itself:
+            self._table.remove(self)
 
 
-def guests(**options: object) -> ConnectionTable[Fake]:
+def table_with(**options: object) -> ConnectionTable[Fake]:
     return ConnectionTable(Endpoint.parse("tcp://host?" + "&".join(f"{key}={value}" for key, value in options.items())))
 
 
-def came(found: ConnectionTable[Fake], *names: str, now: float = 0.0) -> list[Fake]:
-    """New connections, each a second later than the last."""
+def connected(found: ConnectionTable[Fake], *names: str, now: float = 0.0) -> list[Fake]:
+    """Add new connections, each a second later than the one before."""
     made = [Fake(name, found) for name in names]
-    for place, guest in enumerate(made):
-        found.add(guest, now + place)
+    for place, connection in enumerate(made):
+        found.add(connection, now + place)
     return made
 
 
-def here(found: ConnectionTable[Fake]) -> str:
-    return "".join(guest.peer for guest in found.open)
+def peers(found: ConnectionTable[Fake]) -> str:
+    return "".join(connection.peer for connection in found.open)
 
 
-# One too many --------------------------------------------------------------------------------------------------------
+# Too many connections -------------------------------------------------------------------------------------------------
 
 
 def test_the_longest_silent_unanswered_connection_is_closed_first() -> None:
-    found = guests(connections=3)
-    a, b, c = came(found, "a", "b", "c")
+    found = table_with(connections=3)
+    a, b, c = connected(found, "a", "b", "c")
     a.was_answered = c.was_answered = True
     found.received(b, 9.0)
-    (d,) = came(found, "d", now=10.0)
-    assert here(found) == "acd"
+    (d,) = connected(found, "d", now=10.0)
+    assert peers(found) == "acd"
     d.was_answered = True
     found.received(a, 11.0)
-    came(found, "e", now=12.0)
-    assert here(found) == "ade"
+    connected(found, "e", now=12.0)
+    assert peers(found) == "ade"
     assert list(found.closed) == [f"{name}: unused longest of 3 connections" for name in "bc"]
-    assert [guest.aborted for guest in (a, b, c, d)] == [0, 1, 1, 0]
+    assert [connection.aborted for connection in (a, b, c, d)] == [0, 1, 1, 0]
     assert found.unsent == 21
 
 
 def test_of_equally_silent_connections_the_oldest_is_closed() -> None:
-    found = guests(connections=3)
-    a, b, c = came(found, "a", "b", "c")
-    for guest in (c, b, a):
-        found.received(guest, 5.0)
-    came(found, "d", now=5.0)
-    assert here(found) == "bcd"
+    found = table_with(connections=3)
+    a, b, c = connected(found, "a", "b", "c")
+    for connection in (c, b, a):
+        found.received(connection, 5.0)
+    connected(found, "d", now=5.0)
+    assert peers(found) == "bcd"
 
 
 def test_with_a_limit_of_one_the_newest_connection_stays() -> None:
-    found = guests(connections=1)
-    first, _ = came(found, "a", "b")
-    assert here(found) == "b"
+    found = table_with(connections=1)
+    first, _ = connected(found, "a", "b")
+    assert peers(found) == "b"
     first.was_answered = True
-    came(found, *"cdefg", now=5.0)
-    assert here(found) == "g"
+    connected(found, *"cdefg", now=5.0)
+    assert peers(found) == "g"
     assert len(found.closed) == 6
 
 
 def test_a_flood_of_idle_connections_does_not_displace_working_ones() -> None:
-    found = guests(connections=300)
-    known = came(found, *map(str, range(299)))
-    for guest in known:
-        guest.was_answered = True
-    came(found, *(f"stranger {number}" for number in range(1000)), now=1000.0)
-    assert all(guest in found.open for guest in known)
+    found = table_with(connections=300)
+    known = connected(found, *map(str, range(299)))
+    for connection in known:
+        connection.was_answered = True
+    connected(found, *(f"new {number}" for number in range(1000)), now=1000.0)
+    assert all(connection in found.open for connection in known)
     assert len(found.open) == 300
     assert len(found.closed) == 16
 
@@ -93,51 +93,53 @@ def test_a_flood_of_idle_connections_does_not_displace_working_ones() -> None:
 
 
 def test_idle_connections_are_closed_exactly_at_the_time_out() -> None:
-    found = guests(idle=10)
+    found = table_with(idle=10)
     assert found.close_idle(0.0) is None
-    a, _, c = came(found, "a", "b", "c")
+    a, _, c = connected(found, "a", "b", "c")
     assert found.close_idle(9.75) == 10.0
     found.received(a, 9.75)
     assert found.close_idle(10.0) == 11.0
     found.remove(c)
     assert found.close_idle(11.0) == 19.75
-    assert here(found) == "a"
+    assert peers(found) == "a"
     assert found.close_idle(19.75) is None
     assert list(found.closed) == ["b: silent for 10 s", "a: silent for 10 s"]
-    came(found, "d", now=30.0)
+    connected(found, "d", now=30.0)
     assert found.close_idle(30.0) == 40.0
 
 
 def test_a_changed_idle_time_out_applies_at_once() -> None:
-    found = guests()
-    came(found, "a", "b")
+    found = table_with()
+    connected(found, "a", "b")
     assert found.close_idle(1000.0) is None
     found.idle_timeout = 2000.0
     assert found.close_idle(1000.0) == 2000.0
     found.idle_timeout = 999.5
     assert found.close_idle(1000.0) == 1000.5
-    assert here(found) == "b"
+    assert peers(found) == "b"
     found.idle_timeout = 0.0
     assert found.close_idle(5000.0) is None
     found.idle_timeout = 1.0
     assert found.close_idle(5000.0) is None
-    assert here(found) == ""
+    assert peers(found) == ""
 
 
 def test_a_connection_that_ends_with_another_is_closed_once() -> None:
     """Two connections of one client: closing one may close both."""
-    found = guests(idle=1)
-    a, b = came(found, "a", "b")
+    found = table_with(idle=1)
+    a, b = connected(found, "a", "b")
     a.abort = lambda: (found.remove(a), found.remove(b))  # type: ignore[assignment, func-returns-value]
     assert found.close_idle(100.0) is None
     assert (list(found.closed), b.aborted) == (["a: silent for 1 s"], 0)
 
 
-# Whatever happens ----------------------------------------------------------------------------------------------------
+# Any sequence of events -----------------------------------------------------------------------------------------------
 
 STEPS = st.lists(
     st.tuples(
-        st.sampled_from(["come", "hear", "hear", "hear", "leave", "answer", "watch", "watch", "idle"]),
+        st.sampled_from(
+            ["connect", *["request"] * 3, "disconnect", "answer", "close_idle", "close_idle", "new idle_timeout"]
+        ),
         st.integers(0, 7),
         st.sampled_from([0.0, 0.0, 0.25, 1.0, 2.5]),
     ),
@@ -148,47 +150,46 @@ STEPS = st.lists(
 @modest
 @given(STEPS, st.integers(1, 5), st.sampled_from([0.0, 1.0, 2.5]), st.booleans())
 def test_the_table_follows_the_simple_rule_for_any_sequence_of_events(
-    steps: list[tuple[str, int, float]], most: int, idle: float, tells: bool
+    steps: list[tuple[str, int, float]], most: int, idle: float, removes_itself: bool
 ) -> None:
-    """The rule: a list in the order of the last requests. A step takes time or none; a connection may end and, late,
-    be heard again."""
-    found = guests(connections=most, idle=idle)
-    everybody = [Fake(str(number), found, tells) for number in range(8)]
-    row: list[tuple[float, int]] = []  # when it was heard, who
+    """The rule: a list in the order of the last requests. Steps may take no time; a connection that has ended may still
+    send a request."""
+    found = table_with(connections=most, idle=idle)
+    connections = [Fake(str(number), found, removes_itself) for number in range(8)]
+    row: list[tuple[float, int]] = []  # the time of the last request, and the number of the connection
     now = 0.0
 
-    def gone(whom: int) -> None:
-        row[:] = [one for one in row if one[1] != whom]
+    def remove(number: int) -> None:
+        row[:] = [entry for entry in row if entry[1] != number]
 
-    for what, whom, later in steps:
-        now += later
-        guest = everybody[whom]
-        if what == "come" and guest not in found.open:
+    for event, number, seconds in steps:
+        now += seconds
+        connection = connections[number]
+        if event == "connect" and connection not in found.open:
             while len(row) >= most:
-                unused = [one for one in row if not everybody[one[1]].was_answered] or row
-                longest = {who for heard, who in unused if heard == min(unused)[0]}
-                first = next(int(one.peer) for one in found.open if int(one.peer) in longest)
-                gone(first)
-            found.add(guest, now)
-            row.append((now, whom))
-        elif what == "hear":
-            found.received(guest, now)
-            gone(whom)
-            row.append((now, whom))
-        elif what == "leave":
-            found.remove(guest)
-            gone(whom)
-        elif what == "answer":
-            guest.was_answered = True
-        elif what == "idle":
-            found.idle_timeout = later
-        elif what == "watch":
+                unused = [entry for entry in row if not connections[entry[1]].was_answered] or row
+                longest = {peer for received_at, peer in unused if received_at == min(unused)[0]}
+                remove(next(int(open_one.peer) for open_one in found.open if int(open_one.peer) in longest))
+            found.add(connection, now)
+            row.append((now, number))
+        elif event == "request":
+            found.received(connection, now)
+            remove(number)
+            row.append((now, number))
+        elif event == "disconnect":
+            found.remove(connection)
+            remove(number)
+        elif event == "answer":
+            connection.was_answered = True
+        elif event == "new idle_timeout":
+            found.idle_timeout = seconds
+        elif event == "close_idle":
             again = found.close_idle(now)
-            row[:] = [one for one in row if not found.idle_timeout or one[0] + found.idle_timeout > now]
+            row[:] = [entry for entry in row if not found.idle_timeout or entry[0] + found.idle_timeout > now]
             if not found.idle_timeout or not row:
                 assert again is None
-            else:  # in time, and not without end: as soon as the first could go, or a little before
+            else:  # when the first can be closed, or a little before; but later than now, so that it ends
                 assert again is not None
                 assert now < again <= min(row)[0] + found.idle_timeout
-        assert {int(one.peer) for one in found.open} == {who for _, who in row}
-        assert {int(one.peer): heard for one, heard in found.open.items()} == {who: heard for heard, who in row}
+        times = {int(connection.peer): received_at for connection, received_at in found.open.items()}
+        assert times == {number: received_at for received_at, number in row}

@@ -1,4 +1,4 @@
-"""A server that sends before it was asked: that is counted, and the first request is answered."""
+"""A server that sends before the first request: its data are counted, and the request is answered."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def test_the_blocking_client_skips_unrequested_data() -> None:
 
 @pytest.mark.parametrize("in_flight", [1, 4])
 def test_the_asyncio_client_skips_unrequested_data(in_flight: int) -> None:
-    async def talk(port: int) -> None:
-        for _ in range(20):  # it comes while the connection is being made, or just after
+    async def main(port: int) -> None:
+        for _ in range(20):  # the data arrive while the client connects, or just after
             async with AsyncModbusClient(f"tcp://127.0.0.1:{port}?timeout=5", in_flight=in_flight) as client:
                 await asyncio.sleep(0)
                 assert await client.read_holding_registers(7, 1) == (7,)
 
     with peer(greets) as port:
-        asyncio.run(talk(port))
+        asyncio.run(main(port))

@@ -1,4 +1,4 @@
-"""The TCP server without asyncio: the answers of the other one, its life cycle, units that raise, faults."""
+"""The TCP server without asyncio: the same answers as the asyncio server, its life cycle, units that raise, faults."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def client(host: ThreadedServer) -> socket.socket:
 def to_end(connection: socket.socket) -> bytes:
     data = b""
     with contextlib.suppress(ConnectionError):
-        while came := connection.recv(0x10000):
-            data += came
+        while chunk := connection.recv(0x10000):
+            data += chunk
     return data
 
 
-def asked(host: ThreadedServer, data: bytes = READ) -> bytes:
-    """The answers to these bytes, for a client that sends them, ends its sending, and reads to the end."""
+def answers_to(host: ThreadedServer, data: bytes = READ) -> bytes:
+    """Return the answers to a client that sends these bytes, closes its sending half, and reads to the end."""
     with client(host) as connection:
         connection.sendall(data)
         connection.shutdown(socket.SHUT_WR)
@@ -62,27 +62,27 @@ PDUS = SENSIBLE | st.builds(lambda code, rest: bytes([code]) + rest, CODES, st.b
 
 
 @st.composite
-def talks(draw: st.DrawFn, unit: int) -> list[bytes]:
-    """What one client sends, in pieces: requests, then perhaps half of one, or a wrong header, which ends it.
+def client_data(draw: st.DrawFn, unit: int) -> list[bytes]:
+    """The data of one client, in pieces: requests, then perhaps half of one, or a wrong header, which ends it.
 
-    No more requests than the server handles at a time, so the limits of reads do not matter; and nothing behind the
-    wrong header, which would be lost with the connection.
+    There are no more requests than the server handles at a time, so the limits of reads do not matter; and nothing
+    after the wrong header, because that would be lost with the connection.
     """
     pdus = draw(st.lists(PDUS, max_size=12))
     units = st.sampled_from([unit, unit, unit, 99])
-    said = b"".join(frame(draw(units), pdu, draw(st.integers(0, 0xFFFF))) for pdu in pdus)
-    said += draw(st.sampled_from([b"", b"", READ[:5], READ[:11], b"\0\1\0\1\0\6", b"\0\1\0\0\0\1", b"\0\1\0\0\0\xff"]))
-    cuts = sorted(draw(st.lists(st.integers(0, len(said)), max_size=5)))
-    return [said[a:b] for a, b in zip([0, *cuts], [*cuts, len(said)], strict=True)]
+    sent = b"".join(frame(draw(units), pdu, draw(st.integers(0, 0xFFFF))) for pdu in pdus)
+    sent += draw(st.sampled_from([b"", b"", READ[:5], READ[:11], b"\0\1\0\1\0\6", b"\0\1\0\0\0\1", b"\0\1\0\0\0\xff"]))
+    cuts = sorted(draw(st.lists(st.integers(0, len(sent)), max_size=5)))
+    return [sent[a:b] for a, b in zip([0, *cuts], [*cuts, len(sent)], strict=True)]
 
 
-class Fresh(Mapping[int, Unit]):
-    """Units 1 to 3, and new ones for every example."""
+class NewUnits(Mapping[int, Unit]):
+    """Units 1 to 3, which are made again for every example."""
 
     def __init__(self) -> None:
-        self.anew()
+        self.renew()
 
-    def anew(self) -> None:
+    def renew(self) -> None:
         self.units: dict[int, Unit] = {number: Table(10) for number in (1, 2, 3)}
 
     def __getitem__(self, number: int) -> Unit:
@@ -96,7 +96,7 @@ class Fresh(Mapping[int, Unit]):
 
 
 class Served(ThreadedServer):
-    """A server of one of the two services that there are for tcp://."""
+    """A server of one of the two services for tcp://."""
 
     def __init__(self, service: Service) -> None:
         super().__init__()
@@ -110,12 +110,12 @@ class Served(ThreadedServer):
         self.service.close()
 
 
-def heard(host: ThreadedServer, said: list[list[bytes]]) -> list[bytes]:
-    """What each client receives, when they send their pieces in turn."""
+def responses(host: ThreadedServer, sent: list[list[bytes]]) -> list[bytes]:
+    """Return the data that each client receives, if they send their pieces in turn."""
     with contextlib.ExitStack() as stack:
-        connections = [stack.enter_context(client(host)) for _ in said]
-        for turn in range(max(map(len, said))):
-            for connection, pieces in zip(connections, said, strict=True):
+        connections = [stack.enter_context(client(host)) for _ in sent]
+        for turn in range(max(map(len, sent))):
+            for connection, pieces in zip(connections, sent, strict=True):
                 with contextlib.suppress(ConnectionError):
                     connection.sendall(b"".join(pieces[turn : turn + 1]))
         for connection in connections:
@@ -126,28 +126,29 @@ def heard(host: ThreadedServer, said: list[list[bytes]]) -> list[bytes]:
 
 def test_both_tcp_services_answer_any_input_as_the_server_machine() -> None:
     with contextlib.ExitStack() as stack:
-        servers: list[tuple[ThreadedServer, Fresh]] = []
+        servers: list[tuple[ThreadedServer, NewUnits]] = []
         for kind in (TcpService, AsyncioService):
-            fresh = Fresh()
-            servers.append((stack.enter_context(Served(kind(Endpoint.parse("tcp://127.0.0.1:0"), fresh))), fresh))
+            units_of_server = NewUnits()
+            server = stack.enter_context(Served(kind(Endpoint.parse("tcp://127.0.0.1:0"), units_of_server)))
+            servers.append((server, units_of_server))
 
         @modest
-        @given(st.tuples(talks(1), talks(2), talks(3)))
-        def holds(said: tuple[list[bytes], ...]) -> None:
-            units = Fresh()
+        @given(st.tuples(client_data(1), client_data(2), client_data(3)))
+        def holds(sent: tuple[list[bytes], ...]) -> None:
+            units = NewUnits()
             expected = []
-            for pieces in said:
+            for pieces in sent:
                 replies = Server(TcpLine(), units, serial=False).feed(b"".join(pieces), 0.0)
                 expected.append(b"".join(reply.data for reply in replies))
-            for host, fresh in servers:
-                fresh.anew()
-                assert heard(host, list(said)) == expected
-                assert vars_of(fresh) == vars_of(units)
+            for host, units_of_server in servers:
+                units_of_server.renew()
+                assert responses(host, list(sent)) == expected
+                assert vars_of(units_of_server) == vars_of(units)
 
         holds()
 
 
-def vars_of(units: Fresh) -> list[Any]:
+def vars_of(units: NewUnits) -> list[Any]:
     return [(bytes(unit.coils), list(unit.holding_registers)) for unit in units.values() if isinstance(unit, Table)]
 
 
@@ -156,19 +157,19 @@ def test_any_transaction_does_not_make_the_line_a_serial_one(kind: Any) -> None:
     """On a serial line a request followed by another one, and one for an unknown unit, would not be answered."""
     with Served(kind(Endpoint.parse("tcp://127.0.0.1:0?any_transaction=1"), {1: Table()})) as host:
         unknown_unit = frame(5, b"\x07", 9)
-        assert asked(host, READ + READ + unknown_unit) == ANSWER + ANSWER + frame(5, b"\x87\x0b", 9)
+        assert answers_to(host, READ + READ + unknown_unit) == ANSWER + ANSWER + frame(5, b"\x87\x0b", 9)
 
 
-# Owners and units ---------------------------------------------------------------------------------------------------
+# Errors and life cycle ------------------------------------------------------------------------------------------------
 
 
-class Forgetful(Mapping[int, Unit]):
+class FailingLookup(Mapping[int, Unit]):
     """Units whose look-up fails for some addresses."""
 
     def __getitem__(self, number: int) -> Unit:
         if number == 1:
             return Table()
-        raise RuntimeError("the data base is gone")
+        raise RuntimeError("no connection to the data base")
 
     def __iter__(self) -> Iterator[int]:
         return iter((1,))
@@ -181,11 +182,11 @@ class Forgetful(Mapping[int, Unit]):
 
 
 def test_an_error_with_one_client_does_not_affect_the_others() -> None:
-    with ModbusServer("tcp://127.0.0.1:0", units=Forgetful()) as host, client(host) as other:
+    with ModbusServer("tcp://127.0.0.1:0", units=FailingLookup()) as host, client(host) as other:
         other.sendall(READ)
         assert read_exactly(other, len(ANSWER)) == ANSWER
-        assert asked(host, frame(2, b"\x07")) == b""
-        assert host.connections.closed[-1].endswith("RuntimeError: the data base is gone")
+        assert answers_to(host, frame(2, b"\x07")) == b""
+        assert host.connections.closed[-1].endswith("RuntimeError: no connection to the data base")
         other.sendall(READ)
         assert read_exactly(other, len(ANSWER)) == ANSWER
 
@@ -193,7 +194,7 @@ def test_an_error_with_one_client_does_not_affect_the_others() -> None:
 @pytest.mark.parametrize("error", [ValueError("no"), RecursionError(), MemoryError()])
 def test_a_unit_that_raises_is_exception_04_and_the_connection_stays(error: Exception) -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: FailingUnit(error)}) as host:
-        assert asked(host, READ + READ) == frame(1, b"\x83\x04", 1) * 2
+        assert answers_to(host, READ + READ) == frame(1, b"\x83\x04", 1) * 2
 
 
 SCHEMES = ["tcp://127.0.0.1:0", "udp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0", "rtu://pty"]
@@ -205,8 +206,8 @@ def test_close_ends_a_run_in_another_thread_and_the_server_cannot_start_again(ur
     host = ModbusServer(url, units={1: Table()})
     running = threading.Thread(target=host.run, args=(threading.Event(),), daemon=True)
     running.start()
-    with ModbusClient(f"{host.url}?timeout=30&unit=1") as asking:
-        assert asking.read_holding_registers(0, 1) == (0,)
+    with ModbusClient(f"{host.url}?timeout=30&unit=1") as modbus_client:
+        assert modbus_client.read_holding_registers(0, 1) == (0,)
         host.close()
         running.join(30)
         assert not running.is_alive()
@@ -222,8 +223,8 @@ def test_a_server_starts_once(url: str) -> None:
         for begin in (host.start, lambda: host.run(threading.Event())):
             with refused(PortError, ONCE):
                 begin()
-        with ModbusClient(f"{host.url}?timeout=30&unit=1") as asking:
-            assert asking.read_holding_registers(0, 1) == (0,)
+        with ModbusClient(f"{host.url}?timeout=30&unit=1") as modbus_client:
+            assert modbus_client.read_holding_registers(0, 1) == (0,)
 
 
 def test_a_server_that_was_never_started_removes_its_terminal() -> None:
@@ -237,7 +238,7 @@ def test_two_servers_on_one_port_are_an_error() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
         with pytest.raises(PortError, match=r"^127\.0\.0\.1:\d+: address already in use$"):
             ModbusServer(host.url, units={1: Table()})
-        assert asked(host) == ANSWER
+        assert answers_to(host) == ANSWER
 
 
 def test_a_unit_may_close_the_server_that_serves_it() -> None:
@@ -248,36 +249,36 @@ def test_a_unit_may_close_the_server_that_serves_it() -> None:
 
     host = ModbusServer("tcp://127.0.0.1:0", units={1: Last()})
     with host:
-        assert asked(host) == ANSWER
+        assert answers_to(host) == ANSWER
     with pytest.raises(ConnectionError):
         client(host)
 
 
 def test_closing_a_server_drops_unsent_answers() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as host:
-        greedy = client(host)
-        greedy.setblocking(False)
+        unread = client(host)
+        unread.setblocking(False)
         while not host.connections.unsent:
             with contextlib.suppress(BlockingIOError):
-                greedy.send(MOST * 300)
+                unread.send(MOST * 300)
         host.close()
         assert not len(host.connections)
         assert host.connections.unsent == 0
-    greedy.close()
+    unread.close()
 
 
 def test_a_server_on_an_ipv6_address() -> None:
     with ModbusServer("tcp://[::1]:0", units={1: Table()}) as host:
         assert host.url.startswith("tcp://[::1]:")
-        assert asked(host) == ANSWER
+        assert answers_to(host) == ANSWER
 
 
 # Faults --------------------------------------------------------------------------------------------------------------
 
 
-def spoiled(kind: Any, faults: dict[str, float], **how: Any) -> Served:
+def server_with_faults(kind: Any, faults: dict[str, float], **settings: Any) -> Served:
     endpoint = Endpoint.parse("tcp://127.0.0.1:0")
-    model = faults_at(endpoint, faults, **how)
+    model = faults_at(endpoint, faults, **settings)
     if kind is TcpService:
         return Served(TcpService(endpoint, {1: Table()}, FaultInjector(model)))
     return Served(AsyncioService(endpoint, {1: Table()}, inject=LoopFaultInjector(model)))
@@ -286,12 +287,15 @@ def spoiled(kind: Any, faults: dict[str, float], **how: Any) -> Served:
 @pytest.mark.parametrize("kind", [TcpService, AsyncioService])
 def test_the_parts_of_a_split_answer_are_not_interleaved(kind: Any) -> None:
     """Several requests may be under way. A connection keeps the order of its bytes, delayed ones included."""
-    questions = [frame(1, bytes([3, 0, 0, 0, number]), number) for number in range(1, 13)]
+    twelve_requests = [frame(1, bytes([3, 0, 0, 0, number]), number) for number in range(1, 13)]
     answers = {frame(1, bytes([3, 2 * number, *bytes(2 * number)]), number) for number in range(1, 13)}
-    with spoiled(kind, faults={"split": 0.6, "late": 0.4}, seed=3, delay=0.01) as host, contextlib.ExitStack() as stack:
+    with (
+        server_with_faults(kind, faults={"split": 0.6, "late": 0.4}, seed=3, delay=0.01) as host,
+        contextlib.ExitStack() as stack,
+    ):
         connections = [stack.enter_context(client(host)) for _ in range(3)]
         for connection in connections:
-            connection.sendall(b"".join(questions))
+            connection.sendall(b"".join(twelve_requests))
         for connection in connections:
             data = read_exactly(connection, sum(map(len, answers)))
             found = set()
@@ -302,11 +306,11 @@ def test_the_parts_of_a_split_answer_are_not_interleaved(kind: Any) -> None:
             assert found == answers
 
 
-class Reluctant:
-    """A socket and its selector: it takes `room` bytes, and counts the calls."""
+class FullSocket:
+    """A socket and its selector. It takes `room` bytes, and counts the calls."""
 
     def __init__(self) -> None:
-        self.room, self.asked, self.got, self.watched = 0, 0, b"", 0
+        self.room, self.sends, self.taken, self.watched = 0, 0, b"", 0
 
     def fileno(self) -> int:
         return 3
@@ -315,11 +319,11 @@ class Reluctant:
         return READ
 
     def send(self, data: bytes) -> int:
-        self.asked += 1
+        self.sends += 1
         if not self.room:
             raise BlockingIOError
         taken, self.room = bytes(data[: self.room]), max(0, self.room - len(data))
-        self.got += taken
+        self.taken += taken
         return len(taken)
 
     def register(self, _: object, events: int, data: object) -> None:
@@ -328,23 +332,23 @@ class Reluctant:
     modify = register
 
 
-def test_late_answers_to_a_client_that_does_not_read_are_not_each_tried_again() -> None:
-    """Trying each again with all that waits already would take seconds, and delay all clients."""
+def test_late_answers_to_a_client_that_does_not_read_are_not_tried_again_one_by_one() -> None:
+    """To try each again, with everything that waits already, would take seconds and delay all clients."""
     late: list[Callable[[bytes], None]] = []
-    inject: Any = lambda answer, say: late.append(say)  # noqa: E731
+    inject: Any = lambda answer, send: late.append(send)  # noqa: E731
     host = TcpService(Endpoint.parse("tcp://127.0.0.1:0"), {1: Table()}, inject)
-    peer: Any = Reluctant()
+    peer: Any = FullSocket()
     connection = _Connection(host, peer, peer, ("192.0.2.1", 1024))
     connection.ready(0.0)
-    (say,) = late
+    (send,) = late
     peer.room = 2
     for number in range(1000):
-        say(number.to_bytes(4, "big"))
-    assert (peer.asked, peer.watched) == (1, selectors.EVENT_WRITE)
+        send(number.to_bytes(4, "big"))
+    assert (peer.sends, peer.watched) == (1, selectors.EVENT_WRITE)
     assert connection.unsent == 3998
     for room in (1, 3000, 0, 5000):
         peer.room = room
         connection.ready(0.0)
-    assert (peer.asked, peer.watched, connection.unsent) == (5, selectors.EVENT_READ, 0)
-    assert peer.got == b"".join(number.to_bytes(4, "big") for number in range(1000))
+    assert (peer.sends, peer.watched, connection.unsent) == (5, selectors.EVENT_READ, 0)
+    assert peer.taken == b"".join(number.to_bytes(4, "big") for number in range(1000))
     host.close()
