@@ -176,6 +176,34 @@ def _text(url: str, key: str, value: object) -> str:
     raise EncodeError(f"endpoint {url!r}: {key}={shown(value)}: expected a text, a number, a boolean or a path", key)
 
 
+def _merged(url: str, scheme: str, in_url: list[tuple[str, str]], options: Mapping[str, object]) -> dict[str, str]:
+    """Return the options of a URL, overridden by `options`. Raise EncodeError for one that the scheme does not have."""
+    merged = dict(in_url)
+    if len(merged) < len(in_url):
+        raise EncodeError(f"endpoint {url!r}: an option is given twice")
+    given = {key: value for key, value in options.items() if value is not None}
+    if scheme in CARRIERS:
+        known = CARRIERS[scheme].options
+        for key in (*merged, *given):
+            if key not in known:
+                raise EncodeError(f"endpoint {url!r}: unknown option {key!r}, expected {', '.join(sorted(known))}")
+    return merged | {key: _text(url, key, value) for key, value in given.items()}
+
+
+def _checked_place(url: str, scheme: str, place: str) -> str:
+    """Return the place of a URL. Raise EncodeError if it is empty, or not INTERFACE/CHANNEL of a CAN bus."""
+    if scheme in ("rtu", "ascii") and place.lower() in (PSEUDO_TERMINAL, f"/{PSEUDO_TERMINAL}"):
+        return PSEUDO_TERMINAL
+    interface, _, channel = place.partition("/")
+    if scheme == "can" and (not interface or not channel):
+        raise EncodeError(f"endpoint {url!r}: expected can://INTERFACE/CHANNEL, as python-can names them")
+    if not place.strip("/") or "\0" in place:
+        raise EncodeError(f"endpoint {url!r}: it names no port")
+    if scheme == "can":
+        socketcand_address(channel)
+    return place
+
+
 class Endpoint(NamedTuple):
     """The parts of a URL. `place` is HOST:PORT, the path of a serial device, or INTERFACE/CHANNEL.
 
@@ -211,34 +239,13 @@ class Endpoint(NamedTuple):
             raise EncodeError(f"endpoint {url!r}: '#' has no meaning in an endpoint; in a name it is %23")
         if "?" in query:
             raise EncodeError(f"endpoint {url!r}: a second '?': options are joined with '&'; in a name it is %3F")
-        in_url = pairs(query)
-        merged = dict(in_url)
-        if len(merged) < len(in_url):
-            raise EncodeError(f"endpoint {url!r}: an option is given twice")
-        given = {key: value for key, value in (options or {}).items() if value is not None}
-        if scheme in CARRIERS:
-            known = CARRIERS[scheme].options
-            for key in (*merged, *given):
-                if key not in known:
-                    raise EncodeError(f"endpoint {url!r}: unknown option {key!r}, expected {', '.join(sorted(known))}")
-        merged |= {key: _text(url, key, value) for key, value in given.items()}
-        place = unquote(place)
-        if scheme == "can":
-            interface, _, channel = place.partition("/")
-            if not interface or not channel:
-                raise EncodeError(f"endpoint {url!r}: expected can://INTERFACE/CHANNEL, as python-can names them")
-        if scheme in ("rtu", "ascii") and place.lower() in (PSEUDO_TERMINAL, f"/{PSEUDO_TERMINAL}"):
-            place = PSEUDO_TERMINAL
-        if not place.strip("/") or "\0" in place:
-            raise EncodeError(f"endpoint {url!r}: it names no port")
-        endpoint = cls(scheme, place, merged)
-        if scheme == "can":
-            socketcand_address(place.partition("/")[2])
-        elif not endpoint.is_serial_port:
+        merged = _merged(url, scheme, pairs(query), options or {})
+        endpoint = cls(scheme, _checked_place(url, scheme, unquote(place)), merged)
+        if scheme != "can" and not endpoint.is_serial_port:
             _ = endpoint.host_and_port  # raises for a wrong one before anything is opened
         for key in merged:
             endpoint._check(key)
-        if endpoint.scheme == "rtu" and merged.get("bytesize") == "7":
+        if scheme == "rtu" and merged.get("bytesize") == "7":
             raise EncodeError(f"endpoint {url!r}: bytesize=7: RTU needs 8 data bits, ascii:// may have 7")
         return endpoint
 

@@ -185,10 +185,10 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
                 raise EncodeError("node: expected device= or eds=, not both")
             found = _canopen_device(device)
             return self._device_node(self._number(number, found), found, **settings)
-        place = self._number(number)
+        node_id = self._number(number)
         if eds is not None:
-            return EdsNode(self.runner, place, dictionary_of(eds, place), **settings)
-        return Node(self.runner, place, **settings)
+            return EdsNode(self.runner, node_id, dictionary_of(eds, node_id), **settings)
+        return Node(self.runner, node_id, **settings)
 
     def channel(self, node: int | None = None) -> Channel:
         """Return the channel to the default SDO server of a node."""

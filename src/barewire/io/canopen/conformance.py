@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from barewire.canopen.conformance.battery import cases, needs_reset, prepare, run_case
-from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome
+from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, Subject
 from barewire.canopen.conformance.probe import is_there, probe
 from barewire.canopen.frame import CanFrame
 from barewire.conversation import Conversation, Listen, Send
@@ -57,15 +57,7 @@ def conform_can(
     node, patience = endpoint.integer("node", 1), endpoint.seconds("timeout", NODE_ANSWER_TIMEOUT)
     port: Port[CanFrame] = CanPort(endpoint)
     try:
-        boot = BOOT
-        subject = run(probe(node, timeout=patience, large=large), port)
-        if large is not None and not run(is_there(node, *large, timeout=patience), port):
-            raise EncodeError(f"the large object {large[0]:04X}:{large[1]:02X}: node {node} has no such object")
-        chosen = [case for case in cases(subject) if case.name.startswith(only) and not case.lacks]
-        if not gentle and any(case.effect != "reads" for case in chosen):
-            # Its configuration may have been changed: the cases need the values that it has after a reset.
-            boot = boot if run(prepare(subject), port) else patience
-            subject = run(probe(node, timeout=patience, large=large), port)
+        subject, boot = _probe(port, node, patience, gentle, large, only)
         wanted = [case for case in cases(subject) if case.name.startswith(only)]
         before, remote = None, not endpoint.place.startswith("socketcand/")
         for place, case in enumerate(wanted):
@@ -89,6 +81,27 @@ def conform_can(
             run(prepare(subject, boot=boot), port)
     finally:
         port.close()
+
+
+def _probe(
+    port: Port[CanFrame],
+    node: int,
+    patience: float,
+    gentle: bool,
+    large: tuple[int, int] | None,
+    only: tuple[str, ...],
+) -> tuple[Subject, float]:
+    """Read the objects of the device; return them, and the seconds to wait for a boot-up message."""
+    boot = BOOT
+    subject = run(probe(node, timeout=patience, large=large), port)
+    if large is not None and not run(is_there(node, *large, timeout=patience), port):
+        raise EncodeError(f"the large object {large[0]:04X}:{large[1]:02X}: node {node} has no such object")
+    chosen = [case for case in cases(subject) if case.name.startswith(only) and not case.lacks]
+    if not gentle and any(case.effect != "reads" for case in chosen):
+        # Its configuration may have been changed: the cases need the values that it has after a reset.
+        boot = boot if run(prepare(subject), port) else patience
+        subject = run(probe(node, timeout=patience, large=large), port)
+    return subject, boot
 
 
 def _check_answers(node: int, patience: float, port: Port[CanFrame], not_run: int, before: NodeCase | None) -> None:
