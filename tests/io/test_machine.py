@@ -100,7 +100,7 @@ def test_errors_name_the_device_and_the_wire() -> None:
         ModbusServer("tcp://127.0.0.1:0", units={}) as server,
         connect("adxl", server.url) as adxl,
     ):
-        with pytest.raises(EncodeError, match="adxl is no drive"):
+        with pytest.raises(EncodeError, match="adxl is not a drive"):
             adxl.drive.enable()
         with pytest.raises(EncodeError, match=r"\['Status'\] is not the name of a parameter of adxl; expected a text"):
             adxl.read(["Status"])  # type: ignore[call-overload]
