@@ -39,7 +39,7 @@ class Layout:
     """A struct format with a name for each value, and optionally a tail of bytes behind it.
 
     `tail` names the bytes behind the fixed part, `count` the field that holds their number. A tail without a count
-    takes all remaining bytes; then the first bytes do not determine the length.
+    takes all remaining bytes, so the first bytes do not determine the length.
 
     >>> Layout(">BHH", "function_code", "address", "quantity").pack(3, 107, 3).hex(" ")
     '03 00 6b 00 03'

@@ -12,7 +12,7 @@ from barewire.errors import DecodeError, EncodeError, Reason
 class Text:
     """`size` bytes of characters, filled up with `pad` at the end.
 
-    `encoding` is the name of a Python codec; the default, latin-1, has a character for every byte, so decoding
+    `encoding` is the name of a Python codec. The default, latin-1, has a character for every byte, so decoding
     cannot fail. Decoding removes padding and zero bytes at the end.
 
     >>> Text(6).encode("ADXL").hex(" ")

@@ -104,7 +104,7 @@ SnifferEvent: TypeAlias = RequestSeen | ResponseSeen | ResponseMissing | Ambiguo
 
 
 class Sniffer:
-    """A machine for a line in the role of a listener. `window`: the longest time to a response, in seconds.
+    """A machine for a serial line with the role of a listener. `window` is the longest response time, in seconds.
 
     >>> from barewire.rtu import RtuLine, Timing, encode
     >>> sniffer = Sniffer(RtuLine(Timing.of(19200), role="listener"))

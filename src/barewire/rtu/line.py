@@ -44,7 +44,7 @@ _AT_SILENCE, _NEVER = 1 << 62, 1 << 63
 
 
 class RtuLine:
-    """One line. A client receives responses; a server receives requests, and both kinds of message of other units.
+    """One line. A client receives responses. A server receives requests, and also the responses of other units.
 
     >>> line = RtuLine(Timing.of(19200), role="server")
     >>> line.feed(bytes.fromhex("01040FB1 000222F8"), now=1.0)

@@ -46,6 +46,7 @@ from barewire.modbus.exceptions import ModbusException
 if TYPE_CHECKING:
     from barewire.modbus.framing import Line, LineEvent
     from barewire.modbus.messages.base import R, Request
+
 Recovery = Literal["probe", "wait"]
 
 _MAX_PROBES = 2
@@ -55,7 +56,7 @@ _MAX_PROBES = 2
 class Bus:
     """A client's line. It runs one conversation at a time; a caller with several puts them in a `FairQueue`.
 
-    line           the framing; may be replaced between two requests, after a reconnect: answers stay pending
+    line           the framing; after a reconnect it may be replaced between two requests, and answers stay pending
     recovery       how a pending answer is excluded: "probe" (default) or "wait", see above
     late_window    seconds of silence after which a pending answer is not expected any more (default: three time-outs)
     gap            seconds of pause between two exchanges with a unit (default 0)
@@ -143,7 +144,7 @@ class Bus:
         return self._exchange(unit, request, timeout, sent_at=sent_at)
 
     def broadcast(self, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
-        """Send `request` to every unit on a serial line; then wait `turnaround` seconds.   [MB-SERIAL 2.4.1]
+        """Send `request` to every unit on a serial line, then wait `turnaround` seconds.   [MB-SERIAL 2.4.1]
 
         Raises EncodeError for a request that only reads: no unit answers a broadcast.
         """

@@ -95,7 +95,7 @@ class GetCommEventCounterResponse(Response):
 class GetCommEventCounter(Request[GetCommEventCounterResponse]):
     """Read the number of requests that were carried out without an exception.             [MB-APP 6.9]
 
-    After a lost response it shows whether the request was carried out: then the number has grown.
+    After a lost response it shows whether the request was carried out, because then the number has grown.
 
         0B
 

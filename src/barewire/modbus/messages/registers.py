@@ -144,7 +144,7 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
         return _with_row(self.response, _ROWS[self.quantity].unpack_from(pdu, 2))
 
     def answer(self, row: tuple[int, ...]) -> ReadHoldingRegistersResponse:
-        """Return the response with this row. It must have as many registers as were asked for: they are not checked."""
+        """Return the response with this row, which is not checked: it must have as many registers as were asked for."""
         if type(self) in _SHORTCUTS:
             return _with_row(self.response, row)
         cls: Any = self.response
