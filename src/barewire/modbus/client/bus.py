@@ -40,7 +40,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus.adu import BROADCAST, Adu
-from barewire.modbus.client.line_state import NEVER, LineState, PendingAnswer, UnitState, WriteOutcomeUnknown
+from barewire.modbus.client.line_state import NEVER, LineState, PendingAnswer, WriteOutcomeUnknown
 from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
@@ -216,7 +216,7 @@ class Bus:
         elif line.numbered and unit_state.free_at == unit_state.dead_until == NEVER:
             now = NEVER  # a late response cannot be mistaken, and the unit needs no pause
         else:
-            now = yield from self._clear(unit, request, timeout, unit_state)
+            now = yield from self._clear(unit, request, timeout)
         passed_over: list[str] = []
         try:
             # From here on a response may come, so however this exchange ends, the answer must be left pending.
@@ -240,7 +240,7 @@ class Bus:
             if request.writes and isinstance(end, Abandoned):
                 raise _outcome_unknown(f"unit {unit}, {request.name}: {end}") from end
             raise
-        return self._unanswered(unit, request, timeout, unit_state, now, passed_over)
+        return self._unanswered(unit, request, timeout, now, passed_over)
 
     def _response_in(
         self, events: list[LineEvent], unit: int, request: Request[R], now: float, passed_over: list[str]
@@ -267,17 +267,9 @@ class Bus:
             _note(passed_over, why)
         return None
 
-    def _unanswered(
-        self,
-        unit: int,
-        request: Request[R],
-        timeout: float,
-        unit_state: UnitState,
-        now: float,
-        passed_over: list[str],
-    ) -> R:
+    def _unanswered(self, unit: int, request: Request[R], timeout: float, now: float, passed_over: list[str]) -> R:
         """End an exchange without a response: raise the error, or return the result if the standard demands silence."""
-        line = self.line
+        line, unit_state = self.line, self.state.units[unit]
         self._leave_pending(unit, request, now, timeout)
         if line.broken is not None:
             text = f"unit {unit} did not answer {request.name}: {line.broken}; nothing after it can be trusted"
@@ -307,10 +299,9 @@ class Bus:
 
     # Before the next request
 
-    def _clear(
-        self, unit: int, request: Request[Any], timeout: float, unit_state: UnitState
-    ) -> Conversation[bytes, float]:
+    def _clear(self, unit: int, request: Request[Any], timeout: float) -> Conversation[bytes, float]:
         """Wait until the line is idle, the unit's pause over, and no confusable answer pending. Returns the time."""
+        unit_state = self.state.units[unit]
         now = yield from self.wait_until_idle(timeout)
         if now < unit_state.dead_until:
             left = unit_state.dead_until - now
@@ -318,16 +309,14 @@ class Bus:
         while now < unit_state.free_at:
             heard = yield Listen(unit_state.free_at)
             now = self._pass_over(heard)
-        return (yield from self._prove_gone(unit, request, timeout, unit_state, now))
+        return (yield from self._prove_gone(unit, request, timeout, now))
 
-    def _prove_gone(
-        self, unit: int, request: Request[Any], timeout: float, unit_state: UnitState, now: float
-    ) -> Conversation[bytes, float]:
+    def _prove_gone(self, unit: int, request: Request[Any], timeout: float, now: float) -> Conversation[bytes, float]:
         """Make sure that no pending answer that could pass for the response to `request` can still come.
 
         Returns the time.
         """
-        state = self.state
+        state, unit_state = self.state, self.state.units[unit]
         if not state.confusable(unit, request):
             return now
         # Loaded here because TCP never needs it, and other lines rarely do.
