@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import PSEUDO_TERMINAL
 from barewire.io.modbus.carriers import modbus_line
 from barewire.io.server.asyncio_ports import SerialServer
 from barewire.io.server.asyncio_stream import server_at
+from barewire.io.server.base import AsyncServer
 from barewire.io.server.connection_limits import ConnectionTable, Inject
 from barewire.io.server.modbus import port_number, server_endpoint
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from barewire.modbus import Authorization, Unit
 
 
-class AsyncModbusServer:
+class AsyncModbusServer(AsyncServer):
     """A server of units on a port of the running loop. The arguments are those of `ModbusServer`, and:
 
     listener        a socket that is already bound, on which the server listens; by default it binds one
@@ -58,7 +59,6 @@ class AsyncModbusServer:
             raise EncodeError(f"endpoint {url!r}: pseudo-terminals are made by ModbusServer, in a thread")
         modbus_line(self._endpoint, "server", units)  # raises for wrong options
         self.url = str(self._endpoint)
-        """The URL that clients use. After `start` it has the number of the port that the system chose for port 0."""
         self.connections: ConnectionTable[Any] = ConnectionTable(self._endpoint)
         """The open connections, and why others were closed. Empty for UDP and serial lines."""
         self._units = units
@@ -71,22 +71,11 @@ class AsyncModbusServer:
             self._inject = LoopFaultInjector(
                 faults_at(self._endpoint, faults, seed=fault_seed, delay=fault_delay, on_fault=on_fault)
             )
-        self._has_started = False
         self._server: StreamServer | DatagramServer | SerialServer | None = None
         self._network: StreamServer | DatagramServer | None = None
         if not self._endpoint.is_serial_port:
             self._network = server_at(self._endpoint, units, authorization, self._inject)
             self.connections = self._network.connections
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.url}>"
-
-    async def __aenter__(self) -> Self:
-        await self.start()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self.close()
 
     @property
     def port(self) -> int:
@@ -103,11 +92,7 @@ class AsyncModbusServer:
         """The error of the serial port that ended the server, or None."""
         return self._server.failure if isinstance(self._server, SerialServer) else None
 
-    async def start(self) -> None:
-        """Open the port and begin to serve. Raises PortError if the server is serving already, or was closed."""
-        if self._has_started:
-            raise PortError(f"{self.url}: a server serves once: this one has run, or was closed")
-        self._has_started = True
+    async def _open(self) -> None:
         if self._network is None:
             self._server = SerialServer(self._endpoint, self._units, self._inject)
             return
@@ -117,8 +102,6 @@ class AsyncModbusServer:
         place = f"[{host}]" if ":" in host else host
         self.url = str(self._endpoint._replace(place=f"{place}:{self._network.port}"))
 
-    async def close(self) -> None:
-        """Close all connections and release the port."""
-        self._has_started = True
+    async def _release(self) -> None:
         if self._server is not None:
             await self._server.close()

@@ -1,12 +1,12 @@
-"""The base class of servers in a thread: how they start and how they end.
+"""The base classes of servers: how they start and how they end.
 
     server.start(), server.close()     in a thread of its own; so does `with server:`
     server.run(stop)                   in the caller's thread, until the event is set or the server is closed
+    await server.start()               in the running loop; so does `async with server:`
 
-The constructor of a server opens its port. A server serves once: after that its port may belong to another program, so
-a second `run` or `start` raises PortError.
+A server serves once: after that its port may belong to another program, so a second `run` or `start` raises PortError.
 
-Depends on: nothing. Used by: `ModbusServer`, and the server of a CANopen node.
+Used by: `ModbusServer`, `CanopenServer`, and those for asyncio.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ _CLOSING = 5.0
 
 
 class ThreadedServer(ABC):
-    """A server on a port. `url` is the URL for clients, with the port number or the pseudo-terminal that it got."""
+    """A server in a thread. Its constructor opens the port."""
 
     url: str
+    """The URL for clients, with the port number or the pseudo-terminal that it got."""
 
     def __init__(self) -> None:
         self._stop = threading.Event()
@@ -93,7 +94,7 @@ class ThreadedServer(ABC):
     def _begin(self) -> None:
         with self._starting:
             if self._has_started:
-                raise PortError(f"{self.url}: a server serves once: this one has run, or was closed")
+                raise _serves_once(self.url)
             self._has_started = True
 
     def _serve_once(self, stop: threading.Event) -> None:
@@ -112,3 +113,45 @@ class ThreadedServer(ABC):
         finally:
             if self.on_end is not None:
                 self.on_end()
+
+
+class AsyncServer(ABC):
+    """A server in the running loop. Its constructor opens nothing."""
+
+    url: str
+    """The URL for clients. After `start` it has the number of the port that the system chose for port 0."""
+    _has_started = False
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.url}>"
+
+    async def __aenter__(self) -> Self:
+        await self.start()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+    async def start(self) -> None:
+        """Open the port and begin to serve. Raises PortError if that fails, or if the server has run or was closed."""
+        if self._has_started:
+            raise _serves_once(self.url)
+        self._has_started = True
+        await self._open()
+
+    async def close(self) -> None:
+        """Stop serving, close all connections and release the port."""
+        self._has_started = True
+        await self._release()
+
+    @abstractmethod
+    async def _open(self) -> None:
+        """Open the port and begin to serve. Called once."""
+
+    @abstractmethod
+    async def _release(self) -> None:
+        """Release what `_open` opened."""
+
+
+def _serves_once(url: str) -> PortError:
+    return PortError(f"{url}: a server serves once: this one has run, or was closed")

@@ -15,7 +15,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from barewire.canopen import CanFrame
 from barewire.devices.device import Device
@@ -28,7 +28,7 @@ from barewire.io.endpoint import Endpoint, socketcand_address
 from barewire.io.engine.locking import CanopenNode, SharedNode
 from barewire.io.ports.base import Port
 from barewire.io.ports.python_can import CanPort
-from barewire.io.server.base import POLL_INTERVAL, ThreadedServer
+from barewire.io.server.base import POLL_INTERVAL, AsyncServer, ThreadedServer
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -153,42 +153,28 @@ def _with_faults(
     return lambda: FaultyPort(dial(), model)
 
 
-class AsyncCanopenServer(_CanopenServerBase):
+class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
     """A node on a bus, in an asyncio task. The arguments are those of `CanopenServer`.
 
     The constructor opens nothing; `async with` or `await start()` opens the bus.
     """
 
     def _prepare(self) -> None:
-        self._has_started = self._is_closed = False
+        self._is_closed = False
         self._bus: CanBus | None = None
         self._running: AsyncRunning | None = None
 
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.url}>"
-
-    def _open(self) -> CanBus:
+    def _open_bus(self) -> CanBus:
         self._hub = _hub(self._endpoint)
         if self._is_closed and self._hub is not None:  # closed meanwhile
             self._hub.close()
         return CanBus(self.dial(), dial=self.dial)
 
-    async def __aenter__(self) -> Self:
-        await self.start()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self.close()
-
-    async def start(self) -> None:
-        """Open the bus and begin to serve. Raises PortError if the server is serving already, or was closed."""
+    async def _open(self) -> None:
         from barewire.io.canopen.async_bus import AsyncRunning, open_in_thread
 
-        if self._has_started:
-            raise PortError(f"{self.url}: a server serves once: this one has run, or was closed")
-        self._has_started = True
         try:
-            self._bus = await open_in_thread(self._open)
+            self._bus = await open_in_thread(self._open_bus)
         except BaseException:
             await self.close()
             raise
@@ -200,9 +186,8 @@ class AsyncCanopenServer(_CanopenServerBase):
             raise PortError(f"{self.url}: not served: enter `async with`")
         await self._running.do(action)
 
-    async def close(self) -> None:
-        """Leave the bus."""
-        self._has_started = self._is_closed = True
+    async def _release(self) -> None:
+        self._is_closed = True
         if self._running is not None:
             self._running.stop()
         if self._bus is not None:
