@@ -76,7 +76,7 @@ def parse_string_literal(text: str) -> bytes | None:
     data = bytearray()
     for piece in _ESCAPE.finditer(body):
         pair, octal, letter = piece.groups()
-        position = found.start(3) + piece.start()
+        index = found.start(3) + piece.start()
         if pair or octal:
             number = int(pair, 16) if pair else int(octal, 8)
         elif letter:
@@ -85,13 +85,13 @@ def parse_string_literal(text: str) -> bytes | None:
             raise text_error(
                 "value",
                 text,
-                position,
-                f"{body[piece.start() : piece.start() + 4]!r} at {position} is not an escape of a byte",
+                index,
+                f"{body[piece.start() : piece.start() + 4]!r} at {index} is not an escape of a byte",
             )
         else:
             number = ord(piece[0])
         if number > 255:
-            raise text_error("value", text, position, f"{piece[0]!r} at {position} is not a byte")
+            raise text_error("value", text, index, f"{piece[0]!r} at {index} is not a byte")
         data.append(number)
     return bytes(data)
 
@@ -118,7 +118,7 @@ def parse_decimal(text: str, listed: bool) -> bytes | None:
         raise text_error(
             "value", text, tokens[0][0], f"{shown!r}: hexadecimal or decimal? write hexadecimal numbers with 0x"
         )
-    for position, token in tokens:
+    for index, token in tokens:
         if not -128 <= int(token) <= 255:
-            raise text_error("value", text, position, f"{token!r} at {position}: a byte is a number from 0 to 255")
+            raise text_error("value", text, index, f"{token!r} at {index}: a byte is a number from 0 to 255")
     return bytes(int(token) & 0xFF for token in numbers)

@@ -48,27 +48,27 @@ def parse_hex(text: str) -> bytes:
     return bytes(found)
 
 
-def parse_hex_token(text: str, position: int, token: str) -> bytes:
+def parse_hex_token(text: str, index: int, token: str) -> bytes:
     # "\x01\x04" has no separators, so a token may hold several bytes, each with its prefix.
     parts = list(HEX_PREFIX.finditer(token))
     if parts and parts[0].start() == 0:
         ends = [part.start() for part in parts[1:]] + [len(token)]
         spans = [(part.end(), end) for part, end in zip(parts, ends)]
-        return b"".join(_pairs(text, position + start, token[start:end], lone=True) for start, end in spans)
+        return b"".join(_pairs(text, index + start, token[start:end], lone=True) for start, end in spans)
     digits = token[:-1] if token[-1] in "hH" else token
-    return _pairs(text, position, digits, lone=False)
+    return _pairs(text, index, digits, lone=False)
 
 
-def _pairs(text: str, position: int, digits: str, lone: bool) -> bytes:
+def _pairs(text: str, index: int, digits: str, lone: bool) -> bytes:
     for place, character in enumerate(digits):
         if character not in HEX_DIGITS:
             raise text_error(
-                "character", text, position + place, f"{character!r} at {position + place} is not a hexadecimal digit"
+                "character", text, index + place, f"{character!r} at {index + place} is not a hexadecimal digit"
             )
     if lone and len(digits) == 1:
         digits = "0" + digits
     if len(digits) % 2 or not digits:
-        raise text_error("length", text, position, f"{digits!r} at {position}: a byte has two hexadecimal digits")
+        raise text_error("length", text, index, f"{digits!r} at {index}: a byte has two hexadecimal digits")
     return bytes.fromhex(digits)
 
 
