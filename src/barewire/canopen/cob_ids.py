@@ -162,3 +162,8 @@ class CobEntry(NamedTuple):
     def pack(self) -> int:
         """Return the 32 bits of the object."""
         return self.identifier | self.extended << 29 | self.bit30 << 30 | self.bit31 << 31
+
+
+def default_sdo_channel(node: int) -> tuple[CobEntry, CobEntry]:
+    """Return the COB-IDs of the default SDO channel of a node: client to server, server to client."""
+    return CobEntry(cob_id("SDO request", node)), CobEntry(cob_id("SDO answer", node))

@@ -23,6 +23,12 @@ _GENERAL = 0x0800_0000
 START, STOP, PRE, RESET, RESET_COMMUNICATION = "01", "02", "80", "81", "82"
 """NMT commands."""
 
+READ_ONLY = (0x0601_0000, 0x0601_0002)
+WRONG_LENGTH = (0x0607_0010, 0x0607_0012, 0x0607_0013)
+"""Abort codes that are accepted as equal."""
+HEARTBEAT, TEXT, LARGE = ("1017h",), ("text of 8 bytes",), ("large object",)
+"""Needs of several cases."""
+
 _DOWNLOADS = {1: 0x2F, 2: 0x2B, 3: 0x27, 4: 0x23}
 _UPLOADS = {1: "4F", 2: "4B", 3: "47", 4: "43"}
 _SEGMENT = 7

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from barewire.canopen.conformance.frames import (
+    HEARTBEAT,
     PRE,
     RESET,
     RESET_COMMUNICATION,
@@ -25,7 +26,6 @@ from barewire.canopen.conformance.model import BOOT, SILENCE, NodeCase, NodeStep
 # fmt: off
 
 NMT, CONTROL = "CiA 301 7.2.8 NMT", "CiA 301 7.2.8 error control"
-_BEAT = ("1017h",)
 _GUARD = ("100Ch", "100Dh")
 
 
@@ -71,9 +71,9 @@ def _nmt(subject: Subject) -> Iterator[NodeCase]:
     yield case("NMT-16", "reset communication, to another node", elsewhere, works)
     write = s.write(0x1017, 0, 12_345, 2)
     default = s.read(0x1017, 0, subject.number(0x1017).to_bytes(2, "little"))
-    yield case("NMT-17", "reset communication restores 1017h", write, boots_communication, default, needs=_BEAT,
+    yield case("NMT-17", "reset communication restores 1017h", write, boots_communication, default, needs=HEARTBEAT,
                why="1000h to 1FFFh have their power-on values")
-    yield case("NMT-18", "reset node restores 1017h", write, boots, default, needs=_BEAT)
+    yield case("NMT-18", "reset node restores 1017h", write, boots, default, needs=HEARTBEAT)
     for name, text, frame in (
         ("NMT-20", f"000#03{node:02X}", "an undefined command"),
         ("NMT-21", "000#02", "a command of one byte"),
@@ -92,7 +92,7 @@ def _heartbeat(subject: Subject) -> Iterator[NodeCase]:
     taken = f"{own}7F{{0,3}}, {s.accepted(0x1017)}, {own}7F{{0,1}}"
     set_100, off = (NodeStep((s.download(0x1017, 0, period, 2),), (taken,)) for period in (100, 0))
 
-    case = partial(make_case, subject, CONTROL, (own, s.responses), effect="commands", needs=_BEAT)
+    case = partial(make_case, subject, CONTROL, (own, s.responses), effect="commands", needs=HEARTBEAT)
 
     def window(state: str, fewest: int, most: int, seconds: float) -> NodeStep:
         return NodeStep((), (f"{own}{state}{{{fewest},{most}}}",), wait=seconds, full_wait=True)

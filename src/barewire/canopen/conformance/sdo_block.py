@@ -9,7 +9,12 @@ from collections.abc import Iterator
 from functools import partial
 
 from barewire.canopen.conformance.frames import (
+    HEARTBEAT,
+    LARGE,
     NOWHERE,
+    READ_ONLY,
+    TEXT,
+    WRONG_LENGTH,
     Sdo,
     block_end,
     block_segment,
@@ -26,11 +31,6 @@ from barewire.canopen.conformance.model import SILENCE, NodeCase, NodeStep, Subj
 
 _CLAUSE = "CiA 301 7.2.4 SDO block"
 _COMMAND, _SIZE, _SEQUENCE, _CRC = 0x0504_0001, 0x0504_0002, 0x0504_0003, 0x0504_0004
-_LENGTHS = (0x0607_0010, 0x0607_0012, 0x0607_0013)
-_READ_ONLY = (0x0601_0000, 0x0601_0002)
-_TEXT = ("text of 8 bytes",)
-_BEAT = ("1017h",)
-_LARGE = ("large object",)
 
 
 def block_cases(subject: Subject) -> Iterator[NodeCase]:
@@ -96,9 +96,9 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
     yield case("BLK-01", "upload of four bytes without CRC", *block.up(0x1000, device_type, crc=False), works,
                why="the CRC is 0 if one side does not support it")
     yield case("BLK-02", "upload of four bytes with CRC", *block.up(0x1000, device_type), works)
-    yield case("BLK-03", "upload of a text with CRC", *block.up(index, text), works, needs=_TEXT)
-    yield case("BLK-04", "upload in blocks of one segment", *block.up(index, text, blksize=1), works, needs=_TEXT)
-    yield case("BLK-05", "upload in blocks of 127 segments", *block.up(index, text, blksize=127), works, needs=_TEXT)
+    yield case("BLK-03", "upload of a text with CRC", *block.up(index, text), works, needs=TEXT)
+    yield case("BLK-04", "upload in blocks of one segment", *block.up(index, text, blksize=1), works, needs=TEXT)
+    yield case("BLK-05", "upload in blocks of 127 segments", *block.up(index, text, blksize=127), works, needs=TEXT)
     for name, blksize in (("BLK-06", 0), ("BLK-07", 128), ("BLK-08", 255)):
         step = NodeStep((s.request(f"A4 0010 00 {blksize:02X}"),), (s.aborted(_SIZE, _COMMAND),))
         yield case(name, f"upload in blocks of {blksize} segments", step, works, why="05040002: 1 to 127")
@@ -114,25 +114,25 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
                why="the device answers as to 40h, or continues in blocks")
     start = [block.begin_up(index, len(text)), block.blocks(text, 0, count, "A3")]
     yield case("BLK-12", "no segment acknowledged: the block is repeated", *start,
-               block.blocks(text, 0, count, "A20014"), block.abort, works, needs=_TEXT, why="ackseq 0")
+               block.blocks(text, 0, count, "A20014"), block.abort, works, needs=TEXT, why="ackseq 0")
     yield case("BLK-13", "only the first segment acknowledged: the rest follows, numbered from 1", *start,
-               block.blocks(text, 1, count - 1, "A20114"), block.abort, works, needs=_TEXT)
+               block.blocks(text, 1, count - 1, "A20114"), block.abort, works, needs=TEXT)
     first_only = block.blocks(text, 0, 1, "A20001")
     yield case("BLK-14", "another block size with the acknowledgement", *start, first_only, block.abort, works,
-               needs=_TEXT)
+               needs=TEXT)
     yield case("BLK-15", "more segments acknowledged than sent", *start,
-               NodeStep((s.request(f"A2 {count + 1:02X} 14"),), (s.aborted(_SEQUENCE, _COMMAND),)), works, needs=_TEXT,
+               NodeStep((s.request(f"A2 {count + 1:02X} 14"),), (s.aborted(_SEQUENCE, _COMMAND),)), works, needs=TEXT,
                why="05040003")
     yield case("BLK-16", "block size 0 with the acknowledgement", *start,
-               NodeStep((s.request("A2 01 00"),), (s.aborted(_SIZE, _COMMAND),)), works, needs=_TEXT, why="05040002")
-    yield case("BLK-17", "the client aborts before the start", start[0], block.abort, works, needs=_TEXT)
-    yield case("BLK-18", "the client aborts instead of acknowledging", *start, block.abort, works, needs=_TEXT)
+               NodeStep((s.request("A2 01 00"),), (s.aborted(_SIZE, _COMMAND),)), works, needs=TEXT, why="05040002")
+    yield case("BLK-17", "the client aborts before the start", start[0], block.abort, works, needs=TEXT)
+    yield case("BLK-18", "the client aborts instead of acknowledging", *start, block.abort, works, needs=TEXT)
     whole = block.up(index, text)
     yield case("BLK-19", "the end is not confirmed, a new request follows", *whole[:-1],
-               NodeStep((s.upload(0x1000),), (s.any_value(0x1000), s.aborted(_COMMAND))), works, needs=_TEXT,
+               NodeStep((s.upload(0x1000),), (s.any_value(0x1000), s.aborted(_COMMAND))), works, needs=TEXT,
                why="the transfer is complete; devices serve the request or abort once")
     yield case("BLK-20", "a segment request of a segmented upload during the block", start[0],
-               NodeStep((s.request("60"),), (s.aborted(_COMMAND),)), works, needs=_TEXT, why="05040001")
+               NodeStep((s.request("60"),), (s.aborted(_COMMAND),)), works, needs=TEXT, why="05040001")
 
 
 def _downloads(subject: Subject) -> Iterator[NodeCase]:
@@ -143,7 +143,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     send = NodeStep((s.request("81 1027"),), (s.response("A201"),))
     before, kept = s.unchanged(0x1017)
 
-    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = _BEAT, why: str = "") -> NodeCase:
+    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = HEARTBEAT, why: str = "") -> NodeCase:
         steps = (before, *steps) if kept in steps else steps
         return make_case(subject, _CLAUSE, (s.responses,), name, title, *steps, effect="writes", needs=needs, why=why)
 
@@ -168,7 +168,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
                NodeStep((s.request("00 1027"),), (s.aborted(_SEQUENCE, _COMMAND), SILENCE)), block.abort, kept,
                why="05040003, or ignored")
     for name, target, sub, codes, title in (
-        ("BLK-37", 0x1000, 0, _READ_ONLY, "a read-only object"),
+        ("BLK-37", 0x1000, 0, READ_ONLY, "a read-only object"),
         ("BLK-38", NOWHERE, 0, (0x0602_0000,), "an object that does not exist"),
         ("BLK-39", 0x1000, 1, (0x0609_0011,), "a sub-index that does not exist"),
     ):
@@ -178,7 +178,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
                    NodeStep((s.request("81 01000000"),), (s.response("A201"),), (refused,)),
                    NodeStep((s.request(block_end(b"\1\0\0\0")),), (refused,)), needs=(),
                    why="refused at the start or at the end")
-    wrong = s.refused(0x1017, 0, *_LENGTHS)
+    wrong = s.refused(0x1017, 0, *WRONG_LENGTH)
     for name, data in (("BLK-40", bytes(4)), ("BLK-41", bytes(1))):
         start = block.begin_down(0x1017, 0, len(data))
         yield case(name, f"{len(data)} bytes to an object of two", start._replace(ends=(*start.ends, wrong)),
@@ -197,7 +197,7 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
     s = block.s
     index, sub = subject.large or (0x2000, 0)
 
-    case = partial(make_case, subject, _CLAUSE, (s.responses,), effect="writes", needs=_LARGE)
+    case = partial(make_case, subject, _CLAUSE, (s.responses,), effect="writes", needs=LARGE)
 
     def segments(value: bytes, first: int, last: int, ack: int, *more: str) -> NodeStep:
         pieces = parts(value)
@@ -232,5 +232,5 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
                why="05040004")
     yield case("BLK-56", "more bytes than announced", block.begin_down(index, sub, 14),
                segments(value, 0, 3, 3, s.any_abort),
-               NodeStep((s.request(block_end(value)),), (s.aborted(*_LENGTHS, _COMMAND), SILENCE)), block.works,
+               NodeStep((s.request(block_end(value)),), (s.aborted(*WRONG_LENGTH, _COMMAND), SILENCE)), block.works,
                why="06070012, 06070010; some devices report it at a segment")

@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
-from barewire.canopen.conformance.frames import NOWHERE, Sdo, little, make_case, multiplexer, silence
+from barewire.canopen.conformance.frames import (
+    HEARTBEAT,
+    NOWHERE,
+    READ_ONLY,
+    Sdo,
+    little,
+    make_case,
+    multiplexer,
+    silence,
+)
 from barewire.canopen.conformance.model import SILENCE, Effect, NodeCase, NodeStep, Subject
 
 # Each case is a row: name, title, steps, needs, reason.
@@ -13,7 +22,6 @@ from barewire.canopen.conformance.model import SILENCE, Effect, NodeCase, NodeSt
 
 _CLAUSE = "CiA 301 7.2.4 SDO"
 _NO_OBJECT, _NO_SUB = 0x0602_0000, 0x0609_0011
-_READ_ONLY = (0x0601_0000, 0x0601_0002)
 _LONG = (0x0607_0010, 0x0607_0012)
 _SHORT = (0x0607_0010, 0x0607_0013)
 _COMMAND = 0x0504_0001
@@ -109,28 +117,27 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
 
     for name, index, sub, size in (("SDO-40", 0x1000, 0, 4), ("SDO-41", 0x1001, 0, 1), ("SDO-42", 0x1018, 1, 4)):
         request = s.download(index, sub, subject.number(index, sub) ^ 1, size)
-        answer = s.refused(index, sub, *_READ_ONLY)
+        answer = s.refused(index, sub, *READ_ONLY)
         yield case(name, f"download to {index:04X}h:{sub:02X}, which is read-only", NodeStep((request,), (answer,)),
                    needs=() if index != 0x1018 else ("1018h:01",), why="06010002 or 06010000")
     yield case("SDO-43", "download to an object that does not exist", s.refuse(NOWHERE, 0, 0, 2, _NO_OBJECT),
                why="06020000")
     yield case("SDO-44", "download to a sub-index that does not exist", s.refuse(0x1017, 1, 0, 2, _NO_SUB),
-               needs=("1017h",), why="06090011")
-    beat = ("1017h",)
+               needs=HEARTBEAT, why="06090011")
     read_back = s.read(0x1017, 0, b"\x10\x27")
     yield case("SDO-45", "download of two bytes to 1017h, and read back", s.write(0x1017, 0, 10_000, 2), read_back,
-               needs=beat)
+               needs=HEARTBEAT)
     yield case("SDO-46", "download with 22h, without a size: the low bytes are the value",
-               NodeStep((s.request("22 1710 00 1027"),), (s.accepted(0x1017),)), read_back, needs=beat,
+               NodeStep((s.request("22 1710 00 1027"),), (s.accepted(0x1017),)), read_back, needs=HEARTBEAT,
                why="the bytes that the object needs are taken")
-    yield case("SDO-47", "four bytes to an object of two", s.refuse(0x1017, 0, 10_000, 4, *_LONG), kept, needs=beat,
-               why="06070012 or 06070010, and nothing is changed")
-    yield case("SDO-48", "one byte to an object of two", s.refuse(0x1017, 0, 16, 1, *_SHORT), kept, needs=beat,
+    yield case("SDO-47", "four bytes to an object of two", s.refuse(0x1017, 0, 10_000, 4, *_LONG), kept,
+               needs=HEARTBEAT, why="06070012 or 06070010, and nothing is changed")
+    yield case("SDO-48", "one byte to an object of two", s.refuse(0x1017, 0, 16, 1, *_SHORT), kept, needs=HEARTBEAT,
                why="06070013 or 06070010, and nothing is changed")
     yield case("SDO-49", "a value out of range: 1019h may not be 1", s.refuse(0x1019, 0, 1, 1, *_VALUE),
                needs=("1019h",), why="06090030 or 06090031")
     yield case("SDO-50", "two downloads: the second value remains", s.write(0x1017, 0, 20_000, 2),
-               s.write(0x1017, 0, 10_000, 2), read_back, needs=beat)
+               s.write(0x1017, 0, 10_000, 2), read_back, needs=HEARTBEAT)
     yield case("SDO-51", "1010h:01 is not stored without its signature",
                s.refuse(0x1010, 1, 0x1234_5678, 4, 0x0800_0020, 0x0800_0022), needs=("1010h:01",),
                why="0800002x: only 'save' stores")

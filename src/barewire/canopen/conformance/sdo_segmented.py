@@ -8,7 +8,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
-from barewire.canopen.conformance.frames import NOWHERE, Sdo, little, make_case, multiplexer, parts, segment, silence
+from barewire.canopen.conformance.frames import (
+    HEARTBEAT,
+    LARGE,
+    NOWHERE,
+    READ_ONLY,
+    TEXT,
+    WRONG_LENGTH,
+    Sdo,
+    little,
+    make_case,
+    multiplexer,
+    parts,
+    segment,
+    silence,
+)
 from barewire.canopen.conformance.model import SILENCE, NodeCase, NodeStep, Subject
 
 # Each case is a row: name, title, steps, needs, reason.
@@ -16,11 +30,6 @@ from barewire.canopen.conformance.model import SILENCE, NodeCase, NodeStep, Subj
 
 _CLAUSE = "CiA 301 7.2.4 SDO segments"
 _TOGGLE, _COMMAND = 0x0503_0000, 0x0504_0001
-_LENGTHS = (0x0607_0010, 0x0607_0012, 0x0607_0013)
-_READ_ONLY = (0x0601_0000, 0x0601_0002)
-_BEAT = ("1017h",)
-_TEXT = ("text of 8 bytes",)
-_LARGE = ("large object",)
 
 
 def segmented_cases(subject: Subject) -> Iterator[NodeCase]:
@@ -46,7 +55,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
     works = s.works
     abort = silence(s.abort, wait=0.02)
 
-    case = partial(make_case, subject, _CLAUSE, (s.responses,), effect="reads", needs=_TEXT)
+    case = partial(make_case, subject, _CLAUSE, (s.responses,), effect="reads", needs=TEXT)
     yield case("SEG-01", "upload of a text, toggle 0 first", begin, *fetch,
                why="every segment repeats the toggle bit of its request")
     yield case("SEG-02", "the same again: the toggle begins with 0", begin, *fetch, begin, *fetch)
@@ -73,7 +82,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     works = s.works
     before, kept = s.unchanged(0x1017)
 
-    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = _BEAT, why: str = "") -> NodeCase:
+    def case(name: str, title: str, *steps: NodeStep, needs: tuple[str, ...] = HEARTBEAT, why: str = "") -> NodeCase:
         steps = (before, *steps) if kept in steps else steps
         return make_case(subject, _CLAUSE, (s.responses,), name, title, *steps, effect="writes", needs=needs, why=why)
 
@@ -87,7 +96,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     yield case("SEG-22", "the first segment with toggle 1", begin,
                NodeStep((s.request("1B 1027"),), (s.refused(0x1017, 0, _TOGGLE),)), kept,
                why="05030000, and nothing is changed")
-    wrong = s.refused(0x1017, 0, *_LENGTHS)
+    wrong = s.refused(0x1017, 0, *WRONG_LENGTH)
     for name, announced, data, title in (
         ("SEG-23", 4, "07 10270000", "four bytes announced and sent to an object of two"),
         ("SEG-24", 2, "07 10270000", "two bytes announced and four sent"),
@@ -99,7 +108,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
         sent = NodeStep((s.request(data),), (wrong, s.aborted(_COMMAND), SILENCE))
         yield case(name, title, start, sent, kept, why="0607001x at the start or at the end, and nothing is changed")
     for name, index, sub, codes, title in (
-        ("SEG-27", 0x1000, 0, _READ_ONLY, "a read-only object"),
+        ("SEG-27", 0x1000, 0, READ_ONLY, "a read-only object"),
         ("SEG-28", NOWHERE, 0, (0x0602_0000,), "an object that does not exist"),
         ("SEG-29", 0x1000, 1, (0x0609_0011,), "a sub-index that does not exist"),
     ):
@@ -123,7 +132,7 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
     index, sub = subject.large or (0x2000, 0)
     place = multiplexer(index, sub)
 
-    case = partial(make_case, subject, _CLAUSE, (s.responses,), effect="writes", needs=_LARGE)
+    case = partial(make_case, subject, _CLAUSE, (s.responses,), effect="writes", needs=LARGE)
 
     def down(value: bytes, announced: int | None = None) -> list[NodeStep]:
         pieces = parts(value)
@@ -160,7 +169,7 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
     toggled = NodeStep((s.request(f"00{value[7:14].hex().upper()}"),), (s.refused(index, sub, _TOGGLE),))
     works = s.works
     yield case("SEG-44", "the same toggle twice", begin, first, toggled, works, why="05030000")
-    short = s.refused(index, sub, *_LENGTHS)
+    short = s.refused(index, sub, *WRONG_LENGTH)
     yield case("SEG-45", "more bytes sent than announced", *down(value, 14)[:3],
                NodeStep((s.request(segment(2, value[14:], True)),), (short,)), works, why="06070012, 06070010")
     yield case("SEG-46", "fewer bytes sent than announced", *down(value, 21)[:3],

@@ -20,7 +20,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
-from barewire.canopen.cob_ids import NODE_MAX, CobEntry, cob_id
+from barewire.canopen.cob_ids import NODE_MAX, CobEntry, default_sdo_channel
 from barewire.canopen.communication_objects import integer_value, replace_entry, validate_cob_id_writes, validate_writes
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.node_monitor import NodeMonitor
@@ -112,8 +112,8 @@ class AdditionalServers:
         self._indices = [index for index in range(SERVER_1 + 1, SERVER_1 + SERVERS_MAX) if objects.subs(index)]
         self._in_use: list[_CobIds | None] = []
         self._keys: dict[tuple[int, bool], SdoServer] = {}
-        self._show(_REQUEST, cob_id("SDO request", node))
-        self._show(_RESPONSE, cob_id("SDO answer", node))
+        for sub, entry in zip((_REQUEST, _RESPONSE), default_sdo_channel(node)):
+            self._show(sub, entry.pack())
 
     def _show(self, sub: int, word: int) -> None:
         if (SERVER_1, sub) in self.objects:

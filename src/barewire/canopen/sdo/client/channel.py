@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from barewire.canopen.cob_ids import CobEntry, classify, cob_id
+from barewire.canopen.cob_ids import CobEntry, classify, default_sdo_channel
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.canopen.nmt.messages import NmtState
@@ -133,12 +133,9 @@ class Channel:
     ) -> None:
         self.node = node
         self.dialect = dialect
-        self.request_id = cob_id("SDO request", node)
-        self.response_id = cob_id("SDO answer", node)
-        self.request_extended = self.response_extended = False
-        if cob_ids is not None:
-            self.request_id, self.request_extended = cob_ids[0][:2]
-            self.response_id, self.response_extended = cob_ids[1][:2]
+        request, response = cob_ids or default_sdo_channel(node)
+        self.request_id, self.request_extended = request[:2]
+        self.response_id, self.response_extended = response[:2]
         self.node_monitor = node_monitor
         self._mark: TrafficMark | None = None
         self.blocks = True  # False after the server has refused blocks: `block="auto"` does not request them again

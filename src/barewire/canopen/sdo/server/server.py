@@ -30,7 +30,7 @@ from functools import partial
 from typing import Protocol
 
 from barewire.canopen.abort_codes import AbortCode, ProtocolViolation, SdoAbort
-from barewire.canopen.cob_ids import CobEntry, cob_id
+from barewire.canopen.cob_ids import CobEntry, default_sdo_channel
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.block_transfer import check_blksize
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
@@ -132,12 +132,9 @@ class SdoServer:
     ) -> None:
         if not 0 <= blksize <= BLOCK_MAX:
             raise EncodeError(f"{blksize} segments in a block: expected 1..{BLOCK_MAX}, or 0 for no blocks")
-        self.request_id = cob_id("SDO request", node)
-        self.response_id = cob_id("SDO answer", node)
-        self.request_extended = self.response_extended = False
-        if cob_ids is not None:
-            self.request_id, self.request_extended = cob_ids[0][:2]
-            self.response_id, self.response_extended = cob_ids[1][:2]
+        request, response = cob_ids or default_sdo_channel(node)
+        self.request_id, self.request_extended = request[:2]
+        self.response_id, self.response_extended = response[:2]
         self.objects = objects
         self.dialect = dialect
         self.timeout = timeout
