@@ -22,7 +22,7 @@ def monitor_of(*lines: tuple[float, str]) -> NodeMonitor:
     [
         ((), "node 5 has sent no frame, 0 frames on 585h, nothing at all on the bus meanwhile"),
         (((7.0, "705#7F"),), "node 5 last sent a frame 3 s ago, pre-operational, 0 frames on 585h, 1 frame on the bus"),
-        (((7.0, "705#04"),), "stopped, and a stopped node answers no SDO"),
+        (((7.0, "705#04"),), "stopped, and a stopped node does not answer SDO"),
         (((7.0, "705#00"),), "node 5 last sent a frame 3 s ago, booting"),
         (((8.0, "705#7F"), (9.5, "185#00")), "node 5 last sent a frame 0.5 s ago, pre-operational"),
         (((7.0, "605#4000100000000000"),), "node 5 has sent no frame"),

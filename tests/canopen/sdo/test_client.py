@@ -175,7 +175,7 @@ def test_a_write_is_never_repeated() -> None:
 def test_the_time_out_text_reports_a_stopped_node() -> None:
     text, _ = no_answer(upload(5, 0x6041), "705#04", "706#05")
     assert text.endswith(
-        "1 from node 5, its heartbeat reports stopped, and a stopped node answers no SDO, none on 585h"
+        "1 from node 5, its heartbeat reports stopped, and a stopped node does not answer SDO, none on 585h"
     )
 
 

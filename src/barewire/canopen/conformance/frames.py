@@ -1,4 +1,4 @@
-"""Frames of the conformance cases as text: requests to one device, and accepted answers.
+"""Frames of the conformance cases as text: requests to one device, and accepted responses.
 
         Sdo(5).upload(0x1000)                 605#4000100000000000        sent
         Sdo(5).value(0x1001, 0, b"\\0")        585#4F01100000......        accepted: reserved bytes may have any value
@@ -35,7 +35,7 @@ _SEGMENT = 7
 
 
 class Sdo(NamedTuple):
-    """One node's default SDO."""
+    """The default SDO channel of one node: frames, and steps made of them."""
 
     node: int
 

@@ -122,8 +122,8 @@ def _guarding(subject: Subject) -> Iterator[NodeCase]:
     taken = f"{own}7F{{0,3}}, {s.accepted(0x1017)}"
     off = NodeStep((s.download(0x1017, 0, 0, 2),), (taken,))
 
-    def ask(answer: str, *more: str) -> NodeStep:
-        return NodeStep((f"{0x700 + node:03X}#R1",), (f"{own}{answer}" if answer else SILENCE, *more), wait=0.2)
+    def ask(state: str, *more: str) -> NodeStep:
+        return NodeStep((f"{0x700 + node:03X}#R1",), (f"{own}{state}" if state else SILENCE, *more), wait=0.2)
 
     first = (off,) if subject.has(0x1017) else ()
 

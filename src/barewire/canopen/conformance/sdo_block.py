@@ -1,6 +1,6 @@
 """Conformance cases of SDO block transfers: segment numbers, acknowledgements, block sizes, the CRC.   [CiA 301 7.2.4]
 
-A device without block transfers answers 0504 0001h to the first request, and has passed.
+A device without block transfers aborts the first request with 0504 0001h, and passes.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class _Block:
         """Request an upload in blocks of `blksize` segments."""
         place = multiplexer(index, 0)
         request = self.s.request(f"{'A4' if crc else 'A0'}{place}{blksize:02X}{switch:02X}")
-        answer = self.s.response(f"C[26]{place}{little(size, 4)}")
-        return NodeStep((request,), (f"{answer}|{self.s.response(f'C[04]{place}')}",), (self.none,))
+        sized = self.s.response(f"C[26]{place}{little(size, 4)}")
+        return NodeStep((request,), (f"{sized}|{self.s.response(f'C[04]{place}')}",), (self.none,))
 
     def blocks(self, value: bytes, first: int, count: int, request: str) -> NodeStep:
         """Send a request and expect these segments, numbered from 1."""

@@ -46,8 +46,8 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         ("SDO-04", 0x1018, 1, 4, "vendor-ID"),
     ):
         data = bytes.fromhex(little(subject.number(index, sub), size))
-        answer = s.response(f"4F{multiplexer(index, sub)}") if index == 0x1001 else s.value(index, sub, data)
-        yield case(name, f"upload of {index:04X}h:{sub:02X}, {title}", NodeStep((s.upload(index, sub),), (answer,)),
+        response = s.response(f"4F{multiplexer(index, sub)}") if index == 0x1001 else s.value(index, sub, data)
+        yield case(name, f"upload of {index:04X}h:{sub:02X}, {title}", NodeStep((s.upload(index, sub),), (response,)),
                    why="mandatory object")
     again = s.works
     yield case("SDO-05", "the same object five times in a row", *[again] * 5)
@@ -117,8 +117,8 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
 
     for name, index, sub, size in (("SDO-40", 0x1000, 0, 4), ("SDO-41", 0x1001, 0, 1), ("SDO-42", 0x1018, 1, 4)):
         request = s.download(index, sub, subject.number(index, sub) ^ 1, size)
-        answer = s.refused(index, sub, *READ_ONLY)
-        yield case(name, f"download to {index:04X}h:{sub:02X}, which is read-only", NodeStep((request,), (answer,)),
+        refused = s.refused(index, sub, *READ_ONLY)
+        yield case(name, f"download to {index:04X}h:{sub:02X}, which is read-only", NodeStep((request,), (refused,)),
                    needs=() if index != 0x1018 else ("1018h:01",), why="06010002 or 06010000")
     yield case("SDO-43", "download to an object that does not exist", s.refuse(NOWHERE, 0, 0, 2, _NO_OBJECT),
                why="06020000")

@@ -120,7 +120,7 @@ class NodeMonitor:
         else:
             parts.append(f"node {node} last sent a frame {_seconds(now - last)} ago")
         if state is not None:
-            stopped = ", and a stopped node answers no SDO" if state.state == NmtState.STOPPED else ""
+            stopped = ", and a stopped node does not answer SDO" if state.state == NmtState.STOPPED else ""
             parts.append(("booting" if state.is_boot_up else state.name) + stopped)
         parts.append(f"{_frames(responses)} on {response_id:03X}h")
         extended = self._extended.get(response_id, 0) - since.extended

@@ -65,7 +65,7 @@ class ChannelCounters:
             return "no frame was received on the bus"
         parts = [f"received {_count(self.frames, 'frame')}", f"{self.from_node or 'none'} from node {node}"]
         if self.state is not None:
-            stopped = ", and a stopped node answers no SDO" if self.state.state == NmtState.STOPPED else ""
+            stopped = ", and a stopped node does not answer SDO" if self.state.state == NmtState.STOPPED else ""
             parts.append(f"its heartbeat reports {self.state.name}{stopped}")
         parts.append(f"{self.responses or 'none'} on {response_id:03X}h")
         parts += self.oddities()
