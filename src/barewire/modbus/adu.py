@@ -1,4 +1,4 @@
-"""The ADU, which every framing delivers: a PDU with its unit; and noise, the bytes that are no frame.
+"""The ADU, which every framing delivers: a PDU with its unit; and noise, the bytes that are not a frame.
 
     RTU      | unit | PDU                    | CRC |
     ASCII  : | unit | PDU                    | LRC | CR LF
@@ -38,7 +38,7 @@ It skips `Adu.__new__`, a Python function that sets the default: decoding a TCP 
 
 
 class Noise(NamedTuple):
-    """Bytes that are no frame, with the reason. Noise is normal on a bus: it is reported and counted, never raised.
+    """Bytes that are not a frame, with the reason. Noise is normal on a bus: it is reported and counted, never raised.
 
     Every byte fed to a line is returned in exactly one `Adu` or one `Noise`, or is still held.
     """
