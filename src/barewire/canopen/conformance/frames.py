@@ -23,8 +23,8 @@ _GENERAL = 0x0800_0000
 START, STOP, PRE, RESET, RESET_COMMUNICATION = "01", "02", "80", "81", "82"
 """NMT commands."""
 
-READ_ONLY = (0x0601_0000, 0x0601_0002)
-WRONG_LENGTH = (0x0607_0010, 0x0607_0012, 0x0607_0013)
+READ_ONLY_CODES = (0x0601_0000, 0x0601_0002)
+LENGTH_CODES = (0x0607_0010, 0x0607_0012, 0x0607_0013)
 """Abort codes that are accepted as equal."""
 HEARTBEAT, TEXT, LARGE = ("1017h",), ("text of 8 bytes",), ("large object",)
 """Needs of several cases."""

@@ -11,10 +11,10 @@ from functools import partial
 from barewire.canopen.conformance.frames import (
     HEARTBEAT,
     LARGE,
+    LENGTH_CODES,
     NOWHERE,
-    READ_ONLY,
+    READ_ONLY_CODES,
     TEXT,
-    WRONG_LENGTH,
     Sdo,
     block_end,
     block_segment,
@@ -168,7 +168,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
                NodeStep((s.request("00 1027"),), (s.aborted(_SEQUENCE, _COMMAND), SILENCE)), block.abort, kept,
                why="05040003, or ignored")
     for name, target, sub, codes, title in (
-        ("BLK-37", 0x1000, 0, READ_ONLY, "a read-only object"),
+        ("BLK-37", 0x1000, 0, READ_ONLY_CODES, "a read-only object"),
         ("BLK-38", NOWHERE, 0, (0x0602_0000,), "an object that does not exist"),
         ("BLK-39", 0x1000, 1, (0x0609_0011,), "a sub-index that does not exist"),
     ):
@@ -178,7 +178,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
                    NodeStep((s.request("81 01000000"),), (s.response("A201"),), (refused,)),
                    NodeStep((s.request(block_end(b"\1\0\0\0")),), (refused,)), needs=(),
                    why="refused at the start or at the end")
-    wrong = s.refused(0x1017, 0, *WRONG_LENGTH)
+    wrong = s.refused(0x1017, 0, *LENGTH_CODES)
     for name, data in (("BLK-40", bytes(4)), ("BLK-41", bytes(1))):
         start = block.begin_down(0x1017, 0, len(data))
         yield case(name, f"{len(data)} bytes to an object of two", start._replace(ends=(*start.ends, wrong)),
@@ -232,5 +232,5 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
                why="05040004")
     yield case("BLK-56", "more bytes than announced", block.begin_down(index, sub, 14),
                segments(value, 0, 3, 3, s.any_abort),
-               NodeStep((s.request(block_end(value)),), (s.aborted(*WRONG_LENGTH, _COMMAND), SILENCE)), block.works,
+               NodeStep((s.request(block_end(value)),), (s.aborted(*LENGTH_CODES, _COMMAND), SILENCE)), block.works,
                why="06070012, 06070010; some devices report it at a segment")

@@ -8,7 +8,7 @@ from functools import partial
 from barewire.canopen.conformance.frames import (
     HEARTBEAT,
     NOWHERE,
-    READ_ONLY,
+    READ_ONLY_CODES,
     Sdo,
     little,
     make_case,
@@ -117,7 +117,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
 
     for name, index, sub, size in (("SDO-40", 0x1000, 0, 4), ("SDO-41", 0x1001, 0, 1), ("SDO-42", 0x1018, 1, 4)):
         request = s.download(index, sub, subject.number(index, sub) ^ 1, size)
-        refused = s.refused(index, sub, *READ_ONLY)
+        refused = s.refused(index, sub, *READ_ONLY_CODES)
         yield case(name, f"download to {index:04X}h:{sub:02X}, which is read-only", NodeStep((request,), (refused,)),
                    needs=() if index != 0x1018 else ("1018h:01",), why="06010002 or 06010000")
     yield case("SDO-43", "download to an object that does not exist", s.refuse(NOWHERE, 0, 0, 2, _NO_OBJECT),

@@ -11,10 +11,10 @@ from functools import partial
 from barewire.canopen.conformance.frames import (
     HEARTBEAT,
     LARGE,
+    LENGTH_CODES,
     NOWHERE,
-    READ_ONLY,
+    READ_ONLY_CODES,
     TEXT,
-    WRONG_LENGTH,
     Sdo,
     little,
     make_case,
@@ -96,7 +96,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     yield case("SEG-22", "the first segment with toggle 1", begin,
                NodeStep((s.request("1B 1027"),), (s.refused(0x1017, 0, _TOGGLE),)), kept,
                why="05030000, and nothing is changed")
-    wrong = s.refused(0x1017, 0, *WRONG_LENGTH)
+    wrong = s.refused(0x1017, 0, *LENGTH_CODES)
     for name, announced, data, title in (
         ("SEG-23", 4, "07 10270000", "four bytes announced and sent to an object of two"),
         ("SEG-24", 2, "07 10270000", "two bytes announced and four sent"),
@@ -108,7 +108,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
         sent = NodeStep((s.request(data),), (wrong, s.aborted(_COMMAND), SILENCE))
         yield case(name, title, start, sent, kept, why="0607001x at the start or at the end, and nothing is changed")
     for name, index, sub, codes, title in (
-        ("SEG-27", 0x1000, 0, READ_ONLY, "a read-only object"),
+        ("SEG-27", 0x1000, 0, READ_ONLY_CODES, "a read-only object"),
         ("SEG-28", NOWHERE, 0, (0x0602_0000,), "an object that does not exist"),
         ("SEG-29", 0x1000, 1, (0x0609_0011,), "a sub-index that does not exist"),
     ):
@@ -169,7 +169,7 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
     toggled = NodeStep((s.request(f"00{value[7:14].hex().upper()}"),), (s.refused(index, sub, _TOGGLE),))
     works = s.works
     yield case("SEG-44", "the same toggle twice", begin, first, toggled, works, why="05030000")
-    short = s.refused(index, sub, *WRONG_LENGTH)
+    short = s.refused(index, sub, *LENGTH_CODES)
     yield case("SEG-45", "more bytes sent than announced", *down(value, 14)[:3],
                NodeStep((s.request(segment(2, value[14:], True)),), (short,)), works, why="06070012, 06070010")
     yield case("SEG-46", "fewer bytes sent than announced", *down(value, 21)[:3],

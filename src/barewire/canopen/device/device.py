@@ -58,19 +58,19 @@ _PAST, _NEVER = float("-inf"), -1
 class LocalNode:
     """A whole CANopen node. A machine: frames and time in, frames out.
 
-    >>> from barewire.canopen.object_dictionary import Entry
-    >>> device = LocalNode(5, ObjectDictionary([Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000)]))
-    >>> [str(frame) for frame in device.start(0.0)], device.deadline
-    (['705#00'], 1.0)
-    >>> [str(frame) for frame in device.feed(CanFrame.parse("605#4017100000000000"), 0.5)]
-    ['585#4B171000E8030000']
-
         node       the node-ID, None if the device has none yet
         objects    the object dictionary
         pdos       the factory settings of the PDOs
         dialect    the SDO dialect of the responses
         on_reset   called at a reset command, after the defaults are restored, so that the application can reset itself
         lss        with an LSS slave, the device can be given its node-ID over the bus
+
+    >>> from barewire.canopen.object_dictionary import Entry
+    >>> device = LocalNode(5, ObjectDictionary([Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000)]))
+    >>> [str(frame) for frame in device.start(0.0)], device.deadline
+    (['705#00'], 1.0)
+    >>> [str(frame) for frame in device.feed(CanFrame.parse("605#4017100000000000"), 0.5)]
+    ['585#4B171000E8030000']
     """
 
     __slots__ = (

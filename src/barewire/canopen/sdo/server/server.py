@@ -101,16 +101,16 @@ class ServerCounters:
 class SdoServer:
     """An SDO server of a node. A machine.
 
-    >>> from barewire.canopen.object_dictionary import Entry, ObjectDictionary
-    >>> server = SdoServer(5, ObjectDictionary([Entry(0x6041, 0, "STATUS WORD", "u16", "ro", 0x0637)]))
-    >>> str(server.feed(CanFrame.parse("605#4041600000000000"), 0.0)[0])
-    '585#4B41600037060000'
-
         dialect   the SDO dialect of the responses
         timeout   seconds after which a transfer ends if the client sends nothing
         limit     the longest value, in bytes, that can be written
         blksize   segments in a block of a download, 1 to 127; 0: no block transfers
         cob_ids   the channel of a further server, client to server first; default: the first channel of the node
+
+    >>> from barewire.canopen.object_dictionary import Entry, ObjectDictionary
+    >>> server = SdoServer(5, ObjectDictionary([Entry(0x6041, 0, "STATUS WORD", "u16", "ro", 0x0637)]))
+    >>> str(server.feed(CanFrame.parse("605#4041600000000000"), 0.0)[0])
+    '585#4B41600037060000'
     """
 
     __slots__ = (
