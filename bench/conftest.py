@@ -27,7 +27,7 @@ _marks: list[float] = []
 
 
 def replay() -> float:
-    """The clock for pytest-benchmark: start and end of each round, as they were measured."""
+    """Return the next time of the clock for pytest-benchmark: start and end of each round, as they were measured."""
     return _marks.pop(0) if _marks else 0.0
 
 
@@ -38,7 +38,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_benchmark_update_machine_info(config: pytest.Config, machine_info: dict[str, Any]) -> None:
-    """The machine as the page describes it: without its name, with the versions of the libraries."""
+    """Describe the machine as the page does: without its name, with the versions of the libraries."""
     machine_info.pop("node", None)
     found: dict[str, str | None] = {}
     for name in PEERS:
@@ -52,7 +52,7 @@ def pytest_benchmark_update_machine_info(config: pytest.Config, machine_info: di
 
 
 def pytest_benchmark_update_json(output_json: dict[str, Any]) -> None:
-    """Which contestants a race does not have, and why."""
+    """Add the contestants that a race does not have, with the reason."""
     output_json["absent"] = {
         group: outcome.missing | {name: f"which failed: {error}" for name, error in outcome.failed.items()}
         for group, outcome in _outcomes.items()
@@ -62,7 +62,7 @@ def pytest_benchmark_update_json(output_json: dict[str, Any]) -> None:
 
 @pytest.fixture
 def enter(benchmark: BenchmarkFixture) -> Callable[[Race, str], None]:
-    """`enter(race, contestant)`: report the rounds of this contestant, given by its name."""
+    """Return a function that reports the rounds of a contestant: `enter(race, contestant)`."""
 
     def report(race: Race, contestant: str) -> None:
         benchmark.group = race.group

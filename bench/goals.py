@@ -19,7 +19,7 @@ class Goal(NamedTuple):
 
 
 def goals() -> list[Goal]:
-    """All goals, in the order of the page."""
+    """Return all goals, in the order of the page."""
     found = [
         Goal("CRC of 254 bytes: 4 x faster than a table", "CRC-16", "one frame", 254, "byte table", 1 / 4),
         Goal("... than pymodbus", "CRC-16", "one frame", 254, "pymodbus", 1 / 4),

@@ -60,12 +60,12 @@ def plot(family: str, groups: dict[tuple[str, int | str], list[Entry]], folder: 
 
 
 def cost(row: Entry) -> float:
-    """The plotted number: bytes of idle connections, microseconds of all other work."""
+    """Return the plotted number: bytes of idle connections, microseconds of all other work."""
     return row.memory if row.family == "Idle connections" and row.memory else row.seconds * 1e6
 
 
 def _draw_lines(axes: Any, lines: dict[str, list[tuple[float, float]]]) -> None:
-    """A line for each contestant, ours thick and blue."""
+    """Draw a line for each contestant, ours thick and blue."""
     ours, others = cycle(OUR_COLOURS), cycle(COLOURS)
     for contestant, points in lines.items():
         is_ours = contestant.startswith("barewire")
@@ -77,7 +77,7 @@ def _draw_lines(axes: Any, lines: dict[str, list[tuple[float, float]]]) -> None:
 
 
 def _draw_rows(axes: Any, groups: dict[tuple[str, int | str], list[Entry]]) -> float:
-    """A dot with its number for each contestant, by race (bars make no sense on a log axis). Returns the height."""
+    """Draw a dot with its number for each contestant, by race; return the height. Bars make no sense on a log axis."""
     labels: list[str] = []
     for (what, size), rows in groups.items():
         labels.append(f"{what}, {size}")

@@ -87,7 +87,7 @@ class Outcome:
 
 
 def _turn(work: Work, count: int) -> float:
-    """Seconds for one piece of work: the mean of one turn."""
+    """Return seconds for one piece of work: the mean of one turn."""
     clock = time.perf_counter
     if isinstance(work, Many):
         start = clock()
@@ -101,13 +101,13 @@ def _turn(work: Work, count: int) -> float:
 
 
 def _plain(found: Any) -> Any:
-    """The result with tuples in place of lists, so that no contestant must convert within its measured time."""
+    """Return the result with tuples in place of lists, so that no contestant must convert within its measured time."""
     return tuple(map(_plain, found)) if isinstance(found, list | tuple) else found
 
 
 def _how_often(work: Work, turn: float) -> int:
-    """How often the work fits into about `turn` seconds, from the fastest of three trials: a single stall here would
-    make all turns of the race too short."""
+    """Return how often the work fits into about `turn` seconds, from the fastest of three trials: a single stall here
+    would make all turns of the race too short."""
     count = 1
     if turn == 0.0:
         return count
@@ -155,7 +155,7 @@ def run(race: Race) -> Outcome:
 
 
 def entries(*races: Race) -> list[Any]:
-    """Each contestant of each race, as parameters of a test."""
+    """Return each contestant of each race, as parameters of a test."""
     return [
         pytest.param(race, contestant, id=f"{race}-{contestant}".replace(" ", "_"))
         for race in races

@@ -20,7 +20,7 @@ class Entry(NamedTuple):
 
 
 def read(data: dict[str, Any]) -> list[Entry]:
-    """The races of a run, in their order."""
+    """Return the races of a run, in their order."""
     found = []
     for row in data["benchmarks"]:
         extra = row["extra_info"]
@@ -39,7 +39,7 @@ def races(entries: list[Entry]) -> dict[str, dict[tuple[str, int | str], list[En
 
 
 def show(seconds: float) -> str:
-    """A time with three digits and the unit that fits.
+    """Return a time with three digits and the unit that fits.
 
     >>> show(2.345e-6), show(0.0123)
     ('2.35 µs', '12.3 ms')
@@ -51,7 +51,7 @@ def show(seconds: float) -> str:
 
 
 def times(ratio: float) -> str:
-    """A ratio with two decimals, or with two significant digits if it is small.
+    """Return a ratio with two decimals, or with two significant digits if it is small.
 
     >>> times(1.004), times(0.18349), times(0.00642)
     ('1.00', '0.18', '0.0064')

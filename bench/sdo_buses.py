@@ -78,7 +78,7 @@ async def with_asyncio(value: bytes | None) -> bytes:
 
 
 def moved(client: str, value: bytes | None) -> bytes:
-    """One block transfer by a client that is opened and closed for it; returns the value."""
+    """Transfer one value in blocks by a client that is opened and closed for it; return the value."""
     if client == "barewire, asyncio":
         return asyncio.run(with_asyncio(value))
     if client == "barewire":

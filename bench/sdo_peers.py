@@ -156,7 +156,7 @@ def with_server(server: Answer) -> Any:
 
 
 def their_objects() -> Any:
-    """A dictionary of the canopen library with one object of any length."""
+    """Return a dictionary of the canopen library with one object of any length."""
     objects = canopen.ObjectDictionary()
     domain = canopen.objectdictionary.ODVariable("anything", 0x2100, 0)
     domain.data_type, domain.access_type = canopen.objectdictionary.DOMAIN, "rw"
@@ -186,7 +186,7 @@ def their_download(node: Any, value: bytes) -> None:
 
 
 def server_for(client: str, alone: bytes | None, store: Store) -> Any:
-    """A server for one of the clients: the counting one if `alone` is a value, else the real one."""
+    """Return a server for one of the clients: the counting one if `alone` is a value, else the real one."""
     if client == "canopen":
         return with_server(real(store, client) if alone is None else Counting(alone, bytearray).answer)
     if alone is None:

@@ -143,7 +143,7 @@ async def _connected(port: int, count: int) -> list[socket.socket]:
 
 
 async def _all_that_came() -> int:
-    """Bytes that Python has allocated, once the number is stable: the server may run in another thread."""
+    """Return bytes that Python has allocated, once the number is stable: the server may run in another thread."""
     before = -1
     for _ in range(100):
         await asyncio.sleep(0.05)
@@ -156,7 +156,7 @@ async def _all_that_came() -> int:
 
 
 async def _grown(make: Callable[[], Any], count: int) -> tuple[float, float]:
-    """Seconds and bytes for each of `count` idle connections, measured apart: tracing memory takes time."""
+    """Return seconds and bytes for each of `count` idle connections, measured apart: tracing memory takes time."""
     port, close = await make()
     clients = await _connected(port, 1)
     start = time.perf_counter()

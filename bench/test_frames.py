@@ -153,7 +153,7 @@ def _request(envelope: str) -> Race:
 
 
 def _chunk(envelope: str, frames: int) -> Race:
-    """Frames of 10 registers, all in one read."""
+    """Return frames of 10 registers, all in one read."""
     data = frames * frame(envelope, 10)
     size = len(data) // frames
     request = ReadHoldingRegisters(0, 10)

@@ -66,8 +66,7 @@ def _own_work(work: Work) -> Work:
 
 
 def _one_for_all(server: str, core: int) -> Callable[[ExitStack], int]:
-    """The port of a server that all contestants of a race share. It is started for the first of them, and ends with
-    the race."""
+    """Return a function for the port of a server that all contestants of a race share; it ends with the race."""
     ports: dict[ExitStack, int] = {}
 
     def port(closing: ExitStack) -> int:
@@ -80,7 +79,7 @@ def _one_for_all(server: str, core: int) -> Callable[[ExitStack], int]:
 
 
 def _its_own(server: str, core: int) -> Callable[[ExitStack], int]:
-    """The port of a new server for each contestant."""
+    """Return a function for the port of a new server for each contestant."""
     return lambda closing: start(server, closing, core)
 
 
@@ -166,7 +165,7 @@ class OneByOne(Many):
         return self._works[0]()  # the process of the next turn
 
     def measure(self, count: int) -> None:
-        """One turn with one process."""
+        """Run one turn with one process."""
         work = self._works[0]
         for _ in range(count):
             work()

@@ -16,7 +16,7 @@ Talk = Conversation[str, list[Heard[str]]]
 
 
 def with_steps(*steps: Send[str] | SendAll[str] | Listen) -> Talk:
-    """A conversation that yields these steps; its result is the list of what it received."""
+    """Return a conversation that yields these steps; its result is the list of what it received."""
     heard = []
     for step in steps:
         heard.append((yield step))
@@ -124,7 +124,7 @@ def test_the_next_conversation_on_a_wire_continues_in_time_and_receives_late_ite
 
 
 def with_final_frames(*items: str) -> Talk:
-    """A conversation that sends these items when it is abandoned."""
+    """Return a conversation that sends these items when it is abandoned."""
     try:
         yield Listen(1.0)
     except Abandoned:

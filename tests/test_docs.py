@@ -114,7 +114,7 @@ class Command(NamedTuple):
 
 
 def commands(block: Block) -> Iterator[Command]:
-    """Each `$ ` line (continued after a backslash) with the output below it."""
+    """Yield each `$ ` line (continued after a backslash) with the output below it."""
     lines = list(enumerate(block.text.splitlines(), start=block.line))
     while lines:
         number, typed = lines.pop(0)
@@ -131,7 +131,7 @@ def commands(block: Block) -> Iterator[Command]:
 
 
 def fits(expected: list[str], got: list[str]) -> bool:
-    """Whether the lines are equal; an expected line `...` matches any number of lines."""
+    """Return whether the lines are equal; an expected line `...` matches any number of lines."""
     pattern = "".join("(.*\n)*?" if line.strip() == "..." else re.escape(line) + "\n" for line in expected)
     return re.fullmatch(pattern, "".join(line + "\n" for line in got)) is not None
 

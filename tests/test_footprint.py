@@ -26,7 +26,7 @@ HEAVY = {"asyncio", "dataclasses", "inspect", "ast", "ssl", "socket", "logging",
 
 
 def loaded(statement: str) -> set[str]:
-    """The modules that a statement adds. With `-I -S` nothing of the environment is loaded before it."""
+    """Return the modules that a statement adds. With `-I -S` nothing of the environment is loaded before it."""
     look = f"import sys; sys.path.insert(0, {str(SRC)!r}); there = set(sys.modules); {statement}; "
     look += "print(*(set(sys.modules) - there))"
     run = subprocess.run([sys.executable, "-I", "-S", "-c", look], capture_output=True, text=True, check=False)
@@ -64,7 +64,7 @@ OTHER_ROOMS = ("barewire.canopen", "barewire.devices", "barewire.explain", "bare
 
 
 def files(found: set[str], room: str) -> set[str]:
-    """The files of a room among the modules."""
+    """Return the files of a room among the modules."""
     return {name.removeprefix(f"{room}.") for name in found if name.startswith(f"{room}.")}
 
 

@@ -73,7 +73,7 @@ FIELDBUS_LIBRARIES = {
 
 
 def imports(source: str, module: str, is_package: bool) -> Iterator[tuple[int, str]]:
-    """Every (line, dotted name) that the source imports, relative ones resolved against `module`."""
+    """Yield every (line, dotted name) that the source imports, relative ones resolved against `module`."""
     package = module.split(".") if is_package else module.split(".")[:-1]
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -93,7 +93,7 @@ def within(name: str, allowed: set[str]) -> bool:
 
 
 def broken_rules(source: str, path: str) -> list[str]:
-    """What the file `path` (relative to src/barewire) must not import, one line each, with the rule it breaks."""
+    """Return what the file `path` (relative to src/barewire) must not import, each with the rule that it breaks."""
     parts = ("barewire", *path.removesuffix(".py").split("/"))
     is_package = parts[-1] == "__init__"
     module = ".".join(parts[:-1] if is_package else parts)
@@ -159,7 +159,7 @@ def test_importing_a_room_of_bytes_loads_no_heavy_module(room: str) -> None:
 
 @pytest.fixture(scope="module")
 def tool() -> ModuleType:
-    """tools/rooms.py, which finds the imports between files and draws them."""
+    """Return tools/rooms.py, which finds the imports between files and draws them."""
     spec = importlib.util.spec_from_file_location("rooms", ROOT / "tools" / "rooms.py")
     assert spec is not None
     assert spec.loader is not None

@@ -29,7 +29,7 @@ def is_type_variable(value: ast.expr) -> bool:
 
 
 def public_names(source: str) -> set[str]:
-    """The public names that a file defines at its top level; imported names are not defined there."""
+    """Return the public names that a file defines at its top level; imported names are not defined there."""
     found: set[str] = set()
     for node in ast.parse(source).body:
         if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):

@@ -47,7 +47,7 @@ NOT_COMPARED = {"id", "result", "reason", "fails", "flags", "comment", "source",
 
 
 def altered(value: Any) -> Iterator[Any]:
-    """The same value with one change in it."""
+    """Yield the same value with one change in it."""
     if isinstance(value, bool):
         yield not value
     elif isinstance(value, (int, float)):

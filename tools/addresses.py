@@ -16,7 +16,7 @@ FILE = Path(__file__).parents[1] / "tests" / "devices" / "addresses.txt"
 
 
 def line(device: str, parameter: Parameter) -> str:
-    """One line: device, name, type, scale, unit, access, address on Modbus, object."""
+    """Return one line: device, name, type, scale, unit, access, address on Modbus, object."""
     at, item = parameter.modbus, parameter.object
     modbus = (
         f"{at.table} {at.address} +{at.words} {at.half or '-'} {at.bit if at.bit is not None else '-'} {at.order}"
@@ -29,7 +29,7 @@ def line(device: str, parameter: Parameter) -> str:
 
 
 def addresses() -> str:
-    """The whole list."""
+    """Return the whole list."""
     return "".join(f"{line(device, parameter)}\n" for device in names() for parameter in load(device).parameters)
 
 

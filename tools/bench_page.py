@@ -46,7 +46,7 @@ FAMILIES = {
 
 
 def table(rows: list[Entry]) -> list[str]:
-    """One race as a table: contestant, median, ratio to the floor with quartiles, ratio to ours."""
+    """Return one race as a table: contestant, median, ratio to the floor with quartiles, ratio to ours."""
     floor, kept = rows[0].floor, any(row.memory is not None for row in rows)
     ours = next((row.contestant for row in rows if row.contestant == "barewire" != floor), None)
     head = ["", "median", f"x {floor} (quartiles)"] + ([f"x {ours}"] if ours else []) + (["memory"] if kept else [])
@@ -64,7 +64,7 @@ def table(rows: list[Entry]) -> list[str]:
 
 
 def goals(entries: list[Entry]) -> list[str]:
-    """The goals with the ratios of this run."""
+    """Return the goals with the ratios of this run."""
     by_place = {(row.family, row.what, row.size, row.contestant): row for row in entries}
     lines = ["| goal | wanted | measured | |", "|---|---:|---:|---|"]
     for goal in wanted():
@@ -86,7 +86,7 @@ def goals(entries: list[Entry]) -> list[str]:
 
 
 def _absolute(by_place: dict[tuple[str, str, int | str, str], Entry]) -> list[str]:
-    """The goals that are absolute numbers."""
+    """Return the goals that are absolute numbers."""
     lines = []
     tpdo = by_place.get(("PDO", "TPDO of the AZ3 to named values", 4, "barewire"))
     if tpdo is not None:
@@ -104,7 +104,7 @@ def _absolute(by_place: dict[tuple[str, str, int | str, str], Entry]) -> list[st
 
 
 def page(data: dict[str, Any]) -> str:
-    """The whole page; the plots are written beside it."""
+    """Return the whole page, and write the plots beside it."""
     machine, entries = data["machine_info"], read(data)
     python = f"{machine['python_implementation']} {machine['python_version']}"
     cpu = machine.get("cpu", {}).get("brand_raw") or machine.get("processor") or machine.get("machine")
@@ -140,7 +140,7 @@ def page(data: dict[str, Any]) -> str:
 
 
 def verdicts(text: str) -> dict[str, tuple[str, str]]:
-    r"""The results on a page: goal -> met or missed, and the number.
+    r"""Return the results on a page: goal -> met or missed, and the number.
 
     >>> verdicts("| Server: 0.8 | 1.25 | 1.05 | met |\n| ... ahead of it | 1 | 1.1 | **missed** |")
     {'Server: 0.8': ('met', '1.05'), 'Server ... ahead of it': ('missed', '1.1')}

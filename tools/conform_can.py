@@ -104,7 +104,7 @@ The list for a device that supports everything. *Accepted* explains what is not 
 
 
 def subject() -> Subject:
-    """The device of the tests with the objects that only some cases need."""
+    """Return the device of the tests with the objects that only some cases need."""
     more = (
         Entry(0x1011, 1, "restore all", "u32", "rw", 1),
         Entry(0x1200, 1, "COB-ID client to server", "u32", "const", 0x600 + NODE),
@@ -114,7 +114,7 @@ def subject() -> Subject:
 
 
 def sample_totals() -> dict[str, int]:
-    """The totals of the command for the simulated AZ3 on socketcand, which carries no remote frames."""
+    """Return the totals of the command for the simulated AZ3 on socketcand, which carries no remote frames."""
     subject = subject_of(az3)
     left_out = [case for case in cases(subject) if why_left_out(case, False, remote=False)]
     judged = len(cases(subject)) - len(left_out)
@@ -122,7 +122,7 @@ def sample_totals() -> dict[str, int]:
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the whole page."""
     rows = cases(subject())
     lines = [HEAD.format(total=len(rows), **sample_totals())]
     for clause in dict.fromkeys(case.clause for case in rows):

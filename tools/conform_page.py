@@ -57,7 +57,7 @@ def measure(url: str, patience: float = 0.3) -> dict[str, str]:
 
 
 def cell_of(case: ServerCase, failure: str | None, heard: Any) -> str:
-    """One result as a cell of the table."""
+    """Return one result as a cell of the table."""
     if failure is None:
         accepted = accepted_sequence(case, heard)
         if accepted is None:
@@ -69,12 +69,12 @@ def cell_of(case: ServerCase, failure: str | None, heard: Any) -> str:
 
 
 def in_words(sequence: Sequence[str]) -> str:
-    """The answers, step by step."""
+    """Return the answers, step by step."""
     return ", then ".join(one or "silence" for one in sequence)
 
 
 def ours(kind: str) -> dict[str, str]:
-    """Our own server of this kind."""
+    """Return our own server of this kind."""
     with ModbusServer(OURS[kind], units={1: Table(100)}) as host:
         return measure(host.url)
 
@@ -85,7 +85,7 @@ _FOUND = {"right": "ok", "error": "error", "wrong": "**wrong value**"}
 
 
 def played(name: str) -> str:
-    """The result of our client for one fault on an RTU line."""
+    """Return the result of our client for one fault on an RTU line."""
     bus = Bus(RtuLine(faulty.TIMING))
     if name in faulty.SURVIVED:
         return _FOUND[faulty.outcome(faulty.unit_of(faulty.SURVIVED[name]), bus)]
@@ -111,7 +111,7 @@ def played(name: str) -> str:
 
 
 def played_tcp(name: str) -> str:
-    """The same over TCP."""
+    """Return the result of our client for one fault over TCP."""
     row = faulty.TCP_SURVIVED.get(name) or (lambda good: [(0.01, faulty.TCP_REFUSED[name][0])])
     return _FOUND[faulty.outcome(faulty.Unit(row, TcpLine()), Bus(TcpLine()))]
 
@@ -120,17 +120,17 @@ def played_tcp(name: str) -> str:
 
 
 def table(head: list[str], rows: list[list[str]]) -> list[str]:
-    """Lines of Markdown."""
+    """Return the lines of a table in Markdown."""
     return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
 
 
 def expected(case: ServerCase) -> str:
-    """The allowed answers of a case, in a cell."""
+    """Return the allowed answers of a case, in a cell."""
     return " or<br>".join(dict.fromkeys(in_words(sequence) for sequence in case.accepts))
 
 
 def battery_lines(kind: str, own: Results, measured: Mapping[str, Mapping[str, Results]]) -> list[str]:
-    """A battery case by case: our result, and those of the measured peer libraries."""
+    """Return a battery case by case: our result, and those of the measured peer libraries."""
     peers = {name: kinds[kind] for name, kinds in measured.items() if kind in kinds}
     rows = [
         [
@@ -146,25 +146,25 @@ def battery_lines(kind: str, own: Results, measured: Mapping[str, Mapping[str, R
 
 
 def survey_lines(kind: str, cell: Any) -> list[str]:
-    """The rows of the survey: our cell is made now, the others were measured."""
+    """Return the rows of the survey: our cell is made now, the others were measured."""
     part = SURVEY[kind]
     rows = [[row["text"], cell(row), *row["results"]] for row in part["row"]]
     return table(["row", "barewire", *part["versions"]], rows)
 
 
 def all_of(results: Results, row: Any) -> str:
-    """The cell of a row that covers several cases: ok, or the wrong answers."""
+    """Return the cell of a row that covers several cases: ok, or the wrong answers."""
     wrong = [results[name] for name in row["cases"] if not results[name].startswith("ok")]
     return "; ".join(wrong) or "ok"
 
 
 def several(play: Any, row: Any) -> str:
-    """The cell of a row that covers several faults."""
+    """Return the cell of a row that covers several faults."""
     return "; ".join(dict.fromkeys(play(name) for name in row["plays"]))
 
 
 def made(own: Mapping[str, Results], measured: Mapping[str, Mapping[str, Results]]) -> str:
-    """The text between the two markers of the page."""
+    """Return the text between the two markers of the page."""
     names = {"tcp": "TCP, TLS, UDP", "rtu": "RTU", "ascii": "ASCII"}
     lines = ["", "## Servers, in the rows of the survey", "", "### On TCP", ""]
     lines += survey_lines("tcp", lambda row: all_of(own["tcp"], row))
@@ -181,7 +181,7 @@ def made(own: Mapping[str, Results], measured: Mapping[str, Mapping[str, Results
 
 
 def page(own: Mapping[str, Results]) -> str:
-    """The page with its generated part up to date."""
+    """Return the page with its generated part up to date."""
     measured = json.loads(MEASURED.read_text(encoding="utf-8"))
     text = PAGE.read_text(encoding="utf-8")
     begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)

@@ -90,7 +90,7 @@ def _python(program: str) -> Callable[[str, str], list[str]]:
 
 @contextmanager
 def libmodbus() -> Iterator[Path | None]:
-    """The C program of tests/interop, compiled; None without a compiler or the library."""
+    """Compile the C program of tests/interop and yield its file; None without a compiler or the library."""
     with tempfile.TemporaryDirectory() as where:
         program = Path(where) / "server"
         source = ROOT / "tests" / "interop" / "libmodbus_server.c"

@@ -33,7 +33,7 @@ class Count(NamedTuple):
 
 
 def rows(device: str, *files: str) -> list[Row]:
-    """The [[parameter]] rows in the given files of a device, or in all its files."""
+    """Return the [[parameter]] rows in the given files of a device, or in all its files."""
     found: list[Row] = []
     for file in sorted((CATALOG / device).glob("*.toml")):
         if not files or file.stem in files:
@@ -42,30 +42,31 @@ def rows(device: str, *files: str) -> list[Row]:
 
 
 def head(device: str) -> Row:
-    """The device.toml of a device."""
+    """Return the device.toml of a device."""
     return tomllib.loads((CATALOG / device / "device.toml").read_text(encoding="utf-8"))
 
 
 def guide_objects() -> list[Row]:
-    """The rows of chapter 5 of the CANopen guide: those with an object, and those with the printed index of another."""
+    """Return the rows of chapter 5 of the CANopen guide: those with an object, and those with the printed index of
+    another."""
     return [
         row for row in rows("az3", "holding", "input", "coils") if "object" in row or "object" in row.get("printed", {})
     ]
 
 
 def addresses(device: str) -> int:
-    """The number of register addresses of all parameters."""
+    """Return the number of register addresses of all parameters."""
     wide = {"u32": 2, "i32": 2, "f32": 2}
     return len({row["holding"] + word for row in rows(device) for word in range(wide.get(row["type"], 1))})
 
 
 def commands(number: str) -> int:
-    """The number of commands in table 3 of the ADXL, or in the table of parameter settings (Save and reboot)."""
+    """Return the number of commands in table 3 of the ADXL, or in the table of parameter settings (Save and reboot)."""
     return sum((row["name"] == "Save and reboot") == (number == "setting") for row in rows("adxl", "commands"))
 
 
 def _row(device: str, name: str) -> Row:
-    """The row of one parameter."""
+    """Return the row of one parameter."""
     return next(row for row in rows(device) if row["name"] == name)
 
 
@@ -106,7 +107,7 @@ DEVICES = tuple(dict.fromkeys(count.device for count in COUNTS))
 
 
 def page() -> str:
-    """The whole of docs/devices.md."""
+    """Return the whole of docs/devices.md."""
     lines = ["# The three machines, counted and corrected", "", "Made by `tools/devices.py`; do not edit.", ""]
     lines += [*_counts(), "", *_placed(), "", "## Corrections", "", *_CORRECTIONS]
     for device in DEVICES:
@@ -155,7 +156,7 @@ def _corrections(device: str) -> Iterator[str]:
 
 
 def _own_tables(device: str) -> Iterator[Row]:
-    """The corrected tables of device.toml other than parameters, such as [serial] or [[motor]]."""
+    """Yield the corrected tables of device.toml other than parameters, such as [serial] or [[motor]]."""
     for name, table in head(device).items():
         for one in table if isinstance(table, list) else [table]:
             if isinstance(one, dict) and "printed" in one:
@@ -163,7 +164,7 @@ def _own_tables(device: str) -> Iterator[Row]:
 
 
 def _here(row: Row, field: str) -> str:
-    """The value of the row in place of the printed one."""
+    """Return the value of the row in place of the printed one."""
     key = field.removeprefix("canopen_").removeprefix("modbus_")
     if key == "range":
         return f"{row.get('min', '')}..{row.get('max', '')}" if "min" in row or "max" in row else ""

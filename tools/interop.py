@@ -94,7 +94,7 @@ class Evidence(NamedTuple):
 
 
 def functions() -> dict[str, str]:
-    """Every public function of Modbus: its short name -> its name in the standard."""
+    """Return every public function of Modbus: its short name -> its name in the standard."""
     found: dict[str, str] = {}
     for request in known_requests():
         code = f"{request.function_code:02X}"
@@ -110,7 +110,7 @@ def functions() -> dict[str, str]:
 
 @cache
 def evidence() -> tuple[Evidence, ...]:
-    """Every mark of the tests, collected by pytest in a new process; no test is run."""
+    """Return every mark of the tests, collected by pytest in a new process; no test is run."""
     with tempfile.TemporaryDirectory() as where:
         file = Path(where, "marks.json")
         command = [sys.executable, str(Path(__file__).resolve()), "--marks", str(file)]
@@ -137,7 +137,7 @@ def collect(file: Path) -> int:
 
 
 def invalid_marks(rows: Iterable[Evidence]) -> list[str]:
-    """Marks with a peer, carrier, role or service that does not exist."""
+    """Return the marks with a peer, carrier, role or service that does not exist."""
     wrong = []
     for row in rows:
         if row.role in CANOPEN_ROLES or row.carrier in CAN_CARRIERS:
@@ -152,7 +152,7 @@ def invalid_marks(rows: Iterable[Evidence]) -> list[str]:
 
 
 def peers(rows: Iterable[Evidence], role: str, service: str, carrier: str | None = None) -> list[str]:
-    """The peers that prove a service in our role."""
+    """Return the peers that prove a service in our role."""
     found = {
         row.peer for row in rows if row.role == role and service in row.services and carrier in (None, row.carrier)
     }
@@ -160,7 +160,7 @@ def peers(rows: Iterable[Evidence], role: str, service: str, carrier: str | None
 
 
 def gaps(rows: tuple[Evidence, ...]) -> list[str]:
-    """Services without a test against a peer that are not listed as such."""
+    """Return the services without a test against a peer that are not listed as such."""
     found = []
     for role in ROLES:
         for service in functions():
@@ -182,7 +182,7 @@ def gaps(rows: tuple[Evidence, ...]) -> list[str]:
 
 
 def page() -> str:
-    """The whole of docs/interop.md."""
+    """Return the whole of docs/interop.md."""
     rows = evidence()
     lines = [
         "# Interoperability tests",

@@ -24,7 +24,7 @@ Graph = dict[str, set[str]]
 
 @cache
 def files() -> dict[str, Path]:
-    """Every module of src/barewire by its dotted name without `barewire.`; the top one is ''."""
+    """Return every module of src/barewire by its dotted name without `barewire.`; the top one is ''."""
     found = {}
     for path in sorted((SRC / "barewire").rglob("*.py")):
         parts = path.relative_to(SRC / "barewire").with_suffix("").parts
@@ -33,7 +33,8 @@ def files() -> dict[str, Path]:
 
 
 def imports(path: Path) -> Iterator[tuple[str, str]]:
-    """Every (module, name) of barewire that the file imports, wherever in the file: functions and type checking too."""
+    """Yield every (module, name) of barewire that the file imports, wherever in the file: functions and type checking
+    too."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "barewire":
             yield from ((node.module.removeprefix("barewire").removeprefix("."), alias.name) for alias in node.names)
@@ -69,7 +70,7 @@ def file_imports() -> Graph:
 
 
 def circles(graph: Mapping[str, Iterable[str]]) -> list[list[str]]:
-    """The groups of two or more that import each other, directly or through others (Tarjan's algorithm)."""
+    """Return the groups of two or more that import each other, directly or through others (Tarjan's algorithm)."""
     index: dict[str, int] = {}
     low: dict[str, int] = {}
     stack: list[str] = []
@@ -97,7 +98,7 @@ def circles(graph: Mapping[str, Iterable[str]]) -> list[list[str]]:
 
 
 def rooms(within: str = "") -> Graph:
-    """The rooms directly inside `within`, each with the others of them that it imports."""
+    """Return the rooms directly inside `within`, each with the others of them that it imports."""
     start = f"{within}." if within else ""
 
     def room(module: str) -> str | None:
@@ -113,7 +114,7 @@ def rooms(within: str = "") -> Graph:
 
 
 def floors(graph: Graph) -> list[list[str]]:
-    """The rooms in floors, the lowest first: each stands one floor above the highest room that it imports."""
+    """Return the rooms in floors, the lowest first: each stands one floor above the highest room that it imports."""
     height: dict[str, int] = {}
 
     def of(one: str, above: tuple[str, ...] = ()) -> int:
@@ -128,7 +129,7 @@ def floors(graph: Graph) -> list[list[str]]:
 
 
 def drawing(within: str = "") -> str:
-    """The floors of one room as text, the highest first: a row for each room, with what it imports."""
+    """Return the floors of one room as text, the highest first: a row for each room, with what it imports."""
     graph = rooms(within)
     width = max(map(len, graph))
     rows = []

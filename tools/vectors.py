@@ -24,7 +24,7 @@ ROWS = (("id", "result", "reason", "fails", "flags"), ("comment",), ("source",))
 
 
 def files() -> list[Path]:
-    """Every vector file, in the order of the table."""
+    """Return every vector file, in the order of the table."""
     rooms = ("codecs", "modbus", "rtu", "ascii", "tcp", "canopen", "devices")
     return [file for room in rooms for file in sorted((VECTORS / room).glob("*.json"))]
 
@@ -43,7 +43,7 @@ def _flat(value: Any) -> str:
 
 
 def _pack(items: list[str], indent: str) -> list[str]:
-    """Items joined to lines of at most WIDTH characters."""
+    """Return the items joined to lines of at most WIDTH characters."""
     lines: list[str] = []
     line = indent
     for item in items:
@@ -55,7 +55,7 @@ def _pack(items: list[str], indent: str) -> list[str]:
 
 
 def _value(value: Any, indent: str, used: int) -> str:
-    """A value: on one line if it fits or is a scalar, otherwise one element on each line."""
+    """Return the text of a value: on one line if it fits or is a scalar, otherwise one element on each line."""
     flat = _flat(value)
     if used + len(flat) + 1 <= WIDTH or not isinstance(value, (list, dict)) or not value:
         return flat
@@ -88,14 +88,14 @@ def _case(case: dict[str, Any]) -> str:
 
 
 def form(document: dict[str, Any]) -> str:
-    """The text of a vector file."""
+    """Return the text of a vector file."""
     head = [f"  {_entry(key, value, '  ')}," for key, value in document.items() if key != "cases"]
     cases = ",\n".join(_case(case) for case in document["cases"])
     return "{\n" + "\n".join(head) + '\n  "cases": [\n' + cases + "\n  ]\n}\n"
 
 
 def counts() -> str:
-    """The table: each file with its subject, its kind, and the number of cases with each result."""
+    """Return the table: each file with its subject, its kind, and the number of cases with each result."""
     rows = ["| file | subject | kind | valid | invalid | acceptable |", "|---|---|---|--:|--:|--:|"]
     total: Counter[str] = Counter()
     for file in files():
@@ -111,7 +111,7 @@ def counts() -> str:
 
 
 def with_counts(readme: str) -> str:
-    """The README with the table up to date."""
+    """Return the README with the table up to date."""
     before, _, rest = readme.partition(BEGIN)
     _, _, after = rest.partition(END)
     return f"{before}{BEGIN}\n\n{counts()}\n\n{END}{after}"

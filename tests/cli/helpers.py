@@ -21,14 +21,14 @@ def run_command(*arguments: str, timeout: float = 60) -> subprocess.CompletedPro
 
 
 def output_of(*arguments: str) -> str:
-    """The output of a command that must succeed."""
+    """Return the output of a command that must succeed."""
     done = run_command(*arguments)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 def error_of(*arguments: str, status: int = 1) -> str:
-    """The one line on stderr of a command that must fail, and print nothing else."""
+    """Return the one line on stderr of a command that must fail, and print nothing else."""
     done = run_command(*arguments)
     assert done.returncode == status, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
@@ -39,8 +39,9 @@ def error_of(*arguments: str, status: int = 1) -> str:
 
 @contextmanager
 def simulated(*arguments: str, client_option: str = "timeout=30") -> Iterator[list[str]]:
-    """A simulated device in a process of its own: the URL of each endpoint, with an option for the client added. The
-    long time-out is for a computer that stands still for more than the usual second."""
+    """Simulate a device in a process of its own; yield the URL of each endpoint, with an option for the client added.
+
+    The long time-out is for a computer that stands still for more than the usual second."""
     command = [*COMMAND, "simulate", *arguments]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT
@@ -63,19 +64,20 @@ def simulated(*arguments: str, client_option: str = "timeout=30") -> Iterator[li
 
 @contextmanager
 def simulated_at(device: str, endpoint: str, client_option: str = "timeout=30") -> Iterator[str]:
-    """The same with one endpoint: its URL."""
+    """Simulate a device at one endpoint; yield its URL."""
     with simulated(device, endpoint, client_option=client_option) as (url,):
         yield url
 
 
 def with_option(url: str, option: str) -> str:
-    """The URL with one more option; unchanged if the option is empty."""
+    """Return the URL with one more option; unchanged if the option is empty."""
     return f"{url}{'&' if '?' in url else '?'}{option}" if option else url
 
 
 def read_until(endpoint: str, device: str, name: str, expected: str, *write: str) -> str:
-    """The output of `read` as soon as it contains the expected text: another process changes the value. The command
-    `write` is repeated before each reading."""
+    """Repeat `read` until its output contains the expected text, and return that; another process changes the value.
+
+    The command `write` is repeated before each reading."""
     give_up = time.monotonic() + 20
     if write:
         output_of(*write)

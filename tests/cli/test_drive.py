@@ -115,7 +115,7 @@ def test_an_error_names_the_state_and_the_cause() -> None:
 
 
 def error_after_progress(*arguments: str) -> str:
-    """As `error_of`, for a command that prints its progress before it fails."""
+    """Do the same as `error_of` for a command that prints its progress before it fails."""
     done = run_command(*arguments)
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1

@@ -19,7 +19,7 @@ collect_ignore = [] if importlib.util.find_spec("tmodbus") else ["test_tmodbus.p
 
 @pytest.fixture(scope="session")
 def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory with the certificates of an authority, a server and a client with the role Operator."""
+    """Return a directory with the certificates of an authority, a server and a client with the role Operator."""
     where = tmp_path_factory.mktemp("certificates")
     authority(where)
     leaf(where, "server", server=True)
@@ -29,7 +29,7 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def exchanged() -> set[str]:
-    """The services that were requested and answered; the test adds to it."""
+    """Return the services that were requested and answered; the test adds to it."""
     return set()
 
 

@@ -70,7 +70,8 @@ def tshark(file: Path, fields: list[str], *options: str) -> list[dict[str, list[
 
 
 def our_fields(pdu: bytes, role: str) -> tuple[dict[str, list[int]], int]:
-    """Our fields of a message under tshark's names and the number of their bytes, without the fields that are bytes."""
+    """Return our fields of a message under tshark's names and the number of their bytes, without the fields that are
+    bytes."""
     covered = 0
     found: dict[str, list[int]] = {}
     code = pdu[0] & 0x7F

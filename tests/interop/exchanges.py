@@ -64,7 +64,7 @@ async def exchange_all(client: RecordingClient, answers: Answers, services: Coll
 
 
 async def bits_and_registers(client: RecordingClient, answers: Answers) -> None:
-    """01 02 03 04 05 06 0F 10, with the largest quantities, and an address behind the last one."""
+    """Exchange 01 02 03 04 05 06 0F 10, with the largest quantities, and an address behind the last one."""
     pattern = tuple(place % 3 == 0 for place in range(min(1968, answers.coils)))
     await client.write_multiple_coils(0, pattern)
     await client.write_single_coil(1, True)
@@ -84,20 +84,20 @@ async def bits_and_registers(client: RecordingClient, answers: Answers) -> None:
 
 
 async def mask_write(client: RecordingClient) -> None:
-    """16, the example of the standard."""
+    """Exchange 16, the example of the standard."""
     await client.write_single_register(12, 0x12)
     await client.mask_write_register(12, 0xF2, 0x25)
     assert await client.read_holding_registers(12, 1) == (0x17,)
 
 
 async def read_write_multiple(client: RecordingClient) -> None:
-    """17: the registers are written first, then read."""
+    """Exchange 17: the registers are written first, then read."""
     await client.write_multiple_registers(10, (1, 2, 3, 4))
     assert await client.read_write_multiple_registers(10, 4, 12, (9, 10)) == (1, 2, 9, 10)
 
 
 async def files_and_queues(client: RecordingClient, answers: Answers, services: Collection[str]) -> None:
-    """14 15 18."""
+    """Exchange 14 15 18."""
     if "14" in services:
         assert await client.read_file_record(answers.places) == answers.rows
     if "15" in services:
@@ -107,7 +107,7 @@ async def files_and_queues(client: RecordingClient, answers: Answers, services: 
 
 
 async def server_information(client: RecordingClient, answers: Answers, services: Collection[str]) -> None:
-    """07 0B 0C 11 2B/0E."""
+    """Exchange 07 0B 0C 11 2B/0E."""
     if "07" in services:
         assert await client.read_exception_status() == answers.status
     if "11" in services:
@@ -125,7 +125,7 @@ async def server_information(client: RecordingClient, answers: Answers, services
 
 
 async def diagnostics(client: RecordingClient, answers: Answers, services: Collection[str]) -> None:
-    """08, every public sub-function that the server supports."""
+    """Exchange 08, every public sub-function that the server supports."""
     assert await client.diagnostics(0, b"\xa5\x37") == b"\xa5\x37"
     for sub in (CLEAR_COUNTERS, CLEAR_OVERRUN):
         assert await client.diagnostics(sub) == b"\0\0"

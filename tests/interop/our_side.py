@@ -55,7 +55,7 @@ class FullUnit(Table):
 
     @staticmethod
     def supports(request: type[Any]) -> bool:
-        """Every function."""
+        """Return True: every function."""
         return True
 
     def handle(self, request: Any, now: float) -> Response | None:
@@ -88,7 +88,7 @@ class FullUnit(Table):
 
 
 def server_url(carrier: str, certificates: Path) -> str:
-    """The URL for our server."""
+    """Return the URL for our server."""
     if carrier in ("rtu", "ascii"):
         return f"{carrier}://pty{LINE}"
     return tls_url(certificates, "server", roles="any") if carrier == "tls" else f"{carrier}://127.0.0.1:0"
@@ -122,12 +122,12 @@ def place_of(host: ModbusServer) -> str:
 
 
 def port_of(place: str) -> int:
-    """The port of HOST:PORT."""
+    """Return the port of HOST:PORT."""
     return int(place.rpartition(":")[2])
 
 
 def client_url(carrier: str, place: str, certificates: Path, timeout: float = 2.0) -> str:
-    """The URL with which our client connects to a server at PATH or HOST:PORT."""
+    """Return the URL with which our client connects to a server at PATH or HOST:PORT."""
     if carrier == "tls":
         return tls_url(certificates, "operator", place, unit="1", timeout=str(timeout))
     options = f"{LINE}&" if carrier in ("rtu", "ascii") else "?"

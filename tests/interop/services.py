@@ -26,7 +26,7 @@ CARRIERS = ("rtu", "ascii", *TCP_LIKE, "rtu+tcp", "ascii+tcp")
 
 
 def service(request: Any) -> str:
-    """The service of a request: 03, 08/0A, 2B/0E."""
+    """Return the service of a request: 03, 08/0A, 2B/0E."""
     if isinstance(request, Diagnostics):
         return f"08/{request.sub_function:02X}"
     pdu: bytes = request.encode()
@@ -34,10 +34,10 @@ def service(request: Any) -> str:
 
 
 def without(*services: str) -> tuple[str, ...]:
-    """Every service but these."""
+    """Return every service but these."""
     return tuple(one for one in EVERY if one not in services)
 
 
 def proves(peer: str, role: str, carrier: str, *services: str) -> Any:
-    """A carrier as parameter of a test, with the mark of the services that the test proves over it."""
+    """Return a carrier as parameter of a test, with the mark of the services that the test proves over it."""
     return pytest.param(carrier, marks=pytest.mark.evidence(peer, role, carrier, *services))

@@ -31,7 +31,7 @@ SERVED = (*BITS_AND_REGISTERS, "11", "16", "17")
 
 @pytest.fixture(scope="session")
 def programs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The client and the server, compiled without a warning."""
+    """Compile the client and the server without a warning; return their files."""
     where = tmp_path_factory.mktemp("libmodbus")
     made = {}
     for name in ("client", "server"):

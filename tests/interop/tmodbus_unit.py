@@ -10,7 +10,7 @@ from tests.interop.exchanges import Answers
 
 
 def their_unit() -> Any:
-    """A router of tmodbus with the values of a table; each function has a handler."""
+    """Return a router of tmodbus with the values of a table; each function has a handler."""
     from tmodbus import pdu
     from tmodbus.exceptions import IllegalDataAddressError
     from tmodbus.pdu.device import ConformityLevel

@@ -24,7 +24,7 @@ import sys
 
 
 def main() -> None:
-    """The entry point. Without the extra `cli`, print one line that names it."""
+    """Run the command. Without the extra `cli`, print one line that names it."""
     try:
         import click  # noqa: F401
         import rich  # noqa: F401

@@ -41,11 +41,11 @@ class LazyGroup(click.Group):
     """A group whose commands are loaded when they are needed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """In the order of the table."""
+        """Return the names in the order of the table."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of that name, from its file."""
+        """Return the command of that name, from its file."""
         if cmd_name not in COMMANDS:
             return None
         module = import_module(f"barewire.cli.{COMMANDS[cmd_name][0]}")

@@ -28,7 +28,7 @@ class EndpointArgument(click.ParamType[str]):
     name = "endpoint"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The URL itself."""
+        """Return the URL itself."""
         try:
             Endpoint.parse(value)
         except EncodeError as error:
@@ -60,7 +60,7 @@ def print_json(fields: Any) -> None:
 
 
 def _without_nan(value: Any) -> Any:
-    """The same with text in place of NaN and the infinities, for which JSON has no numbers."""
+    """Return the same value with text in place of NaN and the infinities, for which JSON has no numbers."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     if isinstance(value, dict):
@@ -69,12 +69,12 @@ def _without_nan(value: Any) -> Any:
 
 
 def text_with_notes(error: Exception) -> str:
-    """The text of an error, with its notes: which names were being read, what was written before."""
+    """Return the text of an error, with its notes: which names were being read, what was written before."""
     return "; ".join([str(error), *getattr(error, "__notes__", [])])
 
 
 def file_content(path: str | Path) -> bytes:
-    """The bytes of a file. PortError if it cannot be read."""
+    """Return the bytes of a file. Raise PortError if it cannot be read."""
     try:
         return Path(path).read_bytes()
     except OSError as error:
@@ -95,8 +95,8 @@ def unfinished_as_json(as_json: bool) -> Iterator[None]:
 
 
 def known_nodes(devices: Iterable[str], nodes: Iterable[int]) -> list[KnownNode]:
-    """The nodes of `--device az3 --node 5`, given once for each node. A device is a name of the catalogue, the path of
-    a description, or an EDS or DCF file."""
+    """Return the nodes of `--device az3 --node 5`, given once for each node. A device is a name of the catalogue, the
+    path of a description, or an EDS or DCF file."""
     numbers = list(nodes)
     names = list(devices)
     if len(numbers) > len(names):

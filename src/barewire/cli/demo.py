@@ -140,7 +140,7 @@ class ExchangeFrames:
             self.items.append((direction, item))
 
     def take(self) -> list[tuple[Direction, Explanation]]:
-        """The frames so far, explained. Start the next exchange."""
+        """Return the frames so far, explained, and start the next exchange."""
         roles = {"sent": "request", "received": "response"}
         taken = [(direction, explain(self.protocol, item, roles[direction])) for direction, item in self.items]
         self.items.clear()

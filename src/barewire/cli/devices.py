@@ -48,7 +48,7 @@ def _print_list(as_json: bool) -> None:
 
 
 def _print_parameters(device: Device) -> None:
-    """A line for each parameter, its name first, and its other fields under it; plain text, for grep."""
+    """Print a line for each parameter, its name first, and its other fields below; plain text, for grep."""
     print(f"{device.title}: {len(device.parameters)} parameters")
     width = max((len(parameter.name) for parameter in device.parameters), default=0)
     for parameter in device.parameters:
@@ -79,7 +79,7 @@ def _other_fields(parameter: Parameter) -> Iterator[str]:
 
 
 def _modbus_address(parameter: Parameter) -> str:
-    """The address on the wire, such as 'holding 4017 (0FB1h) +1', 'input 24 (0018h) H', 'coil 81 (0051h)'."""
+    """Return the address on the wire, such as 'holding 4017 (0FB1h) +1', 'input 24 (0018h) H', 'coil 81 (0051h)'."""
     place = parameter.modbus
     if place is None:
         return ""
@@ -89,7 +89,7 @@ def _modbus_address(parameter: Parameter) -> str:
 
 
 def _object_address(parameter: Parameter) -> str:
-    """The object, such as '6041h:00', and the bit if it is a single one."""
+    """Return the object, such as '6041h:00', and the bit if it is a single one."""
     place = parameter.object
     if place is None:
         return ""

@@ -57,7 +57,7 @@ def drive_command(ctx: click.Context, endpoint: str, device: str) -> None:
     barewire drive "rtu:///dev/ttyUSB0?unit=1" az3 quick-stop
     """
     description = load(device)
-    drive_roles(description)  # a device that is no drive is reported before a port is opened
+    drive_roles(description)  # a device that is not a drive is reported before a port is opened
     ctx.obj = (endpoint, description)
 
 
@@ -67,7 +67,7 @@ class _DriveNumber(click.ParamType[int | float]):
     name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | float:
-        """The number."""
+        """Return the number."""
         try:
             number = float(value)
         except ValueError:
@@ -101,7 +101,7 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
                 bits = ", ".join(bit_names(status.status_word)) or "no bit set"
                 print(f"{status.state_name}{_values(status)}; status word {status.status_word:04X}h: {bits}")
 
-        # A negative target such as -1000 begins with a dash, and is no option.
+        # A negative target such as -1000 begins with a dash and is not an option.
         settings = {"ignore_unknown_options": moves}
         command = json_option(_timeout_option(click.pass_context(run_action)))
         return drive_command.command(name, context_settings=settings)(command)
@@ -125,24 +125,25 @@ def _ended_by_signals() -> Iterator[None]:
     """Within the block, a signal that would end the process raises `_EndedBySignal`; later ones are ignored."""
 
     def end(number: int, _: object) -> None:
-        for one in handled:
-            signal.signal(one, signal.SIG_IGN)  # only another Ctrl-C interrupts the quick stop that follows
+        for handled_signal in previous:
+            signal.signal(handled_signal, signal.SIG_IGN)  # only another Ctrl-C interrupts the quick stop that follows
         raise _EndedBySignal(number)
 
     # SIGHUP stays ignored under nohup.
-    handled = {one: before for one in _ENDING_SIGNALS if (before := signal.getsignal(one)) is not signal.SIG_IGN}
-    for number in handled:
+    handlers = {ending: signal.getsignal(ending) for ending in _ENDING_SIGNALS}
+    previous = {ending: handler for ending, handler in handlers.items() if handler is not signal.SIG_IGN}
+    for number in previous:
         signal.signal(number, end)
     try:
         yield
     finally:
-        if all(signal.getsignal(number) is end for number in handled):
-            for number, before in handled.items():
+        if all(signal.getsignal(number) is end for number in previous):
+            for number, before in previous.items():
                 signal.signal(number, before)
 
 
 def _quick_stop(client: DriveClient) -> None:
-    """A quick stop that goes on although its progress cannot be printed: the terminal may be closed."""
+    """Stop the drive, also if the progress cannot be printed because the terminal is closed."""
     show_progress = client.drive.progress
 
     def try_to_show(progress: DriveProgress) -> None:
@@ -170,7 +171,7 @@ _deceleration_option = click.option("--deceleration", type=_DriveNumber(), help=
 
 @contextmanager
 def _progress_output(as_json: bool) -> Iterator[Callable[[DriveProgress], None]]:
-    """A function that prints progress: JSON lines, on a terminal one line that is updated, or a line a change."""
+    """Yield a function that prints progress: JSON lines, on a terminal one line that is updated, or a line a change."""
     start = time.monotonic()
     if as_json:
         yield lambda progress: print_json(progress.as_dict() | {"time": round(progress.status.now - start, 3)})
@@ -184,7 +185,7 @@ def _progress_output(as_json: bool) -> Iterator[Callable[[DriveProgress], None]]
 
 
 def _line_per_change(start: float) -> Callable[[DriveProgress], None]:
-    """A function that prints a line for each new state and each new condition, with the seconds since the start."""
+    """Return a function that prints a line for each new state and condition, with the seconds since the start."""
     last: tuple[str, str] | None = None
 
     def show_progress(progress: DriveProgress) -> None:
@@ -199,7 +200,7 @@ def _line_per_change(start: float) -> Callable[[DriveProgress], None]:
 
 
 def _short(progress: DriveProgress) -> str:
-    """The progress in one line of a terminal, without the explanation in brackets."""
+    """Return the progress in one line of a terminal, without the explanation in brackets."""
     doing = progress.waiting_for.partition(" (")[0] or progress.action
     return f"{doing} | {progress.status.state_name}{_values(progress.status)}"
 

@@ -104,7 +104,7 @@ def _explain_recording(
 
 
 def _explained(frame: AnyFrame, monitor: CanMonitor) -> Explanation:
-    """The explanation of a frame from its bytes and the frames before it."""
+    """Explain a frame from its bytes and the frames before it."""
     if isinstance(frame, CanFrame) and monitor.takes_segment(frame):
         return explain_segment(frame)
     return explain_can(frame, monitor.pdos)

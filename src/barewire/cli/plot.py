@@ -92,5 +92,5 @@ def draw_plot(file: str, title: str, parameters: Sequence[Parameter], samples: _
 
 
 def _plot_value(value: Value) -> float:
-    """A value as a number; text leaves a gap in the curve."""
+    """Return a value as a number; text leaves a gap in the curve."""
     return float(value) if isinstance(value, (int, float)) else float("nan")

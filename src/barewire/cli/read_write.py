@@ -92,7 +92,8 @@ def write_command(
 
 @contextmanager
 def _connected(device: Device, endpoint: str) -> Iterator[MachineClient]:
-    """The machine. After a time-out on a serial line, wait until the late answer cannot reach the next command."""
+    """Yield the connected machine. After a time-out on a serial line, wait until the late answer cannot reach the next
+    command."""
     with connect(device, endpoint) as machine:
         try:
             yield machine
@@ -104,7 +105,7 @@ def _connected(device: Device, endpoint: str) -> Iterator[MachineClient]:
 
 
 def _batches(wanted: list[tuple[str, Value]]) -> Iterator[dict[str, Value]]:
-    """Values that can be written in one call, in order. A name that comes again begins the next batch.
+    """Yield values that can be written in one call, in order. A name that comes again begins the next batch.
 
     >>> list(_batches([("Control Word", 6), ("Control Word", 7), ("Target Position", 100)]))
     [{'Control Word': 6}, {'Control Word': 7, 'Target Position': 100}]
@@ -135,7 +136,7 @@ def _note_unnamed(parameter: Parameter, value: Value) -> None:
 
 
 def _how_written(parameter: Parameter, endpoint: str) -> str:
-    """How a value was written: as a whole, as a part of a register or object, or without confirmation."""
+    """Return how a value was written: as a whole, as a part of a register or object, or without confirmation."""
     if not parameter.answered:
         return "sent: the device does not answer it"
     if endpoint.startswith("can:"):

@@ -60,7 +60,7 @@ def simulate_command(
 
     \b
     late        the response is sent after a delay: see --late
-    noise       bytes that are no frame precede it; on CAN a frame of another node
+    noise       bytes that are not a frame precede it; on CAN a frame of another node
     wrong-unit  the response has the address of another unit or node
     drop        the response is not sent
     flip        one bit of it is inverted                           (not on CAN)
@@ -142,34 +142,35 @@ def _set_initial_state(device: str, machine: Simulator | None, values: tuple[str
         cell.set(cell.free.check(parse_value(cell.parameter, value)))
 
 
-def _tcp_units(at: Endpoint) -> tuple[int, ...]:
-    """Further unit addresses of a device on TCP that is no gateway [MB-TCP 4.4.2]."""
-    return (255, 0) if at.framing == "tcp" else ()
+def _tcp_units(endpoint: Endpoint) -> tuple[int, ...]:
+    """Return the further unit addresses of a device on TCP that is not a gateway [MB-TCP 4.4.2]."""
+    return (255, 0) if endpoint.framing == "tcp" else ()
 
 
-def _table_server(endpoint: str, table: Table, **faults: Any) -> ThreadedServer:
-    """A server for a table, unit 1 unless the endpoint gives another."""
-    at = Endpoint.parse(endpoint)
-    address = at.integer("unit", 1)
-    _check_unit(at, address)
-    return ModbusServer(endpoint, dict.fromkeys((address, *_tcp_units(at)), table), **faults)
+def _table_server(url: str, table: Table, **faults: Any) -> ThreadedServer:
+    """Return a server for a table, unit 1 unless the endpoint gives another."""
+    endpoint = Endpoint.parse(url)
+    address = endpoint.integer("unit", 1)
+    _check_unit(endpoint, address)
+    return ModbusServer(url, dict.fromkeys((address, *_tcp_units(endpoint)), table), **faults)
 
 
-def machine_server(endpoint: str, machine: Simulator, **faults: Any) -> ThreadedServer:
-    """A server for a simulated machine at a URL. `faults` are the options of that name of `ModbusServer`."""
-    at = Endpoint.parse(endpoint)
-    if at.scheme == "can":
+def machine_server(url: str, machine: Simulator, **faults: Any) -> ThreadedServer:
+    """Return a server for a simulated machine at a URL. `faults` are the options of that name of `ModbusServer`."""
+    endpoint = Endpoint.parse(url)
+    if endpoint.scheme == "can":
         if machine.canopen is None:
             raise EncodeError(f"{machine.device.name} has no CANopen: expected a Modbus endpoint")
-        return CanopenServer(endpoint, device=machine.canopen, **faults)
-    units = MachineUnits(machine, *_tcp_units(at))
-    _check_unit(at, machine.address)
-    return ModbusServer(endpoint, units, **faults)
+        return CanopenServer(url, device=machine.canopen, **faults)
+    units = MachineUnits(machine, *_tcp_units(endpoint))
+    _check_unit(endpoint, machine.address)
+    return ModbusServer(url, units, **faults)
 
 
 def _configured_machine(device: str, endpoints: Sequence[Endpoint]) -> Simulator:
-    """A machine with the unit address, node-ID and bit rate that its endpoints give."""
-    given = {key: at.integer(key, 0) for at in endpoints for key in ("unit", "node", "bitrate") if key in at.options}
+    """Return a machine with the unit address, node-ID and bit rate that its endpoints give."""
+    keys = ("unit", "node", "bitrate")
+    given = {key: endpoint.integer(key, 0) for endpoint in endpoints for key in keys if key in endpoint.options}
     machine = simulator(
         device, time.monotonic(), unit=given.get("unit"), node=given.get("node"), bitrate=given.get("bitrate")
     )
@@ -178,6 +179,6 @@ def _configured_machine(device: str, endpoints: Sequence[Endpoint]) -> Simulator
     return machine
 
 
-def _check_unit(at: Endpoint, address: int) -> None:
-    if at.is_serial_port and not 1 <= address <= 247:
+def _check_unit(endpoint: Endpoint, address: int) -> None:
+    if endpoint.is_serial_port and not 1 <= address <= 247:
         raise EncodeError(f"unit {address}: a unit on a serial line has an address from 1 to 247")

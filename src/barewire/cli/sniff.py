@@ -124,7 +124,7 @@ def _recording(source: str, seconds: float | None) -> bytes:
 
 
 def _open_for_writing(name: str) -> BinaryIO:
-    """The file, unbuffered: it is complete after every frame, however the command ends."""
+    """Open the file, unbuffered: it is complete after every frame, however the command ends."""
     try:
         return Path(name).open("wb", buffering=0)
     except OSError as error:
@@ -158,7 +158,7 @@ def _print_exchanges(events: Iterator[SnifferEvent], file: BinaryIO | None, as_j
 
 
 def _packet(packets: PacketBuilder, event: SnifferEvent) -> bytes | None:
-    """The frame of an event as a packet; noise becomes a datagram that is not a frame, a missing response nothing."""
+    """Return the frame of an event as a packet; noise becomes a datagram, a missing response nothing."""
     if isinstance(event, ResponseMissing):
         return None
     if isinstance(event, NoiseSeen):
@@ -174,16 +174,16 @@ def _packet(packets: PacketBuilder, event: SnifferEvent) -> bytes | None:
 
 
 def _live_frames(endpoint: Endpoint, seconds: float | None) -> Iterator[Recorded | float]:
-    """Frames from a bus until Ctrl-C; a time alone when no frame was received."""
+    """Yield frames from a bus until Ctrl-C; a time alone when no frame was received."""
     stop = threading.Event()
     with _stopped_by_interrupt(stop):
-        for at, frame in listen_can(endpoint, stop, seconds=seconds):
-            yield at if frame is None else Recorded(at, _LIVE_BUS, frame)
+        for now, frame in listen_can(endpoint, stop, seconds=seconds):
+            yield now if frame is None else Recorded(now, _LIVE_BUS, frame)
 
 
 @contextmanager
 def _stopped_by_interrupt(stop: threading.Event) -> Iterator[None]:
-    """The first Ctrl-C ends the reception, so that the summary is printed; the second one ends the program."""
+    """Let the first Ctrl-C end the reception, so that the summary is printed; the second one ends the program."""
 
     def end_reception(number: int, frame: object) -> None:
         stop.set()
@@ -200,16 +200,17 @@ def _stopped_by_interrupt(stop: threading.Event) -> Iterator[None]:
 def _can_events(
     items: Iterable[RecordedItem | float], known: Iterable[KnownNode], bus: str | None, file: BinaryIO | None, name: str
 ) -> Iterator[tuple[str, MonitorEvent]]:
-    """The events of the frames, each with its bus. The file gets each frame in the format that its `name` selects."""
+    """Yield the events of the frames, each with its bus. The file gets each frame in the format that its `name`
+    selects."""
     monitors, writer, buses = BusMonitors(known, bus), CanRecordingWriter(name), dict[str, None]()
     if file is not None:
         file.write(writer.start)
     for item in items:
         if isinstance(item, float):
             # Nothing was received up to now: a message that is due is missing.
-            for one, monitor in monitors.monitors.items():
+            for bus_name, monitor in monitors.monitors.items():
                 for event in monitor.feed(None, item):
-                    yield one, event
+                    yield bus_name, event
             continue
         if file is not None and isinstance(item, Recorded) and bus in (None, item.bus):
             file.write(writer.put(item.at, item.bus, item.frame))
@@ -224,7 +225,7 @@ def _can_events(
 def _print_can_events(
     events: Iterable[tuple[str, MonitorEvent]], *, as_json: bool, everything: bool, only: tuple[str, ...]
 ) -> None:
-    """Print a line for each event that is no repetition; with `everything` for all events."""
+    """Print a line for each event that is not a repetition; with `everything` for all events."""
     for kind in only:
         if kind not in EVENT_KINDS.values():
             raise EncodeError(f"--only {kind}: expected one of {', '.join(EVENT_KINDS.values())}")

@@ -172,7 +172,7 @@ class Poller:
 
 
 def next_poll(number: int, period: float, elapsed: float) -> int:
-    """The number of the poll after `number`: the first whose time is not over yet.
+    """Return the number of the poll after `number`: the first whose time is not over yet.
 
     >>> next_poll(0, 0.5, elapsed=0.1), next_poll(1, 0.5, elapsed=1.0), next_poll(2, 0.5, elapsed=2.3)
     (1, 2, 5)
@@ -183,7 +183,7 @@ def next_poll(number: int, period: float, elapsed: float) -> int:
 
 
 def polls(poller: Poller, period: float, count: int | None) -> Iterator[Poll]:
-    """Polls, each at its time: `count` of them, or without end."""
+    """Poll `count` times, or without end; yield each poll at its time."""
     start, number, made = time.monotonic(), 0, 0
     while count is None or made < count:
         time.sleep(max(0.0, start + number * period - time.monotonic()))
@@ -197,7 +197,7 @@ def polls(poller: Poller, period: float, count: int | None) -> Iterator[Poll]:
 
 @contextmanager
 def _plotted(plot: str | None, title: str, parameters: list[Parameter]) -> Iterator[Callable[[Poll], None]]:
-    """A function that keeps polls; they are drawn when the block ends, with or without an exception."""
+    """Yield a function that keeps polls; they are drawn when the block ends, with or without an exception."""
     if plot is None:
         yield lambda poll: None
         return
@@ -216,7 +216,7 @@ def _plotted(plot: str | None, title: str, parameters: list[Parameter]) -> Itera
 
 
 def _values(poll: Poll, parameters: list[Parameter]) -> list[Value]:
-    """A value for each parameter; empty text for a refused one."""
+    """Return a value for each parameter; empty text for a refused one."""
     values = {reading.name: reading.value for reading in poll.readings}
     return [values.get(parameter.name, "") for parameter in parameters]
 
@@ -229,7 +229,7 @@ class _PollOutput(Protocol):
 
 @contextmanager
 def _poll_output(parameters: list[Parameter], as_json: bool, as_csv: bool) -> Iterator[_PollOutput]:
-    """JSON lines, CSV, on a terminal a table that is updated, otherwise one line a poll."""
+    """Yield the output: JSON lines, CSV, on a terminal a table that is updated, otherwise one line a poll."""
     if as_json:
         yield _JsonLines()
     elif as_csv:

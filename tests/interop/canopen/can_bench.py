@@ -158,14 +158,14 @@ class Bench:
         return running
 
     def remote(self, objects: Any = None) -> Any:
-        """Our device as a remote node of the other library."""
+        """Return our device as a remote node of the other library."""
         node = canopen.RemoteNode(NODE, dictionary_of_theirs() if objects is None else objects)
         self.network.add_node(node)
         node.sdo.RESPONSE_TIMEOUT = 2.0
         return node
 
     def local(self) -> Any:
-        """A device of the other library."""
+        """Return a device of the other library."""
         return self.network.create_node(NODE, dictionary_of_theirs())
 
     def listen(self, machine: Any, until: Callable[[Any], bool], seconds: float = 30.0) -> Any:
@@ -187,7 +187,7 @@ class Bench:
 
 
 def device(node: int | None) -> LocalNode:
-    """Our device: objects of all kinds, a PDO each way, guarding and LSS."""
+    """Return our device: objects of all kinds, a PDO each way, guarding and LSS."""
     objects = [
         *standard_objects(ADDRESS, heartbeat=100),
         Entry(0x2000, 0, "three bytes", "u24", "rw", 0x332211),
@@ -204,7 +204,7 @@ def device(node: int | None) -> LocalNode:
 
 
 def dictionary_of_theirs() -> Any:
-    """The same objects, described with the other library."""
+    """Return the same objects, described with the other library."""
     od = canopen.objectdictionary
     objects = canopen.ObjectDictionary()
     for index, name, data_type, value in (
@@ -244,7 +244,7 @@ def _record(objects: Any, index: int, values: dict[int, int], wide: Any) -> None
 
 
 def services_in(frames: list[CanFrame]) -> set[str]:
-    """The exchanged services, by their names in docs/interop.md. A confirmed service counts when it is answered."""
+    """Return the exchanged services, as docs/interop.md names them; a confirmed service counts when it is answered."""
     found: set[str] = set()
     asked = b""
     guarded = False
@@ -312,7 +312,7 @@ class Carriers:
         self._number = count(1)
 
     def places(self, carrier: str, terminals: list[str]) -> tuple[Place, Place, str]:
-        """Our place, the place of the other library, and the URL for a third participant in any process.
+        """Return our place, the place of the other library, and the URL for a third participant in any process.
 
         `terminals` are three adapters on one bus, for slcan only.
         """

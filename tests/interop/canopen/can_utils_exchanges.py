@@ -45,7 +45,7 @@ def candump() -> Iterator[list[str]]:
 
 
 def _listeners() -> int:
-    """The number of sockets on vcan0 without a filter, as the kernel lists them."""
+    """Return the number of sockets on vcan0 without a filter, as the kernel lists them."""
     return Path("/proc/net/can/rcvlist_all").read_text(encoding="utf-8").count("  vcan0  ")
 
 
@@ -75,7 +75,7 @@ def cansend(text: str) -> None:
 
 @contextmanager
 def simulated(bench: Bench) -> Iterator[None]:
-    """The AZ3, simulated by the command in a process of its own."""
+    """Simulate the AZ3 by the command, in a process of its own."""
     command = [*BAREWIRE, "simulate", "az3", f"{bench.third}?node={NODE}"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
         assert process.stdout is not None
@@ -165,7 +165,7 @@ def their_master_uses_a_device_in_another_process(bench: Bench) -> None:
 
 @exchange("device", only=ONLY, peer="none")
 def our_conformance_battery_over_socketcan(bench: Bench) -> None:
-    """`barewire conform`, with remote frames, in one process and the drive in another."""
+    """Run `barewire conform`, with remote frames, in one process and the drive in another."""
     url = f"{bench.third}?node={NODE}&timeout=0.1"
     with simulated(bench):
         done = subprocess.run(

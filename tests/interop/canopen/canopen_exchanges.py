@@ -57,7 +57,8 @@ class Exchange(NamedTuple):
     only: tuple[str, ...] = ()
 
     def goes_over(self, carrier: str) -> bool:
-        """Whether the exchange is possible: python-can's socketcand carries no remote frames, so no node guarding."""
+        """Return whether the exchange is possible: python-can's socketcand carries no remote frames, so no node
+        guarding."""
         if self.only:
             return carrier in self.only
         return not (carrier == "socketcand" and "node guarding" in self.services)

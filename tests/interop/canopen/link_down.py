@@ -23,12 +23,12 @@ LONG = bytes(range(256)) * 4096
 
 
 def link(state: str) -> None:
-    """`ip link set vcan0 up`, or down."""
+    """Set vcan0 up or down."""
     subprocess.run(["ip", "link", "set", "vcan0", state], check=True, timeout=PATIENCE)
 
 
 def until(stream: Stream[CanFrame], kind: type[object]) -> object:
-    """The next event of a kind; frames before it are skipped."""
+    """Return the next event of a class; skip the events before it."""
     end = time.monotonic() + PATIENCE
     while True:
         event = stream.get(timeout=max(0.0, end - time.monotonic()))

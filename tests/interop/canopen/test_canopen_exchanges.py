@@ -31,7 +31,8 @@ def carriers() -> Iterator[Carriers]:
 
 
 def proofs(exchange: Exchange, carrier: str) -> list[pytest.MarkDecorator]:
-    """The marks of an exchange over a carrier. On SocketCAN candump receives the frames too and gets a mark as well."""
+    """Return the marks of an exchange over a carrier. On SocketCAN candump receives the frames too and gets a mark as
+    well."""
     peers = [exchange.peer] if exchange.services else []
     if peers and carrier == "socketcan":
         peers.append("candump")

@@ -25,7 +25,7 @@ TESTS = "tests/interop/canopen/test_canopen_exchanges.py"
 
 @pytest.fixture(scope="module")
 def results() -> Iterator[dict[str, str]]:
-    """The result of each test in the guest: an empty text if it passed, its failure otherwise."""
+    """Yield the result of each test in the guest: an empty text if it passed, its failure otherwise."""
     options = ("-p", "no:cacheprovider", "--junitxml=/run/job/report.xml")
     command = (sys.executable, "-m", "pytest", "-q", *options, TESTS)
     with in_guest(command, {"BAREWIRE_CARRIERS": "socketcan"}) as done:
@@ -65,7 +65,7 @@ def test_a_guest_that_takes_too_long_is_ended() -> None:
 
 
 def _running() -> str:
-    """The command lines of all processes."""
+    """Return the command lines of all processes."""
     found = []
     for file in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):

@@ -88,7 +88,7 @@ def service_of(explanation: Explanation) -> str:
 
 
 def command_bits(explanation: Explanation) -> dict[str, int]:
-    """The bits of the command byte, by their letters in our explanation: '(scs 2, n 2, e 1, s 1)'."""
+    """Return the bits of the command byte, by their letters in our explanation: '(scs 2, n 2, e 1, s 1)'."""
     inside = explanation.fields[1].meaning.partition("(")[2].partition(")")[0]
     return {letter: int(value) for letter, _, value in (part.partition(" ") for part in inside.split(", "))}
 
@@ -122,7 +122,7 @@ def test_every_kind_of_single_frame(tmp_path: Path, exchanged: set[str]) -> None
 
 
 def compared_fields(frame: CanFrame, row: dict[str, str]) -> set[str]:
-    """The fields of tshark that have the same value in our explanation; an AssertionError if one has another value."""
+    """Return the fields of tshark that our explanation has too, and assert that their values are equal."""
     explanation = explain("can", frame)
     assert explanation.error is None, (str(frame), explanation.verdict)
     assert number(row["can.id"]) == frame.id
@@ -138,7 +138,7 @@ def compared_fields(frame: CanFrame, row: dict[str, str]) -> set[str]:
 
 
 def shared(frame: CanFrame, explanation: Explanation, row: dict[str, str]) -> set[str]:
-    """The fields in other forms: bits of the command byte, bytes, and the state with its toggle bit."""
+    """Return the fields in other forms: bits of the command byte, bytes, and the state with its toggle bit."""
     found: set[str] = set()
     if frame.id >> 7 == 0xE and frame.data:
         if "canopen.nmt_guard.state" in row:
