@@ -160,12 +160,12 @@ def run_console(block: Block, page: str) -> str:
             return f"{page}:{line}: {BAREWIRE} is not there; `make test` installs it\n"
         except subprocess.TimeoutExpired:
             return f"{page}:{line}: $ {shlex.join(words)}\nstill running after 60 s\n"
-        got = [one.rstrip() for one in run.stdout.rstrip().splitlines()]
+        got = [line.rstrip() for line in run.stdout.rstrip().splitlines()]
         if not fits(expected, got) if expected else run.returncode != 0:
             return (
                 f"{page}:{line}: $ {shlex.join(words)}\n"
-                + "".join(f"  page  | {one}\n" for one in expected)
-                + "".join(f"  really| {one}\n" for one in got)
+                + "".join(f"  page  | {line}\n" for line in expected)
+                + "".join(f"  really| {line}\n" for line in got)
                 + f"  (exit status {run.returncode})\n"
             )
     return ""

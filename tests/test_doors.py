@@ -26,19 +26,19 @@ def lists(door: Path) -> tuple[dict[str, set[str]], dict[str, set[str]]]:
     tree = ast.parse(door.read_text("utf-8"))
     within = room(door) + "."
     typed: dict[str, set[str]] = {}
-    for one in ast.walk(tree):
+    for node in ast.walk(tree):
         if (
-            isinstance(one, ast.ImportFrom)
-            and (one.module or "").startswith(within)
-            and one.names[0].name not in ("NAMES", "lazy")
+            isinstance(node, ast.ImportFrom)
+            and (node.module or "").startswith(within)
+            and node.names[0].name not in ("NAMES", "lazy")
         ):
-            file = str(one.module).removeprefix(within)
-            if one.names[0].name == "*":
+            file = str(node.module).removeprefix(within)
+            if node.names[0].name == "*":
                 typed[file] = set().union(*lists(door.parent / file / "__init__.py")[0].values())
                 continue
-            assert all(alias.asname == alias.name for alias in one.names), f"{door}:{one.lineno}: not `name as name`"
-            typed.setdefault(file, set()).update(alias.name for alias in one.names)
-    [call] = [one for one in ast.walk(tree) if isinstance(one, ast.Call) and ast.unparse(one.func) == "lazy"]
+            assert all(alias.asname == alias.name for alias in node.names), f"{door}:{node.lineno}: not `name as name`"
+            typed.setdefault(file, set()).update(alias.name for alias in node.names)
+    [call] = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "lazy"]
     files: dict[str, set[str]] = {}
     assert isinstance(call.args[1], ast.Dict)
     for key, value in zip(call.args[1].keys, call.args[1].values, strict=True):

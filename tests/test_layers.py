@@ -1,23 +1,22 @@
 """Which room may import which, checked against every import in src/barewire.
 
 An import counts wherever it stands: at the top, inside a function, under `TYPE_CHECKING`, or as a string given to
-`import_module`. To allow a new arrow, change ALLOWED and say why in docs/decisions.
+`import_module`. To allow a new arrow, change ALLOWED and give the reason in docs/decisions.
 """
 
 from __future__ import annotations
 
 import ast
-import importlib.util
 import subprocess
 import sys
 from collections.abc import Iterator
 from fnmatch import fnmatch
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 import barewire
+from tools import rooms
 
 ROOT = Path(__file__).parent.parent
 SRC = ROOT / "src"
@@ -89,7 +88,7 @@ def imports(source: str, module: str, is_package: bool) -> Iterator[tuple[int, s
 
 
 def within(name: str, allowed: set[str]) -> bool:
-    return any(name == one or name.startswith(one + ".") for one in allowed)
+    return any(name == room or name.startswith(room + ".") for room in allowed)
 
 
 def broken_rules(source: str, path: str) -> list[str]:
@@ -157,33 +156,22 @@ def test_importing_a_room_of_bytes_loads_no_heavy_module(room: str) -> None:
     assert not other_rooms, f"import barewire.{room} loads the rooms {', '.join(sorted(other_rooms))}"
 
 
-@pytest.fixture(scope="module")
-def tool() -> ModuleType:
-    """Return tools/rooms.py, which finds the imports between files and draws them."""
-    spec = importlib.util.spec_from_file_location("rooms", ROOT / "tools" / "rooms.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_no_files_import_each_other(tool: ModuleType) -> None:
+def test_no_files_import_each_other() -> None:
     """Directly or by way of others; imports inside functions and for type checking count."""
-    assert tool.circles(tool.file_imports()) == []
+    assert rooms.circles(rooms.file_imports()) == []
 
 
-def test_no_rooms_import_each_other(tool: ModuleType) -> None:
-    assert [tool.circles(tool.rooms(room)) for room in ("", *tool.INSIDE)] == [[]] * (1 + len(tool.INSIDE))
+def test_no_rooms_import_each_other() -> None:
+    assert [rooms.circles(rooms.rooms(room)) for room in ("", *rooms.INSIDE)] == [[]] * (1 + len(rooms.INSIDE))
 
 
-def test_the_drawing_in_architecture_is_up_to_date(tool: ModuleType) -> None:
-    assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), "run python tools/rooms.py"
+def test_the_drawing_in_architecture_is_up_to_date() -> None:
+    assert rooms.PAGE.read_text(encoding="utf-8") == rooms.page(), "run python tools/rooms.py"
 
 
-def test_circles_are_found(tool: ModuleType) -> None:
+def test_circles_are_found() -> None:
     graph = {"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": {"e"}, "e": {"d"}, "f": {"a"}}
-    assert sorted(tool.circles(graph)) == [["a", "b", "c"], ["d", "e"]]
+    assert sorted(rooms.circles(graph)) == [["a", "b", "c"], ["d", "e"]]
 
 
 # Every rule is seen to fail -------------------------------------------------------------------------------------------

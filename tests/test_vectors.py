@@ -6,13 +6,11 @@ barewire, and files and README as `tools/vectors.py` formats them.
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import jsonschema
@@ -21,6 +19,7 @@ import pytest
 from barewire.errors import REASONS
 from tests.vectors_runner.common import Case
 from tests.vectors_runner.kinds import RUNNERS
+from tools import vectors
 
 ROOT = Path(__file__).parent.parent
 VECTORS = ROOT / "vectors"
@@ -159,32 +158,22 @@ def test_a_wrong_pair_shares_one_half_with_a_valid_case(file: Path) -> None:
     for case in cases:
         if case.get("fails") == "compare":
             halves = [[case.get(key) for key in given] for given in HALVES[kind]]
-            known = [[one.get(key) for key in given] for given in HALVES[kind] for one in right]
+            known = [[valid.get(key) for key in given] for given in HALVES[kind] for valid in right]
             assert any(half in known for half in halves), case["id"]
 
 
 # The tool --------------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def tool() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("vectors_tool", ROOT / "tools" / "vectors.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_every_file_is_in_the_table(tool: ModuleType) -> None:
-    assert sorted(tool.files()) == FILES
+def test_every_file_is_in_the_table() -> None:
+    assert sorted(vectors.files()) == FILES
 
 
 @pytest.mark.parametrize("file", FILES, ids=named)
-def test_a_file_is_formatted(file: Path, tool: ModuleType) -> None:
+def test_a_file_is_formatted(file: Path) -> None:
     text = file.read_text(encoding="utf-8")
-    assert tool.form(DOCUMENTS[file]) == text, "run python tools/vectors.py"
+    assert vectors.form(DOCUMENTS[file]) == text, "run python tools/vectors.py"
 
 
-def test_the_table_of_the_readme_is_up_to_date(tool: ModuleType) -> None:
-    assert tool.with_counts(README) == README, "run python tools/vectors.py"
+def test_the_table_of_the_readme_is_up_to_date() -> None:
+    assert vectors.with_counts(README) == README, "run python tools/vectors.py"

@@ -76,7 +76,7 @@ device.start(0.0)
 
 
 def answer(frame, now):
-    return [(now + 0.001, one) for one in device.feed(frame, now)]
+    return [(now + 0.001, reply) for reply in device.feed(frame, now)]
 
 
 subject, now = play(probe(5), answer)

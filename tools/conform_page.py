@@ -64,13 +64,13 @@ def cell_of(case: ServerCase, failure: str | None, heard: Any) -> str:
             return "not judged"
         return "ok" if len(case.accepts) == 1 else f"ok: {in_words(accepted)}"
     # The beginning of a long answer is enough.
-    answers = [answer_text(one) for one in heard]
+    answers = [answer_text(answer) for answer in heard]
     return f"**{in_words([answer if len(answer) < 24 else f'{answer[:17]} ...' for answer in answers])}**"
 
 
 def in_words(sequence: Sequence[str]) -> str:
     """Return the answers, step by step."""
-    return ", then ".join(one or "silence" for one in sequence)
+    return ", then ".join(answer or "silence" for answer in sequence)
 
 
 def ours(kind: str) -> dict[str, str]:

@@ -158,9 +158,9 @@ def _corrections(device: str) -> Iterator[str]:
 def _own_tables(device: str) -> Iterator[Row]:
     """Yield the corrected tables of device.toml other than parameters, such as [serial] or [[motor]]."""
     for name, table in head(device).items():
-        for one in table if isinstance(table, list) else [table]:
-            if isinstance(one, dict) and "printed" in one:
-                yield {"name": f"{name} {one.get('model', '')}".strip(), **one}
+        for row in table if isinstance(table, list) else [table]:
+            if isinstance(row, dict) and "printed" in row:
+                yield {"name": f"{name} {row.get('model', '')}".strip(), **row}
 
 
 def _here(row: Row, field: str) -> str:

@@ -125,7 +125,7 @@ def floors(graph: Graph) -> list[list[str]]:
 
     for one in graph:
         of(one)
-    return [sorted(one for one in graph if height[one] == floor) for floor in range(max(height.values()) + 1)]
+    return [sorted(room for room in graph if height[room] == floor) for floor in range(max(height.values()) + 1)]
 
 
 def drawing(within: str = "") -> str:

@@ -63,10 +63,10 @@ def _value(value: Any, indent: str, used: int) -> str:
     if isinstance(value, dict):
         body = ",\n".join(inner + _entry(name, one, inner) for name, one in value.items())
         return f"{{\n{body}\n{indent}}}"
-    if all(isinstance(one, str) for one in value):
-        body = "\n".join(_pack([_flat(one) + "," for one in value], inner)).removesuffix(",")
+    if all(isinstance(item, str) for item in value):
+        body = "\n".join(_pack([_flat(item) + "," for item in value], inner)).removesuffix(",")
     else:
-        body = ",\n".join(inner + _value(one, inner, len(inner)) for one in value)
+        body = ",\n".join(inner + _value(item, inner, len(inner)) for item in value)
     return f"[\n{body}\n{indent}]"
 
 

@@ -122,7 +122,10 @@ def test_a_refused_name_is_read_alone_as_long_as_it_is_refused() -> None:
     poller = Poller(machine.connect, device_with("raw", names), names)
     machine.refuses = {"holding:1"}
     poll = poller.poll(0.0)
-    assert ([one.name for one in poll.readings], list(poll.refused)) == (["holding:0", "holding:2"], ["holding:1"])
+    assert ([reading.name for reading in poll.readings], list(poll.refused)) == (
+        ["holding:0", "holding:2"],
+        ["holding:1"],
+    )
     assert machine.requests == [names, *((name,) for name in names)]
     machine.requests.clear()
     assert poller.poll(1.0).refused == poll.refused
@@ -130,7 +133,7 @@ def test_a_refused_name_is_read_alone_as_long_as_it_is_refused() -> None:
     machine.refuses = set()
     assert poller.poll(2.0).refused == {}
     machine.requests.clear()
-    assert [one.name for one in poller.poll(3.0).readings] == list(names)
+    assert [reading.name for reading in poller.poll(3.0).readings] == list(names)
     assert machine.requests == [names]
     machine.refuses = set(names)
     assert "exception 02" in poller.poll(4.0).error

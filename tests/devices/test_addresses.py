@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import runpy
-from pathlib import Path
-
 import pytest
 
 from barewire.devices import names
+from tools import addresses
 
-HOME = Path(__file__).parents[2]
-LISTED = (HOME / "tests" / "devices" / "addresses.txt").read_text(encoding="utf-8").splitlines()
-NOW = runpy.run_path(str(HOME / "tools" / "addresses.py"))["addresses"]().splitlines()
+LISTED = addresses.FILE.read_text(encoding="utf-8").splitlines()
+NOW = addresses.addresses().splitlines()
 
 
 @pytest.mark.parametrize("device", names())

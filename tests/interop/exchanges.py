@@ -118,8 +118,8 @@ async def server_information(client: RecordingClient, answers: Answers, services
         log = await client.get_comm_event_log()
         assert (log.status, log.event_count, log.events) == (0, len(answers.events), answers.events)
     if "2B/0E" in services:
-        one = await client.ask(ReadDeviceIdentification(4, 1))
-        assert one.objects == ((1, answers.objects[1]),)
+        single = await client.ask(ReadDeviceIdentification(4, 1))
+        assert single.objects == ((1, answers.objects[1]),)
         whole = await client.run(lambda bus: read_device_identification(bus, 1, answers.level, timeout=2.0))
         assert whole.objects == answers.objects
 

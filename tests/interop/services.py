@@ -35,7 +35,7 @@ def service(request: Any) -> str:
 
 def without(*services: str) -> tuple[str, ...]:
     """Return every service but these."""
-    return tuple(one for one in EVERY if one not in services)
+    return tuple(code for code in EVERY if code not in services)
 
 
 def proves(peer: str, role: str, carrier: str, *services: str) -> Any:

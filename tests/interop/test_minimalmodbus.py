@@ -16,7 +16,7 @@ from tests.interop.services import BITS_AND_REGISTERS, proves
 
 pytestmark = pytest.mark.needs("openssl", "socat")
 CARRIERS = ("rtu", "ascii", "rtu+tcp", "ascii+tcp")
-ASKED = [proves("minimalmodbus", "server", one, *BITS_AND_REGISTERS) for one in CARRIERS]
+ASKED = [proves("minimalmodbus", "server", carrier, *BITS_AND_REGISTERS) for carrier in CARRIERS]
 
 
 @pytest.mark.parametrize("carrier", ASKED)

@@ -69,7 +69,7 @@ def their_unit() -> Any:
     on(pdu.ReportServerIdPDU, lambda asked: pdu.ServerIdResponse(b"tm", True, b"bench"))
     on(pdu.GetCommEventCounterPDU, lambda asked: pdu.CommEventCounterResponse(0, 3))
     on(pdu.GetCommEventLogPDU, lambda asked: pdu.CommEventLogResponse(0, 3, 9, b"\x20\x00\x40"))
-    on(pdu.ReadFileRecordPDU, lambda asked: [bytes(range(2 * one.record_length)) for one in asked.requests])
+    on(pdu.ReadFileRecordPDU, lambda asked: [bytes(range(2 * part.record_length)) for part in asked.requests])
     on(pdu.WriteFileRecordPDU, lambda asked: list(asked.file_records))
     on(pdu.ReadFifoQueuePDU, lambda asked: [7, 8, 0xFFFF])
     on(pdu.ReadDeviceIdentificationPDU, read_identification)

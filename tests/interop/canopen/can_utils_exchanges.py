@@ -160,7 +160,7 @@ def their_master_uses_a_device_in_another_process(bench: Bench) -> None:
         assert node.sdo.upload(0x1017, 0) == (1000).to_bytes(2, "little")
         # Ours last: their client would take an answer to another client for the answer to its next request.
         bench.run(download(NODE, 0x1017, 0, (50).to_bytes(2, "little")))
-        assert [one.state for one in bench.run(send_nmt(NmtCommand.START, NODE))] == [NmtState.OPERATIONAL]
+        assert [message.state for message in bench.run(send_nmt(NmtCommand.START, NODE))] == [NmtState.OPERATIONAL]
 
 
 @exchange("device", only=ONLY, peer="none")

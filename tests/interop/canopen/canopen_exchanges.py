@@ -220,7 +220,7 @@ def their_master_configures_our_pdos(bench: Bench) -> None:
     device = bench.start_device().device
     tpdo = bench.remote().tpdo[1]
     tpdo.read()
-    assert (tpdo.cob_id, tpdo.trans_type, [one.index for one in tpdo]) == (0x185, 1, [0x6041, 0x60FF])
+    assert (tpdo.cob_id, tpdo.trans_type, [mapped.index for mapped in tpdo]) == (0x185, 1, [0x6041, 0x60FF])
     tpdo.clear()
     tpdo.add_variable(0x60FF)
     tpdo.add_variable(0x2001)
@@ -414,7 +414,7 @@ def our_master_configures_their_pdos(bench: Bench) -> None:
     bench.run(write_pdo(NODE, wanted))
     assert bench.run(read_pdo(NODE, "TPDO", 1)) == wanted
     local.tpdo.read()
-    assert [one.name for one in local.tpdo[1]] == ["target velocity", "percent"]
+    assert [mapped.name for mapped in local.tpdo[1]] == ["target velocity", "percent"]
     assert (local.tpdo[1].enabled, local.tpdo[1].trans_type) == (True, 3)
 
 

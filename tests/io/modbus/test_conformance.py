@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import socket
 import threading
@@ -40,9 +39,7 @@ from tests.certificates import tls_url
 from tests.cli.helpers import run_command
 from tests.helpers import refused
 from tests.io.peers import again, honest, peer
-
-ROOT = Path(__file__).parents[3]
-
+from tools import conform_page
 
 OURS = {
     "tcp": "tcp://127.0.0.1:0",
@@ -89,18 +86,15 @@ def test_the_barewire_tls_server_passes_its_cases(certificates: Path) -> None:
 
 def test_the_page_has_the_present_results_of_barewire() -> None:
     """docs/conform.md: the columns of barewire are made again; those of others are as they were measured."""
-    spec = importlib.util.spec_from_file_location("conform_page", ROOT / "tools" / "conform_page.py")
-    assert spec is not None
-    assert spec.loader is not None
-    tool = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(tool)
-    assert tool.OURS == OURS
+    assert conform_page.OURS == OURS
     own = {
-        kind: {result.case.name: tool.cell_of(result.case, result.failure, result.received) for result in held(url)}
+        kind: {
+            result.case.name: conform_page.cell_of(result.case, result.failure, result.received) for result in held(url)
+        }
         for kind, url in OURS.items()
     }
-    assert tool.PAGE.read_text(encoding="utf-8") == tool.page(own), "run python tools/conform_page.py"
-    named = {name for part in tool.SURVEY.values() for row in part["row"] for name in row.get("cases", ())}
+    assert conform_page.PAGE.read_text(encoding="utf-8") == conform_page.page(own), "run python tools/conform_page.py"
+    named = {name for part in conform_page.SURVEY.values() for row in part["row"] for name in row.get("cases", ())}
     assert named <= {case.name for cases in CASES.values() for case in cases}
 
 

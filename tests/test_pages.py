@@ -1,0 +1,117 @@
+"""The generated pages are up to date and complete: conformance cases of CANopen, devices, interoperability.
+
+The marks of interop tests are compared with the services that were exchanged. `tests/test_vectors.py` and
+`tests/test_layers.py` compare what their tools write; `tests/io/modbus/test_conformance.py` compares docs/conform.md.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+from barewire.canopen.conformance.battery import cases
+from barewire.devices import load, names
+from tests.interop.conftest import pytest_runtest_call
+from tests.interop.services import PUBLIC
+from tools import conform_can, devices, interop
+
+
+@pytest.mark.parametrize("tool", [conform_can, devices, interop], ids=lambda tool: tool.__name__)
+def test_a_page_is_up_to_date(tool: ModuleType) -> None:
+    assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), f"run python -m {tool.__name__}"
+
+
+# docs/conform-canopen.md
+
+
+def test_the_device_of_the_conformance_page_supports_every_case() -> None:
+    assert [case.name for case in cases(conform_can.subject()) if case.lacks] == []
+
+
+def test_every_case_is_on_the_conformance_page() -> None:
+    page = conform_can.PAGE.read_text(encoding="utf-8")
+    assert all(
+        f"| {case.name} | {case.title} | {case.effect} | {case.why} |" in page for case in cases(conform_can.subject())
+    )
+
+
+# docs/devices.md
+
+
+def test_every_table_has_as_many_rows_as_in_the_manual() -> None:
+    counted = {(count.device, count.table): count.here() for count in devices.COUNTS}
+    assert counted == {(count.device, count.table): count.manual for count in devices.COUNTS}
+
+
+def test_every_device_of_the_catalogue_is_counted() -> None:
+    assert sorted(device.replace("_", "-") for device in devices.DEVICES) == names()
+
+
+def test_every_counted_row_is_a_parameter() -> None:
+    for name in names():
+        assert len(devices.rows(name.replace("-", "_"))) == len(load(name).parameters)
+
+
+def test_every_correction_is_listed() -> None:
+    lines = devices.page().splitlines()
+    for name in names():
+        for parameter in load(name).parameters:
+            for field in parameter.printed:
+                assert any(line.startswith(f"| {parameter.name} | {field} | ") for line in lines), parameter.name
+
+
+# docs/interop.md
+
+
+def test_every_service_is_tested_against_a_peer() -> None:
+    assert interop.invalid_marks(interop.evidence()) == []
+    assert interop.gaps(interop.evidence()) == []
+
+
+def test_every_public_function_has_a_row() -> None:
+    assert set(interop.functions()) == set(PUBLIC)
+    lines = interop.page().splitlines()
+    for name in interop.functions():
+        assert sum(line.startswith(f"| {name} ") for line in lines) == len(interop.ROLES)
+
+
+def test_a_service_without_a_peer_is_reported() -> None:
+    """Without the evidence of one library at a time."""
+    rest = tuple(row for row in interop.evidence() if row.peer != "tmodbus")
+    assert "Modbus, client, rtu: 08/04" in interop.gaps(rest)
+    assert "Modbus, server, rtu+tcp: 18" in interop.gaps(rest)
+    rest = tuple(row for row in interop.evidence() if row.peer != "ourselves")
+    assert "Modbus, server, udp: 2B/0D" in interop.gaps(rest)
+    rest = tuple(row for row in interop.evidence() if row.peer != "tshark")
+    assert {"Modbus, dissected: 03", "CANopen, dissected: LSS fastscan"} <= set(interop.gaps(rest))
+
+
+def test_our_own_other_side_does_not_count_as_a_peer() -> None:
+    ours = tuple(row._replace(peer="ourselves") for row in interop.evidence() if row.peer == "tmodbus")
+    rest = tuple(row for row in interop.evidence() if row.peer != "tmodbus")
+    assert "Modbus, client, rtu: 08/04" in interop.gaps(rest + ours)
+
+
+@pytest.mark.parametrize("wrong", [{"peer": "modbus9000"}, {"carrier": "rs232"}, {"role": "boss"}])
+def test_an_unknown_name_in_a_mark_is_reported(wrong: dict[str, Any]) -> None:
+    good = next(row for row in interop.evidence() if row.role == "client")
+    assert interop.invalid_marks([good]) == []
+    (name,) = wrong.values()
+    assert name in interop.invalid_marks([good._replace(**wrong)])[0]
+    assert "'3'" in interop.invalid_marks([good._replace(services=("3",))])[0]
+    dissected = next(row for row in interop.evidence() if row.role == "frames" and row.carrier == "file")
+    assert interop.invalid_marks([dissected]) == []
+    assert "'03'" in interop.invalid_marks([dissected._replace(services=("03",))])[0]
+
+
+@pytest.mark.parametrize("seen", [{"03"}, {"03", "06", "10"}])
+def test_a_test_fails_whose_mark_differs_from_the_exchanged_services(seen: set[str]) -> None:
+    # One service less than marked; one more.
+    mark = pytest.mark.evidence("pymodbus", "client", "tcp", "03", "06").mark
+    item = SimpleNamespace(fixturenames=["exchanged"], funcargs={"exchanged": seen}, iter_markers=lambda name: [mark])
+    running = pytest_runtest_call(item)  # type: ignore[arg-type]
+    next(running)
+    with pytest.raises(AssertionError):
+        next(running)
