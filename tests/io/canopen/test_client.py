@@ -92,7 +92,7 @@ def test_sdo(kind: str, thing: tuple[str, LocalNode]) -> None:
             assert reported[-1] == (5000, 5000)
             assert await get(sdo.upload(0x2100, block=block, progress=lambda *done: reported.append(done))) == value
             await get(client.node().sdo.download(0x2100, 0, b"", block=block))
-        pieces = (value[at : at + 100] for at in range(0, 5000, 100))
+        pieces = (value[start : start + 100] for start in range(0, 5000, 100))
         await get(client.node().sdo.download(0x2100, 0, pieces, size=5000, block="auto"))
         parts: list[bytes] = []
         assert await get(client.node().sdo.upload_to(0x2100, 0, parts.append)) == 5000
@@ -335,7 +335,7 @@ def test_lss(kind: str, request: pytest.FixtureRequest) -> None:
     async def calls(client: Any) -> None:
         assert await get(client.lss.identify_unconfigured(timeout=0.5)) == 1
         reported: list[int] = []
-        assert await get(client.lss.fastscan(timeout=0.5, progress=lambda at: reported.append(at.bit))) == IDENTITY
+        assert await get(client.lss.fastscan(timeout=0.5, progress=lambda step: reported.append(step.bit))) == IDENTITY
         assert reported == [*range(31, -1, -1)] * 4
         assert await get(client.lss.inquire_address()) == IDENTITY
         assert await get(client.lss.inquire_node()) is None

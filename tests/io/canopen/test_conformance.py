@@ -117,12 +117,14 @@ def test_the_command_refuses_wrong_options() -> None:
         assert message in done.stderr
 
 
-def hold_on(only: str, results: list[NodeCaseResult], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
-    """Collect the results of the cases that are not left out; do something after so many results."""
+def collect(
+    only: str, results: list[NodeCaseResult], count: int = 0, change: Callable[[], None] = lambda: None
+) -> None:
+    """Collect the results of the cases that are not left out; call `change` after `count` of them."""
     for result in conform_can(Endpoint.parse(f"{URL}&timeout=0.1"), only=(only,)):
         if result.outcome is not None:
             results.append(result)
-            if len(results) == at:
+            if len(results) == count:
                 change()
 
 
@@ -132,11 +134,11 @@ def test_a_device_that_stops_answering_ends_the_run(monkeypatch: pytest.MonkeyPa
     whole: list[NodeCaseResult] = []
     results: list[NodeCaseResult] = []
     with CanopenServer(URL, device=plain()) as host:
-        hold_on(only, whole)
+        collect(only, whole)
         with pytest.raises(
             Unfinished, match=f"node {NODE} does not answer any more after the case {only[:3]}-"
         ) as caught:
-            hold_on(only, results, 3, host.close)
+            collect(only, results, 3, host.close)
     assert len(results) in (3, 4)
     assert len(results) + caught.value.not_run == len(whole)
     assert str(caught.value).endswith(f" ({caught.value.not_run} cases not run)")
@@ -152,6 +154,6 @@ def test_the_run_continues_after_a_restart_of_the_device() -> None:
             host.close()
             stack.enter_context(CanopenServer(URL, device=plain()))
 
-        hold_on("NMT-1", results, 3, restart)
+        collect("NMT-1", results, 3, restart)
     assert [result.failure for result in results[4:] if result.failure] == []
     assert len(results) > 5

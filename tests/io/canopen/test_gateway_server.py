@@ -67,8 +67,8 @@ def test_lines_are_answered_in_order_in_whatever_pieces_they_come() -> None:
         async with gateway("gateway-lines") as (made, _):
             terminal = await TextClient.connect(made)
             text = "[1] 5 r 0x1000 0 x32\r\n# nothing\n\n[2] 5 w 0x1017 0 u16 0\n[3] nonsense\n[4] 5 r 0x1017 0 u16\n"
-            for at in range(0, len(text), 7):
-                terminal.send_text(text[at : at + 7])
+            for start in range(0, len(text), 7):
+                terminal.send_text(text[start : start + 7])
                 await asyncio.sleep(0)
             answers = [await terminal.read_line() for _ in range(4)]
             assert answers[0].startswith("[1] 0x")

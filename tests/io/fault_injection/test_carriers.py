@@ -35,18 +35,18 @@ EXPECTED: dict[str, type[BaseException] | None] = {
 
 
 @contextmanager
-def faulty_server(scheme: str, files: Path, timeout: float = 0.15, **how: Any) -> Iterator[str]:
-    """A soft starter with faults in its answers; the URL of a client."""
+def faulty_server(scheme: str, files: Path, timeout: float = 0.15, **settings: Any) -> Iterator[str]:
+    """Serve a soft starter with faults in its answers; yield the URL for clients."""
     machine = simulator("adxl")
     url = f"{scheme}://127.0.0.1:0"
     if scheme == "tls":
         url = tls_url(files, "server", roles="any")
     elif scheme in SERIAL:
         url = f"{scheme}://pty"
-    with ModbusServer(url, MachineUnits(machine, 255, 0), **how) as host:
-        at = host.url.partition("?")[0]
+    with ModbusServer(url, MachineUnits(machine, 255, 0), **settings) as host:
+        address = host.url.partition("?")[0]
         query = tls_url(files, "operator").partition("?")[2] + "&" if scheme == "tls" else ""
-        yield f"{at}?{query}timeout={timeout:g}"
+        yield f"{address}?{query}timeout={timeout:g}"
 
 
 @pytest.mark.parametrize("kind", EXPECTED)

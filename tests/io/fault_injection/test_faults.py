@@ -54,9 +54,9 @@ def test_flip_inverts_one_bit() -> None:
 
 
 def test_noise_precedes_the_answer_and_split_makes_two_parts() -> None:
-    (_, noise), (at, whole) = always("noise").pass_on(ANSWER, 0.0)
+    (_, noise), (due, whole) = always("noise").pass_on(ANSWER, 0.0)
     assert 1 <= len(noise) <= 8
-    assert (at, whole) == (0.0, ANSWER)
+    assert (due, whole) == (0.0, ANSWER)
     (first_at, first), (second_at, second) = always("split").pass_on(ANSWER, 0.0)
     assert first + second == ANSWER
     assert second_at - first_at == PAUSE
@@ -142,7 +142,7 @@ def test_an_unknown_fault_or_wrong_probability_is_an_error(text: str, message: s
 
 def spoiled(peer: Peer, faults: Faults[bytes]) -> Peer:
     def answers(item: bytes, now: float) -> list[tuple[float, bytes]]:
-        return [late for at, data in peer(item, now) for late in faults.pass_on(data, at)]
+        return [late for due, data in peer(item, now) for late in faults.pass_on(data, due)]
 
     return answers
 
@@ -201,7 +201,7 @@ def test_a_late_answer_is_sent_while_the_port_receives() -> None:
     assert port.receive(1.0) is None
     assert behind.sent == []
     assert port.receive(1.0) is None
-    assert [at for at, _ in behind.sent] == [LATE, LATE + PAUSE]
+    assert [due for due, _ in behind.sent] == [LATE, LATE + PAUSE]
     assert behind.now == 2.0
     port.close()
     assert behind.now == -1.0

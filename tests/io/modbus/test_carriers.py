@@ -155,9 +155,9 @@ def test_the_asyncio_server_on_a_serial_line(scheme: str) -> None:
 def test_sixteen_requests_under_way(urls: URLs, scheme: str) -> None:
     async def exchange() -> None:
         async with AsyncModbusClient(urls[scheme], in_flight=16) as client:
-            await asyncio.gather(*(client.write_single_register(at, 2 * at) for at in range(200)))
-            got = await asyncio.gather(*(client.read_holding_registers(at, 1) for at in range(200)))
-            assert got == [(2 * at,) for at in range(200)]
+            await asyncio.gather(*(client.write_single_register(register, 2 * register) for register in range(200)))
+            got = await asyncio.gather(*(client.read_holding_registers(register, 1) for register in range(200)))
+            assert got == [(2 * register,) for register in range(200)]
 
     asyncio.run(exchange())
 
@@ -171,8 +171,8 @@ def test_answers_in_any_order_are_matched_to_their_requests() -> None:
 
     async def exchange(port: int) -> None:
         async with AsyncModbusClient(f"tcp://127.0.0.1:{port}", in_flight=16) as client:
-            got = await asyncio.gather(*(client.read_holding_registers(at, 1) for at in range(64)))
-            assert got == [(at,) for at in range(64)]
+            got = await asyncio.gather(*(client.read_holding_registers(register, 1) for register in range(64)))
+            assert got == [(register,) for register in range(64)]
 
     with peer(backwards) as port:
         asyncio.run(exchange(port))
@@ -186,7 +186,7 @@ def test_a_wrong_header_fails_all_pending_requests_and_the_next_request_works() 
 
     async def exchange(port: int) -> None:
         async with AsyncModbusClient(f"tcp://127.0.0.1:{port}?timeout=5", in_flight=16) as client:
-            sent_requests = (client.read_holding_registers(at, 1) for at in range(3))
+            sent_requests = (client.read_holding_registers(register, 1) for register in range(3))
             failed = await asyncio.gather(*sent_requests, return_exceptions=True)
             assert len(failed) == 3
             for error in failed:

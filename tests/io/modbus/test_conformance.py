@@ -272,11 +272,11 @@ def test_a_server_that_never_answers_gets_no_verdict() -> None:
         list(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=0.02&unit=9")))
 
 
-def hold_on(url: str, results: list[CaseResult], at: int = 0, change: Callable[[], None] = lambda: None) -> None:
-    """Collect the results; call `happens` after some of them."""
+def collect(url: str, results: list[CaseResult], count: int = 0, change: Callable[[], None] = lambda: None) -> None:
+    """Collect the results; call `change` after `count` of them."""
     for result in conform(Endpoint.parse(url)):
         results.append(result)
-        if len(results) == at:
+        if len(results) == count:
             change()
 
 
@@ -287,7 +287,7 @@ def test_a_dead_port_ends_the_run_early(monkeypatch: pytest.MonkeyPatch) -> None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mute:
         mute.bind(("127.0.0.1", 0))
         with pytest.raises(Unfinished) as caught:
-            hold_on(f"udp://127.0.0.1:{mute.getsockname()[1]}?timeout=0.02", results)
+            collect(f"udp://127.0.0.1:{mute.getsockname()[1]}?timeout=0.02", results)
     assert (len(results), caught.value.not_run) == (3, len(CASES_TCP) - 3)
     assert str(caught.value).endswith(f" ({len(CASES_TCP) - 3} cases not run)")
 
@@ -298,7 +298,7 @@ def test_a_server_that_dies_during_the_run_ends_it(monkeypatch: pytest.MonkeyPat
     results: list[CaseResult] = []
     raises = pytest.raises(Unfinished, match=words)
     with ModbusServer(f"{scheme}://127.0.0.1:0", units={1: Table(100)}) as host, raises as caught:
-        hold_on(f"{host.url}?timeout=0.3", results, 5, host.close)
+        collect(f"{host.url}?timeout=0.3", results, 5, host.close)
     assert len(results) >= 5
     assert len(results) + caught.value.not_run == len(CASES_TCP)
 
@@ -314,7 +314,7 @@ def test_a_server_that_is_restarted_is_tested_further() -> None:
                 host.close()
                 stack.enter_context(ModbusServer(url, units={1: Table(100)}))
 
-            hold_on(f"{url}?timeout={patience}", results, 5, restart_server)
+            collect(f"{url}?timeout={patience}", results, 5, restart_server)
         return results
 
     results = again(run)

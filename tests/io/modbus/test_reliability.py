@@ -199,12 +199,12 @@ def test_cancelled_at_any_time_on_a_serial_line(scheme: str) -> None:
 def test_cancelled_while_it_waits_for_its_turn() -> None:
     async def main(port: int) -> None:
         async with AsyncModbusClient(f"tcp://127.0.0.1:{port}") as client:
-            tasks = [asyncio.ensure_future(client.read_holding_registers(at, 1)) for at in range(12)]
+            tasks = [asyncio.ensure_future(client.read_holding_registers(register, 1)) for register in range(12)]
             await asyncio.sleep(0)
             for task in tasks[1::2]:
                 task.cancel()
             got = await asyncio.gather(*tasks, return_exceptions=True)
-            assert got[::2] == [(at,) for at in range(0, 12, 2)]
+            assert got[::2] == [(register,) for register in range(0, 12, 2)]
             assert all(isinstance(error, asyncio.CancelledError) for error in got[1::2])
             assert await client.read_holding_registers(5, 1) == (5,)
 
@@ -228,8 +228,8 @@ def test_a_busy_unit_does_not_delay_the_others() -> None:
 
     async def tasks(port: int) -> None:
         async with AsyncModbusClient(f"tcp://127.0.0.1:{port}") as client:
-            busy = [client.at(unit=1).read_holding_registers(at, 1) for at in range(20)]
-            late = [client.at(unit=2).read_holding_registers(at, 1) for at in range(3)]
+            busy = [client.at(unit=1).read_holding_registers(register, 1) for register in range(20)]
+            late = [client.at(unit=2).read_holding_registers(register, 1) for register in range(3)]
             together = asyncio.gather(*busy, *late)
             await asyncio.sleep(0.1)
             go.set()

@@ -88,7 +88,7 @@ def test_a_certificate_without_a_role_is_refused_by_a_table_of_roles(host: Modbu
 def test_the_asyncio_client_over_tls(host: ModbusServer, certificates: Path) -> None:
     async def main() -> None:
         async with AsyncModbusClient(tls_url(certificates, "operator", place(host)), in_flight=16) as client:
-            await asyncio.gather(*(client.write_single_register(at, at) for at in range(50)))
+            await asyncio.gather(*(client.write_single_register(register, register) for register in range(50)))
             assert await client.read_holding_registers(0, 50) == tuple(range(50))
             with pytest.raises(ModbusException):
                 await client.ask(WriteSingleRegister(100, 1))
@@ -112,11 +112,11 @@ def test_an_asyncio_client_receives_all_tls_records_that_arrived_together(certif
     async def ask(port: int) -> None:
         url = tls_url(certificates, "operator", f"127.0.0.1:{port}", timeout="30")
         async with AsyncModbusClient(url, in_flight=16) as client:
-            requests = [asyncio.ensure_future(client.read_holding_registers(at, 1)) for at in range(16)]
+            requests = [asyncio.ensure_future(client.read_holding_registers(register, 1)) for register in range(16)]
             while not all_said.wait(0.0):  # the loop stands still between two checks
                 await asyncio.sleep(0)
                 all_said.wait(0.05)
-            assert await asyncio.gather(*requests) == [(at,) for at in range(16)]
+            assert await asyncio.gather(*requests) == [(register,) for register in range(16)]
 
     with peer(main) as port:
         asyncio.run(ask(port))
