@@ -176,7 +176,7 @@ class _Tester:
         return False
 
     def lacking(self, case: ServerCase, answers: Sequence[StepAnswer]) -> str:
-        """The refusals of a case, if they are all that is wrong and valid requests are refused in the same way."""
+        """Describe the refusals of a case, if nothing else is wrong and valid requests are refused in the same way."""
         refused = {place: pdu for place, pdu in refusals(case, answers).items() if self._always_refused(pdu)}
         if not refused or not accepted_apart_from(case, answers, refused):
             return ""
@@ -185,7 +185,7 @@ class _Tester:
         return f"valid requests of {functions} are refused with {codes}"
 
     def _always_refused(self, pdu: bytes) -> bool:
-        """Whether a valid request of the same function is answered by this exception, too."""
+        """Return whether a valid request of the same function is answered by this exception, too."""
         function = pdu[0] & 0x7F
         if function not in _VALID_REQUESTS:
             return False
