@@ -14,11 +14,6 @@ from bench.race import Factory, Race, Work, entries
 Crc = Callable[[bytes], int]
 
 
-def _swapped(sum_of: Callable[[bytes], int]) -> Crc:
-    """For a function that returns the two bytes in transmission order as one number."""
-    return lambda data: int.from_bytes(sum_of(data).to_bytes(2, "big"), "little")
-
-
 def _crcmod_c() -> Crc:
     import crcmod
     import crcmod._crcfunext  # without it crcmod silently uses its Python form

@@ -14,6 +14,7 @@ from contextlib import ExitStack
 
 import pytest
 
+import tests.interop.canopen.canopen_master_exchanges  # noqa: F401 - registers its exchanges
 from tests.interop.canopen.can_bench import Carriers, bench_on, services_in
 from tests.interop.canopen.can_hubs import hub
 from tests.interop.canopen.can_utils_exchanges import assert_same_frames, candump
