@@ -67,17 +67,23 @@ def simulate_command(
     exception   exception 06 is sent instead; on CAN an SDO abort
     split       it is sent in two parts, 20 ms apart                (not on CAN, not over UDP)
 
-    --world sets a property of the environment. adxl: line=0, i1=1, limits=3, remotes=1, preheats=1, selects-motor=1,
-    inhibited=1, start-delay=2, kick-time=0.5, torque-limit=0.7. az3: volts=0. csd-mt, with positions in steps of the
-    shaft from where it stands at the start, 12800 a revolution:
+    --world sets a property of the environment; positions are in steps of the shaft from its first one, 12800 a
+    revolution:
 
     \b
-    I0=30000:31000       input I0 is ON between these positions (I1=-50000: ON above); I3=on, I3=off: fixed
-    walls=-60000:60000   the mechanical end stops
-    pull-out=20000       the speed above which steps are lost, from the load
-    volts=0              the power section has no supply
-    ambient=60           °C around the drive
-    encoder=4000, index=100, friction=100000, model=S4
+    adxl    line=0                no supply
+            i1=1                  input 1 is closed; i2, i3
+            limits=3, remotes=1   LIM1 to LIM4 and REM1 to REM4, as bits
+            preheats=1, selects-motor=1, inhibited=1            status 1, 14, 11
+            start-delay=2, kick-time=0.5, torque-limit=0.7      status 3, 4, 7 in a start
+    az3     volts=0               no high voltage
+    csd-mt  I0=30000:31000        input I0 is ON between these positions (I1=-50000: ON above)
+            I3=on, I3=off         the input is fixed
+            walls=-60000:60000    the mechanical end stops
+            pull-out=20000        the speed above which steps are lost, from the load
+            volts=0               the power section has no supply
+            ambient=60            °C around the drive
+            encoder=4000, index=100, friction=100000, model=S4
     """
     stop = threading.Event()
 
