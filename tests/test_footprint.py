@@ -60,6 +60,7 @@ NO_CLIENT_NEEDS = {"asyncio", "ssl", "logging", "tomllib", "fractions", "subproc
 NO_CLIENT_NEEDS |= {"urllib.parse", "ipaddress"}
 BLOCKING = "from barewire import ModbusClient; import barewire.io.ports.tcp"
 MESSAGE = "from barewire.modbus import ReadHoldingRegisters"
+CLIENT_FILES = {"adu", "client", "client.bus", "client.fair_queue", "client.line_state", "messages", "exceptions"}
 OTHER_ROOMS = ("barewire.canopen", "barewire.devices", "barewire.explain", "barewire.ascii", "barewire.rtu")
 
 
@@ -74,15 +75,7 @@ def test_the_blocking_tcp_client_loads_no_loop_no_devices_and_no_other_bus() -> 
     assert not set(OTHER_ROOMS) & found
     # No message is loaded before one is sent, not even the bus's own probes, and no codec.
     assert "barewire.codecs" not in found
-    assert files(found, "barewire.modbus") == {
-        "adu",
-        "client",
-        "client.bus",
-        "client.fair_queue",
-        "client.line_state",
-        "messages",
-        "exceptions",
-    }
+    assert files(found, "barewire.modbus") == CLIENT_FILES
 
 
 def test_a_client_with_an_answer_has_loaded_no_more() -> None:
@@ -111,15 +104,7 @@ def test_the_asyncio_client_loads_asyncio_and_little_more() -> None:
     assert not (NO_CLIENT_NEEDS - {"asyncio", "ssl", "logging", "subprocess"}) & found - {"pathlib", "random"}
     assert not set(OTHER_ROOMS) & found
     assert "barewire.codecs" not in found
-    assert files(found, "barewire.modbus") == {
-        "adu",
-        "client",
-        "client.bus",
-        "client.fair_queue",
-        "client.line_state",
-        "messages",
-        "exceptions",
-    }
+    assert files(found, "barewire.modbus") == CLIENT_FILES
 
 
 def test_the_tcp_server_loads_no_asyncio() -> None:

@@ -76,24 +76,24 @@ def circles(graph: Mapping[str, Iterable[str]]) -> list[list[str]]:
     stack: list[str] = []
     found: list[list[str]] = []
 
-    def visit(one: str) -> None:
-        index[one] = low[one] = len(index)
-        stack.append(one)
-        for other in graph.get(one, ()):
+    def visit(node: str) -> None:
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for other in graph.get(node, ()):
             if other not in index:
                 visit(other)
-                low[one] = min(low[one], low[other])
+                low[node] = min(low[node], low[other])
             elif other in stack:
-                low[one] = min(low[one], index[other])
-        if low[one] == index[one]:
-            group = stack[stack.index(one) :]
-            del stack[stack.index(one) :]
+                low[node] = min(low[node], index[other])
+        if low[node] == index[node]:
+            group = stack[stack.index(node) :]
+            del stack[stack.index(node) :]
             if len(group) > 1:
                 found.append(sorted(group))
 
-    for one in sorted(graph):
-        if one not in index:
-            visit(one)
+    for node in sorted(graph):
+        if node not in index:
+            visit(node)
     return found
 
 
@@ -117,14 +117,14 @@ def floors(graph: Graph) -> list[list[str]]:
     """Return the rooms in floors, the lowest first: each stands one floor above the highest room that it imports."""
     height: dict[str, int] = {}
 
-    def of(one: str, above: tuple[str, ...] = ()) -> int:
-        if one not in height:
-            below = [of(other, (*above, one)) for other in graph[one] if other not in above]
-            height[one] = 1 + max(below, default=-1)
-        return height[one]
+    def of(room: str, above: tuple[str, ...] = ()) -> int:
+        if room not in height:
+            below = [of(other, (*above, room)) for other in graph[room] if other not in above]
+            height[room] = 1 + max(below, default=-1)
+        return height[room]
 
-    for one in graph:
-        of(one)
+    for room in graph:
+        of(room)
     return [sorted(room for room in graph if height[room] == floor) for floor in range(max(height.values()) + 1)]
 
 

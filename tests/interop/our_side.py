@@ -41,7 +41,8 @@ Seen = set[str]
 class FullUnit(Table):
     """Unit 1 of our server. It records the services that it answered.
 
-    On TCP the server leaves 08, 0B and 0C to the unit, so it answers them; 08/03 it answers except on ASCII lines."""
+    On TCP the server leaves 08, 0B and 0C to the unit, so it answers them. It answers 08/03 on all but ASCII lines.
+    """
 
     def __init__(self, carrier: str, seen: Seen) -> None:
         super().__init__(10000, objects=OBJECTS, files={4: range(100, 110)})
@@ -117,7 +118,7 @@ def our_asyncio_server(carrier: str, seen: Seen) -> Iterator[tuple[str, FullUnit
 
 
 def place_of(host: ModbusServer) -> str:
-    """PATH or HOST:PORT of a URL."""
+    """Return PATH or HOST:PORT of a URL."""
     return host.url.partition("://")[2].partition("?")[0]
 
 

@@ -92,8 +92,8 @@ class RunningDevice:
             frames = self.device.feed(frame, now)
             while self._tasks:
                 frames += self._tasks.pop(0)(now)
-            for one in frames:
-                self.port.send(one)
+            for answer in frames:
+                self.port.send(answer)
 
     def stop(self) -> None:
         self._stopped.set()

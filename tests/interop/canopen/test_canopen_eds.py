@@ -22,8 +22,8 @@ def their_variables(dictionary: Any) -> dict[tuple[int, int], Any]:
     found = {}
     for index in dictionary:
         described = dictionary[index]
-        for one in [described] if not hasattr(described, "subindices") else described.subindices.values():
-            found[index, one.subindex] = one
+        for variable in [described] if not hasattr(described, "subindices") else described.subindices.values():
+            found[index, variable.subindex] = variable
     return found
 
 
@@ -40,15 +40,15 @@ def test_canopen_reads_our_eds_of_the_az3(tmp_path: Path) -> None:
     ours = {(entry.index, entry.sub): entry for entry in document.dictionary(NODE)}
     assert theirs.keys() == ours.keys()
     for place, entry in ours.items():
-        one = theirs[place]
-        assert one.name == entry.name
-        assert one.data_type == BY_NAME[entry.type].code
-        assert one.access_type == entry.access
-        assert one.pdo_mappable == bool(entry.mappable)
-        if one.default is not None:
-            assert one.default == entry.default
+        variable = theirs[place]
+        assert variable.name == entry.name
+        assert variable.data_type == BY_NAME[entry.type].code
+        assert variable.access_type == entry.access
+        assert variable.pdo_mappable == bool(entry.mappable)
+        if variable.default is not None:
+            assert variable.default == entry.default
         if entry.type[0] != "f":  # canopen reads limits of REAL as integers, or not at all
-            assert (one.min, one.max) == (entry.minimum, entry.maximum)
+            assert (variable.min, variable.max) == (entry.minimum, entry.maximum)
 
 
 @CANOPEN_READS
@@ -78,7 +78,7 @@ def test_barewire_reads_a_file_written_by_canopen(tmp_path: Path) -> None:
     written = io.StringIO()
     canopen.export_od(canopen.import_od(str(file), NODE), written, "dcf")
     document = eds.parse(written.getvalue().encode())
-    assert {one.rule for one in document.diagnostics} <= {"blanks"}
+    assert {oddity.rule for oddity in document.diagnostics} <= {"blanks"}
     ours = {(entry.index, entry.sub): entry for entry in export(load("az3")).dictionary(NODE)}
     for entry in document.dictionary(NODE):
         mine = ours[entry.index, entry.sub]
