@@ -22,8 +22,10 @@ def devices_command(name: str | None, as_json: bool) -> None:
 
     NAME is one of the listed devices, or the directory of your own description.
     """
-    if name is None:
-        _print_list(as_json)
+    if name is None and as_json:
+        _print_list_as_json()
+    elif name is None:
+        _print_list()
     elif as_json:
         for parameter in load(name).parameters:
             print_json(parameter.as_dict())
@@ -31,20 +33,26 @@ def devices_command(name: str | None, as_json: bool) -> None:
         _print_parameters(load(name))
 
 
-def _print_list(as_json: bool) -> None:
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for title in ("name", "device", "parameters", "protocols", "described in"):
-        table.add_column(title)
+def _print_list_as_json() -> None:
     for name in names():
         device = load(name)
-        protocols = [word for word, side in (("Modbus", device.modbus), ("CANopen", device.canopen)) if side]
-        if as_json:
-            fields = {"name": name, "title": device.title, "parameters": len(device.parameters), "protocols": protocols}
-            print_json(fields)
-        row = (name, device.title, str(len(device.parameters)), ", ".join(protocols), "; ".join(device.documents))
-        table.add_row(*row)
-    if not as_json:
-        Console().print(table)
+        count = len(device.parameters)
+        print_json({"name": name, "title": device.title, "parameters": count, "protocols": _protocols(device)})
+
+
+def _print_list() -> None:
+    table = Table(
+        "name", "device", "parameters", "protocols", "described in", box=None, header_style="bold", pad_edge=False
+    )
+    for name in names():
+        device = load(name)
+        count, documents = str(len(device.parameters)), "; ".join(device.documents)
+        table.add_row(name, device.title, count, ", ".join(_protocols(device)), documents)
+    Console().print(table)
+
+
+def _protocols(device: Device) -> list[str]:
+    return [name for name, side in (("Modbus", device.modbus), ("CANopen", device.canopen)) if side]
 
 
 def _print_parameters(device: Device) -> None:

@@ -68,9 +68,8 @@ class Number:
         self.is_float = name in _FLOAT_BITS
         self.bits = _FLOAT_BITS[name] if self.is_float else _integer_bits(name)
         self.size = self.bits // 8
-        reorder(
-            bytes(self.size), order
-        )  # raises now, not at the first value, for an order that does not exist, such as u24 in CDAB
+        # Raises now, not at the first value, for an order that does not exist, such as u24 in CDAB.
+        reorder(bytes(self.size), order)
         self.minimum: int | float
         self.maximum: int | float
         if self.is_float:

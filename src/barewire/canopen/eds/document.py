@@ -101,9 +101,11 @@ class Document:
     def dummies(self) -> frozenset[int]:
         """The data types that [DummyUsage] allows as placeholders in a mapping."""
         section = self.sections.get("dummyusage")
-        keys = () if section is None else section.keys
-        allowed = (key for key in keys if read_integer(self.get("DummyUsage", key) or "").value == 1)
-        return frozenset(int(key[5:], 16) for key in allowed if section and section.names[key].known)
+        if section is None:
+            return frozenset()
+        known = [key for key, name in section.names.items() if name.known]
+        allowed = [key for key in known if read_integer(self.value(section, key) or "").value == 1]
+        return frozenset(int(key.removeprefix("dummy"), 16) for key in allowed)
 
     # Changing
 

@@ -60,5 +60,5 @@ def error_line(sequence: int, code: int, text: str) -> str:
     >>> error_line(7, GatewayCode.SYNTAX, 'no command "raed"'), error_line(8, 0x06020000, "no such object")
     ('[7] ERROR:101 #no command "raed"', '[8] ERROR:0x06020000 #no such object')
     """
-    shown = str(int(code)) if code < 1000 else f"0x{code:08X}"
-    return f"[{sequence}] ERROR:{shown} #{' '.join(text.split())}"
+    digits = str(int(code)) if code < 1000 else f"0x{code:08X}"
+    return f"[{sequence}] ERROR:{digits} #{' '.join(text.split())}"

@@ -39,6 +39,12 @@ from barewire.canopen.nmt.messages import NmtCommand
 from barewire.canopen.pdo.mapping import BITS_MAX
 from barewire.errors import shown
 
+_NMT = {
+    "start": NmtCommand.START,
+    "stop": NmtCommand.STOP,
+    "preop": NmtCommand.ENTER_PRE_OPERATIONAL,
+    "preoperational": NmtCommand.ENTER_PRE_OPERATIONAL,
+}
 _LSS_NUMBERS = {
     "lss_switch_glob": (1, 1),
     "lss_switch_sel": (4, 4),
@@ -207,14 +213,6 @@ def _command(words: _Words) -> GatewayCommand:
     if word in ("init", "log", "led"):
         raise GatewayError(GatewayCode.NOT_SUPPORTED, f"this gateway has no {word}")
     raise GatewayError(GatewayCode.SYNTAX, f"no command {shown(word)}; help lists them")
-
-
-_NMT = {
-    "start": NmtCommand.START,
-    "stop": NmtCommand.STOP,
-    "preop": NmtCommand.ENTER_PRE_OPERATIONAL,
-    "preoperational": NmtCommand.ENTER_PRE_OPERATIONAL,
-}
 
 
 def _object(words: _Words) -> tuple[int, int]:

@@ -9,8 +9,6 @@ reports another state. [CiA 301, heartbeat, node guarding, NMT]
 
 from __future__ import annotations
 
-from statistics import median
-
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtState
@@ -20,8 +18,8 @@ _PERIODS_LEARNED, _PERIODS_CONFIGURED = 2.5, 2.0
 """Periods of silence after which a node is missing, for a learned period and for the period in 1017h."""
 _GRACE = 0.05
 """Seconds after a command in which frames of the old state may still come from a queue."""
-_INTERVALS = 5
-"""The number of intervals whose median is the period; at least three are needed."""
+_INTERVALS, _INTERVALS_MIN = 5, 3
+"""The number of intervals whose longest one is the learned period, and how many of them are needed."""
 _STATES = frozenset(int(state) for state in NmtState)
 
 
@@ -53,23 +51,18 @@ class ObservedNode:
         self.reported: set[str] = set()  # broken rules that were reported in this state: each is reported once
 
     @property
-    def beat(self) -> tuple[float, float] | None:
-        """The period, and the silence after which the node is missing; None without a known period."""
+    def longest_silence(self) -> float | None:
+        """The seconds of silence after which the node is missing; None without a known period."""
         if self.configured_period is not None:
-            return (
-                (self.configured_period, _PERIODS_CONFIGURED * self.configured_period)
-                if self.configured_period
-                else None
-            )
-        if len(self.intervals) < 3:
+            return _PERIODS_CONFIGURED * self.configured_period or None  # a period of 0 switches the heartbeat off
+        if len(self.intervals) < _INTERVALS_MIN:
             return None
-        period = median(self.intervals)
-        return (period, _PERIODS_LEARNED * max(period, *self.intervals))
+        return _PERIODS_LEARNED * max(self.intervals)
 
     def update_deadline(self) -> None:
         """Compute the deadline again after a change."""
-        beat = self.beat
-        self.deadline = None if beat is None or self.last is None or self.missing else self.last + beat[1]
+        silence = self.longest_silence
+        self.deadline = None if silence is None or self.last is None or self.missing else self.last + silence
 
 
 class NodeTracker:
@@ -81,7 +74,7 @@ class NodeTracker:
     @property
     def deadline(self) -> float | None:
         """When the next node counts as missing."""
-        return min((due for node in self.nodes.values() if (due := node.deadline) is not None), default=None)
+        return min((node.deadline for node in self.nodes.values() if node.deadline is not None), default=None)
 
     def _node(self, number: int) -> ObservedNode:
         return self.nodes.setdefault(number, ObservedNode())
@@ -99,7 +92,7 @@ class NodeTracker:
 
     def overdue(self, now: float) -> int:
         """Return the number of nodes that have passed their deadline."""
-        return sum((due := node.deadline) is not None and now >= due for node in self.nodes.values())
+        return sum(node.deadline is not None and now >= node.deadline for node in self.nodes.values())
 
     def interrupt(self, now: float) -> None:
         """Note the end of a gap in the recording."""
@@ -149,15 +142,14 @@ class NodeTracker:
     ) -> list[MonitorEvent]:
         """Check that the node may send this in its state. Reported once per state."""
         state = self.state(number, now) if sent_by_node else None
-        rule = ""
+        rule = None
         if state == NmtState.STOPPED:
             rule = "STOPPED-TALKS"
         elif state == NmtState.PRE_OPERATIONAL and "PDO" in service:
             rule = "PDO-NOT-OPERATIONAL"
-        reported = self._node(number).reported if rule else set()
-        if not rule or rule in reported or state is None:
+        if state is None or rule is None or rule in self.nodes[number].reported:
             return []
-        reported.add(rule)
+        self.nodes[number].reported.add(rule)
         return [Violation(now, rule, number, f"it is {state_name(state)}, and sends {service}", str(frame))]
 
     def guarding_request(self, number: int) -> None:
@@ -181,7 +173,7 @@ class NodeTracker:
             return [*events, self._boot(number, node, now)]
         answers = node.pending > 0
         events += self._check_toggle(number, node, toggle, now, frame)
-        events += self._obeyed(number, node, state, now, frame)
+        events += self._check_obeyed(number, node, state, now, frame)
         since = None if node.last is None else now - node.last
         before, node.state, node.last = node.state, state, now
         if node.missing:
@@ -218,13 +210,16 @@ class NodeTracker:
         return []
 
     def _boot(self, number: int, node: ObservedNode, now: float) -> NodeReport:
+        """Replace all that is known of a node, except whether it is guarded."""
         before = node.state
         fresh = ObservedNode()
         fresh.state, fresh.last, fresh.guarded, fresh.toggle = 0, now, node.guarded, False
         self.nodes[number] = fresh
         return NodeReport(now, number, "boot-up", 0, before)
 
-    def _obeyed(self, number: int, node: ObservedNode, state: int, now: float, frame: CanFrame) -> list[MonitorEvent]:
+    def _check_obeyed(
+        self, number: int, node: ObservedNode, state: int, now: float, frame: CanFrame
+    ) -> list[MonitorEvent]:
         """Check the last command against the first state that the node reports after the grace time."""
         if node.commanded is None:
             return []

@@ -10,15 +10,14 @@ without a description are learned in the same way; their values are named by ind
 
 from __future__ import annotations
 
-from barewire.canopen.cob_ids import CobEntry, classify, cob_id
+from barewire.canopen.cob_ids import CobEntry, classify
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.pdo.config import PdoConfig, PdoDirection
+from barewire.canopen.pdo.config import PDOS_MAX, PdoConfig, PdoDirection
 from barewire.canopen.pdo.mapping import ENTRIES_MAX, MappedObject, PdoMapping
 from barewire.codecs import Value
 from barewire.devices.parameter import show
 from barewire.errors import DecodeError, EncodeError
-from barewire.explain.can_monitor import events
-from barewire.explain.can_monitor.events import MonitorEvent, Violation
+from barewire.explain.can_monitor.events import MonitorEvent, PdoMappingReport, PdoReport, Violation
 from barewire.explain.canopen.known_node import KnownNode, KnownObject
 
 _RECORDS_MAX = 1024
@@ -27,7 +26,13 @@ _LAST_MAX = 512
 """The most PDOs whose last data is kept, to find what is new."""
 
 _FrameKey = tuple[int, bool]
-_BASES: tuple[tuple[int, int, PdoDirection], ...] = ((0x1400, 0x1600, "RPDO"), (0x1800, 0x1A00, "TPDO"))
+_RECORDS: tuple[tuple[int, PdoDirection, bool], ...] = (
+    (0x1400, "RPDO", False),
+    (0x1600, "RPDO", True),
+    (0x1800, "TPDO", False),
+    (0x1A00, "TPDO", True),
+)
+"""The index of PDO 1 in each kind of record, the direction, and whether it is the mapping."""
 
 
 class _Record:
@@ -52,35 +57,22 @@ class _Record:
     def reset(self) -> None:
         """Restore the factory setting."""
         self.changed = False
-        self.words, self.count, self.key = {}, None, None
-        if self.factory is not None:
-            entry = self.factory.cob_entry(self.node)
-            self.key = None if entry.bit31 else (entry.identifier, entry.extended)
-            self.words = dict(enumerate(self.factory.mapping, start=1))
-            self.count = len(self.words)
-        elif self.number <= 4:
-            self.key = (
-                cob_id("TPDO1" if self.direction == "TPDO" else "RPDO1", self.node) + 0x100 * (self.number - 1),
-                False,
-            )
+        config = self.factory or PdoConfig(self.direction, self.number, mapping=())
+        self.set_cob_id(config.cob_entry(self.node))
+        self.words = dict(enumerate(config.mapping, start=1))
+        self.count = None if self.factory is None else len(self.words)
+
+    def set_cob_id(self, entry: CobEntry) -> None:
+        """Set the identifier; bit 31 switches the PDO off."""
+        self.key = None if entry.bit31 else (entry.identifier, entry.extended)
 
     def build_mapping(self, objects: dict[tuple[int, int], KnownObject]) -> None:
         """Build the mapping from the entries, without types if a type does not fit the bits of its entry."""
         self.mapping = None
-        if self.count is None or not all(number in self.words for number in range(1, self.count + 1)):
+        if self.count is None or any(number not in self.words for number in range(1, self.count + 1)):
             return
         words = [self.words[number] for number in range(1, self.count + 1)]
-        for typed in (True, False):
-            entries = []
-            for word in words:
-                known = objects.get((word >> 16, word >> 8 & 0xFF)) if typed else None
-                type_name = None if known is None or known.type == "text" else known.type
-                entries.append(MappedObject.of_word(word, type_name, "" if known is None else known.name))
-            try:
-                self.mapping = PdoMapping(entries)
-                return
-            except EncodeError:
-                continue
+        self.mapping = _mapping(words, objects) or _mapping(words, {})
 
 
 class PdoTracker:
@@ -130,24 +122,22 @@ class PdoTracker:
         """Take a PDO, or a frame with a free identifier."""
         node, name, mapping = self.owner(frame) or (0, f"{frame.id:03X}h", None)
         if frame.remote:
-            return [events.PdoReport(now, node, name, b"", {}, (), False, requested=True)]
+            return [PdoReport(now, node, name, b"", {}, (), False, requested=True)]
         found: list[MonitorEvent] = []
         data = frame.data
         values: dict[str, Value] = {}
         texts: tuple[str, ...] = ()
         if mapping is not None:
-            if len(data) < mapping.size:
+            if len(data) != mapping.size:
+                rule = "PDO-TOO-SHORT" if len(data) < mapping.size else "PDO-TOO-LONG"
                 text = f"{name}: {mapping.size} bytes are mapped, got {len(data)}"
-                found.append(Violation(now, "PDO-TOO-SHORT", node, text, str(frame)))
-            else:
-                if len(data) > mapping.size:
-                    text = f"{name}: {mapping.size} bytes are mapped, got {len(data)}"
-                    found.append(Violation(now, "PDO-TOO-LONG", node, text, str(frame)))
+                found.append(Violation(now, rule, node, text, str(frame)))
+            if len(data) >= mapping.size:
                 values, texts = self.unpack(node, mapping, data[: mapping.size])
         repeated = self._last.get(frame.key) == data
         if frame.key in self._last or len(self._last) < _LAST_MAX:
             self._last[frame.key] = data
-        found.append(events.PdoReport(now, node, name, data, values, texts, repeated))
+        found.append(PdoReport(now, node, name, data, values, texts, repeated))
         return found
 
     def unpack(self, node: int, mapping: PdoMapping, data: bytes) -> tuple[dict[str, Value], tuple[str, ...]]:
@@ -163,9 +153,10 @@ class PdoTracker:
                 continue
             known = objects.get((entry.index, entry.sub))
             value = raw[entry.name]
-            is_named = known is not None and known.name == entry.name
-            values[entry.name] = known.value(value) if known is not None and is_named else value
-            text = known.text(value) if known is not None and is_named else show(value)
+            if known is not None and known.name == entry.name:
+                values[entry.name], text = known.value(value), known.text(value)
+            else:
+                values[entry.name], text = value, show(value)
             texts.append(f"{entry.name} = {text}")
         return values, tuple(texts)
 
@@ -175,20 +166,18 @@ class PdoTracker:
         """Take the value of an object of the node that an access by SDO shows."""
         if index == 0x1010 and sub:
             self._stored.add(node)
-        for communication, mapping, direction in _BASES:
-            for base, is_map in ((communication, False), (mapping, True)):
-                if base <= index < base + 0x200 and len(data) <= 8:
-                    number = int.from_bytes(data, "little")
-                    record = self._add(node, direction, index - base + 1, None)
-                    if record is not None:
-                        return self._changed(record, is_map, sub, number, now)
+        for first, direction, is_map in _RECORDS:
+            if first <= index < first + PDOS_MAX and len(data) <= 8:
+                record = self._add(node, direction, index - first + 1, None)
+                if record is not None:
+                    return self._change(record, is_map, sub, int.from_bytes(data, "little"), now)
         return []
 
-    def _changed(self, record: _Record, is_map: bool, sub: int, number: int, now: float) -> list[MonitorEvent]:
+    def _change(self, record: _Record, is_map: bool, sub: int, number: int, now: float) -> list[MonitorEvent]:
+        """Store the value of a sub-index, and report the mapping if that changes it."""
         before = record.key, _words(record)
         if not is_map and sub == 1:
-            entry = CobEntry.unpack(number)
-            record.key = None if entry.bit31 else (entry.identifier, entry.extended)
+            record.set_cob_id(CobEntry.unpack(number))
         elif is_map and sub == 0:
             record.count = number if number <= ENTRIES_MAX else None
         elif is_map and sub <= ENTRIES_MAX:
@@ -200,16 +189,15 @@ class PdoTracker:
         record.changed = True
         self._update(record)
         after = record.key, _words(record)
-        if before == after or before[0] is after[0] is None:
-            return []  # no change, or it is switched off: then its mapping is reported when it is on again
-        return [self._report(record, now)]
+        stays_off = before[0] is None and record.key is None  # its mapping is reported when it is on again
+        return [] if before == after or stays_off else [self._report(record, now)]
 
     def _report(self, record: _Record, now: float) -> MonitorEvent:
-        names = () if record.mapping is None or record.key is None else record.mapping.entries
-        texts = tuple(entry.name for entry in names)
-        return events.PdoMappingReport(
-            now, record.node, record.name, None if record.key is None else record.key[0], texts
-        )
+        if record.key is None:
+            return PdoMappingReport(now, record.node, record.name, None, ())
+        entries = () if record.mapping is None else record.mapping.entries
+        names = tuple(entry.name for entry in entries)
+        return PdoMappingReport(now, record.node, record.name, record.key[0], names)
 
     def reset(self, node: int, now: float) -> list[MonitorEvent]:
         """Restore the factory setting after a boot of the node, unless another one was stored."""
@@ -222,6 +210,19 @@ class PdoTracker:
                 self._update(record)
                 found.append(self._report(record, now))
         return found
+
+
+def _mapping(words: list[int], objects: dict[tuple[int, int], KnownObject]) -> PdoMapping | None:
+    """Return the mapping of these entries; None if the type of an object does not fit the bits of its entry."""
+    entries = []
+    for word in words:
+        known = objects.get((word >> 16, word >> 8 & 0xFF))
+        type_name = None if known is None or known.type == "text" else known.type
+        entries.append(MappedObject.of_word(word, type_name, "" if known is None else known.name))
+    try:
+        return PdoMapping(entries)
+    except EncodeError:
+        return None
 
 
 def _words(record: _Record) -> list[int] | None:

@@ -73,26 +73,20 @@ def read_recording(data: bytes) -> Iterator[RecordedItem]:
 
 
 def _read_capture(data: bytes) -> Iterator[RecordedItem]:
-    packets = pcapng.iter_packets(data)
     now, number = 0.0, 0
-    while True:
-        number += 1
-        try:
-            packet = next(packets)
-        except StopIteration:
-            return
-        except DecodeError as error:
-            yield unread(now, number, error, "")
-            return
-        if not is_can_packet(packet):
-            continue
-        now = packet.at
-        if packet.dropped:
-            yield Dropped(now, packet.interface, packet.dropped)
-        try:
-            yield Recorded(now, packet.interface, from_packet(packet), number)
-        except DecodeError as error:
-            yield unread(now, number, error, packet.data.hex(" "))
+    try:
+        for number, packet in enumerate(pcapng.iter_packets(data), start=1):
+            if not is_can_packet(packet):
+                continue
+            now = packet.at
+            if packet.dropped:
+                yield Dropped(now, packet.interface, packet.dropped)
+            try:
+                yield Recorded(now, packet.interface, from_packet(packet), number)
+            except DecodeError as error:
+                yield unread(now, number, error, packet.data.hex(" "))
+    except DecodeError as error:  # the file is broken after the last packet
+        yield unread(now, number + 1, error, "")
 
 
 class BusMonitors:
@@ -153,15 +147,16 @@ class CanRecordingWriter:
     """
 
     def __init__(self, name: str) -> None:
-        self._capture = not name.lower().endswith((".log", ".txt", ".candump"))
+        self._is_pcapng = not name.lower().endswith((".log", ".txt", ".candump"))
         self._buses: dict[str, int] = {}
-        self.start = pcapng.file_header(None) if self._capture else b""
+        self.start = pcapng.file_header(None) if self._is_pcapng else b""
 
     def put(self, at: float, bus: str, frame: AnyFrame) -> bytes:
         """Return the bytes to append for one frame."""
         name = bus or "can0"
-        if not self._capture:
-            return f"{log_line(at, name if not name.isdecimal() else f'can{name}', frame)}\n".encode()
+        if not self._is_pcapng:
+            name = f"can{name}" if name.isdecimal() else name
+            return f"{log_line(at, name, frame)}\n".encode()
         data = b""
         if name not in self._buses:
             self._buses[name] = len(self._buses)

@@ -189,7 +189,9 @@ def with_object_names(
 ) -> tuple[list[Field], str]:
     """Return fields and summary of an SDO frame with the object's name and its value as text, if `find` returns one."""
     by_name = {field.name: field for field in fields}
-    index, sub = (by_name[name].value if name in by_name else None for name in ("index", "sub-index"))
+    if "index" not in by_name or "sub-index" not in by_name:
+        return fields, summary
+    index, sub = by_name["index"].value, by_name["sub-index"].value
     known = find(index, sub) if isinstance(index, int) and isinstance(sub, int) else None
     if known is None:
         return fields, summary
@@ -232,8 +234,10 @@ def _command_text(name: str, row: CommandRow, command: int, role: FrameRole, bit
     """Return the name, the meaning of the bits, and the bits."""
     details = []
     if "e" in bits:
-        size = f"{counted(4 - bits['n'])}, size indicated" if bits["s"] else "size not indicated"
-        details.append(f"expedited, {size}" if bits["e"] else "in segments, " + size.rpartition(", ")[2])
+        details.append("expedited" if bits["e"] else "in segments")
+        if bits["e"] and bits["s"]:
+            details.append(counted(4 - bits["n"]))
+        details.append("size indicated" if bits["s"] else "size not indicated")
     if "t" in bits:
         details.append(f"toggle bit {bits['t']}")
     if row.layout is _segment:

@@ -97,9 +97,8 @@ class AsyncConnection:
     async def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
         """Do the same as `run` with `bus.ask`, on the fast path (`engine.fast_path`)."""
         if unit == BROADCAST and not self.lanes[0].bus.line.numbered:
-            return await self.run(
-                lambda bus: bus.ask(unit, request), unit, patience
-            )  # raises: a broadcast has no answer
+            # Raises EncodeError: a broadcast has no answer.
+            return await self.run(lambda bus: bus.ask(unit, request), unit, patience)
         lane = self._enter(unit) or await self._wait(unit)
         box = None
         try:

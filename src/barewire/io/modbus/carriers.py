@@ -1,4 +1,4 @@
-"""Makes the framing state of an endpoint, for clients and servers, and opens its port, for clients.
+"""The framing state of an endpoint, for clients and servers, and its port, for clients.
 
     scheme      framing         port                            a late answer
     tcp, tls    TcpLine         TCP, TLS inside it              is recognized by its transaction number
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from barewire.io.ports.base import AsyncLink, Port
     from barewire.modbus.framing import Line
     from barewire.rtu.timing import Timing
+
 _Role = Literal["client", "server"]
 
 
@@ -117,9 +118,11 @@ async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Ca
 
 def bus_options(endpoint: Endpoint, gaps: Mapping[int, float] | None = None) -> dict[str, Any]:
     """Return the arguments of `Bus` that an endpoint has."""
-    options: dict[str, Any] = {"recovery": endpoint.choice("recovery", "probe")}
-    options["gap"] = endpoint.seconds("gap", 0.0)
-    options["gaps"] = gaps
+    options: dict[str, Any] = {
+        "recovery": endpoint.choice("recovery", "probe"),
+        "gap": endpoint.seconds("gap", 0.0),
+        "gaps": gaps,
+    }
     if "late_window" in endpoint.options:
         options["late_window"] = endpoint.seconds("late_window", 0.0)
     if "dead_after" in endpoint.options:

@@ -325,9 +325,8 @@ class Bus:
         # Another 08 is not preceded by a probe, because their answers would be alike.
         may_probe = self.recovery == "probe" and request.function_code != Diagnostics.function_code
         if may_probe and unit_state.unproven < _MAX_PROBES:
-            self._nonce = (
-                self._nonce + 0x9E37 & 0xFFFF
-            )  # another number each time, so that its echo cannot be an older one
+            # Another number each time, so that its echo cannot be an older one.
+            self._nonce = self._nonce + 0x9E37 & 0xFFFF
             self.counters.probes += 1
             probe = Diagnostics(RETURN_QUERY_DATA, self._nonce.to_bytes(2, "big"))
             unit_state.unproven += 1

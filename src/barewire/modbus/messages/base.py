@@ -54,9 +54,8 @@ class Message:
             # The number of registers or bits follows from the byte count, so the error gives the offset of that field.
             names = (error.field, cls.layout.count)
             places = [field.offset for field in cls.layout.fields(pdu) if field.name in names]
-            missing = (
-                cls.layout.size if error.field == cls.layout.tail else 0
-            )  # `fields` has no field for an empty tail
+            # `fields` has no field for an empty tail.
+            missing = cls.layout.size if error.field == cls.layout.tail else 0
             raise DecodeError("value", pdu, places[0] if places else missing, str(error)) from None
 
     @classmethod

@@ -70,9 +70,8 @@ class ReadHoldingRegistersResponse(Response):
                 return _RESPONSES[len(row)].pack(self.function_code, 2 * len(row), *row)
         except (StructError, IndexError):
             pass
-        return self.layout.pack(
-            self.function_code, 2 * len(row), tail=from_registers(row)
-        )  # raises EncodeError with the reason
+        # Raises EncodeError with the reason.
+        return self.layout.pack(self.function_code, 2 * len(row), tail=from_registers(row))
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
@@ -132,9 +131,8 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
                 _set_address(request, address)
                 _set_quantity(request, quantity)
                 return request
-        return super(ReadHoldingRegisters, cls).decode(
-            pdu
-        )  # bare super() fails in a dataclass with slots, which is a new class
+        # A bare super() fails in a dataclass with slots, which is a new class.
+        return super(ReadHoldingRegisters, cls).decode(pdu)
 
     def read_response(self, pdu: bytes) -> ReadHoldingRegistersResponse:
         """Decode the response, by the shortcut if it answers this request."""

@@ -26,10 +26,11 @@ from barewire.errors import DecodeError
 
 
 class CellWord(NamedTuple):
-    """The part of a cell that lies at one address: its register number `word`, or a part of a register."""
+    """The part of a cell that lies at one address: register number `word` of its `words`, or a part of a register."""
 
     cell: Cell
     word: int
+    words: int
     partial: bool
 
 
@@ -40,11 +41,13 @@ class RegisterImage:
         self.store = store
         self.words: dict[int, list[CellWord]] = {}
         self._waiting: dict[str, dict[int, int]] = {}
+        """The registers that were written of values whose last register was not: by cell and register number."""
         for cell in cells:
             place = cell.parameter.modbus
             if place is not None:
                 for word in range(place.words):
-                    self.words.setdefault(place.address + word, []).append(CellWord(cell, word, place.partial))
+                    entry = CellWord(cell, word, place.words, place.partial)
+                    self.words.setdefault(place.address + word, []).append(entry)
 
     def _at(self, address: int) -> list[CellWord]:
         found = self.words.get(address)
@@ -58,17 +61,18 @@ class RegisterImage:
         known: dict[str, tuple[int, ...]] = {}
         words = []
         for row in rows:
-            word = 0
-            if row[0].partial:
+            first = row[0]
+            if first.partial:
+                word = 0
                 for entry in row:
                     if entry.partial:
                         (word,) = self.store.registers(entry.cell, (word,))
+                words.append(word)
             else:
-                cell = row[0].cell
-                if cell.name not in known:
-                    known[cell.name] = self.store.registers(cell)
-                word = known[cell.name][row[0].word]
-            words.append(word)
+                name = first.cell.name
+                if name not in known:
+                    known[name] = self.store.registers(first.cell)
+                words.append(known[name][first.word])
         return tuple(words)
 
     def write(self, address: int, words: Sequence[int]) -> None:
@@ -77,19 +81,20 @@ class RegisterImage:
         waiting: dict[str, dict[int, int]] = {}
         commits: list[tuple[Cell, Value]] = []
         for row, word in zip(rows, words):
-            if row[0].partial:
+            first, cell = row[0], row[0].cell
+            if first.partial:
                 commits += [(entry.cell, self._checked(entry.cell, [word])) for entry in row if entry.partial]
-            elif row[0].cell.parameter.modbus is not None and row[0].cell.parameter.modbus.words == 1:
-                commits.append(self._first_to_accept([entry.cell for entry in row if not entry.partial], word))
+            elif first.words == 1:
+                sharing = [entry.cell for entry in row if entry.words == 1 and not entry.partial]
+                commits.append(self._first_to_accept(sharing, word))
             else:
-                cell = row[0].cell
                 parts = waiting.setdefault(cell.name, dict(self._waiting.get(cell.name, {})))
-                parts[row[0].word] = word
-                if row[0].word == len(self.store.registers(cell)) - 1:
-                    present = list(self.store.registers(cell))
-                    for number, part in parts.items():
-                        present[number] = part
-                    commits.append((cell, self._checked(cell, present)))
+                parts[first.word] = word
+                if first.word == first.words - 1:
+                    # A register that was not written keeps its present word.
+                    present = self.store.registers(cell)
+                    merged = [parts.get(number, present[number]) for number in range(first.words)]
+                    commits.append((cell, self._checked(cell, merged)))
                     parts.clear()
         self._waiting |= waiting
         for cell, value in commits:
@@ -106,8 +111,6 @@ class RegisterImage:
     def _first_to_accept(self, cells: Sequence[Cell], word: int) -> tuple[Cell, Value]:
         declined: Declined | None = None
         for cell in cells:
-            if cell.parameter.modbus is not None and cell.parameter.modbus.words > 1:
-                continue
             try:
                 return cell, self._checked(cell, [word])
             except Declined as error:

@@ -32,7 +32,9 @@ _IDENTITY = {
     "Product Code": 0x94,
     "Hardware Version": 1,
     "Serial Number": 1,
-    **{f"Read MAC Address {number}": word for number, word in ((1, 0x0200), (2, 0x0000), (3, 0x0094))},
+    "Read MAC Address 1": 0x0200,
+    "Read MAC Address 2": 0x0000,
+    "Read MAC Address 3": 0x0094,
 }
 """Values chosen for this simulator: the manual does not print them."""
 
@@ -179,7 +181,7 @@ class ServiceRegisters:
             self.axis.reset_encoder()
 
     def _new_encoder(self, value: Value) -> None:
-        """ "Produce the reset of the encoder position", with current on only after it is off again (register 1121)."""
+        """Reset the encoder position; with the current on, only after it is off again (register 1121)."""
         if self._has_current:
             self.axis.encoder_reset_pending = True
         else:
@@ -188,6 +190,8 @@ class ServiceRegisters:
     # Checks before a write
 
     def _excludes(self, other: str) -> Callable[[Value], None]:
+        """Return a check that declines a value other than 0 while the parameter `other` is not 0."""
+
         def check(value: Value) -> None:
             if value and self.store.whole(other):
                 raise Declined("value", f"not together with {other}")
