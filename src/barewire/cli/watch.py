@@ -143,25 +143,25 @@ class Poller:
     def _read(self, machine: PolledMachine, time: float) -> Poll:
         readings: dict[str, Reading] = {}
         refused: dict[str, str] = {}
-        together = [name for name in self._names if name not in self._alone]
-        alone = [name for name in self._names if name in self._alone]
-        last: Refused | None = None
+        refusal: Refused | None = None
+        alone = self._alone
         try:
-            readings.update((reading.name, reading) for reading in machine.read_all(together))
+            together = machine.read_all([name for name in self._names if name not in alone])
+            readings.update((reading.name, reading) for reading in together)
         except Refused as error:
-            last, alone = error, list(self._names)
-        if len(self._names) == 1 and last is not None:
-            raise last
-        for name in alone:
-            try:
-                readings[name] = machine.read(name)
-            except Refused as error:
-                last = error
-                refused[name] = str(error)
-        if not readings and last is not None:
-            raise last
-        one_by_one = not refused and (last is not None or len(alone) == len(self._names))
-        self._alone = set(self._names) if one_by_one else set(refused)
+            if len(self._names) == 1:
+                raise
+            refusal, alone = error, set(self._names)
+        for name in self._names:
+            if name in alone:
+                try:
+                    readings[name] = machine.read(name)
+                except Refused as error:
+                    refusal, refused[name] = error, str(error)
+        if not readings and refusal is not None:
+            raise refusal
+        refused_only_together = not refused and len(alone) == len(self._names)
+        self._alone = alone if refused_only_together else set(refused)
         return Poll(time, tuple(readings[name] for name in self._names if name in readings), "", refused)
 
     def close(self) -> None:

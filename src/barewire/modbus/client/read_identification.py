@@ -64,7 +64,8 @@ def _read_all(bus: Bus, unit: int, read_code: int, timeout: float) -> Conversati
         objects.update(answer.objects)
         if not answer.more_follows:
             return DeviceIdentification(answer.conformity, objects)
-        if answer.next_object <= max(first, *(number for number, _ in answer.objects), 0):
+        last = max([first, *(number for number, _ in answer.objects)])
+        if answer.next_object <= last:
             text = f"after object {first:02X}h the next one given is {answer.next_object:02X}h: that would never end"
             raise DecodeError("value", answer.encode(), 5, text)
         first = answer.next_object

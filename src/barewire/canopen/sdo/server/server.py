@@ -163,7 +163,8 @@ class SdoServer:
         """Return the frames that respond to a frame, or to time passing."""
         if frame is not None and self.accept(frame, now):
             return []
-        data, transfer = None if frame is None else self._request_data(frame), self._transfer
+        data = None if frame is None else self._request_data(frame)
+        transfer = self._transfer
         if data is not None:
             responses = self._receive(data, now)
         elif transfer is not None and now >= transfer.deadline:
@@ -262,19 +263,20 @@ class SdoServer:
             return DownloadInitiated(index, sub).encode()
         write = partial(self.objects.write, index, sub)
         if isinstance(request, InitiateDownload):
-            transfer: ServerTransfer = SegmentedDownload(write, request.size, self.limit, self.timeout, now)
-            response: DownloadInitiated | BlockDownloadInitiated = DownloadInitiated(index, sub)
-        elif isinstance(request, InitiateBlockUpload) and self.blksize:
+            self._start_download(request, SegmentedDownload(write, request.size, self.limit, self.timeout, now))
+            return DownloadInitiated(index, sub).encode()
+        if isinstance(request, InitiateBlockUpload) and self.blksize:
             return self._block_upload(request, now)
-        elif isinstance(request, InitiateBlockDownload) and self.blksize:
-            limits = request.size, self.limit, self.blksize
-            transfer = BlockDownload(write, *limits, request.crc, self.timeout, now)
-            response = BlockDownloadInitiated(index, sub, self.blksize)
-        else:
-            raise SdoAbort(AbortCode.COMMAND, index, sub)
-        self.objects.may_write(index, sub, request.size)
+        if isinstance(request, InitiateBlockDownload) and self.blksize:
+            blksize = self.blksize
+            transfer = BlockDownload(write, request.size, self.limit, blksize, request.crc, self.timeout, now)
+            self._start_download(request, transfer)
+            return BlockDownloadInitiated(index, sub, blksize).encode()
+        raise SdoAbort(AbortCode.COMMAND, index, sub)
+
+    def _start_download(self, request: InitiateDownload | InitiateBlockDownload, transfer: ServerTransfer) -> None:
+        self.objects.may_write(request.index, request.sub, request.size)
         self._transfer = transfer
-        return response.encode()
 
     def _upload(self, request: InitiateUpload, value: bytes, now: float) -> bytes:
         if 1 <= len(value) <= 4:
