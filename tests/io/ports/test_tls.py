@@ -19,7 +19,7 @@ import pytest
 from barewire import AsyncModbusClient, ModbusClient, ModbusServer
 from barewire.errors import DecodeError, EncodeError, PortError
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports.tls import role_of, server_context
+from barewire.io.ports.tls import role_of, server_context, tls_reason
 from barewire.modbus import ModbusException, Table, WriteSingleRegister
 from tests.certificates import tls_url
 from tests.helpers import refused
@@ -193,6 +193,22 @@ def test_a_peer_without_tls_is_an_error_on_both_sides(host: ModbusServer, certif
     assert "the other side does not use TLS" in closed_because(host)
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as plain, pytest.raises(PortError, match=r"TLS|closed"):
         ModbusClient(tls_url(certificates, "operator", plain.url.removeprefix("tcp://")))
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (ssl.SSLZeroReturnError(6, "TLS/SSL connection has been closed (EOF) (_ssl.c:992)"), "ended the connection"),
+        (
+            ssl.SSLEOFError(8, "EOF occurred in violation of protocol (_ssl.c:992)"),
+            "ended the connection in the middle",
+        ),
+        (ssl.SSLError(1, "[SSL] record layer failure (_ssl.c:992)"), "TLS failed: record layer failure"),
+        (ssl.SSLError(1, "unknown error (_ssl.c:992)"), "TLS failed: unknown error"),
+    ],
+)
+def test_an_error_that_python_has_no_reason_for_has_a_text(error: ssl.SSLError, text: str) -> None:
+    assert text in tls_reason(error)
 
 
 def test_tls_1_1_is_refused(host: ModbusServer, certificates: Path) -> None:

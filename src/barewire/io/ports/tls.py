@@ -135,9 +135,13 @@ def tls_reason(error: Exception) -> str:
     """Return why a connection failed, in one line: a reason of TLS, or of the system."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"the other side's certificate is refused: {error.verify_message.rstrip('.')}"
+    if isinstance(error, (ssl.SSLEOFError, ssl.SSLZeroReturnError)):
+        return _REASONS["UNEXPECTED_EOF_WHILE_READING"]
     if isinstance(error, ssl.SSLError):
-        code = error.reason or ("UNEXPECTED_EOF_WHILE_READING" if isinstance(error, ssl.SSLEOFError) else "TLS failed")
-        return _REASONS.get(code, code.replace("_", " ").lower())
+        # Python does not know the reasons of an OpenSSL newer than itself; the text in `args` names them all the same.
+        text = getattr(error, "reason", None) or str(error.args[-1]).removeprefix("[SSL] ").partition(" (_ssl.c")[0]
+        text = _REASONS.get(text, text).replace("_", " ")
+        return text if "TLS" in text or "the other side" in text else f"TLS failed: {text.lower()}"
     return reason(error)
 
 
