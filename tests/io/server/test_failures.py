@@ -48,12 +48,12 @@ def test_a_threaded_server_logs_an_error_of_a_unit_and_keeps_it(url: str, caplog
 @pytest.mark.parametrize("url", THREADED[:3])
 def test_an_asyncio_server_logs_an_error_of_a_unit_and_keeps_it(url: str, caplog: pytest.LogCaptureFixture) -> None:
     async def run() -> Any:
-        async with barewire.AsyncModbusServer(url, {7: FAILING}) as server:
-            async with barewire.AsyncModbusClient(server.url, unit=7) as client:
-                await client.read_holding_registers(0, 1)
-                with pytest.raises(ModbusException):
-                    await client.read_input_registers(3, 2)
-                return server.statistics
+        server = barewire.AsyncModbusServer(url, {7: FAILING})
+        async with server, barewire.AsyncModbusClient(server.url, unit=7) as client:
+            await client.read_holding_registers(0, 1)
+            with pytest.raises(ModbusException):
+                await client.read_input_registers(3, 2)
+            return server.statistics
 
     check(caplog, asyncio.run(run()))
 

@@ -37,9 +37,11 @@ class Functions:
 
     A function raises `ModbusException(2)` for an address that does not exist. Any other exception, a result of the
     wrong length and a value that does not fit are failures of the function: the client gets exception 04, and the
-    error is logged by the server, with its traceback, and kept in its `statistics.failures`. Single and multiple writes call the same function. Function codes
-    16 and 17 call a read and a write function. `own` maps request classes of the application to functions that return
-    the response.
+    server logs the error with its traceback and keeps it in `statistics.failures`. Single and multiple writes call the
+    same function. Function codes 16 and 17 call a read and a write function. `own` maps request classes of the
+    application to functions that return the response.
+
+    Raises EncodeError for an argument that is not a function.
     """
 
     _: KW_ONLY

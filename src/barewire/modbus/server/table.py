@@ -55,9 +55,9 @@ class Table:
         objects                      further identification objects: number -> text or bytes
         files                        file records: file number -> registers
 
-    Raises EncodeError for values that no message can carry, also when `table.coils[0] = 2` or a slice is assigned. A list
-    assigned to a whole table fills it from address 0; the rest becomes 0. The application may set `queues` (registers by address) and
-    `exception_status` (eight bits).
+    Raises EncodeError for values that no message can carry, also for `table.coils[0] = 2` and for slices. A list that
+    is assigned to a whole table fills it from address 0, and the rest becomes 0. The application may set `queues`
+    (registers by address) and `exception_status` (eight bits).
     """
 
     def __init__(
