@@ -183,7 +183,7 @@ REFUSED = {
     "modbus imports no framing": ("modbus/client/bus.py", "from barewire.rtu import frame"),
     "modbus imports no framing, relative": ("modbus/client/bus.py", "from ...tcp.line import TcpLine"),
     "modbus imports no canopen": ("modbus/client/bus.py", "from ...canopen.frame import CanFrame"),
-    "canopen imports no modbus": ("canopen/sdo/client/upload.py", "from ....modbus import ask"),
+    "canopen imports no modbus": ("canopen/sdo/client/upload.py", "from ....modbus import Bus"),
     "a framing imports no other": ("ascii/line.py", "from ..rtu import crc"),
     "a framing imports no server": (
         "rtu/line.py",

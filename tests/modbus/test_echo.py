@@ -12,6 +12,7 @@ from barewire.conversation import play
 from barewire.errors import NoAnswer
 from barewire.modbus import (
     Adu,
+    Bus,
     EchoLine,
     Line,
     ModbusException,
@@ -21,7 +22,6 @@ from barewire.modbus import (
     Table,
     WriteOutcomeUnknown,
     WriteSingleRegister,
-    ask,
 )
 from barewire.modbus.echo import DETECTING
 from barewire.rtu import RtuLine, Timing, encode
@@ -49,30 +49,30 @@ def test_the_echo_is_removed_in_any_pieces(cut: int) -> None:
 
 def test_a_client_on_an_echoing_line() -> None:
     line = line_of()
-    answer, _ = play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.001, REQUEST), (0.02, ANSWER)))
+    answer, _ = play(Bus(line).ask(1, ReadHoldingRegisters(107, 1)), answering((0.001, REQUEST), (0.02, ANSWER)))
     assert answer.registers == (42,)
     write = encode(1, WriteSingleRegister(1, 2).encode())
-    play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.001, write), (0.02, write)))
+    play(Bus(line).ask(1, WriteSingleRegister(1, 2)), answering((0.001, write), (0.02, write)))
 
 
 def test_an_echo_is_not_taken_for_the_answer_that_looks_like_it() -> None:
     write = encode(1, WriteSingleRegister(1, 2).encode())
     with pytest.raises(NoAnswer):
-        play(ask(line_of(), 1, WriteSingleRegister(1, 2)), answering((0.001, write)))
+        play(Bus(line_of()).ask(1, WriteSingleRegister(1, 2)), answering((0.001, write)))
 
 
 def test_a_damaged_echo_is_a_collision_with_the_received_bytes() -> None:
     line = line_of()
     damaged = REQUEST[:4] + b"\xff" + REQUEST[5:]
     with pytest.raises(NoAnswer, match="collision: sent 01 03 00 6B 00 01 F5 D6, received 01 03 00 6B FF 01 F5 D6"):
-        play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.001, damaged)))
+        play(Bus(line).ask(1, ReadHoldingRegisters(107, 1)), answering((0.001, damaged)))
     assert line.collisions == 1
 
 
 def test_a_good_answer_after_a_damaged_echo_is_found() -> None:
     line = line_of()
     damaged = b"\x00" + REQUEST[1:]
-    answer, _ = play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.001, damaged), (0.1, ANSWER)))
+    answer, _ = play(Bus(line).ask(1, ReadHoldingRegisters(107, 1)), answering((0.001, damaged), (0.1, ANSWER)))
     assert answer.registers == (42,)
     assert line.collisions == 1
 
@@ -80,7 +80,7 @@ def test_a_good_answer_after_a_damaged_echo_is_found() -> None:
 def test_without_echo_the_answer_is_found() -> None:
     line = line_of()
     for _ in range(3):
-        answer, _ = play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, ANSWER)))
+        answer, _ = play(Bus(line).ask(1, ReadHoldingRegisters(107, 1)), answering((0.02, ANSWER)))
         assert answer.registers == (42,)
 
 
@@ -146,7 +146,7 @@ def test_an_echo_is_detected_by_the_first_detecting_request(cut: int) -> None:
     assert line.feed(received[:cut], 0.001) + line.feed(received[cut:], 0.02) == [Adu(1, b"\x03\x02\x00\x2a")]
     assert line.echoes is True
     with pytest.raises(NoAnswer):  # the echo alone is not the answer
-        play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.001, WRITE)))
+        play(Bus(line).ask(1, WriteSingleRegister(1, 2)), answering((0.001, WRITE)))
 
 
 @pytest.mark.parametrize("cut", range(1, len(ANSWER)))
@@ -156,14 +156,14 @@ def test_the_absence_of_an_echo_is_detected(cut: int) -> None:
     line.sent(0.0)
     assert line.feed(ANSWER[:cut], 0.001) + line.feed(ANSWER[cut:], 0.002) == [Adu(1, b"\x03\x02\x00\x2a")]
     assert line.echoes is False
-    play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.02, WRITE)))
+    play(Bus(line).ask(1, WriteSingleRegister(1, 2)), answering((0.02, WRITE)))
     assert line.collisions == 0
 
 
 def test_an_exception_response_detects_as_well() -> None:
     line = unknown()
     with pytest.raises(ModbusException):
-        play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, encode(1, b"\x83\x02"))))
+        play(Bus(line).ask(1, ReadHoldingRegisters(107, 1)), answering((0.02, encode(1, b"\x83\x02"))))
     assert line.echoes is False
 
 
@@ -175,19 +175,19 @@ def test_an_exception_response_detects_as_well() -> None:
 def test_ambiguous_bytes_decide_nothing(received: bytes) -> None:
     line = unknown()
     with contextlib.suppress(NoAnswer):
-        play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, received)))
+        play(Bus(line).ask(1, ReadHoldingRegisters(107, 1)), answering((0.02, received)))
     assert line.echoes is None
 
 
 def test_until_detected_a_copy_is_taken_for_an_echo() -> None:
     line = unknown()
     with pytest.raises(WriteOutcomeUnknown):
-        play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.02, WRITE)))
+        play(Bus(line).ask(1, WriteSingleRegister(1, 2)), answering((0.02, WRITE)))
     assert line.echoes is None
-    play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.001, WRITE), (0.02, WRITE)))
+    play(Bus(line).ask(1, WriteSingleRegister(1, 2)), answering((0.001, WRITE), (0.02, WRITE)))
     assert line.echoes is None
-    assert play(ask(line, 1, ReadHoldingRegisters(107, 1)), answering((0.02, ANSWER)))[0].registers == (42,)
-    play(ask(line, 1, WriteSingleRegister(1, 2)), answering((0.02, WRITE)))
+    assert play(Bus(line).ask(1, ReadHoldingRegisters(107, 1)), answering((0.02, ANSWER)))[0].registers == (42,)
+    play(Bus(line).ask(1, WriteSingleRegister(1, 2)), answering((0.02, WRITE)))
 
 
 @pytest.mark.parametrize("code", sorted(DETECTING))

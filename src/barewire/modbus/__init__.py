@@ -28,7 +28,7 @@ from barewire.modbus.messages import NAMES as _MESSAGES
 
 if TYPE_CHECKING:
     from barewire.modbus.adu import BROADCAST as BROADCAST, PDU_LIMIT as PDU_LIMIT, Adu as Adu, Noise as Noise
-    from barewire.modbus.client.bus import Bus as Bus, ask as ask, broadcast as broadcast
+    from barewire.modbus.client.bus import Bus as Bus
     from barewire.modbus.client.fair_queue import FairQueue as FairQueue
     from barewire.modbus.client.line_state import LateReply as LateReply, WriteOutcomeUnknown as WriteOutcomeUnknown
     from barewire.modbus.client.read_identification import (
@@ -76,7 +76,7 @@ __getattr__, __dir__, __all__ = lazy(
         "messages.base": "ExceptionResponse Message Request Response",
         "messages": " ".join(_MESSAGES),
         "messages.registry": "decode_request decode_response register",
-        "client.bus": "Bus ask broadcast",
+        "client.bus": "Bus",
         "client.line_state": "LateReply WriteOutcomeUnknown",
         "client.fair_queue": "FairQueue",
         "client.read_identification": "DeviceIdentification read_device_identification",

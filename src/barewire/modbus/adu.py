@@ -58,3 +58,17 @@ def check_pdu(pdu: bytes) -> None:
     """Raise EncodeError unless the PDU has 1 to 253 bytes [MB-APP 4.1]."""
     if not 1 <= len(pdu) <= PDU_LIMIT:
         raise EncodeError(f"a PDU of {len(pdu)} bytes: expected 1..{PDU_LIMIT}", "pdu")
+
+
+def describe_event(event: Adu | Noise) -> str:
+    """Describe an event in an error message."""
+    if isinstance(event, Adu):
+        number = "" if event.transaction is None else f", transaction {event.transaction}"
+        return f"a frame from unit {event.unit}, function {event.pdu[0]:02X}{number}"
+    text = event.text or event.reason
+    if not event.data:
+        return text
+    start = event.data[:16].hex(" ").upper() + (" ..." if len(event.data) > 16 else "")
+    size = f"{len(event.data)} byte{'' if len(event.data) == 1 else 's'}"
+    # A text such as "3 bytes, then silence" begins with the number already.
+    return f"{size} {start}{text.removeprefix(size)}" if text.startswith(f"{size},") else f"{size} {start}: {text}"

@@ -8,6 +8,7 @@ from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.conversation import Conversation, Heard, Listen, Send, SendAll, play
 from barewire.errors import EncodeError, NoAnswer
 from barewire.modbus import (
+    Bus,
     ModbusException,
     ReadCoils,
     ReadDeviceIdentification,
@@ -18,8 +19,6 @@ from barewire.modbus import (
     Table,
     WriteMultipleRegisters,
     WriteSingleRegister,
-    ask,
-    broadcast,
 )
 from barewire.modbus.messages.registry import AnyRequest
 from barewire.rtu import RtuLine, Timing, encode as rtu_frame
@@ -44,7 +43,7 @@ def test_an_exchange_takes_exactly_the_time_that_its_characters_take() -> None:
     """8 characters out, 3.5 of silence, 11 back, 11 bits each: 22.5 x 11 / 19200 = 12.890625 ms."""
     server = Server(RtuLine(TIMING, role="server"), {1: Table()}, serial=True)
     answer, end = play(
-        ask(rtu(), 1, READ), serving(server, TIMING), sending_takes=lambda frame: TIMING.duration(len(frame))
+        Bus(rtu()).ask(1, READ), serving(server, TIMING), sending_takes=lambda frame: TIMING.duration(len(frame))
     )
     assert answer == ReadHoldingRegistersResponse((0, 0, 0))
     assert end == pytest.approx(0.012890625, abs=1e-12)
@@ -58,7 +57,7 @@ def test_the_next_exchange_keeps_the_silence_before_it(strict: bool) -> None:
     server = Server(RtuLine(TIMING, role="server", patience=patience), {1: Table()}, serial=True)
     peer, end = serving(server, TIMING), 5.0
     for _ in range(2):
-        _, end = play(ask(line, 1, READ), peer, start=end, sending_takes=lambda frame: TIMING.duration(len(frame)))
+        _, end = play(Bus(line).ask(1, READ), peer, start=end, sending_takes=lambda frame: TIMING.duration(len(frame)))
     characters = 2 * (22.5 + 3.5) if strict else 22.5 + 3.5 + 22.5
     assert end - 5.0 == pytest.approx(characters * TIMING.character, abs=1e-9)
 
@@ -66,7 +65,7 @@ def test_the_next_exchange_keeps_the_silence_before_it(strict: bool) -> None:
 def test_a_request_waits_until_the_line_has_been_quiet() -> None:
     line = rtu()
     line.sent(10.0)
-    conversation = ask(line, 1, READ)
+    conversation = Bus(line).ask(1, READ)
     assert next(conversation) == Listen(float("-inf"))
     assert conversation.send(Heard(None, 10.0)) == Listen(10.0 + TIMING.t35)
     assert conversation.send(Heard(None, 10.0 + TIMING.t35)) == Send(rtu_frame(1, READ.encode()))
@@ -78,7 +77,7 @@ def test_a_request_waits_until_the_line_has_been_quiet() -> None:
 def asked(*answers: Chunk, timeout: float = 1.0) -> tuple[ReadHoldingRegistersResponse, float]:
     """Ask unit 1 over RTU; `answers` are (bytes, seconds after the request)."""
     peer = answering(*((after, data or b"") for data, after in answers))
-    return play(ask(rtu(), 1, READ, timeout=timeout), peer)
+    return play(Bus(rtu()).ask(1, READ, timeout=timeout), peer)
 
 
 OTHERS = [
@@ -137,14 +136,14 @@ def test_an_exception_response_of_another_unit_is_ignored() -> None:
 def test_on_a_strict_line_an_answer_ends_with_silence() -> None:
     """A strict line ends every frame by silence."""
     line = RtuLine(TIMING, patience=None)
-    assert play(ask(line, 1, READ), answering((0.25, ANSWER))) == (VALUE, 0.25 + TIMING.t35)
+    assert play(Bus(line).ask(1, READ), answering((0.25, ANSWER))) == (VALUE, 0.25 + TIMING.t35)
 
 
 # No answer -------------------------------------------------------------------------------------------------------
 
 
 def test_silence_raises_no_answer_at_the_timeout() -> None:
-    conversation = ask(rtu(), 7, READ, timeout=0.5)
+    conversation = Bus(rtu()).ask(7, READ, timeout=0.5)
     with pytest.raises(NoAnswer) as caught:
         play(conversation, answering())
     assert str(caught.value) == "unit 7 did not answer Read Holding Registers within 0.5 s"
@@ -184,7 +183,7 @@ def first_send(
     line: RtuLine, coming: list[tuple[float, bytes]], request: AnyRequest = READ
 ) -> tuple[Send[bytes] | SendAll[bytes], float]:
     """Return the first step that is a Send, and its time, if `coming` arrives before anything is sent."""
-    conversation: Conversation[bytes, object] = ask(line, 1, request)
+    conversation: Conversation[bytes, object] = Bus(line).ask(1, request)
     now, step = 1.0, next(conversation)
     while isinstance(step, Listen):
         if coming and coming[0][0] <= max(step.until, now):
@@ -228,17 +227,17 @@ def test_nothing_is_sent_on_a_line_that_is_never_silent() -> None:
 
 def test_an_exchange_over_ascii() -> None:
     peer = answering((0.25, ascii_frame(2, VALUE.encode())), (0.5, ascii_frame(1, VALUE.encode())))
-    assert play(ask(AsciiLine(), 1, READ), peer) == (VALUE, 0.5)
+    assert play(Bus(AsciiLine()).ask(1, READ), peer) == (VALUE, 0.5)
 
 
 def test_the_error_over_ascii_describes_the_damaged_frame() -> None:
     with refused(NoAnswer, "LRC is 00, should be"):
-        play(ask(AsciiLine(), 1, READ), answering((0.25, ascii_frame(1, VALUE.encode())[:-4] + b"00\r\n")))
+        play(Bus(AsciiLine()).ask(1, READ), answering((0.25, ascii_frame(1, VALUE.encode())[:-4] + b"00\r\n")))
 
 
 def test_an_exchange_over_tcp_accepts_only_its_transaction() -> None:
     late, right = tcp_frame(1, VALUE.encode(), 0), tcp_frame(1, VALUE.encode(), 1)
-    assert play(ask(TcpLine(), 1, READ), answering((0.25, late), (0.5, right))) == (VALUE, 0.5)
+    assert play(Bus(TcpLine()).ask(1, READ), answering((0.25, late), (0.5, right))) == (VALUE, 0.5)
 
 
 @pytest.mark.parametrize("serial", [True, False])
@@ -246,8 +245,8 @@ def test_a_client_and_a_server_exchange_requests(serial: bool) -> None:
     table = Table()
     line = AsciiLine() if serial else TcpLine()
     server = Server(AsciiLine() if serial else TcpLine(), {1: table}, serial=serial)
-    play(ask(line, 1, WriteMultipleRegisters(0x6B, (1, 2, 3))), serving(server))
-    answer, _ = play(ask(line, 1, READ), serving(server))
+    play(Bus(line).ask(1, WriteMultipleRegisters(0x6B, (1, 2, 3))), serving(server))
+    answer, _ = play(Bus(line).ask(1, READ), serving(server))
     assert answer.registers == (1, 2, 3)
     assert server.statistics.replies == server.statistics.requests == 2
 
@@ -262,7 +261,7 @@ def test_a_broadcast_is_sent_to_unit_0_and_waits_for_the_turnaround() -> None:
         sent.append((item, now))
         return [(now + 0.05, b"\xff\xff")]
 
-    result, end = play(broadcast(rtu(), WriteSingleRegister(0, 0x1234), turnaround=0.2), peer, start=1.0)
+    result, end = play(Bus(rtu()).broadcast(WriteSingleRegister(0, 0x1234), turnaround=0.2), peer, start=1.0)
     assert result is None
     assert sent == [(unhex("00 06 0000 1234 856C"), 1.0)]
     assert end == 1.2
@@ -270,11 +269,11 @@ def test_a_broadcast_is_sent_to_unit_0_and_waits_for_the_turnaround() -> None:
 
 def test_a_request_after_a_broadcast_keeps_the_silence() -> None:
     line = rtu()
-    play(broadcast(line, WriteSingleRegister(0, 1), turnaround=0.0), answering(), start=1.0)
+    play(Bus(line).broadcast(WriteSingleRegister(0, 1), turnaround=0.0), answering(), start=1.0)
     assert line.quiet_at == 1.0 + TIMING.t35
 
 
 @pytest.mark.parametrize("request_", [READ, ReadCoils(0, 1), ReportServerId(), ReadDeviceIdentification()])
 def test_a_broadcast_of_a_read_is_refused(request_: AnyRequest) -> None:
     with refused(EncodeError, f"{request_.name} as a broadcast: no unit answers it"):
-        play(broadcast(rtu(), request_), answering())
+        play(Bus(rtu()).broadcast(request_), answering())

@@ -15,21 +15,14 @@ from barewire.modbus import (
     ModbusException,
     ReadHoldingRegisters,
     Server,
-    Table,
     Unanswered,
     Unit,
 )
 from barewire.rtu import RtuLine
 from barewire.tcp import TcpLine
-from tests.modbus.client.slow import TIMING, Clock, Slow, read, rtu_bus, table
+from tests.modbus.client.slow import TIMING, Clock, Slow, WithoutDiagnostics, read, rtu_bus, table
 
 LISTEN_ONLY, RESTART = Diagnostics(0x04), Diagnostics(0x01)
-
-
-class WithoutDiagnostics(Table):
-    """A table that declines functions 08, 0B and 0C."""
-
-    diagnostics = False
 
 
 def slow_unit(unit: Unit, *delays: float) -> Slow:

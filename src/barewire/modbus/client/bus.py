@@ -12,12 +12,15 @@ response (time-out, cancellation, damage), its answer stays *pending* until it i
     B  ------------------->
        <--- the answer to B
 
-    recovery = "probe"    as drawn. The answer to the probe may be late as well: if none comes within `late_window`, B
-                          is not sent (NoAnswer). After two unanswered probes in a row, recovery is as with "wait"
-    recovery = "wait"     no probe: silence for `late_window`, then B
+    recovery = "probe"    as drawn. If the probe has no answer within the time-out of B, B is not sent (NoAnswer)
+    recovery = "wait"     no probe: listen until `late_window` after A was sent, then send B
+
+Exception 88 carries no number. While an earlier 08 is pending it could be the answer to that one, so it proves only
+what the answer to the earlier one would prove; then the echo with its number decides, or the window.
 
 A line whose responses are numbered (TCP) needs none of this, and an exchange without trouble costs nothing extra. The
-bus assumes that a unit answers requests in the order in which they were sent, and that it is the line's only client.
+bus assumes that a unit answers requests in the order in which they were sent, each at most once and within
+`late_window`, and that it is the line's only client; docs/late-answers.md states what follows from that.
 
 A write without a response may have been carried out: its error is `WriteOutcomeUnknown`, and it is repeated only if
 the caller allows it.
@@ -35,12 +38,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from copy import copy
+from operator import eq
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
-from barewire.modbus.adu import BROADCAST, Adu
-from barewire.modbus.client.line_state import NEVER, LineState, PendingAnswer, WriteOutcomeUnknown
+from barewire.modbus.adu import BROADCAST, Adu, describe_event
+from barewire.modbus.client.line_state import NEVER, LineState, PendingAnswer, no_answer
 from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
@@ -48,9 +52,7 @@ if TYPE_CHECKING:
     from barewire.modbus.messages.base import R, Request
 
 Recovery = Literal["probe", "wait"]
-
-_MAX_PROBES = 2
-"""The number of unanswered probes in a row after which a unit is not probed again, and only silence is proof."""
+_PROBE = 0x08  # the function code of a probe
 
 
 class Bus:
@@ -58,7 +60,7 @@ class Bus:
 
     line           the framing; after a reconnect it may be replaced between two requests, and answers stay pending
     recovery       how a pending answer is excluded: "probe" (default) or "wait", see above
-    late_window    seconds of silence after which a pending answer is not expected any more (default: three time-outs)
+    late_window    seconds after a request was sent in which its answer may come (default: three time-outs)
     gap            seconds of pause between two exchanges with a unit (default 0)
     gaps           the same for single units: unit -> seconds
     dead_after     the number of unanswered requests in a row after which a unit is not asked for a while, longer
@@ -225,52 +227,78 @@ class Bus:
                 heard = yield Send(line.request(unit, request.encode()))
                 now = heard.now
                 line.sent(now)
+                sent_at = now
             until = now + timeout
             while now < until:
                 wake = line.deadline
                 heard = yield Listen(until if wake is None or wake > until else wake)
                 now = heard.now
-                response = self._response_in(line.feed(heard.item, now), unit, request, now, passed_over)
+                response = self._response_in(self._received(heard), unit, request, now, passed_over)
                 if response is not None:
                     return response
                 if line.broken is not None:
                     break
         except (Abandoned, GeneratorExit) as end:
-            self._leave_pending(unit, request, now, timeout)
+            # Abandoned while it was being sent, the request may leave a little later than `now`.
+            self._leave_pending(unit, request, now + timeout if sent_at is None else sent_at, timeout)
             if request.writes and isinstance(end, Abandoned):
-                raise _outcome_unknown(f"unit {unit}, {request.name}: {end}") from end
+                raise no_answer(request, f"unit {unit}, {request.name}: {end}") from end
             raise
-        return self._unanswered(unit, request, timeout, now, passed_over)
+        return self._unanswered(unit, request, timeout, sent_at, now, passed_over)
 
     def _response_in(
         self, events: list[LineEvent], unit: int, request: Request[R], now: float, passed_over: list[str]
     ) -> R | None:
-        """Return the response to `request` if it is among the events; note the events before it in `passed_over`.
+        """Return the response to `request` if it is among the events. Other events are noted in `passed_over`.
 
-        Raises ModbusException if it is an exception response.
+        Raises ModbusException if it is an exception response, NoAnswer if the unit sent its response and it is wrong.
         """
+        response: R | None = None
+        failure: Exception | None = None
         for event in events:
-            if isinstance(event, Adu) and self.line.answers(event):
+            why = ""
+            if response is None and failure is None and isinstance(event, Adu) and self.line.answers(event):
                 try:
                     response = request.read_response(event.pdu)
-                except ModbusException:
-                    self.state.answered(unit, now)
-                    raise
+                except ModbusException as exception:
+                    # The exception to a probe carries no number: it may answer the probe before, which is pending.
+                    if self.state.confusable(unit, request):
+                        why = str(exception)
+                    else:
+                        failure = exception
                 except DecodeError as error:
                     why = str(error)
-                else:
+                    if self._is_last_word(event, unit, request):
+                        failure = no_answer(
+                            request, f"unit {unit} answered {request.name} with a wrong response: {why}"
+                        )
+                if response is not None or failure is not None:
                     self.state.answered(unit, now)
-                    return response
-            else:
-                why = describe_event(event)
+                    continue
             self.state.stray(event, now)
-            _note(passed_over, why)
-        return None
+            _note(passed_over, why or describe_event(event))
+        if failure is not None:
+            raise failure
+        return response
 
-    def _unanswered(self, unit: int, request: Request[R], timeout: float, now: float, passed_over: list[str]) -> R:
+    def _is_last_word(self, frame: Adu, unit: int, request: Request[Any]) -> bool:
+        """Whether a frame that is not a valid response must be what the unit sent in response to `request`.
+
+        Then nothing else can come. It may be something else if an older answer is pending, if this unit has not
+        answered on this bus before, or if the line echoes requests.
+        """
+        if frame.pdu[0] & 0x7F != request.function_code or frame.pdu == request.encode():
+            return False
+        return self.line.numbered or (
+            self.state.units[unit].settled and all(pending.unit != unit for pending in self.state.pending)
+        )
+
+    def _unanswered(
+        self, unit: int, request: Request[R], timeout: float, sent_at: float, now: float, passed_over: list[str]
+    ) -> R:
         """End an exchange without a response: raise the error, or return the result if the standard demands silence."""
         line, unit_state = self.line, self.state.units[unit]
-        self._leave_pending(unit, request, now, timeout)
+        self._leave_pending(unit, request, sent_at, timeout)
         if line.broken is not None:
             text = f"unit {unit} did not answer {request.name}: {line.broken}; nothing after it can be trusted"
         else:
@@ -284,18 +312,29 @@ class Bus:
                 _note(passed_over, f"{len(line.held)} bytes without an end")
             instead = f"; received instead: {'; '.join(passed_over)}" if passed_over else ""
             text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
-        raise _outcome_unknown(text) if request.writes else NoAnswer(text)
+        raise no_answer(request, text)
 
-    def _leave_pending(self, unit: int, request: Request[Any], now: float, timeout: float) -> None:
+    def _leave_pending(self, unit: int, request: Request[Any], sent_at: float, timeout: float) -> None:
         self.counters.lost += 1
         if not self.line.numbered:
             window = 3 * timeout if self.late_window is None else self.late_window
-            self.state.pending.append(PendingAnswer(unit, request, now + window))
+            self.state.pending.append(PendingAnswer(unit, request, sent_at + window))
 
     def _pass_over(self, heard: Heard[bytes]) -> float:
-        for event in self.line.feed(heard.item, heard.now):
+        for event in self._received(heard):
             self.state.stray(event, heard.now)
         return heard.now
+
+    def _received(self, heard: Heard[bytes]) -> list[LineEvent]:
+        """Return the events of received bytes, without copies of a frame in the same piece.
+
+        Taken for the answer to a later request, a copy would prove too much.
+        """
+        events = self.line.feed(heard.item, heard.now)
+        if len(events) < 2:
+            return events
+        self.counters.strays += sum(map(eq, events, events[1:]))
+        return [event for event, before in zip(events, [None, *events]) if event != before]
 
     # Before the next request
 
@@ -316,48 +355,40 @@ class Bus:
 
         Returns the time.
         """
-        state, unit_state = self.state, self.state.units[unit]
+        state = self.state
+        state.expire(now)
         if not state.confusable(unit, request):
             return now
+        # Another 08 is not preceded by a probe, because their answers would be alike.
+        if self.recovery == "probe" and request.function_code != _PROBE:
+            now = yield from self._probe(unit, timeout, now)
+            if state.confusable(unit, request):
+                why = "the answer to an earlier request may still come"
+                text = f"unit {unit} did not answer a probe within {timeout:g} s, and {why}"
+                raise NoAnswer(f"{text}: {request.name} was not sent")
+        while confusable := state.confusable(unit, request):
+            heard = yield Listen(max(pending.until for pending in confusable))
+            state.expire(self._pass_over(heard))
+        return (yield from self.wait_until_idle(timeout))
+
+    def _probe(self, unit: int, timeout: float, now: float) -> Conversation[bytes, float]:
+        """Send a probe to the unit on the idle line, and return the time after it.
+
+        Its answer settles everything that was sent to the unit before.
+        """
         # Loaded here because TCP never needs it, and other lines rarely do.
         from barewire.modbus.messages.diagnostics import RETURN_QUERY_DATA, Diagnostics
 
-        # Another 08 is not preceded by a probe, because their answers would be alike.
-        may_probe = self.recovery == "probe" and request.function_code != Diagnostics.function_code
-        if may_probe and unit_state.unproven < _MAX_PROBES:
+        while True:
             # Another number each time, so that its echo cannot be an older one.
             self._nonce = self._nonce + 0x9E37 & 0xFFFF
-            self.counters.probes += 1
             probe = Diagnostics(RETURN_QUERY_DATA, self._nonce.to_bytes(2, "big"))
-            unit_state.unproven += 1
-            # The exception "function 08 is unknown" proves as much as the echo: all earlier answers came before it. If
-            # nothing comes, the answer to the probe may be late as well, and the wait below covers both.
-            with suppress(ModbusException, NoAnswer):
-                yield from self._exchange(unit, probe, timeout, idle_at=now)
-        while state.confusable(unit, request):
-            until = max(pending.until for pending in state.pending if pending.unit == unit)
-            heard = yield Listen(until)
-            now = self._pass_over(heard)
-            if now >= until and may_probe and unit_state.unproven < _MAX_PROBES:
-                text = f"unit {unit} has an answer pending that may still come, and left a probe unanswered"
-                raise NoAnswer(f"{text}: {request.name} was not sent")
-            if now >= until:
-                state.forget(unit)
-        return (yield from self.wait_until_idle(timeout))
-
-
-def describe_event(event: LineEvent) -> str:
-    """Describe an event in an error message."""
-    if isinstance(event, Adu):
-        number = "" if event.transaction is None else f", transaction {event.transaction}"
-        return f"a frame from unit {event.unit}, function {event.pdu[0]:02X}{number}"
-    text = event.text or event.reason
-    if not event.data:
-        return text
-    start = event.data[:16].hex(" ").upper() + (" ..." if len(event.data) > 16 else "")
-    size = f"{len(event.data)} byte{'' if len(event.data) == 1 else 's'}"
-    # A text such as "3 bytes, then silence" begins with the number already.
-    return f"{size} {start}{text.removeprefix(size)}" if text.startswith(f"{size},") else f"{size} {start}: {text}"
+            if all(pending.request != probe for pending in self.state.pending):
+                break
+        self.counters.probes += 1
+        with suppress(ModbusException, NoAnswer):
+            yield from self._exchange(unit, probe, timeout, idle_at=now)
+        return self._pass_over((yield Listen(NEVER)))
 
 
 def _note(passed_over: list[str], text: str) -> None:
@@ -366,24 +397,3 @@ def _note(passed_over: list[str], text: str) -> None:
         passed_over.append(text)
     elif len(passed_over) == 3:
         passed_over.append("...")
-
-
-def _outcome_unknown(text: str) -> WriteOutcomeUnknown:
-    return WriteOutcomeUnknown(f"{text}; whether it was carried out is unknown")
-
-
-# A line that is used once
-
-
-def ask(line: Line, unit: int, request: Request[R], *, timeout: float = DEFAULT_TIMEOUT) -> Conversation[bytes, R]:
-    """Send `request` to `unit` once and return its response. `timeout` is in seconds.
-
-    Nothing is remembered afterwards: for several requests on the same line use a `Bus`, which recognises late
-    responses. Raises ModbusException for an exception response, NoAnswer when the time is over.
-    """
-    return Bus(line).ask(unit, request, timeout=timeout)
-
-
-def broadcast(line: Line, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
-    """Send `request` to every unit on a serial line, then leave them `turnaround` seconds to carry it out."""
-    return Bus(line).broadcast(request, turnaround=turnaround)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from barewire.modbus.messages.base import Request
 
 _KEPT = 16
-"""How many late replies and pending answers are kept at most, so that a bad line does not fill the memory."""
+"""How many late replies are kept at most, so that a bad line does not fill the memory."""
 
 _LONGEST_PAUSE = 30.0
 """The longest time, in seconds, for which no request is sent to a dead unit."""
@@ -34,6 +34,11 @@ NEVER = float("-inf")
 
 class WriteOutcomeUnknown(NoAnswer):
     """A write was sent and not answered: it may or may not have been carried out. Read back before writing again."""
+
+
+def no_answer(request: Request[Any], text: str) -> NoAnswer:
+    """Return the error of a request that was sent and has no response; for a write it is WriteOutcomeUnknown."""
+    return WriteOutcomeUnknown(f"{text}; whether it was carried out is unknown") if request.writes else NoAnswer(text)
 
 
 class LateReply(NamedTuple):
@@ -72,7 +77,7 @@ class UnitState:
         self.free_at = NEVER  # its pause is over at this time
         self.silent = 0  # requests in a row without a response
         self.dead_until = NEVER
-        self.unproven = 0  # probes in a row without a response
+        self.settled = False  # it has answered in time, so no answer to an older request can come
         self.listens_only = False  # Force Listen Only Mode was sent, and not answered
 
 
@@ -98,7 +103,7 @@ class LineState:
     def __init__(self, *, gap: float, gaps: Mapping[int, float] | None, dead_after: int | None) -> None:
         self.counters = BusCounters()
         self.units: defaultdict[int, UnitState] = defaultdict(UnitState)
-        self.pending: deque[PendingAnswer] = deque(maxlen=_KEPT)
+        self.pending: list[PendingAnswer] = []
         """The requests whose responses may still come, the oldest first."""
         self.has_gaps = bool(gap or gaps)
         self._gap = gap
@@ -109,14 +114,14 @@ class LineState:
         """Record that the unit sent a response in time, which settles every earlier request to it."""
         unit_state = self.units[unit]
         self.counters.answered += 1
-        if unit_state.silent or unit_state.unproven:
+        unit_state.settled = True
+        if unit_state.silent:
             unit_state.silent = 0
-            unit_state.unproven = 0
             unit_state.dead_until = NEVER
         if self.has_gaps and (gap := self._gaps.get(unit, self._gap)):
             unit_state.free_at = now + gap
         if self.pending:
-            self.forget(unit)
+            self.pending = [pending for pending in self.pending if pending.unit != unit]
 
     def timed_out(self, unit_state: UnitState, now: float) -> None:
         """Count a request without a response. From `dead_after` on the unit is dead for a time that grows."""
@@ -124,9 +129,10 @@ class LineState:
         if self._dead_after is not None and unit_state.silent >= self._dead_after:
             unit_state.dead_until = now + min(2.0 ** (unit_state.silent - self._dead_after), _LONGEST_PAUSE)
 
-    def forget(self, unit: int) -> None:
-        """Drop the pending answers of this unit: they cannot come any more."""
-        self.pending = deque((pending for pending in self.pending if pending.unit != unit), maxlen=_KEPT)
+    def expire(self, now: float) -> None:
+        """Drop the pending answers that cannot come any more because their time is over."""
+        if self.pending:
+            self.pending = [pending for pending in self.pending if pending.until > now]
 
     def confusable(self, unit: int, request: Request[Any]) -> list[PendingAnswer]:
         """Return the pending answers that could pass for the response to this request.
@@ -144,10 +150,8 @@ class LineState:
         for index, late in enumerate(self.pending):
             if late.could_be(event):
                 # A unit answers in the order in which it was asked, so its earlier pending answers will not come.
-                earlier, later = list(self.pending)[:index], list(self.pending)[index + 1 :]
-                kept = [pending for pending in earlier if pending.unit != late.unit] + later
-                self.pending = deque(kept, maxlen=_KEPT)
-                self.units[late.unit].unproven = 0
+                earlier, later = self.pending[:index], self.pending[index + 1 :]
+                self.pending = [pending for pending in earlier if pending.unit != late.unit] + later
                 self.counters.late += 1
                 self.counters.replies.append(LateReply(late.unit, late.request, event.pdu, now))
                 return
