@@ -33,6 +33,9 @@ bench: $(VENV)/installed-bench ## our work beside that of other libraries and ha
 	  --benchmark-json=build/bench.json $(ARGS)
 	@$(BIN)/python tools/bench_page.py build/bench.json
 
+proof: $(VENV)/installed-bench ## every order of late answers, ours and those of other clients; writes docs/late-answers.md
+	@$(BIN)/python tools/late_answers.py $(ARGS)
+
 format: $(VENV)/installed-dev ## put the code in its form
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
@@ -52,5 +55,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo test style types suite bench format clean
+.PHONY: help demo test style types suite bench proof format clean
 .NOTPARALLEL:

@@ -1,0 +1,46 @@
+"""SDO transfers in the model checker (`sdo`)."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.model.choices import run_all, run_random
+from tests.model.sdo import SdoTally, Transfers, sdo_scenario
+
+
+@pytest.mark.parametrize(
+    "setup",
+    [
+        Transfers(),
+        Transfers(length=1, faults=2),
+        Transfers(length=3, modes=("expedited",)),
+    ],
+    ids=["two transfers, one fault", "one transfer, two faults", "three expedited transfers, one fault"],
+)
+def test_no_value_is_delivered_to_another_transfer_in_any_order_of_faults(setup: Transfers) -> None:
+    tally = SdoTally()
+    assert run_all(sdo_scenario(setup, tally)) > 100
+    assert not tally.wrong, tally.wrong[0]
+    assert not tally.stuck, tally.stuck[0]
+    assert min(tally.right, tally.errors) > 20
+
+
+def test_no_value_is_delivered_to_another_transfer_with_many_faults() -> None:
+    tally = SdoTally()
+    run_random(sdo_scenario(Transfers(length=6, faults=8, outcomes=("arrives", "is lost", "is late")), tally), 400)
+    assert not tally.wrong, tally.wrong[0]
+    assert not tally.stuck, tally.stuck[0]
+    assert min(tally.right, tally.errors) > 100
+
+
+def test_the_checker_finds_frames_that_are_late_by_more_than_the_channel_waits() -> None:
+    tally = SdoTally()
+    run_all(sdo_scenario(Transfers(modes=("expedited",), delays=(0.55,)), tally))
+    assert tally.wrong
+
+
+def test_a_doubled_request_can_confirm_the_next_download_of_the_same_object_if_that_is_lost() -> None:
+    """What SDO cannot exclude: its responses name the object, and not the request."""
+    tally = SdoTally()
+    run_all(sdo_scenario(Transfers(verbs=("download",), modes=("expedited",), faults=2), tally))
+    assert tally.wrong
