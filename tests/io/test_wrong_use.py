@@ -34,10 +34,14 @@ def readers() -> list[str]:
 @pytest.mark.parametrize("client", CLIENTS)
 def test_unit_and_time_out_of_a_modbus_client_are_checked_at_once(client: Any) -> None:
     one = client("tcp://127.0.0.1:1", lazy=True)
-    for unit in (300, -1, "7", 1.5):
-        with refused(EncodeError, f"unit {unit!r}: expected 0..255"):
-            one.at(unit=unit)
+    for unit in (300, -1, "7", 1.5, True):
+        kind = "" if unit in (300, -1) else "a whole number in "
+        for use in (one.at, lambda unit: client(one.url, unit=unit), lambda unit: one.ask(ReadCoils(0, 1), unit=unit)):
+            with refused(EncodeError, f"unit {unit!r}: expected {kind}0..255"):
+                use(unit=unit)
     for timeout in (-1, NAN, "1"):
+        with refused(EncodeError, f"time-out {timeout!r}: expected 0 or more seconds"):
+            client(one.url, timeout=timeout)
         with refused(EncodeError, f"time-out {timeout!r}: expected 0 or more seconds"):
             one.at(timeout=timeout)
         with refused(EncodeError, f"time-out {timeout!r}: expected 0 or more seconds"):

@@ -17,7 +17,7 @@ Depends on: the codecs.  Used by: every file of this room.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, Literal, NamedTuple
@@ -298,8 +298,11 @@ class Parameter:
 class Reading(NamedTuple):
     """A parameter and the value that was read.
 
-    >>> Reading(Parameter("Voltage", "f32", unit="V"), 230.0)
-    <Reading Voltage = 230 V>
+    >>> reading = Reading(Parameter("Voltage", "f32", unit="V"), 230.0)
+    >>> reading, reading.value, float(reading), f"{reading:.1f}"
+    (<Reading Voltage = 230 V>, 230.0, 230.0, '230.0')
+
+    It is a tuple: to compare or to calculate, use `value`.
     """
 
     parameter: Parameter
@@ -320,6 +323,37 @@ class Reading(NamedTuple):
 
     def __repr__(self) -> str:
         return f"<Reading {self}>"
+
+    def __format__(self, spec: str) -> str:
+        return format(self.value, spec) if spec else str(self)
+
+    def __float__(self) -> float:
+        return float(self._number())
+
+    def __int__(self) -> int:
+        return int(self._number())
+
+    def _number(self) -> int | float:
+        if not isinstance(self.value, (int, float)):
+            raise TypeError(f"{self!r}: its value is not a number")
+        return self.value
+
+
+def _use_value(operation: str) -> Callable[[Any, Any], Any]:
+    """Return the method of a `Reading` for an operator: that of a tuple, and an error with a hint for numbers."""
+    of_tuple = getattr(tuple, operation, None)
+
+    def refuse(reading: Reading, other: Any) -> Any:
+        if of_tuple is not None and isinstance(other, tuple):
+            return of_tuple(reading, other)
+        raise TypeError(f"{reading!r}: use its .value")
+
+    return refuse
+
+
+_OPERATORS = ("__add__", "__radd__", "__sub__", "__rsub__", "__mul__", "__rmul__", "__truediv__", "__rtruediv__")
+for _operation in (*_OPERATORS, "__lt__", "__le__", "__gt__", "__ge__"):
+    setattr(Reading, _operation, _use_value(_operation))  # not in the class: type checkers report these by themselves
 
 
 def _range_text(low: int | float | None, high: int | float | None) -> str:

@@ -18,6 +18,7 @@ from typing import TypeAlias
 from barewire.codecs import Value, codec
 from barewire.devices.device import Device
 from barewire.devices.parameter import Parameter, show
+from barewire.devices.value_text import value_of_name
 from barewire.errors import BarewireError, EncodeError, NoAnswer
 
 NameOrParameter: TypeAlias = str | Parameter
@@ -37,6 +38,8 @@ def to_read(device: Device, names: Iterable[NameOrParameter]) -> list[Parameter]
 def to_write(device: Device, values: ValuesByName, force: bool) -> list[tuple[Parameter, Value]]:
     """Return the parameters with their values. With `force` neither access nor range is checked.
 
+    A text for a parameter that is not a text is the name of one of its values, or on or off for a bit.
+
     Raises UnknownName, or EncodeError if a parameter cannot be written or its value is out of range.
     """
     found = []
@@ -46,6 +49,8 @@ def to_write(device: Device, values: ValuesByName, force: bool) -> list[tuple[Pa
             parameter = replace(parameter, minimum=None, maximum=None)
         elif not parameter.writable:
             raise EncodeError(f"{parameter.name} is read only", parameter.name)
+        if isinstance(value, str) and parameter.type != "text":
+            value = value_of_name(parameter, value)
         found.append((parameter, value))
         parameter.check(value)
     return found

@@ -1,4 +1,4 @@
-"""Text that a user typed -> a value of a parameter, as in `NAME=VALUE` on a command line.
+"""Text -> a value of a parameter, as in `NAME=VALUE` on a command line. Programs use numbers, and the names only.
 
     "3000"  "0x0BB8"  "0BB8h"  "0b101"  "-2.5e3"   a number; a hexadecimal one is the number itself, for any type
     "on"  "off"  "true"  "false"  "1"  "0"         a bit
@@ -7,7 +7,7 @@
 
 Ranges are not checked here: writing checks them.
 
-Depends on: Parameter.  Used by: the command line.
+Depends on: Parameter.  Used by: the command line, writes by name.
 """
 
 from __future__ import annotations
@@ -39,22 +39,43 @@ def parse_value(parameter: Parameter, text: str) -> Value:
     100
     """
     stripped = text.strip()
-    for number, title in parameter.values.items():
-        if stripped.casefold() == title.casefold():
-            return number
+    named = _named_value(parameter, stripped)
+    if named is not None:
+        return named
     if parameter.type == "text":
         return text
-    if parameter.type == "bool" and stripped.lower() in _SWITCHED:
-        return _SWITCHED[stripped.lower()]
     try:
         value = _number(stripped)
         if isinstance(value, float) and math.isinf(value) and "inf" not in stripped.lower():
             raise ValueError(f"{stripped} is more than a float can hold")
     except ValueError:
-        wanted = "on or off" if parameter.type == "bool" else "a number"
-        names = f", or one of: {', '.join(parameter.values.values())}" if parameter.values else ""
-        raise EncodeError(f"{parameter.name} = {shown(text)}: expected {wanted}{names}", parameter.name) from None
+        raise _unknown(parameter, text) from None
     return bool(value) if parameter.type == "bool" and value in (0, 1) else value
+
+
+def value_of_name(parameter: Parameter, name: str) -> Value:
+    """Return the value with this name, in upper or lower case; on or off for a bit. Raises EncodeError with the names.
+
+    >>> value_of_name(Parameter("Mode", "i8", values={1: "position", 3: "velocity"}), "Velocity")
+    3
+    """
+    found = _named_value(parameter, name.strip())
+    if found is None:
+        raise _unknown(parameter, name)
+    return found
+
+
+def _named_value(parameter: Parameter, name: str) -> Value | None:
+    for number, title in parameter.values.items():
+        if name.casefold() == title.casefold():
+            return number
+    return _SWITCHED.get(name.lower()) if parameter.type == "bool" else None
+
+
+def _unknown(parameter: Parameter, text: str) -> EncodeError:
+    wanted = "on or off" if parameter.type == "bool" else "a number"
+    names = f", or one of: {', '.join(parameter.values.values())}" if parameter.values else ""
+    return EncodeError(f"{parameter.name} = {shown(text)}: expected {wanted}{names}", parameter.name)
 
 
 def _number(text: str) -> int | float:

@@ -155,7 +155,7 @@ def can_be_host(name: str) -> bool:
         return False
 
 
-def check_timeout(timeout: float | None) -> None:
+def check_timeout(timeout: object) -> None:
     """Raise EncodeError for a time-out that would never end (nan), is negative, or is not a number."""
     if timeout is not None and not (isinstance(timeout, (int, float)) and timeout >= 0):
         raise EncodeError(f"time-out {shown(timeout)}: expected 0 or more seconds", "timeout")

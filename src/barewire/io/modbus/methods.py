@@ -47,6 +47,13 @@ def checked_request(request: Request[Any]) -> None:
         raise TypeError(f"{text}, got {request.__name__ if isinstance(request, type) else shown(request)}")
 
 
+def _check_unit(unit: object) -> None:
+    """Raise EncodeError unless this is a unit address or None."""
+    if unit is not None and not (isinstance(unit, int) and not isinstance(unit, bool) and 0 <= unit <= 255):
+        kind = "" if type(unit) is int else "a whole number in "
+        raise EncodeError(f"unit {shown(unit)}: expected {kind}0..255", "unit")
+
+
 def _described(device: str | Path | Device) -> Device:
     """Return the description of a device. A description needs no import, so a read by name stays quick."""
     if hasattr(device, "read_plans"):
@@ -87,6 +94,8 @@ class ModbusMethods:
 
     def _configure(self, url: str, set_direction: SetDirection | None, options: Mapping[str, object]) -> Endpoint:
         """Set the URL, the unit and the time-out, and return the endpoint."""
+        _check_unit(options.get("unit"))
+        check_timeout(options.get("timeout"))
         endpoint = modbus_endpoint(url, options).with_direction(set_direction)
         self.url = str(endpoint)
         self.unit = endpoint.integer("unit", 0) if "unit" in endpoint.options else None
@@ -95,8 +104,7 @@ class ModbusMethods:
 
     def at(self, unit: int | None = None, timeout: float | None = None) -> Self:
         """Return the same client on the same connection, with another unit, another time-out in seconds, or both."""
-        if unit is not None and not (isinstance(unit, int) and 0 <= unit <= 255):
-            raise EncodeError(f"unit {shown(unit)}: expected 0..255", "unit")
+        _check_unit(unit)
         check_timeout(timeout)
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
@@ -107,6 +115,7 @@ class ModbusMethods:
     def unit_for(self, unit: int | None = None, device: Device | None = None) -> int:
         """Return the given unit, or the client's, or the device's own, or 1."""
         if unit is not None:
+            _check_unit(unit)
             return unit
         if self.unit is not None:
             return self.unit
@@ -145,7 +154,7 @@ class ModbusMethods:
     @exchange
     def write_multiple_coils(self, address: int, bits: Sequence[bool | int]) -> Exchange[None]:
         """Write 1 to 1968 coils from `address` on (function 0F)."""
-        return modbus.WriteMultipleCoils(address, tuple(bits)), _nothing
+        return modbus.WriteMultipleCoils(address, bits), _nothing
 
     @exchange
     def write_multiple_registers(self, address: int, registers: Sequence[int]) -> Exchange[None]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from barewire.codecs import Field, Layout
-from barewire.errors import DecodeError, EncodeError
+from barewire.errors import DecodeError, EncodeError, shown
 from barewire.modbus.adu import check_pdu
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ModbusException, exception_name
 
@@ -176,7 +176,19 @@ class ExceptionResponse(Response):
 def check_range(name: str, value: int, low: int, high: int) -> None:
     """Raise EncodeError unless `value` is an integer in low..high, the limits of the field `name`."""
     if not (isinstance(value, int) and low <= value <= high):
-        raise EncodeError(f"{name} = {value!r}: expected {low}..{high}", name)
+        kind = "" if isinstance(value, int) else "a whole number in "
+        raise EncodeError(f"{name} = {value!r}: expected {kind}{low}..{high}", name)
+
+
+def check_list(name: str, values: object, expected: str) -> None:
+    """Raise EncodeError unless `values` has a length and is neither text nor bytes, whose items are numbers too."""
+    if isinstance(values, (str, bytes, bytearray, memoryview)) or not hasattr(values, "__len__"):
+        raise EncodeError(f"{name} = {shown(values)}: expected a list of {expected}", name)
+
+
+def check_registers(values: object) -> None:
+    """Raise EncodeError unless `values` may be registers; the numbers are checked when they are encoded."""
+    check_list("registers", values, "whole numbers in 0..65535")
 
 
 def checked(pdu: bytes) -> bytes:

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 
 from barewire.codecs import Field, Layout, pack_bits, unpack_bits
 from barewire.errors import DecodeError, EncodeError
-from barewire.modbus.messages.base import Request, Response, check_range
+from barewire.modbus.messages.base import Request, Response, check_list, check_range
 
 READ_COILS_LIMIT = 2000
 WRITE_COILS_LIMIT = 1968
@@ -246,7 +246,7 @@ class WriteMultipleCoils(Request[WriteMultipleCoilsResponse]):
     """
 
     address: int
-    bits: tuple[bool | int, ...]
+    bits: Sequence[bool | int]
 
     name: ClassVar[str] = "Write Multiple Coils"
     function_code: ClassVar[int] = 0x0F
@@ -258,6 +258,7 @@ class WriteMultipleCoils(Request[WriteMultipleCoilsResponse]):
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
+        check_list("bits", self.bits, "True and False")
         check_range("quantity", len(self.bits), 1, WRITE_COILS_LIMIT)
         _packed(self.bits)  # raises EncodeError for a value that is not a bit
         object.__setattr__(self, "bits", tuple(map(bool, self.bits)))

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
-from barewire.modbus.messages.base import Request, Response, check_range
+from barewire.modbus.messages.base import Request, Response, check_range, check_registers
 from barewire.modbus.messages.registers import READ_REGISTERS_LIMIT, ReadHoldingRegistersResponse, register_fields
 
 _WRITE_LIMIT = 121
@@ -125,6 +125,7 @@ class ReadWriteMultipleRegisters(Request[ReadWriteMultipleRegistersResponse]):
         check_range("read_address", self.read_address, 0, 0xFFFF)
         check_range("read_quantity", self.read_quantity, 1, READ_REGISTERS_LIMIT)
         check_range("write_address", self.write_address, 0, 0xFFFF)
+        check_registers(self.registers)
         check_range("write_quantity", len(self.registers), 1, _WRITE_LIMIT)
         object.__setattr__(self, "registers", tuple(self.registers))
         from_registers(self.registers)  # raises EncodeError for a value outside 0..65535

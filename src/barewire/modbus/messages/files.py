@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ILLEGAL_DATA_VALUE
-from barewire.modbus.messages.base import R, Request, Response, check_range
+from barewire.modbus.messages.base import R, Request, Response, check_range, check_registers
 from barewire.modbus.messages.registers import register_rows
 
 _REFERENCE_TYPE = 6
@@ -242,6 +242,9 @@ class WriteFileRecordResponse(Response):
 
 def _records(records: Iterable[Sequence[Any]]) -> tuple[FileRecord, ...]:
     """Return the groups as `FileRecord`, after checking each."""
+    records = list(records)
+    for _, _, registers in records:
+        check_registers(registers)
     found = tuple(FileRecord(file, record, tuple(registers)) for file, record, registers in records)
     for group in found:
         _check_place(group.file, group.record, len(group.registers))

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Self
 
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
-from barewire.modbus.messages.base import Request, Response, check_range
+from barewire.modbus.messages.base import Request, Response, check_range, check_registers
 
 READ_REGISTERS_LIMIT = 125
 _WRITE_LIMIT = 123
@@ -273,6 +273,7 @@ class WriteMultipleRegisters(Request[WriteMultipleRegistersResponse]):
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF)
+        check_registers(self.registers)
         check_range("quantity", len(self.registers), 1, _WRITE_LIMIT)
         object.__setattr__(self, "registers", tuple(self.registers))
         from_registers(self.registers)  # raises EncodeError for a value outside 0..65535
