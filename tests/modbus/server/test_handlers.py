@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
-from barewire.modbus import Adu, Functions, Identity, ModbusException, Response, Server
+from barewire.errors import EncodeError
+from barewire.modbus import Adu, Functions, Identity, ModbusException, ReadHoldingRegisters, Response, Server
 from barewire.tcp import TcpLine
-from tests.helpers import unhex
+from tests.helpers import refused, unhex
 
 
 def answered(unit: Functions, pdu: str) -> str:
@@ -149,3 +150,18 @@ def test_own_functions_take_precedence() -> None:
 
     unit = Functions(read_exception_status=lambda: 2, own={ReadExceptionStatus: own})
     assert answered(unit, "07") == "0701"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        ({"read_input_registers": [1]}, "Functions: read_input_registers = [1]: expected a function"),
+        ({"write_coils": 5}, "Functions: write_coils = 5: expected a function"),
+        ({"own": {ReadHoldingRegisters: None}}, "Functions: own[ReadHoldingRegisters] = None: expected a function"),
+        ({"own": [ReadHoldingRegisters]}, "expected request classes and functions"),
+        ({"identity": "ACME"}, "Functions: identity = 'ACME': expected an Identity"),
+    ],
+)
+def test_functions_refuse_what_cannot_be_called(wrong: dict[str, Any], text: str) -> None:
+    with refused(EncodeError, text):
+        Functions(**wrong)

@@ -18,6 +18,7 @@ from barewire.io.server.asyncio_stream import server_at
 from barewire.io.server.base import AsyncServer
 from barewire.io.server.connection_limits import ConnectionTable, Inject
 from barewire.io.server.modbus import port_number, server_endpoint
+from barewire.modbus.server.server import ServerStatistics
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -61,6 +62,8 @@ class AsyncModbusServer(AsyncServer):
         self.url = str(self._endpoint)
         self.connections: ConnectionTable[Any] = ConnectionTable(self._endpoint)
         """The open connections, and why others were closed. Empty for UDP and serial lines."""
+        self.statistics = ServerStatistics()
+        """Counters of all connections, and the latest errors in the code of units."""
         self._units = units
         self._listener = listener
         self._inject: Inject | None = None
@@ -76,6 +79,7 @@ class AsyncModbusServer(AsyncServer):
         if not self._endpoint.is_serial_port:
             self._network = server_at(self._endpoint, units, authorization, self._inject)
             self.connections = self._network.connections
+            self.statistics = self._network.statistics
 
     @property
     def port(self) -> int:
@@ -94,7 +98,7 @@ class AsyncModbusServer(AsyncServer):
 
     async def _open(self) -> None:
         if self._network is None:
-            self._server = SerialServer(self._endpoint, self._units, self._inject)
+            self._server = SerialServer(self._endpoint, self._units, self._inject, self.statistics)
             return
         await self._network.listen(self._listener)
         self._server = self._network

@@ -17,7 +17,9 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.tcp import reason
 from barewire.io.server.connection_limits import ConnectionTable, Inject
+from barewire.io.server.failures import FailureLog
 from barewire.modbus import Server, Unit
+from barewire.modbus.server.server import ServerStatistics
 
 
 class DatagramServer(asyncio.DatagramProtocol):
@@ -27,7 +29,8 @@ class DatagramServer(asyncio.DatagramProtocol):
         self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # always empty: datagrams have none
         self._endpoint = endpoint
         self._inject = inject
-        self._server = Server(modbus_line(endpoint, "server"), units, serial=False)
+        self._server = Server(modbus_line(endpoint, "server"), units, serial=False, on_failure=FailureLog())
+        self.statistics = self._server.statistics
         self._transport: asyncio.DatagramTransport | None = None
         self._full = False
 
@@ -81,16 +84,18 @@ class DatagramServer(asyncio.DatagramProtocol):
 
 
 class SerialServer:
-    """A server on a serial port, read and written by the running event loop."""
+    """A server on a serial port, read and written by the running event loop. It counts in `statistics`."""
 
-    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None = None) -> None:
+    def __init__(
+        self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None, statistics: ServerStatistics
+    ) -> None:
         from barewire.io.ports.async_serial import SerialLink
         from barewire.io.ports.serial import SerialPort
 
         self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # always empty: a line has none
         self._inject = inject
         self._line = modbus_line(endpoint, "server", tuple(units))
-        self._server = Server(self._line, units, serial=True)
+        self._server = Server(self._line, units, serial=True, statistics=statistics, on_failure=FailureLog())
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self._sending: set[asyncio.Task[None]] = set()

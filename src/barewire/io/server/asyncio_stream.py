@@ -23,8 +23,9 @@ from barewire.io.ports.tls_session import TlsSession
 from barewire.io.server.asyncio_ports import DatagramServer
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable, Inject, send_replies
+from barewire.io.server.failures import FailureLog
 from barewire.modbus import Authorization, Request, Server, Unit
-from barewire.modbus.server.server import counters_for
+from barewire.modbus.server.server import ServerStatistics, counters_for
 
 _HANDSHAKE = 10.0
 """Seconds that a TLS handshake may take."""
@@ -44,6 +45,8 @@ class StreamServer:
         self.endpoint = endpoint
         self.units = units
         self.inject = inject
+        self.statistics = ServerStatistics()
+        self.on_failure = FailureLog()
         self.context: ssl.SSLContext | None = None
         self.authorization = authorization
         self.counters = counters_for(modbus_line(endpoint, "server"))
@@ -103,7 +106,15 @@ class _Connection(asyncio.BufferedProtocol):
         is_serial = server.endpoint.framing != "tcp"
         has_roles = server.context is not None or server.authorization is not None
         permits = self._permits if has_roles else None
-        self._server = Server(self._line, server.units, serial=is_serial, permits=permits, counters=server.counters)
+        self._server = Server(
+            self._line,
+            server.units,
+            serial=is_serial,
+            permits=permits,
+            counters=server.counters,
+            statistics=server.statistics,
+            on_failure=server.on_failure,
+        )
         self._tls = TlsSession(server.context) if server.context is not None else None
         # One read takes at most this buffer. It is small where frames are searched byte by byte, so that a client which
         # sends noise delays the others less.
@@ -246,6 +257,7 @@ class AsyncioService:
     ) -> None:
         self._server = server_at(endpoint, units, authorization, inject)
         self.connections = self._server.connections
+        self.statistics = self._server.statistics
         self._listener, self.url = listening_socket(endpoint)
 
     def serve(self, is_over: Callable[[], bool]) -> None:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from barewire.io.modbus.options import ModbusOptions
     from barewire.io.server.connection_limits import ConnectionTable
     from barewire.modbus import Authorization, Unit
+    from barewire.modbus.server.server import ServerStatistics
 
 
 _SERVED = ("tcp", "tls", "udp", "serial")
@@ -41,6 +42,7 @@ class Service(Protocol):
     """Serves units on one kind of port, which its constructor opens."""
 
     url: str
+    statistics: ServerStatistics
 
     @property
     def connections(self) -> ConnectionTable[Any]: ...
@@ -63,6 +65,9 @@ class ModbusServer(ThreadedServer):
     fault_delay     the delay of a late answer in seconds; by default 1.5
     on_fault        called as on_fault(kind) for each fault
     options         all other options of a URL, which they override
+
+    An error in the code of a unit is exception 04 for the client. It is logged with its traceback, under the name
+    `barewire.modbus.server` and at most once per second for each unit; `statistics.failures` has the latest ten.
 
     Raises EncodeError for a wrong URL or option, PortError for a port that cannot be taken.
     """
@@ -99,6 +104,11 @@ class ModbusServer(ThreadedServer):
     def connections(self) -> ConnectionTable[Any]:
         """The open connections, and why others were closed. Empty for UDP and serial lines."""
         return self._service.connections
+
+    @property
+    def statistics(self) -> ServerStatistics:
+        """Counters of all connections, and the latest errors in the code of units."""
+        return self._service.statistics
 
     def _serve(self, stop: threading.Event) -> None:
         self._service.serve(lambda: self.is_over(stop))

@@ -14,6 +14,7 @@ from barewire.io.ports.base import Port
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable
+from barewire.io.server.failures import FailureLog
 from barewire.modbus import Server, Unit
 
 if TYPE_CHECKING:
@@ -29,7 +30,8 @@ class SerialService:
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], faults: Faults[bytes] | None = None) -> None:
         self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # a line has none
         self._line = modbus_line(endpoint, "server", units)
-        self._server = Server(self._line, units, serial=True)
+        self._server = Server(self._line, units, serial=True, on_failure=FailureLog())
+        self.statistics = self._server.statistics
         self.port: Port[bytes]
         if endpoint.place == PSEUDO_TERMINAL or not os.path.exists(endpoint.place):
             from barewire.io.ports.serial import SerialSettings

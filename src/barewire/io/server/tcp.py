@@ -22,7 +22,8 @@ from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.tcp import CHUNK, listening_socket, reason, set_socket_options
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable, send_replies
-from barewire.modbus.server.server import Server
+from barewire.io.server.failures import FailureLog
+from barewire.modbus.server.server import Server, ServerStatistics
 
 if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint
@@ -45,6 +46,8 @@ class TcpService:
         self.injector = injector
         self.endpoint = endpoint
         self.units = units
+        self.statistics = ServerStatistics()
+        self.on_failure = FailureLog()
         modbus_line(endpoint, "server", units)  # raises for wrong options before the port is taken
         self._listener, self.url = listening_socket(endpoint)
         self._listener.setblocking(False)
@@ -122,7 +125,9 @@ class _Connection:
         self._socket = connection
         self._selector = selector
         self._line = modbus_line(service.endpoint, "server", service.units)
-        self._server = Server(self._line, service.units, serial=False)
+        self._server = Server(
+            self._line, service.units, serial=False, statistics=service.statistics, on_failure=service.on_failure
+        )
         self._unsent = bytearray()
         self._ending = False  # it closes when everything is sent
         selector.register(connection, selectors.EVENT_READ, self)

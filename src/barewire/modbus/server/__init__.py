@@ -5,6 +5,7 @@
     authorization      roles and their permissions, for TLS
     identity           the identification objects of a unit (2B/0E)
     table              a unit of four tables in memory
+    blocks             the values of a table, checked when they are assigned
     handlers           a unit of plain functions
 
 Depends on: modbus.framing, modbus.messages. Used by: the servers of io, devices.sim, tests.

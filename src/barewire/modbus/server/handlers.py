@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any, NamedTuple
 
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 from barewire.modbus.exceptions import ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.messages import coils, combined, files, registers
 from barewire.modbus.messages.base import Request, Response
@@ -37,9 +37,11 @@ class Functions:
 
     A function raises `ModbusException(2)` for an address that does not exist. Any other exception, a result of the
     wrong length and a value that does not fit are failures of the function: the client gets exception 04, and the
-    reason is in `statistics.failures` of the server. Single and multiple writes call the same function. Function codes
-    16 and 17 call a read and a write function. `own` maps request classes of the application to functions that return
-    the response.
+    server logs the error with its traceback and keeps it in `statistics.failures`. Single and multiple writes call the
+    same function. Function codes 16 and 17 call a read and a write function. `own` maps request classes of the
+    application to functions that return the response.
+
+    Raises EncodeError for an argument that is not a function.
     """
 
     _: KW_ONLY
@@ -56,6 +58,18 @@ class Functions:
     report_server_id: Callable[[], bytes] | None = None
     identity: Identity | None = None
     own: Mapping[type[Request[Any]], Own] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.own, Mapping):
+            text = "expected request classes and functions, such as {ReadFifoQueue: answer}"
+            raise EncodeError(f"Functions: own = {shown(self.own)}: {text}", "own")
+        if not isinstance(self.identity, Identity | None):
+            raise EncodeError(f"Functions: identity = {shown(self.identity)}: expected an Identity", "identity")
+        given = {name: getattr(self, name) for name in _FUNCTIONS if getattr(self, name) is not None}
+        given |= {f"own[{getattr(key, '__name__', key)}]": function for key, function in self.own.items()}
+        for name, function in given.items():
+            if not callable(function):
+                raise EncodeError(f"Functions: {name} = {shown(function)}: expected a function", name)
 
     def supports(self, request: type[Request[Any]]) -> bool:
         """Whether the functions that this class of requests needs are given."""
@@ -165,6 +179,7 @@ _ANSWERS: dict[type[Request[Any]], _Answer] = {
     ReportServerId: _Answer(("report_server_id",), Functions._report_server_id),
     ReadDeviceIdentification: _Answer(("identity",), Functions._read_device_identification),
 }
+_FUNCTIONS = sorted({name for answer in _ANSWERS.values() for name in answer.needs} - {"identity"})
 
 
 def _call(function: Callable[..., Any] | None, *values: Any) -> Any:

@@ -115,6 +115,8 @@ class Server:
     transactions    the most requests in one read that are handled (TCP only, default 16)
     permits         permits(unit, request) decides whether a request is carried out; exception 01 if not
     counters        those of another connection to the same units, to share them (default: new ones)
+    statistics      those of another connection to the same units, to share them (default: new ones)
+    on_failure      called as on_failure(unit, request or None, error) for each error in the code of a unit
     """
 
     def __init__(
@@ -126,15 +128,18 @@ class Server:
         transactions: int = TRANSACTIONS,
         permits: Callable[[int, AnyRequest], bool] | None = None,
         counters: defaultdict[int, SerialCounters] | None = None,
+        statistics: ServerStatistics | None = None,
+        on_failure: Callable[[int, AnyRequest | None, Exception], None] | None = None,
     ) -> None:
         self.line = line
         self.units = units
         self.serial = serial
-        self.statistics = ServerStatistics()
+        self.statistics = ServerStatistics() if statistics is None else statistics
         self.counters: defaultdict[int, SerialCounters] = counters_for(line) if counters is None else counters
         """By unit, on serial lines."""
         self._transactions = transactions
         self._permits = permits
+        self._on_failure = on_failure
         self._waiting: Adu | None = None  # answered if at most a glitch follows
         self._sent: Adu | None = None  # the latest response
 
@@ -279,6 +284,8 @@ class Server:
         except Exception as error:
             # The unit's code failed: record the error and answer exception 04.
             self.statistics.failed(error)
+            if self._on_failure is not None:
+                self._on_failure(number, request, error)
             code = SERVER_DEVICE_FAILURE
             answer = self._exception(pdu, ModbusException(code))
         if counters is not None:

@@ -27,9 +27,17 @@ from barewire.modbus.messages.base import Request, Response, check_range
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.messages.fifo import FIFO_LIMIT, ReadFifoQueue, ReadFifoQueueResponse
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId, ReportServerIdResponse
+from barewire.modbus.server.blocks import BitBlock, RegisterBlock
 from barewire.modbus.server.identity import Identity
 
 _SIZE = 0x10000
+_BLOCKS: dict[str, tuple[type[BitBlock | RegisterBlock], str]] = {
+    "coils": (BitBlock, "coil"),
+    "discrete_inputs": (BitBlock, "discrete input"),
+    "holding_registers": (RegisterBlock, "holding register"),
+    "input_registers": (RegisterBlock, "input register"),
+}
+"""By attribute: the class of the block, and what one of its values is called in errors."""
 
 
 class Table:
@@ -47,8 +55,9 @@ class Table:
         objects                      further identification objects: number -> text or bytes
         files                        file records: file number -> registers
 
-    Raises EncodeError for values that no message can carry. The application may set `queues` (registers by address) and
-    `exception_status` (eight bits).
+    Raises EncodeError for values that no message can carry, also for `table.coils[0] = 2` and for slices. A list that
+    is assigned to a whole table fills it from address 0, and the rest becomes 0. The application may set `queues`
+    (registers by address) and `exception_status` (eight bits).
     """
 
     def __init__(
@@ -63,14 +72,20 @@ class Table:
     ) -> None:
         check_range("size", size, 0, _SIZE)
         self.size = size
-        self.coils = bytearray(size)
-        self.discrete_inputs = bytearray(size)
-        self.holding_registers = array("H", bytes(2 * size))
-        self.input_registers = array("H", bytes(2 * size))
+        self.coils = BitBlock.filled("coil", size)
+        self.discrete_inputs = BitBlock.filled("discrete input", size)
+        self.holding_registers = RegisterBlock.filled("holding register", size)
+        self.input_registers = RegisterBlock.filled("input register", size)
         self.exception_status = 0
         self.queues: dict[int, list[int]] = {}
         self.files = {number: _file(number, content) for number, content in (files or {}).items()}
         self.identity = Identity({0: vendor, 1: product, 2: revision, **(objects or {})})
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _BLOCKS and not isinstance(value, RegisterBlock | BitBlock):
+            block, one = _BLOCKS[name]
+            value = block.filled(one, self.size, value)
+        object.__setattr__(self, name, value)
 
     @staticmethod
     def supports(request: type[Any]) -> bool:
