@@ -104,3 +104,22 @@ def test_the_help_names_every_fault_and_every_carrier() -> None:
     text = output_of("simulate", "--help")
     for word in (*KINDS, "tls", "udp", "rtu+tcp", "ascii+tcp", "can"):
         assert word in text
+
+
+def test_a_virtual_bus_is_refused_because_no_other_process_reaches_it() -> None:
+    for device in ("az3", "table"):
+        error = error_of("simulate", device, "tcp://127.0.0.1:0", "can://virtual/x?node=5", status=2)
+        assert "'can://virtual/x?node=5': can://virtual is inside one process" in error
+        assert "use can://socketcand/127.0.0.1:29536/x" in error
+
+
+def test_a_read_on_a_virtual_bus_reports_that_it_is_inside_one_process() -> None:
+    error = error_of("read", "can://virtual/x?timeout=0.1", "az3", "STATUS WORD")
+    assert "nothing at all on the bus meanwhile, and can://virtual is inside one process" in error
+
+
+def test_a_serial_path_that_another_simulation_serves_is_refused(tmp_path: Path) -> None:
+    with simulated_at("adxl", f"rtu://{tmp_path}/line") as endpoint:
+        error = error_of("simulate", "adxl", f"rtu://{tmp_path}/line")
+        assert f"{tmp_path}/line: another barewire server has this pseudo-terminal; " in error
+        assert "Status" in output_of("read", endpoint, "adxl", "Status")

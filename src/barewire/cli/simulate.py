@@ -15,6 +15,7 @@ from barewire import CanopenServer, EncodeError, ModbusServer, Table
 from barewire.cli.arguments import EndpointArgument, device_argument
 from barewire.devices.sim import MachineUnits, Simulator, simulator
 from barewire.devices.value_text import parse_value
+from barewire.io.canopen.shared_bus import INSIDE_ONE_PROCESS
 from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import LATE, parse_faults
 from barewire.io.server.base import ThreadedServer
@@ -92,6 +93,8 @@ def simulate_command(
 
     if "?order=" in device:
         raise EncodeError(f"{device!r}: a simulated device has its own byte order; --set its register, if it has one")
+    for endpoint in endpoints:
+        _check_reachable(endpoint)
     faults = None if fault is None else parse_faults(fault)
     machine = None if device == _TABLE else _configured_machine(device, list(map(Endpoint.parse, endpoints)))
     _set_initial_state(device, machine, values, world)
@@ -183,6 +186,13 @@ def _configured_machine(device: str, endpoints: Sequence[Endpoint]) -> Simulator
     if machine.canopen is not None:
         machine.canopen.bus_bitrate = machine.canopen.bitrate
     return machine
+
+
+def _check_reachable(url: str) -> None:
+    interface, _, channel = Endpoint.parse(url).place.partition("/")
+    if url.lower().startswith("can:") and interface == "virtual":
+        instead = f"use can://socketcand/127.0.0.1:29536/{channel}"
+        raise click.UsageError(f"{url!r}: {INSIDE_ONE_PROCESS}, no other program reaches it; {instead}")
 
 
 def _check_unit(endpoint: Endpoint, address: int) -> None:

@@ -73,3 +73,12 @@ def test_other_nodes_are_listed_when_the_node_has_sent_no_frame() -> None:
     for node in (2, 3, 4, 6, 7):
         monitor.feed(CanFrame.parse(f"{0x700 + node:03X}#05"), 1.0)
     assert monitor.explain_silence(5, 0x585, mark, 2.0, responses=0) == text.format("1, 2, 3, 4, 6, ...", "6 frames")
+
+
+def test_a_silent_bus_has_the_remark_until_a_frame_arrives() -> None:
+    monitor = NodeMonitor("the bus is inside one process")
+    before = monitor.mark(0x585)
+    text = monitor.explain_silence(5, 0x585, before, 1.0, responses=0)
+    assert text.endswith("nothing at all on the bus meanwhile, and the bus is inside one process")
+    monitor.feed(CanFrame.parse("705#7F"), 1.0)
+    assert "one process" not in monitor.explain_silence(5, 0x585, monitor.mark(0x585), 2.0, responses=0)

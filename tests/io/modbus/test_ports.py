@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from barewire import AsyncModbusClient, ModbusClient, ModbusServer
+from barewire import AsyncModbusServer, AsyncModbusClient, ModbusClient, ModbusServer
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.ports.pty import PseudoTerminal, is_pseudo_terminal
 from barewire.modbus import (
@@ -202,6 +202,20 @@ def test_a_new_path_becomes_a_pseudo_terminal_and_is_removed_again(tmp_path: Pat
         with ModbusClient(host.url) as client:
             assert client.ask(ReadHoldingRegisters(0, 1)).registers == (0,)
     assert not path.is_symlink()
+
+
+def test_a_pseudo_terminal_that_a_server_has_is_refused_to_a_second_server(tmp_path: Path) -> None:
+    path = tmp_path / "line"
+    expected = "another barewire server has this pseudo-terminal; stop it, or give this server another path"
+    with ModbusServer(f"rtu://{path}", units={1: Table()}) as host, ModbusClient(host.url) as client:
+        for url in (f"rtu://{path}", f"ascii://{os.path.realpath(path)}"):
+            with pytest.raises(PortError, match=f"{url.partition('://')[2]}: {expected}"):
+                ModbusServer(url, units={1: Table()})
+            with pytest.raises(PortError, match=expected):
+                asyncio.run(AsyncModbusServer(url, units={1: Table()}).start())
+        assert client.ask(ReadHoldingRegisters(0, 1)).registers == (0,)
+    with ModbusServer(f"rtu://{path}", units={1: Table()}) as host, ModbusClient(host.url) as client:
+        assert client.ask(ReadHoldingRegisters(0, 1)).registers == (0,)
 
 
 def test_a_scheme_without_modbus_and_a_server_without_units_are_errors() -> None:

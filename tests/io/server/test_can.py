@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,6 +15,7 @@ from barewire.canopen.eds import parse
 from barewire.devices import load
 from barewire.devices.sim import simulator
 from barewire.errors import DecodeError, EncodeError, PortError
+from barewire.io.ports.python_can import CanPort
 
 pytest.importorskip("can")
 
@@ -135,3 +137,45 @@ def test_an_object_that_cannot_be_a_node_is_refused() -> None:
         CanopenServer(url, eds="missing.eds")
     with pytest.raises(EncodeError, match="CANopen needs can://"):
         CanopenServer("tcp://127.0.0.1", device="az3")
+
+
+CLASSES: list[type] = [LocalNode, ObjectDictionary, type(simulator("az3"))]
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+@pytest.mark.parametrize("server", [CanopenServer, AsyncCanopenServer])
+def test_a_class_is_not_a_device(server: Any, kind: type) -> None:
+    name = kind.__name__
+    with pytest.raises(EncodeError, match=f"expected an instance, got the class {name}; write {name}\\(...\\)"):
+        server("can://virtual/a-class", device=kind)
+
+
+class Silent:
+    """Has `feed`, but no `deadline`."""
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        return []
+
+
+def test_only_an_instance_with_feed_and_deadline_can_be_hosted() -> None:
+    async def main() -> None:
+        async with AsyncCanopenClient("can://virtual/hosted") as bus:
+            check(bus)
+
+    def check(bus: Any) -> None:
+        for call in (bus.host, bus.start):
+            with pytest.raises(EncodeError, match="expected an instance, got the class LocalNode"):
+                call(LocalNode)
+            for wrong in (Silent(), 5, "az3", simulator("az3")):
+                with pytest.raises(EncodeError, match="expected a LocalNode, or another machine with feed and deadline"):
+                    call(wrong)
+
+    with CanopenClient("can://virtual/hosted") as bus:
+        check(bus)
+    asyncio.run(main())
+
+
+def test_a_class_is_not_a_bus() -> None:
+    for client in (CanopenClient, AsyncCanopenClient):
+        with pytest.raises(EncodeError, match="expected a URL such as"):
+            client(CanPort)  # type: ignore[arg-type]

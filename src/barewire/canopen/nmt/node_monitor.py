@@ -45,9 +45,11 @@ class NodeMonitor:
     'node 5 last sent a frame 3 s ago, pre-operational, 0 frames on 585h, 1 frame on the bus meanwhile'
     """
 
-    __slots__ = ("_base", "_extended", "error", "error_at", "foreign", "frames")
+    __slots__ = ("_base", "_extended", "_remark", "error", "error_at", "foreign", "frames")
 
-    def __init__(self) -> None:
+    def __init__(self, remark: str = "") -> None:
+        """`remark` is added to the explanation of a bus on which no frame was ever received."""
+        self._remark = remark
         self.frames = 0
         self.foreign = 0  # extended frames above 7FFh
         self.error: ErrorFrame | None = None
@@ -127,6 +129,8 @@ class NodeMonitor:
         if extended:
             parts.append(f"{_frames(extended)} on extended {response_id:08X}h, which is another identifier")
         parts.append(f"{_frames(frames) if frames else 'nothing at all'} on the bus meanwhile")
+        if self._remark and not self.frames:
+            parts.append(f"and {self._remark}")
         if self.error is not None and now - self.error_at < _RECENT:
             parts.append(f"the controller reported {self.error.text} {_seconds(now - self.error_at)} ago")
         return ", ".join(parts)

@@ -33,7 +33,7 @@ from barewire.io.canopen.methods.operations import (
     subscription,
 )
 from barewire.io.canopen.node import EdsNode, Node, dictionary_of
-from barewire.io.canopen.node_runner import Speaker
+from barewire.io.canopen.node_runner import Speaker, checked_machine
 from barewire.io.canopen.shared_bus import CanBus, can_endpoint
 from barewire.io.canopen.subscriber import Key
 from barewire.io.endpoint import check_timeout
@@ -90,8 +90,8 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
                 raise EncodeError(f"{names}: an option of a bus that is opened by its URL; this bus is open")
             if isinstance(bus, CanBus):
                 self._bus = bus
-            elif not (hasattr(bus, "send") and hasattr(bus, "receive")):
-                raise EncodeError(f"{bus!r}: expected a URL such as 'can://socketcan/can0', a CanBus, or a port")
+            elif isinstance(bus, type) or not (hasattr(bus, "send") and hasattr(bus, "receive")):
+                raise EncodeError(f"{shown(bus)}: expected a URL such as 'can://socketcan/can0', a CanBus, or a port")
         self._port = bus if not isinstance(bus, (str, CanBus)) else None
         self.owns_bus = self._bus is None
         self.node_id = node
@@ -268,14 +268,16 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
 
     @background
     def host(self, device: Speaker) -> BackgroundTask:
-        """Run a `LocalNode`, or any machine that receives all frames, on this bus until it is stopped."""
-        return BackgroundTask(device, None)
+        """Run a `LocalNode`, or any machine that receives all frames, on this bus until it is stopped.
+
+        Raises EncodeError for any other object."""
+        return BackgroundTask(checked_machine(device), None)
 
     @background
     def start(self, machine: Speaker, receives: frozenset[Key] | None = None) -> BackgroundTask:
         """Run a machine that sends frames until it is stopped. `receives` are the (identifier, extended) of the frames
         that it gets; by default it gets all."""
-        return BackgroundTask(machine, receives)
+        return BackgroundTask(checked_machine(machine), receives)
 
 
 def _canopen_device(device: str | Path | Device) -> Device:

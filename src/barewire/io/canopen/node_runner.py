@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, Protocol, Self
 
 from barewire.canopen.frame import CanFrame, ErrorFrame
-from barewire.errors import PortError
+from barewire.errors import EncodeError, PortError, shown
 from barewire.io.canopen.subscriber import BusItem, FrameBus, Key, Subscriber
 from barewire.io.engine.locking import exclusive
 
@@ -28,6 +28,22 @@ class Speaker(Protocol):
     def deadline(self) -> float | None: ...
 
     def feed(self, item: None, now: float) -> list[CanFrame]: ...
+
+
+def check_instance(device: object) -> None:
+    """Raise EncodeError for a class where an instance is expected."""
+    if isinstance(device, type):
+        name = device.__name__
+        raise EncodeError(f"expected an instance, got the class {name}; write {name}(...)", "device")
+
+
+def checked_machine(machine: Speaker) -> Speaker:
+    """Return the machine. Raises EncodeError for an object that cannot run on a bus."""
+    check_instance(machine)
+    if not (hasattr(machine, "feed") and hasattr(machine, "deadline")):
+        expected = "a LocalNode, or another machine with feed and deadline"
+        raise EncodeError(f"{shown(machine)}: expected {expected}", "device")
+    return machine
 
 
 def begin(machine: Speaker, now: float) -> list[CanFrame]:

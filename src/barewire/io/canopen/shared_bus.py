@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 _RECEIVE_TIMEOUT = 0.05
 """Seconds that the reader waits for a frame before it checks whether the bus was closed."""
 
+INSIDE_ONE_PROCESS = "can://virtual is inside one process"
+
 WatchFrames: TypeAlias = "Callable[[Direction, CanFrame], Any]"
 
 
@@ -53,7 +55,7 @@ class CanBus:
     def __init__(self, port: Port[CanFrame], *, watch: WatchFrames | None = None, dial: Dial | None = None) -> None:
         self.port = port
         self.name: str = getattr(port, "name", "the bus")
-        self.monitor = NodeMonitor()
+        self.monitor = NodeMonitor(INSIDE_ONE_PROCESS if self.name.startswith("virtual/") else "")
         self.failure: str | None = None
         self._receive = receiver(port)
         self._try_send: Callable[[CanFrame], bool] | None = getattr(port, "try_send", None)

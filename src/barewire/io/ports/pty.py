@@ -11,6 +11,8 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import struct
+import sys
 import time
 import tty
 from pathlib import Path
@@ -81,6 +83,44 @@ class PseudoTerminal:
                 os.close(end)
         if self._link is not None:
             self._link.unlink(missing_ok=True)
+
+
+    def mark_as_served(self) -> None:
+        """Mark the terminal as that of a server until it is closed, for `check_not_served` of other servers (Linux)."""
+        if sys.platform == "linux":
+            import fcntl
+
+            fcntl.fcntl(self._kept, fcntl.F_OFD_SETLK, _file_lock())
+
+
+def check_not_served(path: str) -> None:
+    """Raise PortError for the terminal of a live server: a second server would take it for a line of other devices."""
+    if sys.platform != "linux" or not is_pseudo_terminal(path):
+        return
+    import fcntl
+
+    try:
+        end = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError:
+        return  # opening the port reports the reason
+    try:
+        held = fcntl.fcntl(end, fcntl.F_OFD_GETLK, _file_lock())
+    finally:
+        os.close(end)
+    if held[:2] != struct.pack("h", fcntl.F_UNLCK):
+        what = "another barewire server has this pseudo-terminal"
+        raise PortError(f"{path}: {what}; stop it, or give this server another path")
+
+
+def _file_lock() -> bytes:
+    """Return the `struct flock` of a lock on the whole file.
+
+    A lock of an open file description (`F_OFD_...`) ends with the process that holds it, and is independent of the
+    lock by `flock` with which clients open the port.
+    """
+    import fcntl
+
+    return struct.pack("hhqqi", fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
 
 
 def is_pseudo_terminal(path: str) -> bool:

@@ -90,6 +90,7 @@ class SerialServer:
         self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None, statistics: ServerStatistics
     ) -> None:
         from barewire.io.ports.async_serial import SerialLink
+        from barewire.io.ports.pty import check_not_served
         from barewire.io.ports.serial import SerialPort
 
         self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # always empty: a line has none
@@ -101,6 +102,7 @@ class SerialServer:
         self._sending: set[asyncio.Task[None]] = set()
         self.failure: PortError | None = None
         """The error of the port that ended the server, or None."""
+        check_not_served(endpoint.place)
         self._link = SerialLink(SerialPort.of(endpoint), self._feed, self._fail)
 
     def _feed(self, data: bytes | None) -> None:

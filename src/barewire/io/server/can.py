@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, cast
 from barewire.canopen import CanFrame
 from barewire.devices.device import Device
 from barewire.errors import EncodeError, PortError, shown
-from barewire.io.canopen.node_runner import Action, NodeDriver, begin
+from barewire.io.canopen.node_runner import Action, NodeDriver, begin, check_instance
 from barewire.io.canopen.reconnect import Reopening, receiver
 from barewire.io.canopen.shared_bus import CanBus, can_endpoint
 from barewire.io.canopen.socketcand import SocketcandHub
@@ -202,6 +202,7 @@ def _node_of(endpoint: Endpoint, device: Served | None, eds: str | Path | Eds | 
 
     if (device is None) == (eds is None):
         raise EncodeError(f"endpoint {str(endpoint)!r}: expected device= or eds=, one of them", "device")
+    check_instance(device)
     node = endpoint.integer("node", 0) or None
     if isinstance(device, (str, Device)):
         from barewire.devices.sim import simulator

@@ -11,7 +11,7 @@ from barewire.errors import EncodeError
 from barewire.io.endpoint import PSEUDO_TERMINAL, Endpoint
 from barewire.io.modbus.carriers import dialer, modbus_line
 from barewire.io.ports.base import Port
-from barewire.io.ports.pty import PseudoTerminal
+from barewire.io.ports.pty import PseudoTerminal, check_not_served
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable
 from barewire.io.server.failures import FailureLog
@@ -42,9 +42,11 @@ class SerialService:
             link = None if endpoint.place == PSEUDO_TERMINAL else endpoint.place
             pace = SerialSettings.of(endpoint).timing if endpoint.integer("pace", 1) else None
             terminal = PseudoTerminal(link, pace)
+            terminal.mark_as_served()
             self.port = terminal
             self.url = str(endpoint._replace(place=terminal.name))
         else:
+            check_not_served(endpoint.place)
             self.port = dialer(endpoint)()
             self.url = str(endpoint)
         if faults is not None:
