@@ -58,6 +58,12 @@ def test_a_wrong_option_of_an_endpoint_is_wrong_usage(query: str) -> None:
     assert error.startswith("barewire: Invalid value for 'ENDPOINT': endpoint 'tcp://127.0.0.1:1?")
 
 
+@pytest.mark.parametrize("place", ["virtual/x?prt=1", "udp_multicast/239.74.163.2?prt=1", "udpmulticast/x"])
+def test_a_wrong_option_or_interface_of_can_is_wrong_usage(place: str) -> None:
+    error = error_of("read", f"can://{place}", "az3", "STATUS WORD", status=2)
+    assert error.startswith(f"barewire: Invalid value for 'ENDPOINT': endpoint 'can://{place}': unknown ")
+
+
 def test_four_causes_of_failure_are_four_different_lines(tmp_path: Path) -> None:
     no_port = error_of("read", "rtu:///dev/tty-nowhere", "adxl", "Status")
     refused = error_of("read", f"tcp://127.0.0.1:{free_port()}", "csd-mt", "Status Word")

@@ -38,6 +38,7 @@ def test_enable_move_and_stop(drive_at: tuple[str, str]) -> None:
     enabled = output_of("drive", *drive_at, "enable").splitlines()
     assert "s  enable: switch on disabled, waiting for 'operation enabled', position 0, velocity 0" in enabled[0]
     assert enabled[-1].startswith("operation enabled, position 0")
+    assert not any("operation enabled, waiting for 'operation enabled'" in line for line in enabled)
     # Not its velocity: what a CSD MT shows is the mean of the last 100 ms (register 1113).
     assert "position 2000, " in output_of("drive", *drive_at, "move", "2000", "--velocity", "400").splitlines()[-1]
     assert "position 1500" in output_of("drive", *drive_at, "move", "-500", "--relative").splitlines()[-1]

@@ -36,6 +36,8 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
         ("http://127.0.0.1", "expected tcp://HOST:PORT"),
         ("tcp://", "it names no port"),
         ("tcp://127.0.0.1?units=1", "unknown option 'units', expected any_transaction, any_unit"),
+        ("tcp://127.0.0.1?units=1", "unit, of servers also connections, idle; did you mean 'unit'"),
+        ("tcp://127.0.0.1?node=1", "; did you mean 'unit'?"),
         ("can://socketcan", "expected can://INTERFACE/CHANNEL"),
         ("tcp:127.0.0.1", "expected tcp://HOST:PORT"),
         ("tcp://[::1", "an IPv6 address stands in brackets"),

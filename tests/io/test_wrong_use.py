@@ -198,7 +198,7 @@ def test_a_client_that_is_cancelled_while_it_connects_leaves_no_bus_open(monkeyp
 
     async def main() -> None:
         client = barewire.AsyncCanopenClient("can://virtual/use")
-        connecting = asyncio.create_task(client.connect())
+        connecting = asyncio.create_task(client.open())
         assert await asyncio.to_thread(opening.wait, 10.0)
         connecting.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -212,7 +212,7 @@ def test_a_client_that_is_cancelled_while_it_connects_leaves_no_bus_open(monkeyp
 def test_two_tasks_that_connect_at_once_open_one_bus() -> None:
     async def main() -> None:
         client = barewire.AsyncCanopenClient("can://virtual/use")
-        await asyncio.gather(client.connect(), client.connect())
+        await asyncio.gather(client.open(), client.open())
         assert len(readers()) == 1
         await client.close()
 

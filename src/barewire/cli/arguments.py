@@ -9,7 +9,7 @@ import json
 import math
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,12 @@ class EndpointArgument(click.ParamType[str]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the URL itself."""
         try:
-            Endpoint.parse(value)
+            endpoint = Endpoint.parse(value)
+            if endpoint.scheme == "can":
+                with suppress(PortError):  # python-can is missing: opening the bus reports that
+                    from barewire.io.ports.python_can import check_interface
+
+                    check_interface(endpoint)
         except EncodeError as error:
             self.fail(str(error), param, ctx)
         return str(value)

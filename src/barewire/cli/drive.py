@@ -193,7 +193,8 @@ def _line_per_change(start: float) -> Callable[[DriveProgress], None]:
         status, waiting_for = progress.status, progress.waiting_for
         if waiting_for and last != (status.state_name, waiting_for):
             last = (status.state_name, waiting_for)
-            text = f"{progress.action}: {status.state_name}, waiting for {waiting_for}{_values(status)}"
+            goal = "" if waiting_for == repr(status.state_name) else f", waiting for {waiting_for}"
+            text = f"{progress.action}: {status.state_name}{goal}{_values(status)}"
             print(f"{status.now - start:7.3f} s  {text}", flush=True)
 
     return show_progress

@@ -47,7 +47,7 @@ Depends on: `url`.  Used by: everything in this room, and the commands.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from os import PathLike, fspath
 from typing import NamedTuple
 
@@ -72,6 +72,14 @@ _TLS = _TCP | {"cert", "key", "ca", "server_name", "roles"}
 _UDP = _ALL | {"any_unit", "any_transaction"}
 _SERIAL = _ALL | {"baudrate", "parity", "stopbits", "bytesize", "patience", "pace", "echo", "rs485"}
 _TUNNEL = _ALL | {"patience", "echo", "connections", "idle"}
+
+CAN_OPTIONS = frozenset({"node", "timeout", "bitrate", "dialect"})
+"""The options of a can endpoint, besides those of its interface."""
+_OF_SERVERS = frozenset({"connections", "idle", "roles"})
+_KEYWORDS = ("gaps", "in_flight", "lazy", "set_direction", "watch", "faults", "on_fault", "device", "eds")
+"""Keyword arguments of clients and servers that a URL cannot hold; suggested in place of a misspelt one."""
+_OTHER_NAMES = {"unit": "node", "node": "unit", "baudrate": "bitrate", "bitrate": "baudrate"}
+"""Options with another name in the other protocol."""
 
 
 class Carrier(NamedTuple):
@@ -176,6 +184,20 @@ def _text(url: str, key: str, value: object) -> str:
     raise EncodeError(f"endpoint {url!r}: {key}={shown(value)}: expected a text, a number, a boolean or a path", key)
 
 
+def unknown_option(url: str, key: str, known: Collection[str], keywords: Collection[str] = ()) -> EncodeError:
+    """Return the error of an option that is not in `known`, with the nearest name of those or of `keywords`."""
+    from barewire.devices.device import suggest  # only errors need it
+
+    of_servers = ", ".join(sorted(_OF_SERVERS.intersection(known)))
+    expected = ", ".join(sorted(set(known) - _OF_SERVERS)) + (f", of servers also {of_servers}" if of_servers else "")
+    other = _OTHER_NAMES.get(key)
+    if other in known:
+        hint = f"; did you mean {other!r}?"
+    else:
+        hint = "" if key in keywords else suggest(key, dict.fromkeys((*sorted(known), *keywords)))
+    return EncodeError(f"endpoint {url!r}: unknown option {key!r}, expected {expected}{hint}", key)
+
+
 def _merged(url: str, scheme: str, in_url: list[tuple[str, str]], options: Mapping[str, object]) -> dict[str, str]:
     """Return the options of a URL, overridden by `options`. Raise EncodeError for one that the scheme does not have."""
     merged = dict(in_url)
@@ -186,7 +208,10 @@ def _merged(url: str, scheme: str, in_url: list[tuple[str, str]], options: Mappi
         known = CARRIERS[scheme].options
         for key in (*merged, *given):
             if key not in known:
-                raise EncodeError(f"endpoint {url!r}: unknown option {key!r}, expected {', '.join(sorted(known))}")
+                raise unknown_option(url, key, known, _KEYWORDS if key in given else ())
+    for key, value in given.items():
+        if scheme == "can" and key not in CAN_OPTIONS and not isinstance(value, (str, PathLike, int, float)):
+            raise unknown_option(url, key, (*CAN_OPTIONS, "those of the interface"), _KEYWORDS)
     return merged | {key: _text(url, key, value) for key, value in given.items()}
 
 

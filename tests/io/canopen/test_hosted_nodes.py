@@ -10,14 +10,15 @@ from typing import Any
 
 import pytest
 
-from barewire import AsyncCanopenClient, CanopenClient, CanopenServer
+from barewire import AsyncCanopenClient, AsyncCanopenServer, CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, Entry, ErrorFrame, LocalNode, NmtCommand, NmtState, ObjectDictionary, PdoConfig
 from barewire.canopen.communication_objects import standard_objects
 from barewire.canopen.emcy.consumer import EmcyEvent
 from barewire.devices import load
 from barewire.devices.sim import simulator
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.shared_bus import CanBus
+from tests.helpers import refused
 from tests.io.canopen.memory_bus import MemoryPort, device
 
 pytest.importorskip("can")
@@ -168,11 +169,72 @@ def test_a_client_refuses_wrong_urls_and_options() -> None:
 def test_an_option_that_the_interface_does_not_have_is_refused() -> None:
     wrong: list[dict[str, Any]] = [{"timout": 3}, {"speed": 500_000}]
     for option in wrong:
-        with pytest.raises(EncodeError, match=r"can://virtual: unknown option '(timout|speed)', expected bitrate, "):
-            CanopenClient("can://virtual/options", **option)
+        for client in (CanopenClient, AsyncCanopenClient):
+            with pytest.raises(EncodeError, match=r"unknown option '(timout|speed)', expected bitrate, "):
+                client("can://virtual/options", **option)
+    for server in (CanopenServer, AsyncCanopenServer):
+        with refused(EncodeError, "endpoint 'can://virtual/options?timout=3': unknown option 'timout', expected bitrate, "):
+            server("can://virtual/options", device=device(), timout=3)
     with pytest.raises(EncodeError, match="unknown option 'timout'"):
         CanopenServer("can://virtual/options?timout=3", device=device())
     CanopenClient("can://virtual/options", rx_queue_size=5, timeout=3).close()
+
+
+def test_an_unknown_option_suggests_the_nearest() -> None:
+    for url, suggestion in {
+        "can://virtual/x?timout=3": "; did you mean 'timeout'",
+        "can://virtual/x?unit=3": "; did you mean 'node'",
+        "can://virtual/x?baudrate=9600": "; did you mean 'bitrate'",
+        "can://udp_multicast/239.74.163.2?prt=3": "; did you mean 'port'",
+    }.items():
+        with refused(EncodeError, f"endpoint '{url}': unknown option ") as caught:
+            CanopenClient(url)
+        assert suggestion in str(caught.value)
+
+
+def test_an_unknown_interface_is_refused_with_the_known_ones() -> None:
+    text = "endpoint 'can://udpmulticast/x': unknown interface 'udpmulticast', expected "
+    with refused(EncodeError, text) as caught:
+        CanopenClient("can://udpmulticast/x")
+    assert "slcan, socketcan, socketcand" in str(caught.value)
+    assert "; did you mean 'udp_multicast'" in str(caught.value)
+
+
+def test_a_missing_serial_device_of_slcan_is_reported_once() -> None:
+    with pytest.raises(PortError, match=r"^can://slcan/dev/tty-nowhere: no such file or directory$"):
+        CanopenClient("can://slcan/dev/tty-nowhere")
+
+
+def test_a_closed_client_refuses_every_call() -> None:
+    closed = "the client was closed"
+    with CanBus(MemoryPort()) as bus:
+        client = CanopenClient(bus)
+        client.close()
+        calls: list[Callable[[], object]] = [
+            lambda: client.node(5),
+            client.__enter__,
+            lambda: client.send(CanFrame(0x80)),
+            client.frames,
+            lambda: client.host(device()),
+            lambda: client.receive(0.01),
+        ]
+        for call in calls:
+            with pytest.raises(PortError, match=closed):
+                call()
+        client.close()
+        CanopenClient(bus).node(5)  # the bus itself is open
+
+    async def main() -> None:
+        waiting = AsyncCanopenClient("can://virtual/closed")
+        await waiting.close()
+        with pytest.raises(PortError, match=closed):
+            waiting.node(5)
+        with pytest.raises(PortError, match=closed):
+            await waiting.__aenter__()
+        with pytest.raises(PortError, match=closed):
+            await waiting.receive(0.01)
+
+    asyncio.run(main())
 
 
 def test_methods_have_the_name_and_the_parameters_of_their_definition() -> None:

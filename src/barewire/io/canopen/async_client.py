@@ -42,7 +42,7 @@ E = TypeVar("E")
 class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
     """A client of the nodes on a bus, for asyncio. The arguments are those of `CanopenClient`.
 
-    `async with` or `await connect()` opens a bus given by its URL. `watch` is called in the reader thread.
+    `async with` or `await open()` opens a bus given by its URL. `watch` is called in the reader thread.
     """
 
     def _prepare(self) -> None:
@@ -55,17 +55,18 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
     def _device_node(self, number: int, device: Device, **settings: Any) -> AsyncDeviceNode:
         return AsyncDeviceNode(self, number, device, **settings)
 
-    async def connect(self) -> Self:
-        """Open the bus, unless it is open. Raises PortError."""
+    async def open(self) -> None:
+        """Open the bus, unless it is open. Raises PortError if that fails, or if the client was closed."""
+        self._check_open()
         async with self._connecting:
             if self._bus is None:
                 self._bus = await open_in_thread(self._new_bus)
                 if self._closed:
                     await asyncio.to_thread(self._bus.close)
-        return self
 
     async def __aenter__(self) -> Self:
-        return await self.connect()
+        await self.open()
+        return self
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()
@@ -92,6 +93,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
         """
         wait = self.timeout if timeout is None else timeout
         check_timeout(wait)
+        self._check_open()
         async with self._receiving:
             if self._everything is None:
                 await wait_until_open(self.bus, wait)
@@ -108,6 +110,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
 
     async def carry_out(self, operation: BusOperation[T]) -> T:
         """Wait for the locks of an operation, then carry it out. If the bus is being opened again, wait for it too."""
+        self._check_open()
         await wait_until_open(self.bus, self.timeout if operation.timeout is None else operation.timeout)
         async with channels_locked(self.bus, operation.locks):
             with AsyncSubscriber(self.bus, operation.receives) as subscriber:
@@ -119,12 +122,14 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
 
     def subscribe(self, subscription: Subscription[E]) -> AsyncStream[E]:
         """Return a stream of the events of a subscription."""
+        self._check_open()
         stream = AsyncStream(self.bus, subscription.machine, subscription.receives)
         self._running.add(stream)
         return stream
 
     def start_task(self, task: BackgroundTask) -> AsyncRunning:
         """Run the machine of a background task in an asyncio task."""
+        self._check_open()
         running = AsyncRunning(self.bus, task.machine, task.receives)
         self._running.add(running)
         return running

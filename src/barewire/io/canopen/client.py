@@ -62,6 +62,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
         return DeviceNode(self, number, device, **settings)
 
     def __enter__(self) -> Self:
+        self._check_open()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -89,6 +90,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
         """
         wait = self.timeout if timeout is None else timeout
         check_timeout(wait)
+        self._check_open()
         with self._receiving:
             if self._everything is None:
                 self.bus.wait_until_open(wait)
@@ -105,6 +107,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
 
     def carry_out(self, operation: BusOperation[T]) -> T:
         """Wait for the locks of an operation, then carry it out. If the bus is being opened again, wait for it too."""
+        self._check_open()
         self.bus.wait_until_open(self.timeout if operation.timeout is None else operation.timeout)
         with channels_locked(self.bus, operation.locks), Subscriber(self.bus, operation.receives) as subscriber:
             try:
@@ -115,12 +118,14 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
 
     def subscribe(self, subscription: Subscription[E]) -> Stream[E]:
         """Return a stream of the events of a subscription."""
+        self._check_open()
         stream = Stream(self.bus, subscription.machine, subscription.receives)
         self._running.add(stream)
         return stream
 
     def start_task(self, task: BackgroundTask) -> Running:
         """Run the machine of a background task in a thread of its own."""
+        self._check_open()
         running = Running(self.bus, task.machine, task.receives)
         self._running.add(running)
         return running

@@ -119,8 +119,14 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
     def bus(self) -> CanBus:
         """The bus, which several clients may share. Raises PortError if it is not open yet."""
         if self._bus is None:
-            raise PortError(f"{self._endpoint}: not connected: enter `async with`, or await connect()")
+            self._check_open()
+            raise PortError(f"{self._endpoint}: not connected: enter `async with`, or await open()")
         return self._bus
+
+    def _check_open(self) -> None:
+        """Raise PortError if this client was closed; the bus itself may be open, for other clients."""
+        if self._closed:
+            raise PortError(f"{self._endpoint or self.bus.name}: the client was closed")
 
     def _new_bus(self) -> CanBus:
         """Return the bus that the constructor was given, or a new one for its URL or port."""
@@ -173,8 +179,10 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         timeout     seconds that the node has to respond; by default the client's
         dialect     how SDO requests are written; by default the client's
 
-        Raises EncodeError for wrong arguments, UnknownName for the name of a device that is not in the catalogue.
+        Raises EncodeError for wrong arguments, UnknownName for the name of a device that is not in the catalogue,
+        PortError if the client was closed.
         """
+        self._check_open()
         check_timeout(timeout)
         settings: dict[str, Any] = {
             "timeout": self.timeout if timeout is None else timeout,

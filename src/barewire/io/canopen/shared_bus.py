@@ -30,7 +30,7 @@ from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.reconnect import Dial, Reopening, receiver
 from barewire.io.canopen.subscriber import BusDown, BusItem, BusUp, Subscriber
-from barewire.io.endpoint import Endpoint
+from barewire.io.endpoint import CAN_OPTIONS, Endpoint
 from barewire.io.ports.base import Port, send_when_room
 
 if TYPE_CHECKING:
@@ -287,8 +287,15 @@ class CanBus:
 
 
 def can_endpoint(url: str, **options: Any) -> Endpoint:
-    """Return the endpoint of a can:// URL; `options` override its options. Raises EncodeError for any other URL."""
+    """Return the endpoint of a can:// URL; `options` override its options.
+
+    Raises EncodeError for any other URL, and for an option that neither barewire nor the interface has.
+    """
     endpoint = Endpoint.parse(url, options)
     if endpoint.scheme != "can":
         raise EncodeError(f"endpoint {str(url)!r}: CANopen needs can://INTERFACE/CHANNEL, such as can://socketcan/can0")
+    if endpoint.options.keys() - CAN_OPTIONS:
+        from barewire.io.ports.python_can import check_interface  # loads python-can
+
+        check_interface(endpoint)
     return endpoint

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import logging
+import os
 import select
 import socket
 import time
@@ -17,8 +18,8 @@ from inspect import signature
 from typing import Any
 
 from barewire.canopen.frame import EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
-from barewire.errors import EncodeError, PortError
-from barewire.io.endpoint import DEFAULT_BITRATE, Endpoint, socketcand_address
+from barewire.errors import EncodeError, PortError, shown
+from barewire.io.endpoint import CAN_OPTIONS, DEFAULT_BITRATE, Endpoint, socketcand_address, unknown_option
 from barewire.io.ports.base import send_when_room
 from barewire.io.ports.tcp import reason
 
@@ -29,8 +30,6 @@ except ModuleNotFoundError as missing:  # pragma: no cover - tried by CI in an e
 
 # python-can logs what it then raises; here each error is reported once, as a PortError.
 logging.getLogger("can").setLevel(logging.CRITICAL)
-
-_NOT_FOR_PYTHON_CAN = ("node", "timeout", "bitrate", "dialect")
 
 GARBLED_LIMIT = 256
 """Undecodable inputs in a row after which the port has failed."""
@@ -55,9 +54,9 @@ class CanPort:
         self._garbled_in_a_row = 0
         self.strange: deque[ErrorFrame | FdFrame] = deque(maxlen=64)
         extra: dict[str, Any] = {
-            key: _plain(value) for key, value in endpoint.options.items() if key not in _NOT_FOR_PYTHON_CAN
+            key: _plain(value) for key, value in endpoint.options.items() if key not in CAN_OPTIONS
         }
-        _check_options(interface, extra)
+        check_interface(endpoint)
         if interface == "socketcand":
             channel = _socketcand_options(channel, extra)
         elif interface == "slcan":
@@ -183,6 +182,8 @@ def _first_line(error: Exception) -> str:
         return reason(error)
     text = (str(error) or type(error).__name__).splitlines()[0]
     cause = error.__cause__
+    if isinstance(cause, OSError) and cause.errno and f"[Errno {cause.errno}]" in text:
+        return reason(OSError(cause.errno, os.strerror(cause.errno)))  # python-can has the text of pyserial, doubled
     if isinstance(cause, OSError) and cause.strerror and cause.strerror not in text:
         text += f": {reason(cause)}"
     return text[:1].lower() + text[1:]
@@ -195,8 +196,16 @@ _CHECKED_INTERFACES = ("virtual", "socketcan", "socketcand", "slcan", "udp_multi
 """Interfaces whose constructors name all their options. Others may take options that are named nowhere."""
 
 
-def _check_options(interface: str, options: dict[str, Any]) -> None:
-    """EncodeError for an option that neither barewire nor the interface has: python-can would ignore it."""
+def check_interface(endpoint: Endpoint) -> None:
+    """EncodeError for an unknown interface, or an option that neither barewire nor the interface has, which python-can
+    would ignore."""
+    interface, options = endpoint.place.partition("/")[0], endpoint.options.keys() - CAN_OPTIONS
+    if interface not in can.interfaces.BACKENDS:
+        from barewire.devices.device import suggest  # only errors need it
+
+        known = sorted(can.interfaces.BACKENDS)
+        text = f"unknown interface {shown(interface)}, expected {', '.join(known)}"
+        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}{suggest(interface, dict.fromkeys(known))}")
     if not options or interface not in _CHECKED_INTERFACES:
         return
     module, name = can.interfaces.BACKENDS[interface]
@@ -205,12 +214,9 @@ def _check_options(interface: str, options: dict[str, Any]) -> None:
     except ImportError:
         return  # opening the bus reports what is missing
     known = {option for kind in kinds if "__init__" in vars(kind) for option in signature(kind.__init__).parameters}
-    known = known - {"self", "args", "kwargs", "channel"} | set(_NOT_FOR_PYTHON_CAN)
-    for option in options:
-        if option not in known:
-            raise EncodeError(
-                f"can://{interface}: unknown option {option!r}, expected {', '.join(sorted(known))}", option
-            )
+    known = known - {"self", "args", "kwargs", "channel"} | CAN_OPTIONS
+    for option in sorted(options - known):
+        raise unknown_option(str(endpoint), option, known)
 
 
 def _socketcand_options(channel: str, extra: dict[str, Any]) -> str:
