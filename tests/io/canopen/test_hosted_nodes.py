@@ -173,7 +173,9 @@ def test_an_option_that_the_interface_does_not_have_is_refused() -> None:
             with pytest.raises(EncodeError, match=r"unknown option '(timout|speed)', expected bitrate, "):
                 client("can://virtual/options", **option)
     for server in (CanopenServer, AsyncCanopenServer):
-        with refused(EncodeError, "endpoint 'can://virtual/options?timout=3': unknown option 'timout', expected bitrate, "):
+        with refused(
+            EncodeError, "endpoint 'can://virtual/options?timout=3': unknown option 'timout', expected bitrate, "
+        ):
             server("can://virtual/options", device=device(), timout=3)
     with pytest.raises(EncodeError, match="unknown option 'timout'"):
         CanopenServer("can://virtual/options?timout=3", device=device())

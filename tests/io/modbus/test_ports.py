@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from barewire import AsyncModbusServer, AsyncModbusClient, ModbusClient, ModbusServer
+from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusServer
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.ports.pty import PseudoTerminal, is_pseudo_terminal
 from barewire.modbus import (

@@ -167,7 +167,9 @@ def test_only_an_instance_with_feed_and_deadline_can_be_hosted() -> None:
             with pytest.raises(EncodeError, match="expected an instance, got the class LocalNode"):
                 call(LocalNode)
             for wrong in (Silent(), 5, "az3", simulator("az3")):
-                with pytest.raises(EncodeError, match="expected a LocalNode, or another machine with feed and deadline"):
+                with pytest.raises(
+                    EncodeError, match="expected a LocalNode, or another machine with feed and deadline"
+                ):
                     call(wrong)
 
     with CanopenClient("can://virtual/hosted") as bus:

@@ -84,7 +84,6 @@ class PseudoTerminal:
         if self._link is not None:
             self._link.unlink(missing_ok=True)
 
-
     def mark_as_served(self) -> None:
         """Mark the terminal as that of a server until it is closed, for `check_not_served` of other servers (Linux)."""
         if sys.platform == "linux":
