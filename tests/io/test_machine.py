@@ -108,10 +108,10 @@ def test_errors_name_the_device_and_the_wire() -> None:
         connect("az3", "tcp://127.0.0.1:1", timeout=0.1)
     with pytest.raises(EncodeError, match="unknown option 'speed'"):
         connect("az3", "tcp://127.0.0.1:1", speed=1)
-    with pytest.raises(EncodeError, match="unknown option 'timout', .*; did you mean 'timeout'"):
+    with pytest.raises(EncodeError, match=r"unknown option 'timout', .*; did you mean 'timeout'"):
         connect("az3", "tcp://127.0.0.1:1", timout=1)
     for kind in (connect, connect_async):
-        with pytest.raises(EncodeError, match="unknown option 'unit', .*; did you mean 'node'"):
+        with pytest.raises(EncodeError, match=r"unknown option 'unit', .*; did you mean 'node'"):
             kind("az3", "can://virtual/x", unit=3)
-        with pytest.raises(EncodeError, match="unknown option 'wach', .*; did you mean 'watch'"):
+        with pytest.raises(EncodeError, match=r"unknown option 'wach', .*; did you mean 'watch'"):
             kind("az3", "can://virtual/x", wach=print)
