@@ -36,6 +36,7 @@ from barewire._lazy import lazy
 if TYPE_CHECKING:
     from barewire.canopen.abort_codes import SdoAbort as SdoAbort
     from barewire.devices.description.load import load as load
+    from barewire.devices.device import UnknownName as UnknownName
     from barewire.devices.drive.report import DriveStuck as DriveStuck
     from barewire.errors import (
         BarewireError as BarewireError,
@@ -80,6 +81,7 @@ __getattr__, __dir__, __all__ = lazy(
         "modbus.exceptions": "ModbusException",
         "modbus.client.line_state": "WriteOutcomeUnknown",
         "canopen.abort_codes": "SdoAbort",
+        "devices.device": "UnknownName",
         "devices.drive.report": "DriveStuck",
     },
 )

@@ -169,6 +169,22 @@ def test_both_clients_have_the_same_methods() -> None:
     assert blocking - waiting <= {"drive"}
 
 
+def test_both_asyncio_clients_are_connected_by_open() -> None:
+    for client in (barewire.AsyncModbusClient, barewire.AsyncCanopenClient):
+        assert asyncio.iscoroutinefunction(client.open)
+        assert not hasattr(client, "connect")
+
+
+def test_a_read_without_names_is_refused() -> None:
+    with refused(EncodeError, "read: expected names of parameters; every one is connect(device, url).read_all()"):
+        barewire.ModbusClient("tcp://127.0.0.1:1", lazy=True).read("adxl")
+
+
+def test_an_unknown_name_has_its_error_at_the_door() -> None:
+    with pytest.raises(barewire.UnknownName, match="did you mean 'adxl'"):
+        barewire.load("adxk")
+
+
 def test_help_shows_the_parameters_of_a_method() -> None:
     import inspect
 

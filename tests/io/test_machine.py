@@ -6,10 +6,11 @@ import asyncio
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 
-from barewire import CanopenServer, ModbusServer, connect, connect_async
+from barewire import AsyncCanopenClient, CanopenServer, ModbusServer, connect, connect_async
 from barewire.devices import UnknownName, load
 from barewire.devices.drive.cia402 import State
 from barewire.devices.drive.report import DriveProgress, DriveStuck
@@ -89,6 +90,30 @@ def test_a_drive_moves_while_its_values_are_read_with_asyncio(wire: str) -> None
 
     with served(wire) as url:
         asyncio.run(main(url))
+
+
+def test_asyncio_values_in_brackets_are_refused_with_the_call_to_write() -> None:
+    async def main() -> None:
+        async with AsyncCanopenClient("can://virtual/brackets") as bus:
+            values: list[Any] = [
+                connect_async("adxl", "tcp://127.0.0.1:1"),
+                connect_async("az3", "can://virtual/brackets"),
+                bus.node(5, device="az3"),
+            ]
+            for value in values:
+                with pytest.raises(TypeError, match=r"reading takes time: write `await d.read\('Status'\)`"):
+                    value["Status"]
+                with pytest.raises(TypeError, match=r"writing takes time: write `await d.write\('Status', 1\)`"):
+                    value["Status"] = 1
+                with pytest.raises(TypeError, match="not iterable"):
+                    list(value)
+
+    asyncio.run(main())
+
+
+def test_a_list_without_names_is_read_without_a_request() -> None:
+    with ModbusServer("tcp://127.0.0.1:0", units={}) as server, connect("adxl", server.url) as adxl:
+        assert adxl.read_all([]) == []
 
 
 def test_errors_name_the_device_and_the_wire() -> None:

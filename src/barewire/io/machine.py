@@ -46,7 +46,7 @@ def connect(device: str | Path | Device, url: str, **options: Any) -> MachineCli
 
 
 def connect_async(device: str | Path | Device, url: str, **options: Any) -> AsyncMachineClient:
-    """Return the same client for asyncio. `async with` connects."""
+    """Return the same client for asyncio. `async with` connects; without it, the first request does."""
     return AsyncMachineClient(described(device), url, **options)
 
 
@@ -151,7 +151,7 @@ class _ModbusValues(ModbusNames, NamedValues):
         self.client, self.device = client, device
 
     def _read(self, names: Sequence[str]) -> list[Reading]:
-        return self.client.read(self.device, *names)
+        return self.client.read(self.device, *names) if names else []
 
     def _write(self, values: Mapping[str, Value], force: bool) -> None:
         self.client.write(self.device, values, force=force)
@@ -164,7 +164,7 @@ class _AsyncModbusValues(ModbusNames, AsyncNamedValues):
         self.client, self.device = client, device
 
     async def _read(self, names: Sequence[str]) -> list[Reading]:
-        return await self.client.read(self.device, *names)
+        return await self.client.read(self.device, *names) if names else []
 
     async def _write(self, values: Mapping[str, Value], force: bool) -> None:
         await self.client.write(self.device, values, force=force)

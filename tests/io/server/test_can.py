@@ -108,13 +108,43 @@ def test_a_node_with_asyncio() -> None:
     asyncio.run(main())
 
 
+@pytest.mark.parametrize("first", ["upload", "receive", "send"])
+def test_the_asyncio_client_without_async_with_connects_with_its_first_request(first: str) -> None:
+    async def main() -> None:
+        url = "can://virtual/server-lazy"
+        async with AsyncCanopenServer(url, device=objects()):
+            bus = AsyncCanopenClient(url, timeout=30)
+            if first == "upload":
+                assert await bus.node(1).sdo.upload(0x2000) == b"\x09"
+            elif first == "receive":
+                assert await bus.receive(0.0) is None
+            else:
+                await bus.send(CanFrame(0x123))
+            await bus.close()
+            with pytest.raises(PortError, match="the client was closed"):
+                await bus.node(1).sdo.upload(0x2000)
+
+    asyncio.run(main())
+
+
+def test_an_asyncio_client_that_is_not_connected_has_no_streams() -> None:
+    async def main() -> None:
+        bus = AsyncCanopenClient("can://virtual/server-no-streams")
+        with pytest.raises(PortError, match="not connected: enter `async with`, or await open"):
+            bus.frames()
+        await bus.open()
+        with bus.frames() as frames:
+            assert not hasattr(bus, "connect"), frames
+        await bus.close()
+
+    asyncio.run(main())
+
+
 def test_the_asyncio_client_is_connected_by_async_with_and_receives() -> None:
     async def main() -> None:
         url = "can://virtual/server-receive"
         bus = AsyncCanopenClient(url)
         assert repr(bus).startswith(f"<AsyncCanopenClient on {url}")
-        with pytest.raises(PortError, match="not connected: enter `async with`"):
-            await bus.node(5).sdo.upload(0x1000)
         async with bus:
             assert await bus.receive(0.0) is None
             with CanopenClient(url) as other:

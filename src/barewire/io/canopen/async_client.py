@@ -11,6 +11,7 @@ concurrently. If a task is cancelled, its transfer is aborted, and late response
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.canopen import CanFrame
@@ -42,7 +43,8 @@ E = TypeVar("E")
 class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
     """A client of the nodes on a bus, for asyncio. The arguments are those of `CanopenClient`.
 
-    `async with` or `await open()` opens a bus given by its URL. `watch` is called in the reader thread.
+    The constructor opens nothing; `async with` or `await open()` opens a bus given by its URL. Without them the first
+    request does; a stream, and a machine in the background, need an open bus. `watch` is called in the reader thread.
     """
 
     def _prepare(self) -> None:
@@ -79,7 +81,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
 
     async def run(self, conversation: Conversation[CanFrame, T]) -> T:
         """Carry out any conversation. It locks all channels of the bus, because those that it uses are unknown."""
-        return await self.carry_out(BusOperation(conversation, None, None))
+        return await self.open_and_carry_out(lambda: BusOperation(conversation, None, None))
 
     def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> AsyncStream[E]:
         """Return a stream of the events of any machine that listens. `receives` are the (identifier, extended) of its
@@ -94,6 +96,8 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
         wait = self.timeout if timeout is None else timeout
         check_timeout(wait)
         self._check_open()
+        if self._bus is None:
+            await self.open()
         async with self._receiving:
             if self._everything is None:
                 await wait_until_open(self.bus, wait)
@@ -119,6 +123,12 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
                 except BarewireError as error:
                     subscriber.note_losses(error)
                     raise
+
+    async def open_and_carry_out(self, make: Callable[[], BusOperation[T]]) -> T:
+        """Open the bus, unless it is open, then carry out the operation that `make` returns."""
+        if self._bus is None:
+            await self.open()
+        return await self.carry_out(make())
 
     def subscribe(self, subscription: Subscription[E]) -> AsyncStream[E]:
         """Return a stream of the events of a subscription."""

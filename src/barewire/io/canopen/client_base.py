@@ -123,6 +123,11 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
             raise PortError(f"{self._endpoint}: not connected: enter `async with`, or await open()")
         return self._bus
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the bus was opened. The constructor of a blocking client does that."""
+        return self._bus is not None
+
     def _check_open(self) -> None:
         """Raise PortError if this client was closed; the bus itself may be open, for other clients."""
         if self._closed:

@@ -198,10 +198,10 @@ class AsyncDeviceNode(Node[AsyncBusRunner], CanopenNames, AsyncNamedValues):
         self.device = device
 
     async def _read(self, names: Sequence[str]) -> list[Reading]:
-        return await self.runner.carry_out(_read_device(self, self.device, names))
+        return await self.runner.open_and_carry_out(lambda: _read_device(self, self.device, names))
 
     async def _write(self, values: Mapping[str, Value], force: bool) -> None:
-        await self.runner.carry_out(_write_device(self, self.device, values, force))
+        await self.runner.open_and_carry_out(lambda: _write_device(self, self.device, values, force))
 
 
 def _read_device(node: Node[Any], device: Device, names: Sequence[str]) -> BusOperation[list[Reading]]:

@@ -103,7 +103,10 @@ class ModbusMethods:
         return endpoint
 
     def at(self, unit: int | None = None, timeout: float | None = None) -> Self:
-        """Return the same client on the same connection, with another unit, another time-out in seconds, or both."""
+        """Return the same client on the same connection, with another unit, another time-out in seconds, or both.
+
+        Closing either of them, also by `with`, closes the connection of both.
+        """
         _check_unit(unit)
         check_timeout(timeout)
         other = object.__new__(type(self))
@@ -226,8 +229,10 @@ class ModbusMethods:
     def read(self, device: str | Path | Device, *names: str, unit: int | None = None) -> Exchanges[list[Reading]]:
         """Read the named values of a device with as few requests as it allows. The result is in the order of `names`.
 
-        `device` is a description, or the name or path of one.
+        `device` is a description, or the name or path of one. Raises UnknownName, and EncodeError without names.
         """
+        if not names:
+            raise EncodeError("read: expected names of parameters; every one is connect(device, url).read_all()")
         found = _described(device)
         plan = found.read_plans.get(names)
         if plan is None:

@@ -203,9 +203,9 @@ def check_interface(endpoint: Endpoint) -> None:
     if interface not in can.interfaces.BACKENDS:
         from barewire.devices.device import suggest  # only errors need it
 
-        known = sorted(can.interfaces.BACKENDS)
-        text = f"unknown interface {shown(interface)}, expected {', '.join(known)}"
-        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}{suggest(interface, dict.fromkeys(known))}")
+        names = sorted(can.interfaces.BACKENDS)
+        text = f"unknown interface {shown(interface)}, expected {', '.join(names)}"
+        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}{suggest(interface, dict.fromkeys(names))}")
     if not options or interface not in _CHECKED_INTERFACES:
         return
     module, name = can.interfaces.BACKENDS[interface]

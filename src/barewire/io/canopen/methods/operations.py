@@ -107,6 +107,8 @@ class AsyncBusRunner(Protocol):
 
     async def carry_out(self, operation: BusOperation[T], /) -> T: ...
 
+    async def open_and_carry_out(self, make: Callable[[], BusOperation[T]], /) -> T: ...
+
     def subscribe(self, subscription: Subscription[E], /) -> AsyncStream[E]: ...
 
     def start_task(self, task: BackgroundTask, /) -> AsyncRunning: ...
@@ -171,7 +173,9 @@ else:
         @functools.wraps(make)
         def method(self, *args, **kwargs):
             check_timeout(kwargs.get("timeout"))
-            return self.runner.carry_out(make(self, *args, **kwargs))
+            if self.runner.is_open:
+                return self.runner.carry_out(make(self, *args, **kwargs))
+            return self.runner.open_and_carry_out(functools.partial(make, self, *args, **kwargs))
 
         return method
 
