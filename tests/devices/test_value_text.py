@@ -61,7 +61,7 @@ def test_text_for_a_plain_number_is_refused_and_text_stays_text() -> None:
 
 def test_a_machine_takes_names_of_values_over_modbus_and_canopen() -> None:
     starter = simulator("adxl")
-    with ModbusServer("tcp://127.0.0.1:0", {1: starter.modbus}) as server, connect("adxl", server.url) as adxl:  # type: ignore[dict-item]
+    with ModbusServer("tcp://127.0.0.1:0", {1: starter.modbus}) as server, connect("adxl", server.url) as adxl:
         adxl.write("Motor start command", "execute")
         adxl["Motor start command"] = "Execute"
         with refused(EncodeError, "Motor start command = 'go': expected"):

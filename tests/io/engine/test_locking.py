@@ -107,7 +107,7 @@ def test_objects_without_attributes_share_one_lock() -> None:
 
 
 def test_a_shared_unit_has_the_other_attributes_of_its_unit() -> None:
-    units = SharedUnits({1: Table(), 2: simulator("adxl").modbus})  # type: ignore[dict-item]
+    units = SharedUnits({1: Table(), 2: simulator("adxl").modbus})
     assert getattr(units[2], "diagnostics", True) is False
     assert getattr(units[1], "diagnostics", None) is None
     assert list(units) == [1, 2]

@@ -30,6 +30,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal, overload
 
 from barewire.devices.description.load import load
 from barewire.devices.device import Device
@@ -42,6 +43,42 @@ _SIMULATORS: dict[str, type[Simulator]] = {"adxl": Adxl, "az3": Az3, "csd-mt": C
 """The machines with behaviour, by the name of their description."""
 
 
+@overload
+def simulator(
+    device: Literal["adxl"],
+    now: float = 0.0,
+    *,
+    node: int | None = None,
+    bitrate: int | None = None,
+    unit: int | None = None,
+) -> Adxl: ...
+@overload
+def simulator(
+    device: Literal["az3"],
+    now: float = 0.0,
+    *,
+    node: int | None = None,
+    bitrate: int | None = None,
+    unit: int | None = None,
+) -> Az3: ...
+@overload
+def simulator(
+    device: Literal["csd-mt"],
+    now: float = 0.0,
+    *,
+    node: int | None = None,
+    bitrate: int | None = None,
+    unit: int | None = None,
+) -> CsdMt: ...
+@overload
+def simulator(
+    device: str | Path | Device,
+    now: float = 0.0,
+    *,
+    node: int | None = None,
+    bitrate: int | None = None,
+    unit: int | None = None,
+) -> Simulator: ...
 def simulator(
     device: str | Path | Device,
     now: float = 0.0,

@@ -71,6 +71,7 @@ class Adxl(Simulator):
     """
 
     modbus_adapter = AdxlModbusAdapter
+    modbus: AdxlModbusAdapter
 
     def __init__(self, device: Device, now: float = 0.0) -> None:
         super().__init__(device, now)

@@ -28,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from math import inf
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from barewire.canopen.nmt.messages import NmtState
 from barewire.codecs import Value, get_bit, set_bit
@@ -49,6 +49,9 @@ from barewire.modbus.messages.identification import (
     ReadDeviceIdentification,
     ReadDeviceIdentificationResponse,
 )
+
+if TYPE_CHECKING:  # a simulator without CAN loads no CANopen
+    from barewire.devices.sim.core.canopen import CanopenAdapter
 
 _IDENTIFICATION = ((0, b"TEM"), (1, b"AZ3"), (2, b"1.84"))
 """VendorName, ProductCode, MajorMinorRevision: the newest firmware that the guides name."""
@@ -103,6 +106,8 @@ class Az3(Simulator):
     """
 
     modbus_adapter = Az3ModbusAdapter
+    modbus: Az3ModbusAdapter
+    canopen: CanopenAdapter
 
     def __init__(self, device: Device, now: float = 0.0) -> None:
         super().__init__(device, now)

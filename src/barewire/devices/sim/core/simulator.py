@@ -45,7 +45,9 @@ class Simulator:
         self.address = 1 if device.modbus is None else device.modbus.unit
         """The unit address on Modbus. A machine whose address is a parameter changes it when it restarts."""
         self.store = MachineStore(device.parameters)
-        self.modbus = None if device.modbus is None else self.modbus_adapter(self, device.modbus)
+        self.modbus: ModbusAdapter | None = None
+        if device.modbus is not None:
+            self.modbus = self.modbus_adapter(self, device.modbus)
         self.canopen: CanopenAdapter | None = None
         if device.canopen is not None:
             # Imported here, so that a machine without CAN loads no CANopen.

@@ -98,6 +98,7 @@ class CsdMt(Simulator):
     """
 
     modbus_adapter = CsdMtModbusAdapter
+    modbus: CsdMtModbusAdapter
 
     def __init__(self, device: Device, now: float = 0.0) -> None:
         super().__init__(device, now)
