@@ -16,6 +16,7 @@ from barewire.devices.drive.cia402 import State
 from barewire.devices.drive.report import DriveProgress, DriveStuck
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import EncodeError, PortError
+from tests.helpers import refused
 
 pytest.importorskip("can")
 
@@ -114,6 +115,13 @@ def test_asyncio_values_in_brackets_are_refused_with_the_call_to_write() -> None
 def test_a_list_without_names_is_read_without_a_request() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={}) as server, connect("adxl", server.url) as adxl:
         assert adxl.read_all([]) == []
+
+
+def test_exchanged_arguments_are_explained() -> None:
+    for kind in (connect, connect_async):
+        for url in ("can://virtual/x?node=5", "tcp://127.0.0.1"):
+            with refused(EncodeError, f"device '{url}' is a URL: the device comes first, connect('az3', '{url}')"):
+                kind(url, "az3")
 
 
 def test_errors_name_the_device_and_the_wire() -> None:

@@ -1,6 +1,6 @@
 """`barewire demo`: three simulated machines, read and written by name on RTU, ASCII, TCP and CAN, each byte explained.
 
-The ports are real: pseudo-terminals with the timing of 19200 8E1, TCP on loopback, and a virtual CAN bus of python-can.
+The ports are pseudo-terminals with the timing of 19200 8E1, TCP on loopback, and a virtual CAN bus of python-can.
 The frames shown are those that were sent and received.
 """
 
@@ -49,9 +49,9 @@ class DemoWire(NamedTuple):
 
 
 _INTRODUCTION = (
-    "Three simulated machines on real ports. Each line in bold is one value, read or written by its name; under "
-    "it are the frames on the wire: offset, bytes, name, value and meaning of every field. A value smaller than a "
-    "register (half of one, or a bit) is read, changed and written back."
+    "Three simulated machines, on pseudo-terminals, on TCP and on a CAN bus inside this process. Each line in bold is "
+    "one value, read or written by its name; under it are the frames on the wire: offset, bytes, name, value and "
+    "meaning of every field. A value smaller than a register (half of one, or a bit) is read, changed and written back."
 )
 
 _WIRES = (

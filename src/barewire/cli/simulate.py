@@ -50,7 +50,7 @@ def simulate_command(
     new bus if no server listens on that port. When an endpoint listens, `ready ENDPOINT` is printed.
 
     \b
-    barewire simulate adxl rtu:///tmp/adxl &
+    barewire simulate adxl rtu:///tmp/adxl & sleep 1
     barewire read rtu:///tmp/adxl adxl "Thyristors temperature"
     barewire simulate az3 rtu:///tmp/az3 can://socketcand/127.0.0.1:29536/can0
     barewire simulate my-meter tcp://127.0.0.1:1502 --set "Current=4.2"

@@ -42,12 +42,18 @@ def connect(device: str | Path | Device, url: str, **options: Any) -> MachineCli
     Raises UnknownName for a name that is not in the catalogue, EncodeError for a wrong URL or option, or a device that
     is not on this kind of bus, and PortError for a port that cannot be opened.
     """
-    return MachineClient(described(device), url, **options)
+    return MachineClient(_described(device, url), url, **options)
 
 
 def connect_async(device: str | Path | Device, url: str, **options: Any) -> AsyncMachineClient:
     """Return the same client for asyncio. `async with` connects; without it, the first request does."""
-    return AsyncMachineClient(described(device), url, **options)
+    return AsyncMachineClient(_described(device, url), url, **options)
+
+
+def _described(device: str | Path | Device, url: str) -> Device:
+    if isinstance(device, str) and "://" in device:
+        raise EncodeError(f"device {device!r} is a URL: the device comes first, connect({url!r}, {device!r})", "device")
+    return described(device)
 
 
 def _is_canopen(device: Device, url: str) -> bool:
