@@ -146,5 +146,7 @@ def test_errors_name_the_device_and_the_wire() -> None:
     for kind in (connect, connect_async):
         with pytest.raises(EncodeError, match=r"unknown option 'unit', .*; did you mean 'node'"):
             kind("az3", "can://virtual/x", unit=3)
-        with pytest.raises(EncodeError, match=r"unknown option 'wach', .*; did you mean 'watch'"):
+        with pytest.raises(
+            EncodeError, match=r"unknown option 'wach', .*, timeout, and those of the interface; did you mean 'watch'"
+        ):
             kind("az3", "can://virtual/x", wach=print)

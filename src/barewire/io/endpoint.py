@@ -184,8 +184,11 @@ def _text(url: str, key: str, value: object) -> str:
     raise EncodeError(f"endpoint {url!r}: {key}={shown(value)}: expected a text, a number, a boolean or a path", key)
 
 
-def unknown_option(url: str, key: str, known: Collection[str], keywords: Collection[str] = ()) -> EncodeError:
-    """Return the error of an option that is not in `known`, with the nearest name of those or of `keywords`."""
+def unknown_option(
+    url: str, key: str, known: Collection[str], keywords: Collection[str] = (), further: str = ""
+) -> EncodeError:
+    """Return the error of an option that is not in `known`, with the nearest name of those or of `keywords`. `further`
+    follows the list of the known ones."""
     from barewire.devices.device import suggest  # only errors need it
 
     of_servers = ", ".join(sorted(_OF_SERVERS.intersection(known)))
@@ -195,7 +198,7 @@ def unknown_option(url: str, key: str, known: Collection[str], keywords: Collect
         hint = f"; did you mean {other!r}?"
     else:
         hint = "" if key in keywords else suggest(key, dict.fromkeys((*sorted(known), *keywords)))
-    return EncodeError(f"endpoint {url!r}: unknown option {key!r}, expected {expected}{hint}", key)
+    return EncodeError(f"endpoint {url!r}: unknown option {key!r}, expected {expected}{further}{hint}", key)
 
 
 def _merged(url: str, scheme: str, in_url: list[tuple[str, str]], options: Mapping[str, object]) -> dict[str, str]:
@@ -211,7 +214,7 @@ def _merged(url: str, scheme: str, in_url: list[tuple[str, str]], options: Mappi
                 raise unknown_option(url, key, known, _KEYWORDS if key in given else ())
     for key, value in given.items():
         if scheme == "can" and key not in CAN_OPTIONS and not isinstance(value, (str, PathLike, int, float)):
-            raise unknown_option(url, key, (*CAN_OPTIONS, "those of the interface"), _KEYWORDS)
+            raise unknown_option(url, key, CAN_OPTIONS, _KEYWORDS, ", and those of the interface")
     return merged | {key: _text(url, key, value) for key, value in given.items()}
 
 

@@ -34,7 +34,7 @@ def check_instance(device: object) -> None:
     """Raise EncodeError for a class where an instance is expected."""
     if isinstance(device, type):
         name = device.__name__
-        raise EncodeError(f"expected an instance, got the class {name}; write {name}(...)", "device")
+        raise EncodeError(f"device: expected an instance, got the class {name}; write {name}(...)", "device")
 
 
 def checked_machine(machine: Speaker) -> Speaker:
