@@ -53,3 +53,63 @@ def test_an_invalid_header_goes_to_every_line() -> None:
     for place, data in fan.feed(b"\x00\x01\x12\x34\x00\x03"):
         fan.lines[place].feed(data, 0.0)
     assert all(line.broken is not None for line in fan.lines)
+
+
+def test_transaction_numbers_begin_with_1_and_ascend_over_all_lines() -> None:
+    fan = FanOut(2)
+    numbers = [fan.lines[place].request(1, b"\x07")[:2].hex() for place in (0, 1, 0, 1)]
+    assert numbers == ["0001", "0002", "0003", "0004"]
+
+
+def test_both_bytes_of_a_transaction_number_decide() -> None:
+    fan = FanOut(2)
+    for _ in range(0x101):
+        fan.lines[0].request(1, b"\x07")
+    fan.lines[1].request(1, b"\x07")  # 0102h
+    frame = encode(1, b"\x07\x00", 0x0102)
+    assert fan.feed(encode(1, b"\x07\x00", 0x0202) + encode(1, b"\x07\x00", 0x0002) + frame) == [(1, frame)]
+    assert fan.strays == 2
+
+
+def test_an_answered_number_of_a_line_is_forgotten_with_its_next_request() -> None:
+    fan = FanOut(1)
+    fan.lines[0].request(1, b"\x07")
+    fan.lines[0].request(1, b"\x07")
+    assert fan.feed(encode(1, b"\x07\x00", 1)) == []
+    assert fan.strays == 1
+
+
+def test_frames_before_an_invalid_header_arrive_and_no_byte_is_kept_after_it() -> None:
+    fan = FanOut(2)
+    fan.lines[1].request(1, b"\x07")
+    good, broken = encode(1, b"\x07\x00", 1), bytes.fromhex("0001 1234 0003 0107 00")
+    assert fan.feed(good + broken) == [(1, good), (0, broken), (1, broken)]
+    assert fan.feed(good) == [(1, good)]
+
+
+def test_a_length_of_the_header_outside_2_to_254_is_invalid() -> None:
+    for length, is_valid in ((1, False), (2, True), (254, True), (255, False)):
+        fan = FanOut(1)
+        fan.feed(bytes.fromhex("0001 0000") + length.to_bytes(2, "big") + bytes(length))
+        assert fan.strays == is_valid, length
+
+
+def test_datagrams_are_not_joined_and_their_lines_never_break() -> None:
+    fan = FanOut(2, datagrams=True)
+    fan.lines[0].request(1, b"\x07")
+    good = encode(1, b"\x07\x00", 1)
+    assert fan.feed(b"") == []
+    assert fan.strays == 0
+    assert fan.feed(good[:6]) == []
+    assert fan.strays == 1
+    assert fan.feed(good[:7]) == [(0, good[:7])]
+    assert fan.feed(bytes.fromhex("0001 1234 0003 010700")) == [(0, bytes.fromhex("0001 1234 0003 010700"))]
+    fan.lines[0].feed(bytes.fromhex("0001 1234 0003 010700"), 0.0)
+    assert fan.lines[0].broken is None
+
+
+def test_lines_take_answers_of_any_unit_on_request() -> None:
+    for any_unit in (False, True):
+        fan = FanOut(1, any_unit=any_unit)
+        fan.lines[0].request(1, b"\x07")
+        assert fan.lines[0].answers(Adu(2, b"\x07\x00", 1)) is any_unit
