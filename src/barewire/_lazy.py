@@ -29,7 +29,7 @@ def lazy(room: str, files: Mapping[str, str]) -> tuple[Callable[[str], Any], Cal
     ('barewire.modbus.adu', ['Adu', 'Noise', 'Table'])
 
     `__getattr__` raises AttributeError for a name that is not in the list, as a module does. `__dir__` includes the
-    names that are not loaded yet, so that a console completes them.
+    names that are not loaded yet, so that a console completes them, and leaves out what the package itself imports.
     """
     file_of = {name: file for file, names in files.items() for name in names.split()}
 
@@ -41,6 +41,6 @@ def lazy(room: str, files: Mapping[str, str]) -> tuple[Callable[[str], Any], Cal
         raise AttributeError(f"module {room!r} has no attribute {name!r}")
 
     def known() -> list[str]:
-        return sorted({*vars(modules[room]), *file_of})
+        return sorted({*vars(modules[room]), *file_of} - {"lazy", "TYPE_CHECKING"})
 
     return find, known, list(file_of)

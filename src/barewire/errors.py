@@ -62,6 +62,17 @@ def shown(value: object) -> str:
 class BarewireError(Exception):
     """The base of all errors that barewire raises on purpose."""
 
+    context = ""
+    """The end of the text: "; while reading STATUS WORD"."""
+
+    def __str__(self) -> str:
+        return super().__str__() + self.context
+
+    def add_context(self, text: str) -> None:
+        """Add a note that is also a part of the text, so that a log has it."""
+        self.add_note(text)
+        self.context = f"; {text}"
+
 
 class EncodeError(BarewireError, ValueError):
     """A value, quantity or address that cannot be encoded.
@@ -96,7 +107,7 @@ class DecodeError(BarewireError, ValueError):
 
     def __str__(self) -> str:
         start = self.data[:32].hex(" ").upper() + (" ..." if len(self.data) > 32 else "")
-        return f"{self.text} ({self.reason}, at byte {self.at} of {start or 'nothing'})"
+        return f"{self.text} ({self.reason}, at byte {self.at} of {start or 'nothing'}){self.context}"
 
 
 class Refused(BarewireError):

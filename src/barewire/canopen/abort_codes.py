@@ -90,20 +90,30 @@ class SdoAbort(Refused):
 
     `index` and `sub` are the object of the request, `named` is the object in the abort message. Some servers send a
     wrong one, and an abort ends the transfer whatever object it names. `why` is the reason if the client ended the
-    transfer, and empty if the server ended it.
+    transfer, and empty if the server ended it. `node` is the node of the server, if a client raised the error.
 
     >>> raise SdoAbort(0x06020000, 0x6041, 0)
     Traceback (most recent call last):
     barewire.canopen.abort_codes.SdoAbort: 6041h:00: 0602 0000h object does not exist
     """
 
-    def __init__(self, code: int, index: int, sub: int, named: tuple[int, int] | None = None, *, why: str = "") -> None:
+    def __init__(
+        self,
+        code: int,
+        index: int,
+        sub: int,
+        named: tuple[int, int] | None = None,
+        *,
+        why: str = "",
+        node: int | None = None,
+    ) -> None:
         super().__init__(code, index, sub, named)
         self.code = int(code)
         self.index = index
         self.sub = sub
         self.named = named or (index, sub)
         self.why = why
+        self.node = node
 
     @property
     def text(self) -> str:
@@ -116,4 +126,5 @@ class SdoAbort(Refused):
             more = f" (the abort names {self.named[0]:04X}h:{self.named[1]:02X})"
         if self.why:
             more = f", so the client ended it: {self.why}"
-        return f"{self.index:04X}h:{self.sub:02X}: {self.text}{more}"
+        place = "" if self.node is None else f"node {self.node}, "
+        return f"{place}{self.index:04X}h:{self.sub:02X}: {self.text}{more}{self.context}"

@@ -75,7 +75,8 @@ def _without_nan(value: Any) -> Any:
 
 def text_with_notes(error: Exception) -> str:
     """Return the text of an error, with its notes: which names were being read, what was written before."""
-    return "; ".join([str(error), *getattr(error, "__notes__", [])])
+    text = str(error)
+    return "; ".join([text, *(note for note in getattr(error, "__notes__", []) if note not in text)])
 
 
 def file_content(path: str | Path) -> bytes:

@@ -67,7 +67,7 @@ def _read_canopen(
             try:
                 contents[key] = yield from _upload(channel, parameter, place, timeout)
             except BarewireError as error:
-                error.add_note(reading_note([parameter]))
+                error.add_context(reading_note([parameter]))
                 raise
         readings.append(Reading(parameter, parameter.from_object(contents[key])))
     return readings

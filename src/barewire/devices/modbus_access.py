@@ -18,7 +18,8 @@ Depends on: Device, the plan, the Modbus bus.  Used by: the Modbus clients of `i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from barewire.codecs import Value
@@ -40,6 +41,7 @@ from barewire.devices.request_checks import (
 from barewire.errors import BarewireError
 from barewire.modbus import (
     Bus,
+    ModbusException,
     ReadCoils,
     ReadDiscreteInputs,
     ReadHoldingRegisters,
@@ -114,7 +116,9 @@ def _read_modbus(bus: Bus, unit: int, plan: ReadPlan, timeout: float) -> Convers
         try:
             responses.append((yield from bus.ask(unit, request, timeout=timeout)))
         except BarewireError as error:
-            error.add_note(note)
+            if isinstance(error, ModbusException):
+                error.add_place(unit, request.address)
+            error.add_context(note)
             raise
     return plan.readings(responses)
 
@@ -153,7 +157,7 @@ def _write_modbus(
     remaining = iter(pairs)
     done: list[str] = []
     for write in writes:
-        with writing(write.parameters, done):
+        with writing(write.parameters, done), _at(unit, write.address):
             content: list[int] = []
             if write.keep:
                 old = yield from bus.ask(unit, _READS[write.read_function](write.address, 1), timeout=timeout)
@@ -165,6 +169,16 @@ def _write_modbus(
             with may_not_answer(write.parameters):
                 yield from _write_entries(bus, unit, write.function, write.address, content, timeout)
         done += [parameter.name for parameter in write.parameters]
+
+
+@contextmanager
+def _at(unit: int, address: int) -> Iterator[None]:
+    """Add the place to an exception response."""
+    try:
+        yield
+    except ModbusException as error:
+        error.add_place(unit, address)
+        raise
 
 
 def _write_entries(

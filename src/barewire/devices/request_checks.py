@@ -93,7 +93,7 @@ def writing(parameters: Iterable[Parameter], done: Sequence[str]) -> Iterator[No
     try:
         yield
     except BarewireError as error:
-        error.add_note(f"while writing {_names(parameters)}")
+        error.add_context(f"while writing {_names(parameters)}")
         if done:
             error.add_note(f"written before that: {', '.join(done)}")
         raise

@@ -28,7 +28,7 @@ from barewire.devices.drive.drive import Drive
 from barewire.devices.drive.report import DriveProgress, DriveStatus
 from barewire.devices.parameter import Reading
 from barewire.io.engine import blocking
-from barewire.io.engine.methods import AsyncioClient, BlockingClient, Method
+from barewire.io.engine.methods import CLIENTS, AsyncioClient, BlockingClient, Method, called_on_class, documented
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -154,9 +154,11 @@ def _action(make: Callable[Concatenate[Drive[Any], P], Conversation[Any, DriveSt
 
     @functools.wraps(make)
     def method(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
+        if not isinstance(client, CLIENTS):
+            raise called_on_class(make)
         return client.run(make(client.drive, *args, **kwargs))
 
-    return cast("Method[P, DriveStatus]", method)
+    return cast("Method[P, DriveStatus]", documented(method, make))
 
 
 class _DriveMethods:

@@ -48,9 +48,18 @@ def exception_name(code: int) -> str:
 class ModbusException(Refused):
     """An exception response. A client raises it on receiving one; a unit of a server raises it to send one.
 
-    >>> str(ModbusException(2, function_code=3))
+    >>> error = ModbusException(2, function_code=3)
+    >>> str(error)
     'exception 02 (illegal data address) to function 03'
+    >>> error.add_place(unit=7, address=100)  # clients do it
+    >>> str(error)
+    'unit 7, address 100: exception 02 (illegal data address) to function 03'
     """
+
+    unit: int | None = None
+    """The unit that declined, if a client raised the error."""
+    address: int | None = None
+    """The address in the request, if it has one."""
 
     def __init__(self, code: int, function_code: int | None = None) -> None:
         super().__init__(code, function_code)
@@ -58,5 +67,13 @@ class ModbusException(Refused):
         self.function_code = function_code
 
     def __str__(self) -> str:
+        place = "" if self.unit is None else f"unit {self.unit}"
+        place += "" if self.address is None else f", address {self.address}" if place else f"address {self.address}"
         to = "" if self.function_code is None else f" to function {self.function_code:02X}"
-        return f"exception {self.code:02X} ({exception_name(self.code)}){to}"
+        text = f"exception {self.code:02X} ({exception_name(self.code)}){to}{self.context}"
+        return f"{place}: {text}" if place else text
+
+    def add_place(self, unit: int | None, address: int | None = None) -> None:
+        """Record the unit that declined and the address of the request, unless they are known already."""
+        self.unit = unit if self.unit is None else self.unit
+        self.address = address if self.address is None else self.address

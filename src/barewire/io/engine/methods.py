@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import wraps
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Protocol, TypeVar, cast, overload
 
 if TYPE_CHECKING:
@@ -40,6 +41,9 @@ if TYPE_CHECKING:
     """A function that makes a conversation for a bus, and the unit in whose queue it waits."""
 
 
+_INDENT = " " * 8
+
+
 class BlockingClient:
     """The base class of clients whose methods return results."""
 
@@ -61,14 +65,48 @@ class Method(Protocol[P, V_co]):
     def __get__(self, client: None, kind: type) -> Callable[..., Any]: ...
 
 
+CLIENTS: Any = (BlockingClient, AsyncioClient)
+
+
+def called_on_class(method: Callable[..., Any]) -> TypeError:
+    """Return the error of a method whose first argument is not a client."""
+    return TypeError(f"{method.__name__}(): call it on a client, not on the class")
+
+
+def documented(method: Callable[..., Any], make: Callable[..., Any], streams: tuple[str, str] | None = None) -> Any:
+    """Return the method that was made of a definition, after adding its result to what `help` shows.
+
+    The definition returns a description of the result, such as Exchange[int]; `help` shows int. `streams` are the types
+    of a result that is not awaited: of the blocking client, and with asyncio.
+    """
+    kind, _, result = str(make.__annotations__["return"]).partition("[")
+    result = result.removesuffix("]") or kind
+    if kind == "Conversation":
+        result = result.partition(", ")[2]  # after the type of its items
+    returns = f"Returns {result}. With asyncio, await it."
+    if streams is not None:
+        blocking, awaited = (f"{stream}[{result}]" if result != kind else stream for stream in streams)
+        result, returns = f"{blocking} | {awaited}", f"Returns {blocking}; with asyncio {awaited}, without await."
+    # `help` takes the signature from `__wrapped__`, and a definition may have uses of its own: a copy gets the result.
+    shown = FunctionType(make.__code__, make.__globals__, make.__name__, make.__defaults__, make.__closure__)
+    shown.__kwdefaults__ = make.__kwdefaults__
+    shown.__annotations__ = method.__annotations__ = {**make.__annotations__, "return": result}
+    vars(method)["__wrapped__"] = shown
+    if make.__doc__ is not None:  # with -OO there is none
+        method.__doc__ = f"{make.__doc__.rstrip()}\n\n{_INDENT}{returns}\n{_INDENT}"
+    return method
+
+
 def exchange(make: Callable[Concatenate[Any, P], Exchange[V]]) -> Method[P, V]:
     """Return the method that passes the request, and the function for its response, to the client's `fetch`."""
 
     @wraps(make)
     def call(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
+        if not isinstance(client, CLIENTS):
+            raise called_on_class(make)
         return client.fetch(*make(client, *args, **kwargs))
 
-    return cast("Method[P, V]", call)
+    return cast("Method[P, V]", documented(call, make))
 
 
 def exchanges(make: Callable[Concatenate[Any, P], Exchanges[V]]) -> Method[P, V]:
@@ -76,9 +114,11 @@ def exchanges(make: Callable[Concatenate[Any, P], Exchanges[V]]) -> Method[P, V]
 
     @wraps(make)
     def call(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
+        if not isinstance(client, CLIENTS):
+            raise called_on_class(make)
         return client.fetch_all(*make(client, *args, **kwargs))
 
-    return cast("Method[P, V]", call)
+    return cast("Method[P, V]", documented(call, make))
 
 
 def bus_conversation(make: Callable[Concatenate[Any, P], BusConversation[V]]) -> Method[P, V]:
@@ -86,7 +126,9 @@ def bus_conversation(make: Callable[Concatenate[Any, P], BusConversation[V]]) ->
 
     @wraps(make)
     def call(client: Any, *args: P.args, **kwargs: P.kwargs) -> Any:
+        if not isinstance(client, CLIENTS):
+            raise called_on_class(make)
         conversation, unit = make(client, *args, **kwargs)
         return client.run_with_bus(conversation, unit=unit)
 
-    return cast("Method[P, V]", call)
+    return cast("Method[P, V]", documented(call, make))

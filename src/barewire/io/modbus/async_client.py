@@ -24,6 +24,7 @@ from barewire.io.engine.methods import AsyncioClient
 from barewire.io.modbus.async_connection import AsyncConnection
 from barewire.io.modbus.carriers import bus_options
 from barewire.io.modbus.methods import ModbusMethods, checked_request
+from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -116,7 +117,7 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
             try:
                 responses.append(await self.connection.ask(unit, request, self.timeout, self.timeout))
             except BarewireError as error:
-                error.add_note(note)
+                error.add_context(note)
                 raise
         return take(responses)
 
@@ -139,13 +140,18 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
             return bus.ask(address, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
 
         if retries and (repeat_writes or not request.writes):
-            return self._ask_again(asking, address, retries)
+            return self._ask_again(asking, address, retries, getattr(request, "address", None))
         return self.connection.ask(address, request, limit, self.timeout)
 
-    async def _ask_again(self, asking: Callable[..., Conversation[bytes, R]], unit: int, left: int) -> R:
+    async def _ask_again(
+        self, asking: Callable[..., Conversation[bytes, R]], unit: int, left: int, address: int | None
+    ) -> R:
         while True:
             try:
                 return await self.connection.run(partial(asking, left=left), unit, self.timeout)
+            except ModbusException as error:
+                error.add_place(unit, address)
+                raise
             except (PortError, NoAnswer):
                 if self.connection.lanes[0].box is not None or not left:
                     raise

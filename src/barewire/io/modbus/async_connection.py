@@ -29,6 +29,7 @@ from barewire.io.ports.trace import traced
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.client.bus import Bus
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
+from barewire.modbus.exceptions import ModbusException
 from barewire.tcp import FanOut
 
 if TYPE_CHECKING:
@@ -90,6 +91,8 @@ class AsyncConnection:
             return await run(make(lane.bus), box)
         except BaseException as error:
             self._failed(lane, box, error)
+            if isinstance(error, ModbusException):
+                error.add_place(unit)
             raise
         finally:
             self._leave(lane)
@@ -106,6 +109,8 @@ class AsyncConnection:
             return await exchange(lane.bus, unit, request, timeout, box)
         except BaseException as error:
             self._failed(lane, box, error)
+            if isinstance(error, ModbusException):
+                error.add_place(unit, getattr(request, "address", None))
             raise
         finally:
             self._leave(lane)

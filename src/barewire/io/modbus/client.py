@@ -21,6 +21,7 @@ from barewire.io.modbus.carriers import bus_options, dialer, modbus_line
 from barewire.io.modbus.connection import Connection
 from barewire.io.modbus.methods import ModbusMethods, checked_request
 from barewire.io.ports.trace import Trace, Watch
+from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -115,7 +116,7 @@ class ModbusClient(ModbusMethods, BlockingClient):
             try:
                 responses.append(self.connection.ask(unit, request, self.timeout, self.timeout))
             except BarewireError as error:
-                error.add_note(note)
+                error.add_context(note)
                 raise
         return take(responses)
 
@@ -146,6 +147,9 @@ class ModbusClient(ModbusMethods, BlockingClient):
             asking = connection.bus.ask(address, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
             try:
                 return connection.run(asking, address, self.timeout)
+            except ModbusException as error:
+                error.add_place(address, getattr(request, "address", None))
+                raise
             except (PortError, NoAnswer):
                 if connection.port is not None or not left:
                     raise

@@ -21,6 +21,7 @@ from barewire.io.engine.fast_path import exchange
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.client.bus import Bus
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
+from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
     from barewire.conversation import Conversation
@@ -64,7 +65,7 @@ class Connection:
         try:
             return run(conversation, self.open(patience))
         except BaseException as error:
-            self._failed(error)
+            self._failed(error, unit)
             raise
         finally:
             self._line.release()
@@ -79,7 +80,7 @@ class Connection:
         try:
             return exchange(self.bus, unit, request, timeout, self.open(patience))
         except BaseException as error:
-            self._failed(error)
+            self._failed(error, unit, request)
             raise
         finally:
             self._line.release()
@@ -106,7 +107,9 @@ class Connection:
             if self._queue.leave(ticket):
                 self._changed.notify_all()
 
-    def _failed(self, error: BaseException) -> None:
+    def _failed(self, error: BaseException, unit: int | None, request: Request[Any] | None = None) -> None:
+        if isinstance(error, ModbusException):
+            error.add_place(unit, getattr(request, "address", None))
         if isinstance(error, PortError) or isinstance(error.__cause__, PortError) or self.bus.line.broken:
             self.drop()
 

@@ -68,7 +68,7 @@ class ClientTransfer:
             yield from self._abort(breach.code)
             if breach.code == AbortCode.TIMED_OUT:
                 raise NoAnswer(self._explain()) from None
-            raise SdoAbort(breach.code, self.index, self.sub, why=breach.why) from None
+            raise SdoAbort(breach.code, self.index, self.sub, why=breach.why, node=channel.node) from None
         except GeneratorExit:
             raise  # the conversation is closed: nothing can be sent any more
         except BaseException:
@@ -141,5 +141,5 @@ class ClientTransfer:
             except DecodeError:
                 self.channel.counters.garbled += 1
                 return None
-            raise SdoAbort(abort.code, self.index, self.sub, (abort.index, abort.sub))
+            raise SdoAbort(abort.code, self.index, self.sub, (abort.index, abort.sub), node=self.channel.node)
         return data

@@ -36,6 +36,7 @@ from barewire.io.canopen.node_runner import Running, Speaker
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.subscriber import Key
 from barewire.io.endpoint import check_timeout
+from barewire.io.engine.methods import called_on_class, documented
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
@@ -172,30 +173,36 @@ else:
 
         @functools.wraps(make)
         def method(self, *args, **kwargs):
+            if not isinstance(self, Methods):
+                raise called_on_class(make)
             check_timeout(kwargs.get("timeout"))
             if self.runner.is_open:
                 return self.runner.carry_out(make(self, *args, **kwargs))
             return self.runner.open_and_carry_out(functools.partial(make, self, *args, **kwargs))
 
-        return method
+        return documented(method, make)
 
     def subscription(make):
         """Return the method that passes the subscription to the runner."""
 
         @functools.wraps(make)
         def method(self, *args, **kwargs):
+            if not isinstance(self, Methods):
+                raise called_on_class(make)
             return self.runner.subscribe(make(self, *args, **kwargs))
 
-        return method
+        return documented(method, make, ("Stream", "AsyncStream"))
 
     def background(make):
         """Return the method that passes the background task to the runner."""
 
         @functools.wraps(make)
         def method(self, *args, **kwargs):
+            if not isinstance(self, Methods):
+                raise called_on_class(make)
             return self.runner.start_task(make(self, *args, **kwargs))
 
-        return method
+        return documented(method, make, ("Running", "AsyncRunning"))
 
 
 def send_frame(frame: CanFrame) -> BusOperation[None]:

@@ -1,0 +1,75 @@
+"""help(), dir() and calls on a class: what a newcomer tries first."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import pytest
+
+import barewire
+import barewire.modbus
+from barewire.io.canopen.methods.nmt import NodeNmtMethods
+from barewire.io.canopen.methods.sdo import SdoMethods
+from barewire.io.canopen.methods.sync_time import SyncMethods
+from barewire.io.drive import DriveClient
+
+CLIENTS: list[Any] = [barewire.ModbusClient, barewire.AsyncModbusClient]
+
+
+@pytest.mark.parametrize(
+    ("method", "result"),
+    [
+        *((client.read_holding_registers, "tuple[int, ...]") for client in CLIENTS),
+        *((client.read, "list[Reading]") for client in CLIENTS),
+        *((client.write, "None") for client in CLIENTS),
+        *((client.read_device_identification, "DeviceIdentification") for client in CLIENTS),
+        (SdoMethods.upload, "bytes"),
+        (SdoMethods.find_channel, "canopen.Channel"),
+        (NodeNmtMethods.start, "None"),
+        (DriveClient.enable, "DriveStatus"),
+    ],
+)
+def test_help_has_the_result_and_the_await(method: Any, result: str) -> None:
+    assert inspect.signature(method).return_annotation == result
+    text = inspect.getdoc(method)
+    assert text is not None
+    assert text.endswith(f"\n\nReturns {result}. With asyncio, await it.")
+
+
+@pytest.mark.parametrize(
+    ("method", "blocking", "awaited"),
+    [
+        (NodeNmtMethods.heartbeats, "Stream[canopen.HeartbeatEvent]", "AsyncStream[canopen.HeartbeatEvent]"),
+        (SyncMethods.start, "Running", "AsyncRunning"),
+    ],
+)
+def test_help_has_the_streams_and_tasks(method: Any, blocking: str, awaited: str) -> None:
+    assert inspect.signature(method).return_annotation == f"{blocking} | {awaited}"
+    text = inspect.getdoc(method)
+    assert text is not None
+    assert text.endswith(f"\n\nReturns {blocking}; with asyncio {awaited}, without await.")
+
+
+@pytest.mark.parametrize("call", ["read_coils", "read", "write", "settle"])
+@pytest.mark.parametrize("client", CLIENTS)
+def test_a_method_called_on_the_class_names_the_client(client: Any, call: str) -> None:
+    with pytest.raises(TypeError, match=rf"{call}\(\): call it on a client, not on the class"):
+        getattr(client, call)(0, 1)
+
+
+def test_a_method_called_on_a_class_of_canopen_names_the_client() -> None:
+    wrong: list[Any] = [barewire.CanopenClient.send, SdoMethods.upload, SyncMethods.start, NodeNmtMethods.heartbeats]
+    for method in wrong:
+        with pytest.raises(TypeError, match=rf"{method.__name__}\(\): call it on a client, not on the class"):
+            method(0x6041)
+    with pytest.raises(TypeError, match=r"enable\(\): call it on a client, not on the class"):
+        DriveClient.enable(5)
+
+
+@pytest.mark.parametrize("door", [barewire, barewire.modbus])
+def test_dir_shows_no_tools_of_the_door(door: Any) -> None:
+    names = dir(door)
+    assert not {"lazy", "TYPE_CHECKING"} & set(names)
+    assert "ModbusException" in names
+    assert "__doc__" in names
