@@ -88,6 +88,8 @@ def documented(method: Callable[..., Any], make: Callable[..., Any], streams: tu
         blocking, awaited = (f"{stream}[{result}]" if result != kind else stream for stream in streams)
         result, returns = f"{blocking} | {awaited}", f"Returns {blocking}; with asyncio {awaited}, without await."
     # `help` takes the signature from `__wrapped__`, and a definition may have uses of its own: a copy gets the result.
+    while hasattr(make, "__wrapped__"):
+        make = make.__wrapped__
     shown = FunctionType(make.__code__, make.__globals__, make.__name__, make.__defaults__, make.__closure__)
     shown.__kwdefaults__ = make.__kwdefaults__
     shown.__annotations__ = method.__annotations__ = {**make.__annotations__, "return": result}
