@@ -116,7 +116,7 @@ def test_the_other_names_are_read_if_one_is_refused() -> None:
         assert "holding:100: unit 1, address 100: exception 02" in done.stderr
         done = run_command("watch", server.url, "raw", "holding:100", "coil:99", "--count", "2", "--period", "0.05")
         assert done.returncode == 1
-        assert all("exception 02" in line for line in done.stdout.splitlines())
+        assert all("error: unit 1, address " in line and ": exception 02 " in line for line in done.stdout.splitlines())
 
 
 def test_a_refused_name_is_read_alone_as_long_as_it_is_refused() -> None:
