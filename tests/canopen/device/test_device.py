@@ -296,6 +296,11 @@ def test_invalid_factory_settings_raise() -> None:
         LocalNode(5, az3_objects(), [PdoConfig("TPDO", 1, ()), PdoConfig("TPDO", 1, ())])
 
 
+def test_a_list_of_entries_is_not_a_dictionary() -> None:
+    with pytest.raises(EncodeError, match=r"expected an ObjectDictionary, such as ObjectDictionary\(\[Entry"):
+        LocalNode(5, [Entry(0x6040, 0, "controlword", "u16")])  # type: ignore[arg-type]
+
+
 def test_existing_pdo_records_keep_their_names() -> None:
     objects = az3_objects()
     objects.add(Entry(0x1800, 1, "TPDO1 COB-ID", "u32", "rw", 0x181))

@@ -48,6 +48,7 @@ from barewire.canopen.pdo.engine import PdoEngine
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.server.server import SdoServer
 from barewire.canopen.time_stamp import TimeConsumer, TimeStamp
+from barewire.errors import EncodeError, shown
 
 _RECOVERED = 0x8140
 _FOLLOWED = {0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1012, 0x1016, 0x1017, 0x1019, 0x1028, *range(0x1201, 0x1280)}
@@ -89,6 +90,9 @@ class LocalNode:
         on_reset: Callable[[NmtCommand], None] | None = None,
         lss: LssSlave | None = None,
     ) -> None:
+        if not isinstance(objects, ObjectDictionary):
+            text = "expected an ObjectDictionary, such as ObjectDictionary([Entry(...), ...])"
+            raise EncodeError(f"LocalNode: objects = {shown(objects)}: {text}", "objects")
         self.objects = objects
         self.dialect = dialect
         self.on_reset = on_reset
