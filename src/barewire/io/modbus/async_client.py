@@ -132,16 +132,18 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
     ) -> Coroutine[Any, Any, R]:
         """Send a request message and return its response message: as `ModbusClient.ask`."""
         checked_request(request)
-        check_timeout(timeout)
+        limit = self.timeout
+        if timeout is not None:
+            check_timeout(timeout)
+            limit = timeout
         address = self.unit_for(unit)
-        limit = self.timeout if timeout is None else timeout
+        if not retries or (request.writes and not repeat_writes):
+            return self.connection.ask(address, request, limit, self.timeout)
 
         def asking(bus: Bus, left: int = 0) -> Conversation[bytes, R]:
             return bus.ask(address, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
 
-        if retries and (repeat_writes or not request.writes):
-            return self._ask_again(asking, address, retries, getattr(request, "address", None))
-        return self.connection.ask(address, request, limit, self.timeout)
+        return self._ask_again(asking, address, retries, getattr(request, "address", None))
 
     async def _ask_again(
         self, asking: Callable[..., Conversation[bytes, R]], unit: int, left: int, address: int | None

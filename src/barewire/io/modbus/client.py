@@ -136,13 +136,15 @@ class ModbusClient(ModbusMethods, BlockingClient):
         (WriteOutcomeUnknown for a write), PortError if the port fails, TypeError if `request` is not a request message.
         """
         checked_request(request)
-        check_timeout(timeout)
+        limit = self.timeout
+        if timeout is not None:
+            check_timeout(timeout)
+            limit = timeout
         address = self.unit_for(unit)
         connection = self.connection
-        limit = self.timeout if timeout is None else timeout
-        left = retries if repeat_writes or not request.writes else 0
-        if not left:
+        if not retries or (request.writes and not repeat_writes):
             return connection.ask(address, request, limit, self.timeout)
+        left = retries
         while True:
             asking = connection.bus.ask(address, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
             try:
