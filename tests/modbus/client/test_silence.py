@@ -18,8 +18,8 @@ from barewire.modbus import (
     Unanswered,
     Unit,
 )
-from barewire.rtu import RtuLine
-from barewire.tcp import TcpLine
+from barewire.rtu import RtuLine, encode as rtu_frame
+from barewire.tcp import TcpLine, encode as tcp_frame
 from tests.modbus.client.slow import TIMING, Clock, Slow, WithoutDiagnostics, read, rtu_bus, table
 
 LISTEN_ONLY, RESTART = Diagnostics(0x04), Diagnostics(0x01)
@@ -60,6 +60,19 @@ def test_a_response_to_force_listen_only_is_returned() -> None:
     answer = Clock(slow_unit(Answers())).play(rtu_bus().ask(1, LISTEN_ONLY))
     assert answer == DiagnosticsResponse(0x04, b"\0\0")
     assert not isinstance(answer, Unanswered)
+
+
+@pytest.mark.parametrize("framing", ["rtu", "tcp"])
+def test_an_incomplete_response_to_force_listen_only_is_ignored(framing: str) -> None:
+    def answer(request: bytes, now: float) -> list[tuple[float, bytes]]:
+        if framing == "tcp":
+            return [(now + 0.01, tcp_frame(1, b"\x08\x00\x04", request[1]))]
+        return [(now + 0.01, rtu_frame(1, b"\x08\x00\x04" if request[1] == 8 else b"\x03\x02\x00\x05"))]
+
+    bus, clock = Bus(TcpLine()) if framing == "tcp" else rtu_bus(), Clock(answer)
+    if framing == "rtu":
+        clock.play(read(bus, 5))
+    assert clock.play(bus.ask(1, LISTEN_ONLY)) == Unanswered(0x04)
 
 
 def test_a_late_exception_to_listen_only_is_not_taken_for_the_restarts() -> None:

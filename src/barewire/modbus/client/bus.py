@@ -285,9 +285,9 @@ class Bus:
         """Whether a frame that is not a valid response must be what the unit sent in response to `request`.
 
         Then nothing else can come. It may be something else if an older answer is pending, if this unit has not
-        answered on this bus before, or if the line echoes requests.
+        answered on this bus before, or if the line echoes requests; a request without response needs none.
         """
-        if frame.pdu[0] & 0x7F != request.function_code or frame.pdu == request.encode():
+        if frame.pdu[0] & 0x7F != request.function_code or frame.pdu == request.encode() or request.without_answer():
             return False
         return self.line.numbered or (
             self.state.units[unit].settled and all(pending.unit != unit for pending in self.state.pending)
