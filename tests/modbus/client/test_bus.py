@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.conversation import Abandoned, Heard, Send, Wire
-from barewire.errors import NoAnswer
+from barewire.errors import EncodeError, NoAnswer
 from barewire.modbus import (
     EchoLine,
     Line,
@@ -366,3 +366,41 @@ def test_any_received_bytes_end_in_an_answer_an_exception_or_no_answer(
             continue
         assert len(answer.registers) == 1  # type: ignore[attr-defined]
     assert len(bus.line.held) <= 520
+
+
+def test_a_late_answer_that_is_overheard_between_two_requests_is_recorded() -> None:
+    bus = rtu_bus()
+    clock = Clock(Slow([None]))
+    with pytest.raises(NoAnswer):
+        clock.play(read(bus, 10))
+    bus.overhear(rtu_frame(1, b"\x03\x02\x00\x0a"), clock.now + 0.5)
+    assert [(late.request, late.at) for late in bus.counters.replies] == [
+        (ReadHoldingRegisters(10, 1), clock.now + 0.5)
+    ]
+    assert not bus.state.pending
+
+
+def test_a_broadcast_waits_one_second_and_its_turnaround_for_a_busy_line() -> None:
+    bus = rtu_bus()
+    clock = Clock(lambda data, now: [])
+    clock.coming = [(0.001 * count, b"\x55") for count in range(5000)]
+    with pytest.raises(NoAnswer, match=r"another station has been sending for 1\.2 s"):
+        clock.play(bus.broadcast(WriteSingleRegister(1, 2), turnaround=0.2))
+    assert 1.2 <= clock.now < 1.21
+
+
+def test_a_broadcast_that_only_reads_is_refused_and_the_field_is_named() -> None:
+    with pytest.raises(EncodeError, match="only writes make sense") as refusal:
+        rtu_bus().broadcast(ReadHoldingRegisters(1, 1))
+    assert refusal.value.field == "unit"
+
+
+def test_each_probe_has_a_number_of_its_own() -> None:
+    bus = rtu_bus(late_window=60.0)
+    slow = Slow([None] * 40, function_08="ignored")
+    clock = Clock(slow)
+    for _ in range(20):
+        with pytest.raises(NoAnswer):
+            clock.play(read(bus, 10))
+    probes = [data for data in slow.asked if data[1] == 8]
+    assert len(probes) == len(set(probes)) == 19
