@@ -26,14 +26,25 @@ TIMEOUT = 0.3
 
 
 class Fate(Enum):
-    """What becomes of an answer: the times at which it arrives, in seconds after its request."""
+    """What becomes of an answer."""
 
-    PROMPT = (0.01,)
-    SLOW = (0.2,)
-    LATE = (0.35,)
-    VERY_LATE = (2.0,)
-    DOUBLED = (0.01, 0.25)
-    LOST = ()
+    PROMPT = "prompt"
+    SLOW = "slow"
+    LATE = "late"
+    VERY_LATE = "very late"
+    DOUBLED = "doubled"
+    LOST = "lost"
+
+
+ARRIVALS: dict[Fate, tuple[float, ...]] = {
+    Fate.PROMPT: (0.01,),
+    Fate.SLOW: (0.2,),
+    Fate.LATE: (0.35,),
+    Fate.VERY_LATE: (2.0,),
+    Fate.DOUBLED: (0.01, 0.25),
+    Fate.LOST: (),
+}
+"""The times at which an answer arrives, in seconds after its request."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +127,7 @@ class Connection:
     def _transmit(self, data: bytes, number: int) -> None:
         transaction = int.from_bytes(data[:2], "big")
         answer = encode(1, bytes((3, 2, 0, number)), transaction)
-        for delay in self.choices.take(self.setup.fates).value:
+        for delay in ARRIVALS[self.choices.take(self.setup.fates)]:
             self.coming.append((self.now + delay, answer))
         self.coming.sort(key=lambda pair: pair[0])
 
