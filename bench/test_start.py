@@ -64,7 +64,7 @@ def _click(_: ExitStack) -> Work:
 
 def _read(closing: ExitStack) -> Work:
     server = closing.enter_context(ModbusServer("tcp://127.0.0.1:0", units={1: Table()}))
-    return FirstLine("-m", "barewire.cli", "read", server.url, "az3", "STATUS WORD")
+    return FirstLine("-m", "barewire", "read", server.url, "az3", "STATUS WORD")
 
 
 STARTS: dict[str, Factory] = {

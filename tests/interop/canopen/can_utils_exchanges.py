@@ -23,7 +23,7 @@ from tests.interop.canopen.guest import ROOT
 ONLY = ("socketcan",)
 BETWEEN_PROCESSES = ("slcan", "socketcand", "socketcan")
 LAST = "7FE#"
-BAREWIRE = (sys.executable, "-m", "barewire.cli")
+BAREWIRE = (sys.executable, "-m", "barewire")
 
 
 @contextmanager

@@ -404,3 +404,13 @@ def test_each_probe_has_a_number_of_its_own() -> None:
             clock.play(read(bus, 10))
     probes = [data for data in slow.asked if data[1] == 8]
     assert len(probes) == len(set(probes)) == 19
+
+
+def test_the_probes_of_a_dead_unit_do_not_fill_the_memory() -> None:
+    bus = rtu_bus(late_window=1e9)
+    clock = Clock(lambda data, now: [])
+    for _ in range(50):
+        with pytest.raises(NoAnswer):
+            clock.play(read(bus, 10))
+    assert bus.counters.probes == 49
+    assert [pending.request.function_code for pending in bus.state.pending] == [3] + [8] * 16

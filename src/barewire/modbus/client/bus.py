@@ -318,7 +318,7 @@ class Bus:
         self.counters.lost += 1
         if not self.line.numbered:
             window = 3 * timeout if self.late_window is None else self.late_window
-            self.state.pending.append(PendingAnswer(unit, request, sent_at + window))
+            self.state.add_pending(PendingAnswer(unit, request, sent_at + window))
 
     def _pass_over(self, heard: Heard[bytes]) -> float:
         for event in self._received(heard):

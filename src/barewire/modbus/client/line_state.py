@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 _KEPT = 16
 """How many late replies are kept at most, so that a bad line does not fill the memory."""
 
+_PROBES_KEPT = 16
+"""How many unanswered probes of a unit are pending at most. Other requests cannot pile up: one of each function is."""
+
 _LONGEST_PAUSE = 30.0
 """The longest time, in seconds, for which no request is sent to a dead unit."""
 
@@ -128,6 +131,13 @@ class LineState:
         unit_state.silent += 1
         if self._dead_after is not None and unit_state.silent >= self._dead_after:
             unit_state.dead_until = now + min(2.0 ** (unit_state.silent - self._dead_after), _LONGEST_PAUSE)
+
+    def add_pending(self, pending: PendingAnswer) -> None:
+        """Expect a late answer. Of many unanswered probes the oldest is dropped: the later ones can come for longer."""
+        alike = self.confusable(pending.unit, pending.request)
+        if len(alike) >= _PROBES_KEPT:
+            self.pending.remove(alike[0])
+        self.pending.append(pending)
 
     def expire(self, now: float) -> None:
         """Drop the pending answers that cannot come any more because their time is over."""

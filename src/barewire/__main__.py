@@ -1,0 +1,5 @@
+"""`python -m barewire`, the same as `barewire`."""
+
+from barewire.cli import main
+
+main()
