@@ -53,6 +53,17 @@ class LazyGroup(click.Group):
         assert isinstance(command, click.Command)
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that the arguments name. A name that does not exist is an error with the nearest one."""
+        if args[0] not in COMMANDS and not args[0].startswith("-"):
+            from barewire.devices.device import suggest  # only errors need it
+
+            hint = suggest(args[0], dict.fromkeys(COMMANDS))
+            ctx.fail(f"unknown command {args[0]!r}: expected one of {', '.join(COMMANDS)}{hint}")
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands from the table."""
         with formatter.section("Commands"):

@@ -262,7 +262,9 @@ class Endpoint(NamedTuple):
         if scheme not in CARRIERS and scheme != "can":
             forms = "tcp://HOST:PORT, rtu:///dev/..., ascii:///dev/..., can://INTERFACE/CHANNEL"
             forms += " or one of tls, udp, rtu+tcp, ascii+tcp://HOST:PORT"
-            raise EncodeError(f"endpoint {url!r}: expected {forms}")
+            from barewire.devices.device import suggest  # only errors need it
+
+            raise EncodeError(f"endpoint {url!r}: expected {forms}{suggest(scheme, dict.fromkeys((*CARRIERS, 'can')))}")
         if "#" in url:
             raise EncodeError(f"endpoint {url!r}: '#' has no meaning in an endpoint; in a name it is %23")
         if "?" in query:
