@@ -36,7 +36,7 @@ class TcpLine:
         self, *, any_unit: bool = False, any_transaction: bool = False, number: Callable[[], int] | None = None
     ) -> None:
         self.numbered = not any_transaction
-        self._any_unit = any_unit
+        self.any_unit = any_unit
         self._held = b""
         self._transaction = 0
         self._unit = 0
@@ -76,7 +76,7 @@ class TcpLine:
     def answers(self, adu: Adu) -> bool:
         """Whether the frame has the transaction number and the unit of the last request."""
         is_right_number = not self.numbered or adu.transaction == self._transaction
-        return is_right_number and (self._any_unit or adu.unit == self._unit)
+        return is_right_number and (self.any_unit or adu.unit == self._unit)
 
     def answer_in(self, data: bytes) -> bytes | None:
         """Return the PDU if these bytes are exactly one response to the last request; None if `feed` must decode them.

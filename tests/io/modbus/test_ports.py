@@ -207,13 +207,17 @@ def test_a_new_path_becomes_a_pseudo_terminal_and_is_removed_again(tmp_path: Pat
 def test_a_pseudo_terminal_that_a_server_has_is_refused_to_a_second_server(tmp_path: Path) -> None:
     path = tmp_path / "line"
     expected = "another barewire server has this pseudo-terminal; stop it, or give this server another path"
-    with ModbusServer(f"rtu://{path}", units={1: Table()}) as host, ModbusClient(host.url) as client:
+    with ModbusServer(f"rtu://{path}", units={1: Table()}) as host:
         for url in (f"rtu://{path}", f"ascii://{os.path.realpath(path)}"):
             with pytest.raises(PortError, match=f"{url.partition('://')[2]}: {expected}"):
                 ModbusServer(url, units={1: Table()})
             with pytest.raises(PortError, match=expected):
                 asyncio.run(AsyncModbusServer(url, units={1: Table()}).start())
-        assert client.ask(ReadHoldingRegisters(0, 1)).registers == (0,)
+        with ModbusClient(host.url) as client:
+            assert client.ask(ReadHoldingRegisters(0, 1)).registers == (0,)
+            with pytest.raises(PortError, match="another program has it open"):
+                ModbusServer(f"rtu://{path}", units={1: Table()})
+            assert client.ask(ReadHoldingRegisters(0, 1)).registers == (0,)
     with ModbusServer(f"rtu://{path}", units={1: Table()}) as host, ModbusClient(host.url) as client:
         assert client.ask(ReadHoldingRegisters(0, 1)).registers == (0,)
 

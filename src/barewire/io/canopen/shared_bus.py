@@ -55,7 +55,7 @@ class CanBus:
     def __init__(self, port: Port[CanFrame], *, watch: WatchFrames | None = None, dial: Dial | None = None) -> None:
         self.port = port
         self.name: str = getattr(port, "name", "the bus")
-        self.monitor = NodeMonitor(INSIDE_ONE_PROCESS if self.name.startswith("virtual/") else "")
+        self.monitor = NodeMonitor(INSIDE_ONE_PROCESS if str(self.name).startswith("virtual/") else "")
         self.failure: str | None = None
         self._receive = receiver(port)
         self._try_send: Callable[[CanFrame], bool] | None = getattr(port, "try_send", None)

@@ -93,22 +93,19 @@ class PseudoTerminal:
                 fcntl.fcntl(self._kept, fcntl.F_OFD_SETLK, _file_lock())
 
 
-def check_not_served(path: str) -> None:
-    """Raise PortError for the terminal of a live server: a second server would take it for a line of other devices."""
+def check_not_served(path: str, end: int) -> None:
+    """Raise PortError for the terminal of a live server: a second server would take it for a line of other devices.
+
+    `end` is the descriptor of the opened port: to open and close another one would hang up the other program.
+    """
     if sys.platform != "linux" or not is_pseudo_terminal(path):
         return
     import fcntl
 
     try:
-        end = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    except OSError:
-        return  # opening the port reports the reason
-    try:
         held = fcntl.fcntl(end, fcntl.F_OFD_GETLK, _file_lock())
     except OSError:
         return  # no such locks here: `mark_as_served` set none
-    finally:
-        os.close(end)
     if held[:2] != struct.pack("h", fcntl.F_UNLCK):
         what = "another barewire server has this pseudo-terminal"
         raise PortError(f"{path}: {what}; stop it, or give this server another path")

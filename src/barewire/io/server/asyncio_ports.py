@@ -102,8 +102,13 @@ class SerialServer:
         self._sending: set[asyncio.Task[None]] = set()
         self.failure: PortError | None = None
         """The error of the port that ended the server, or None."""
-        check_not_served(endpoint.place)
-        self._link = SerialLink(SerialPort.of(endpoint), self._feed, self._fail)
+        port = SerialPort.of(endpoint)
+        try:
+            check_not_served(endpoint.place, port.fileno())
+        except PortError:
+            port.close()
+            raise
+        self._link = SerialLink(port, self._feed, self._fail)
 
     def _feed(self, data: bytes | None) -> None:
         replies = self._server.feed(data, self._loop.time())

@@ -7,9 +7,9 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import PSEUDO_TERMINAL, Endpoint
-from barewire.io.modbus.carriers import dialer, modbus_line
+from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.base import Port
 from barewire.io.ports.pty import PseudoTerminal, check_not_served
 from barewire.io.server.base import POLL_INTERVAL
@@ -46,8 +46,15 @@ class SerialService:
             self.port = terminal
             self.url = str(endpoint._replace(place=terminal.name))
         else:
-            check_not_served(endpoint.place)
-            self.port = dialer(endpoint)()
+            from barewire.io.ports.serial import SerialPort
+
+            port = SerialPort.of(endpoint)
+            try:
+                check_not_served(endpoint.place, port.fileno())
+            except PortError:
+                port.close()
+                raise
+            self.port = port
             self.url = str(endpoint)
         if faults is not None:
             from barewire.io.fault_injection.ports import FaultyPort

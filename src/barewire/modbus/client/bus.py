@@ -44,7 +44,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus.adu import BROADCAST, Adu, describe_event
-from barewire.modbus.client.line_state import NEVER, LineState, PendingAnswer, no_answer
+from barewire.modbus.client.line_state import NEVER, LineState, NotSent, PendingAnswer, no_answer, note_stray
 from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
@@ -80,7 +80,8 @@ class Bus:
         self.line = line
         self.recovery: Recovery = recovery
         self.late_window = late_window
-        self.state = LineState(gap=gap, gaps=gaps, dead_after=dead_after)
+        any_unit = getattr(line, "any_unit", False) and not line.numbered
+        self.state = LineState(gap=gap, gaps=gaps, dead_after=dead_after, any_unit=any_unit)
         self.counters = self.state.counters
         self._nonce = 0
 
@@ -118,12 +119,16 @@ class Bus:
         return self._exchange(unit, request, timeout)
 
     def _ask_again(self, unit: int, request: Request[R], timeout: float, retries: int) -> Conversation[bytes, R]:
+        may_probe = True
         while True:
             try:
-                return (yield from self._exchange(unit, request, timeout))
+                return (yield from self._exchange(unit, request, timeout, may_probe=may_probe))
+            except NotSent:
+                may_probe = False  # a request that was not sent costs no retry: now wait for the window
             except NoAnswer:
                 if not retries or self.line.broken is not None:
                     raise
+                may_probe = True
                 retries -= 1
 
     def begin(self, unit: int, request: Request[Any]) -> bytes | None:
@@ -203,11 +208,12 @@ class Bus:
         *,
         idle_at: float | None = None,
         sent_at: float | None = None,
+        may_probe: bool = True,
     ) -> Conversation[bytes, R]:
         """Wait until the unit may be asked, send the request, and wait for its response.
 
-        With `idle_at` the line is known to be idle since then, so the request is sent at once (a probe). With `sent_at`
-        it was sent already, at that time.
+        With `idle_at` the line is idle since then, so the request is sent at once (a probe). With `sent_at` it was sent
+        already, at that time. Without `may_probe` a pending answer is waited for.
         """
         line = self.line
         unit_state = self.state.units[unit]
@@ -218,7 +224,7 @@ class Bus:
         elif line.numbered and unit_state.free_at == unit_state.dead_until == NEVER:
             now = NEVER  # a late response cannot be mistaken, and the unit needs no pause
         else:
-            now = yield from self._clear(unit, request, timeout)
+            now = yield from self._clear(unit, request, timeout, may_probe)
         passed_over: list[str] = []
         try:
             # From here on a response may come, so however this exchange ends, the answer must be left pending.
@@ -276,7 +282,7 @@ class Bus:
                     self.state.answered(unit, now)
                     continue
             self.state.stray(event, now)
-            _note(passed_over, why or describe_event(event))
+            note_stray(passed_over, why or describe_event(event))
         if failure is not None:
             raise failure
         return response
@@ -289,9 +295,7 @@ class Bus:
         """
         if frame.pdu[0] & 0x7F != request.function_code or frame.pdu == request.encode() or request.without_answer():
             return False
-        return self.line.numbered or (
-            self.state.units[unit].settled and all(pending.unit != unit for pending in self.state.pending)
-        )
+        return self.line.numbered or (self.state.units[unit].settled and not self.state.of_unit(unit))
 
     def _unanswered(
         self, unit: int, request: Request[R], timeout: float, sent_at: float, now: float, passed_over: list[str]
@@ -309,7 +313,7 @@ class Bus:
                 return silence
             self.state.timed_out(unit_state, now)
             if line.held:
-                _note(passed_over, f"{len(line.held)} bytes without an end")
+                note_stray(passed_over, f"{len(line.held)} bytes without an end")
             instead = f"; received instead: {'; '.join(passed_over)}" if passed_over else ""
             text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
         raise no_answer(request, text)
@@ -338,7 +342,7 @@ class Bus:
 
     # Before the next request
 
-    def _clear(self, unit: int, request: Request[Any], timeout: float) -> Conversation[bytes, float]:
+    def _clear(self, unit: int, request: Request[Any], timeout: float, may_probe: bool) -> Conversation[bytes, float]:
         """Wait until the line is idle, the unit's pause over, and no confusable answer pending. Returns the time."""
         unit_state = self.state.units[unit]
         now = yield from self.wait_until_idle(timeout)
@@ -348,24 +352,29 @@ class Bus:
         while now < unit_state.free_at:
             heard = yield Listen(unit_state.free_at)
             now = self._pass_over(heard)
-        return (yield from self._prove_gone(unit, request, timeout, now))
+        return (yield from self._prove_gone(unit, request, timeout, now, may_probe and self.recovery == "probe"))
 
-    def _prove_gone(self, unit: int, request: Request[Any], timeout: float, now: float) -> Conversation[bytes, float]:
+    def _prove_gone(
+        self, unit: int, request: Request[Any], timeout: float, now: float, may_probe: bool
+    ) -> Conversation[bytes, float]:
         """Make sure that no pending answer that could pass for the response to `request` can still come.
 
         Returns the time.
         """
         state = self.state
         state.expire(now)
-        if not state.confusable(unit, request):
+        confusable = state.confusable(unit, request)
+        if not confusable:
             return now
-        # Another 08 is not preceded by a probe, because their answers would be alike.
-        if self.recovery == "probe" and request.function_code != _PROBE:
-            now = yield from self._probe(unit, timeout, now)
+        # No probe before another 08, since their answers would be alike; nor for other units (if none are compared).
+        if may_probe and request.function_code != _PROBE and all(pending.unit == unit for pending in confusable):
+            rest = max(pending.until for pending in confusable) - now
+            now = yield from self._probe(unit, min(timeout, rest), now)
+            state.expire(now)
             if state.confusable(unit, request):
                 why = "the answer to an earlier request may still come"
                 text = f"unit {unit} did not answer a probe within {timeout:g} s, and {why}"
-                raise NoAnswer(f"{text}: {request.name} was not sent")
+                raise NotSent(f"{text}: {request.name} was not sent")
         while confusable := state.confusable(unit, request):
             heard = yield Listen(max(pending.until for pending in confusable))
             state.expire(self._pass_over(heard))
@@ -383,17 +392,9 @@ class Bus:
             # Another number each time, so that its echo cannot be an older one.
             self._nonce = self._nonce + 0x9E37 & 0xFFFF
             probe = Diagnostics(RETURN_QUERY_DATA, self._nonce.to_bytes(2, "big"))
-            if all(pending.request != probe for pending in self.state.pending):
+            if all(pending.request != probe for pending in self.state.of_unit(unit)):
                 break
         self.counters.probes += 1
         with suppress(ModbusException, NoAnswer):
             yield from self._exchange(unit, probe, timeout, idle_at=now)
         return self._pass_over((yield Listen(NEVER)))
-
-
-def _note(passed_over: list[str], text: str) -> None:
-    """Keep the first three texts: an error is one line, and noise must not fill the memory."""
-    if len(passed_over) < 3:
-        passed_over.append(text)
-    elif len(passed_over) == 3:
-        passed_over.append("...")

@@ -39,9 +39,21 @@ class WriteOutcomeUnknown(NoAnswer):
     """A write was sent and not answered: it may or may not have been carried out. Read back before writing again."""
 
 
+class NotSent(NoAnswer):
+    """A request was not sent, because an answer to an earlier one may still come."""
+
+
 def no_answer(request: Request[Any], text: str) -> NoAnswer:
     """Return the error of a request that was sent and has no response; for a write it is WriteOutcomeUnknown."""
     return WriteOutcomeUnknown(f"{text}; whether it was carried out is unknown") if request.writes else NoAnswer(text)
+
+
+def note_stray(passed_over: list[str], text: str) -> None:
+    """Keep the first three texts: an error is one line, and noise must not fill the memory."""
+    if len(passed_over) < 3:
+        passed_over.append(text)
+    elif len(passed_over) == 3:
+        passed_over.append("...")
 
 
 class LateReply(NamedTuple):
@@ -61,9 +73,7 @@ class PendingAnswer(NamedTuple):
     until: float
 
     def could_be(self, adu: Adu) -> bool:
-        """Whether this frame is the response to the request, or an exception response to it."""
-        if self.unit != adu.unit:
-            return False
+        """Whether this frame is the response to the request, or an exception response to it, by its PDU."""
         try:
             self.request.read_response(adu.pdu)
         except ModbusException:
@@ -103,11 +113,14 @@ class BusCounters:
 class LineState:
     """The state of a bus. `gap`, `gaps` and `dead_after` are the options of `Bus`."""
 
-    def __init__(self, *, gap: float, gaps: Mapping[int, float] | None, dead_after: int | None) -> None:
+    def __init__(
+        self, *, gap: float, gaps: Mapping[int, float] | None, dead_after: int | None, any_unit: bool = False
+    ) -> None:
         self.counters = BusCounters()
         self.units: defaultdict[int, UnitState] = defaultdict(UnitState)
         self.pending: list[PendingAnswer] = []
         """The requests whose responses may still come, the oldest first."""
+        self._any_unit = any_unit  # the unit in a response means nothing, so any pending answer can be it
         self.has_gaps = bool(gap or gaps)
         self._gap = gap
         self._gaps = gaps or {}
@@ -121,6 +134,7 @@ class LineState:
         if unit_state.silent:
             unit_state.silent = 0
             unit_state.dead_until = NEVER
+        unit_state.listens_only = False
         if self.has_gaps and (gap := self._gaps.get(unit, self._gap)):
             unit_state.free_at = now + gap
         if self.pending:
@@ -150,15 +164,22 @@ class LineState:
         The same unit and function are enough, because an exception response contains no more.
         """
         code = request.function_code
-        return [pending for pending in self.pending if pending.unit == unit and pending.request.function_code == code]
+        return [pending for pending in self.of_unit(unit) if pending.request.function_code == code]
+
+    def of_unit(self, unit: int) -> list[PendingAnswer]:
+        """Return the pending answers that may come from this unit."""
+        return [pending for pending in self.pending if pending.unit == unit or self._any_unit]
 
     def stray(self, event: LineEvent, now: float) -> None:
         """Record a frame or noise that does not answer the open request: a late reply if it fits a pending answer."""
         self.counters.strays += 1
         if not isinstance(event, Adu):
             return
+        if self._any_unit and len({late.unit for late in self.pending if late.could_be(event)}) > 1:
+            self.counters.late += 1  # of which unit is unknown, so all of them stay pending
+            return
         for index, late in enumerate(self.pending):
-            if late.could_be(event):
+            if (late.unit == event.unit or self._any_unit) and late.could_be(event):
                 # A unit answers in the order in which it was asked, so its earlier pending answers will not come.
                 earlier, later = self.pending[:index], self.pending[index + 1 :]
                 self.pending = [pending for pending in earlier if pending.unit != late.unit] + later
