@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from barewire.errors import PortError
 from barewire.io.endpoint import DEFAULT_BAUDRATE, Endpoint, SetDirection
-from barewire.io.ports.pty import is_pseudo_terminal
+from barewire.io.ports.pty import check_not_served, is_pseudo_terminal
 from barewire.io.ports.tcp import CHUNK, LONGEST_WAIT, reason
 from barewire.rtu.timing import Timing, character_bits
 
@@ -114,6 +114,17 @@ class SerialPort:
             rs485=endpoint.choice("rs485", "off"),
             set_direction=endpoint.set_direction,
         )
+
+    @classmethod
+    def of_server(cls, endpoint: Endpoint) -> SerialPort:
+        """Open the port of an endpoint for a server. Raises PortError for the terminal of another barewire server."""
+        port = cls.of(endpoint)
+        try:
+            check_not_served(endpoint.place, port.fileno())
+        except PortError:
+            port.close()
+            raise
+        return port
 
     def fileno(self) -> int:
         """Return the descriptor of the port, for an event loop (POSIX)."""

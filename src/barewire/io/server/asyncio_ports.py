@@ -90,7 +90,6 @@ class SerialServer:
         self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None, statistics: ServerStatistics
     ) -> None:
         from barewire.io.ports.async_serial import SerialLink
-        from barewire.io.ports.pty import check_not_served
         from barewire.io.ports.serial import SerialPort
 
         self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # always empty: a line has none
@@ -102,13 +101,7 @@ class SerialServer:
         self._sending: set[asyncio.Task[None]] = set()
         self.failure: PortError | None = None
         """The error of the port that ended the server, or None."""
-        port = SerialPort.of(endpoint)
-        try:
-            check_not_served(endpoint.place, port.fileno())
-        except PortError:
-            port.close()
-            raise
-        self._link = SerialLink(port, self._feed, self._fail)
+        self._link = SerialLink(SerialPort.of_server(endpoint), self._feed, self._fail)
 
     def _feed(self, data: bytes | None) -> None:
         replies = self._server.feed(data, self._loop.time())

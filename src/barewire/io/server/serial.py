@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from barewire.errors import EncodeError, PortError
+from barewire.errors import EncodeError
 from barewire.io.endpoint import PSEUDO_TERMINAL, Endpoint
 from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.base import Port
-from barewire.io.ports.pty import PseudoTerminal, check_not_served
+from barewire.io.ports.pty import PseudoTerminal
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable
 from barewire.io.server.failures import FailureLog
@@ -48,13 +48,7 @@ class SerialService:
         else:
             from barewire.io.ports.serial import SerialPort
 
-            port = SerialPort.of(endpoint)
-            try:
-                check_not_served(endpoint.place, port.fileno())
-            except PortError:
-                port.close()
-                raise
-            self.port = port
+            self.port = SerialPort.of_server(endpoint)
             self.url = str(endpoint)
         if faults is not None:
             from barewire.io.fault_injection.ports import FaultyPort
