@@ -15,6 +15,7 @@ Depends on: the types of messages.  Used by: Modbus clients, drives. `io.canopen
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from functools import wraps
 from types import FunctionType
@@ -41,7 +42,8 @@ if TYPE_CHECKING:
     """A function that makes a conversation for a bus, and the unit in whose queue it waits."""
 
 
-_INDENT = " " * 8
+# A docstring of a method is indented in the source; from 3.13 on, CPython removes that when it compiles.
+_INDENT = "" if sys.version_info >= (3, 13) else " " * 8
 
 
 class BlockingClient:
