@@ -175,6 +175,14 @@ def test_a_port_in_use_is_reported_in_the_same_words() -> None:
     assert texts == [f"127.0.0.1:{server.port}: address already in use"] * 2
 
 
+def test_an_address_of_another_machine_is_reported_in_the_same_words() -> None:
+    url, expected = "tcp://192.0.2.1:1502", "192.0.2.1:1502: cannot assign requested address"
+    with refused(PortError, expected):
+        barewire.ModbusServer(url, units={})
+    with refused(PortError, expected):
+        asyncio.run(barewire.AsyncModbusServer(url, units={}).start())
+
+
 @pytest.mark.parametrize("url", ["tcp://localhost", "tcp://127.0.0.1:1", "tcp://[::1]:1"])
 def test_a_refused_connection_is_reported_in_the_same_words(url: str) -> None:
     with pytest.raises(PortError) as blocking:

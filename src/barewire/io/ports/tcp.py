@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import select
 import socket
@@ -162,10 +163,11 @@ def reason(error: Exception) -> str:
     """Return the system's text of an error, in lower case and without its number: 'connection refused'."""
     if isinstance(error, ValueError):
         return "the port was closed"  # a descriptor of -1: another thread closed it meanwhile
-    if isinstance(error, ConnectionError) and error.errno:
-        error = OSError(error.errno, os.strerror(error.errno))  # asyncio has texts of its own
     text = (error.strerror if isinstance(error, OSError) else "") or str(error) or type(error).__name__
-    if text.startswith("error while attempting to bind"):
-        text = text.rpartition(": ")[2]
-    text = text.partition(" (while attempting")[0]  # Python adds the address, which our text has already
+    if isinstance(error, ConnectionError) or "while attempting to bind" in text:
+        text = (
+            os.strerror(error.errno) if isinstance(error, OSError) and error.errno else text
+        )  # Python adds the address
+    elif text.startswith("could not bind on any address"):
+        text = os.strerror(errno.EADDRNOTAVAIL)  # asyncio from 3.13 on
     return text[:1].lower() + text[1:]
