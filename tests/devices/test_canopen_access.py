@@ -10,7 +10,17 @@ import pytest
 from barewire.canopen import STANDARD, CanFrame, Channel, Entry, ObjectDictionary, SdoAbort, SdoServer
 from barewire.codecs import Value
 from barewire.conversation import play
-from barewire.devices import CanopenSettings, Device, ModbusAt, ObjectAt, Parameter, load, read_canopen, write_canopen
+from barewire.devices import (
+    CanopenSettings,
+    Device,
+    ModbusAt,
+    ObjectAt,
+    Parameter,
+    load,
+    names,
+    read_canopen,
+    write_canopen,
+)
 from barewire.devices.sdo_dialects import AZ3, DIALECTS
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from tests.helpers import refused
@@ -219,3 +229,22 @@ def test_a_parameter_may_be_given_in_place_of_its_name(machine: Machine) -> None
     play(write_canopen(NODE, DRIVE, {position: 7}), machine)
     assert machine.objects.get(0x607A) == 7
     assert position.modbus == ModbusAt("holding", 277, 2, order="CDAB")
+
+
+def test_an_object_may_be_wider_than_its_value() -> None:
+    row = Parameter("code", "u8", maximum=9, object=ObjectAt(0x2068, type="u16"))
+    assert (row.object_type, row.object_size) == ("u16", 2)
+    assert row.to_object(7) == b"\x07\x00"
+    assert (row.from_object(b"\x07\x00"), row.from_object(b"\x07\x00\x00\x00")) == (7, 7)
+    assert row.as_dict()["object"] == {"index": 0x2068, "sub": 0, "bit": None, "type": "u16"}
+    with pytest.raises(DecodeError, match="2 bytes"):
+        row.from_object(b"\x07")
+
+
+def test_rows_of_one_object_agree_about_its_width() -> None:
+    widths: dict[tuple[str, int, int], set[int]] = {}
+    for name in names():
+        for row in load(name).parameters:
+            if row.object is not None and row.object.bit is None:
+                widths.setdefault((name, row.object.index, row.object.sub), set()).add(row.object_size)
+    assert {place: found for place, found in widths.items() if len(found) > 1} == {}

@@ -18,7 +18,7 @@ Depends on: the codecs.  Used by: every file of this room.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from typing import Any, Literal, NamedTuple
 
@@ -52,11 +52,13 @@ class ModbusAt(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ObjectAt:
-    """An address in the object dictionary of CANopen. `bit` is set where the value is one bit of the object."""
+    """An address in the object dictionary of CANopen. `bit` is set where the value is one bit of the object, `type`
+    where the object is wider than the value: 2068h of the AZ3 has 16 bits, the value beside it in a register has 8."""
 
     index: int
     sub: int = 0
     bit: int | None = None
+    type: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +152,7 @@ class Parameter:
         """Return the parameter as a dictionary for `json.dumps`: every key is always there, None is "not given".
 
         >>> Parameter("STATUS WORD", "u16", object=ObjectAt(0x6041)).as_dict()["object"]
-        {'index': 24641, 'sub': 0, 'bit': None}
+        {'index': 24641, 'sub': 0, 'bit': None, 'type': 'u16'}
 
         Addresses are those on the wire, from 0.
         """
@@ -168,7 +170,7 @@ class Parameter:
             "firmware": self.firmware,
             "note": self.note,
             "modbus": None if self.modbus is None else self.modbus._asdict(),
-            "object": None if place is None else {"index": place.index, "sub": place.sub, "bit": place.bit},
+            "object": None if place is None else asdict(place) | {"type": place.type or self.type},
             "bits": {str(number): text for number, text in self.bits.items()},
             "storable": self.storable,
             "answered": self.answered,
@@ -278,6 +280,11 @@ class Parameter:
         return bool(raw) if self.type == "bool" else self.from_raw(raw)
 
     @property
+    def object_type(self) -> str:
+        """The type of the object: that of the value, where the object has no type of its own."""
+        return self._in_dictionary().type or self.type
+
+    @property
     def object_size(self) -> int:
         """The size of the object in bytes. A bit does not give the width of its object: 16 bits are assumed."""
         return 2 if self._in_dictionary().bit is not None else self._object_codec().size
@@ -288,11 +295,11 @@ class Parameter:
         return self.object
 
     def _object_codec(self) -> Codec:
-        if self.type == "text":
+        if self.object_type == "text":
             raise EncodeError(
                 f"{self.name} is text, and a description does not give the length of an object of text", self.name
             )
-        return codec("u8" if self.type == "bool" else self.type, "DCBA")
+        return codec("u8" if self.object_type == "bool" else self.object_type, "DCBA")
 
 
 class Reading(NamedTuple):

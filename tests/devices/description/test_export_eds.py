@@ -31,7 +31,7 @@ def test_every_parameter_is_in_the_exported_eds(name: str) -> None:
             continue
         owners.add((place.index, place.sub))
         entry = objects.entry(place.index, place.sub)
-        assert (entry.name, entry.type, entry.access) == (parameter.name, parameter.type, parameter.access)
+        assert (entry.name, entry.type, entry.access) == (parameter.name, parameter.object_type, parameter.access)
         if parameter.default is not None:
             assert entry.codec.encode(entry.default) == parameter.to_object(parameter.default)
         for limit, raw in ((parameter.minimum, entry.minimum), (parameter.maximum, entry.maximum)):

@@ -35,7 +35,7 @@ def test_every_parameter_is_json_with_the_same_keys(name: str) -> None:
 def test_places_scale_and_names() -> None:
     fields = load("az3").find("START PHASING").as_dict()
     assert fields["modbus"] == {"table": "coil", "address": 1, "words": 1, "half": None, "bit": None, "order": "ABCD"}
-    assert fields["object"] == {"index": 0x2018, "sub": 0, "bit": 1}
+    assert fields["object"] == {"index": 0x2018, "sub": 0, "bit": 1, "type": "bool"}
     assert fields["default"] is False
     fields = load("adxl").find("Frequency").as_dict()
     assert (fields["scale"], fields["unit"], fields["object"], fields["min"]) == (0.001, "Hz", None, None)

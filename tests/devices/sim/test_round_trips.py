@@ -12,7 +12,7 @@ from barewire.codecs import Value
 from barewire.codecs.numbers import Number
 from barewire.devices.description.load import load
 from barewire.devices.parameter import ObjectAt, Parameter
-from barewire.errors import EncodeError
+from barewire.errors import BarewireError, EncodeError
 from barewire.modbus import ModbusException
 from barewire.modbus.messages.registers import WriteSingleRegister
 from tests.devices.sim.wires import WIRES, CanopenWire, ModbusWire, Wire, canopen
@@ -45,6 +45,8 @@ def wanted(parameter: Parameter) -> list[Value]:
         return [True, False]
     if parameter.name == "Parameter value":  # of P01.04
         return [1, 120, 10]
+    if parameter.name == "STORE ALL PARAMETERS":  # any value but the signature is refused
+        return list(parameter.values)
     found: list[Value] = list(parameter.values)
     if not parameter.values:
         number, scale = Number(parameter.type), parameter.scale
@@ -68,6 +70,23 @@ def in_range(parameter: Parameter, value: Value) -> bool:
 
 def same(parameter: Parameter, got: Value, value: Value) -> bool:
     return got == (pytest.approx(value, rel=1e-6) if parameter.type == "f32" else value)
+
+
+@TRANSPORTS
+def test_every_readable_parameter_is_read_by_name(device: str, wire: Callable[[str], Wire]) -> None:
+    line = wire(device)
+    here = [parameter for parameter in load(device).parameters if parameter.readable and line.has(parameter)]
+    if device == "adxl":
+        line.write({line.machine.device.find(name): value for name, value in MENU.items()})
+    wrong = []
+    for parameter in here:
+        try:
+            line.read(parameter)
+        except BarewireError as error:
+            wrong.append(f"{parameter.name}: {error}")
+    assert wrong == []
+    # Nearly all 346 of the AZ3 are on both of its buses.
+    assert len(here) > {"az3": 240, "adxl": 40, "csd-mt": 100}[device]
 
 
 @TRANSPORTS
@@ -110,7 +129,7 @@ def test_every_read_only_parameter_refuses_writes(device: str, wire: Callable[[s
         if device == "adxl":
             line.write({line.machine.device.find(name): value for name, value in MENU.items()})
         if parameter.name == "CAN BITRATE INDEX" and isinstance(line, CanopenWire):
-            continue  # its object, 2068h, is that of CAN BIT RATE
+            continue  # its object, 2068h, is that of CAN BIT RATE, which can be written
         before = line.read(parameter)
         if isinstance(line, ModbusWire):
             answer = _forced(line, parameter, before)

@@ -85,7 +85,7 @@ def build_parameter(row: Mapping[str, Any], numbering: Numbering) -> Parameter:
         note=get("note", ""),
         printed=MappingProxyType(row["printed"]) if "printed" in row else _NONE,
         modbus=_modbus_address(row, numbering),
-        object=ObjectAt(row["object"], get("sub", 0), get("object_bit")) if "object" in row else None,
+        object=_object_address(row) if "object" in row else None,
     )
 
 
@@ -105,6 +105,10 @@ def _modbus_address(row: Mapping[str, Any], numbering: Numbering) -> ModbusAt | 
     if row["type"] == "text" or table in ("coil", "discrete"):
         return ModbusAt(table, address, words_of(row))
     return ModbusAt(table, address, words_of(row), row.get("half"), row.get("bit"), row.get("order", numbering.order))
+
+
+def _object_address(row: Mapping[str, Any]) -> ObjectAt:
+    return ObjectAt(row["object"], row.get("sub", 0), row.get("object_bit"), row.get("object_type", ""))
 
 
 def _numbered(table: Mapping[str, str]) -> Mapping[int, str]:

@@ -199,7 +199,7 @@ def _check_width(row: TomlTable, table: str) -> None:
 def _check_object(row: TomlTable, has_canopen: bool) -> None:
     items = row.items
     if "object" not in items:
-        for key in ("sub", "object_bit"):
+        for key in ("sub", "object_bit", "object_type"):
             if key in items:
                 raise row.error(key, "belongs to an object; expected object in the same row")
         return
@@ -207,6 +207,10 @@ def _check_object(row: TomlTable, has_canopen: bool) -> None:
         raise row.error("object", "the device has no CANopen; expected a table [canopen] in device.toml")
     if "object_bit" in items and items["type"] != "bool":
         raise row.error("object_bit", f"one bit with type {items['type']!r}; expected bool")
+    if "object_type" in items:
+        kind, wide = items["type"], items["object_type"]
+        if kind not in INTEGER_TYPES or kind[0] != wide[0] or codec(wide).size <= codec(kind).size:
+            raise row.error("object_type", f"{wide!r} with type {kind!r}; expected a wider {kind[0]} type, or no key")
 
 
 def _check_numbers(row: TomlTable, parameter: Parameter) -> None:

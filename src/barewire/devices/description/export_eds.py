@@ -152,7 +152,7 @@ def _item(device: Device, parameter: Parameter, mapped: bool) -> EdsItem:
     default: Value | Formula | None = None if parameter.default is None else parameter.to_raw(parameter.default)
     if index in _COMMUNICATION_RECORDS and sub == 1 and isinstance(default, int) and device.canopen is not None:
         default = Formula(default - device.canopen.node)
-    type = "string" if parameter.type == "text" else parameter.type
+    type = "string" if parameter.type == "text" else parameter.object_type
     low, high = (_limit(parameter, limit) for limit in (parameter.minimum, parameter.maximum))
     return EdsItem(sub, parameter.name, type, parameter.access, default, low, high, mapped)
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeAlias
 from barewire.codecs.order import ORDERS
 from barewire.devices.description.line_numbers import KeyLines, KeyPath
 from barewire.devices.device import suggest
-from barewire.devices.parameter import TABLE_NAMES, VALUE_TYPES
+from barewire.devices.parameter import INTEGER_TYPES, TABLE_NAMES, VALUE_TYPES
 from barewire.devices.sdo_dialects import DIALECTS
 from barewire.errors import BarewireError, shown
 
@@ -307,6 +307,7 @@ PARAMETER: dict[str, KeyRule] = {
     "object": whole(1, 0xFFFF),
     "sub": whole(0, 0xFF),
     "object_bit": whole(0, 31),
+    "object_type": one_of(*INTEGER_TYPES),
     "access": one_of("ro", "rw", "wo"),
     "unit": any_text,
     "scale": fraction,

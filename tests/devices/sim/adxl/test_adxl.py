@@ -144,7 +144,6 @@ def test_function_codes(bench: Bench) -> None:
     assert third.encode().hex(" ") == "03 04 00 00 00 f5"
     assert bench.refused(WriteMultipleRegisters(0x4FFF, (1,))) == 1
     assert bench.refused(ReadDeviceIdentification()) == 1
-    assert bench.refused(ReadInputRegisters(0x000F, 8)) == 2  # 10h to 13h are not in table 2
     assert bench.refused(WriteSingleRegister(0x0FB1, 1)) == 2
 
 

@@ -106,7 +106,7 @@ def test_a_new_bit_rate_takes_effect_at_the_next_reset(bench: Bench) -> None:
     adapter = drive(bench).canopen
     assert adapter is not None
     adapter.bus_bitrate = 125_000
-    assert bench.download(0x2068, 0, b"\x07") == 0
+    assert bench.download(0x2068, 0, b"\x07\x00") == 0
     assert (bench.read("CAN BIT RATE"), bench.read("CAN BITRATE INDEX"), adapter.bitrate) == (7, 5, 125_000)
     assert bench.frames("000#8201") == []  # it now uses another bit rate than this bus
     assert (bench.read("CAN BITRATE INDEX"), adapter.bitrate, adapter.deadline) == (7, 500_000, None)
@@ -190,3 +190,15 @@ def test_each_cleaning_deletes_its_part(bench: Bench) -> None:
     assert bench.read("SPEED KP") == 0.5
     bench.machine.power_cycle(2.0)
     assert bench.read("SPEED KP") == pytest.approx(0.001)
+
+
+def test_only_the_signature_stores_the_parameters() -> None:
+    """CiA 301, object 1010h: with a wrong signature the device refuses to store, abort code 0800 0020h."""
+    bench = az3_bench()
+    bench.write("TARGET TORQUE", 5)
+    for word in (0, 1, 0x65766172, 0xFFFF_FFFF):
+        assert bench.download(0x1010, 1, word.to_bytes(4, "little")) == 0x0800_0020
+        assert bench.refused(bench.writes("STORE ALL PARAMETERS", word)) == 3
+    assert bench.machine.store.saved == {}
+    assert bench.download(0x1010, 1, b"save") == 0
+    assert bench.machine.store.saved != {}

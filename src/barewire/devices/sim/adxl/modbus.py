@@ -4,11 +4,17 @@
         07       eight bits of state        17 (11h)   identity                    all others: exception 01
 
 The text of an event, 28 registers from 5032h, is read "with a single function 04", and the index moves on after it.
+The example of function 04 reads 10h to 17h, of which table 2 has only 14h to 17h, and 16 bytes come. So here a register
+between two measures of one page (0xxh, Fxxh, 1Bxxh, 21xxh) is read as 0. For a request with no measure in it, or with
+a register before the first or behind the last measure of a page, the answer is exception 02, "if the measure address is
+not included in the table". The pages, and the 0 in each of these registers, are decided here.
+
 While the starter reboots every answer is exception 06; the request that starts the reboot gets no answer.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Protocol
 
 from barewire.devices.device import ModbusSettings
@@ -51,11 +57,13 @@ class AdxlModbusAdapter(ModbusAdapter):
     def images(self) -> None:
         """Let function 03 read the measures of table 2, and 04 everything that can be read."""
         super().images()
-        self.reads[0x03] = self.image(
+        measures = [
             cell
             for cell in self.cells("input")
             if cell.parameter.modbus and cell.parameter.modbus.address < _FIRST_SETTING
-        )
+        ]
+        self.reads[0x03] = self.image(measures)
+        self.reads[0x03].gaps = self.reads[0x04].gaps = _gaps(self.reads[0x03].words)
 
     def handle(self, request: Any, now: float) -> Response | None:
         """Handle a request: exception 06 during a reboot, no answer to the one that starts it (settings, step 4)."""
@@ -92,3 +100,11 @@ class AdxlModbusAdapter(ModbusAdapter):
             case ReportServerId():
                 return ReportServerIdResponse(_SERVER_ID)
         raise ModbusException(ILLEGAL_FUNCTION)
+
+
+def _gaps(measures: Iterable[int]) -> frozenset[int]:
+    """Return the wire addresses between the measures of each page of table 2, as the manual prints its addresses."""
+    pages: dict[int, list[int]] = {}
+    for address in sorted(measures):
+        pages.setdefault((address + 1) >> 8, []).append(address)
+    return frozenset(number for page in pages.values() for number in range(page[0], page[-1])).difference(measures)

@@ -1,6 +1,7 @@
 """The non-volatile memory of the AZ3, and the addresses that it takes from there.              [ST.TEC.022, ST.TEC.071]
 
         STORE ALL PARAMETERS = 65766173h ("save")   saves all writable parameters and the PDO records
+                             any other value        refused: abort 0800 0020h [CiA 301, 1010h], on Modbus exception 03
         EEPROM PARAMETERS CLEANING                  defaults from the next reset on
         EEPROM DIAGNOSTIC LOG CLEANING              no errors in ERROR CODE 1 to 8
         EEPROM TOTAL CLEANING                       both, and the results of the phasing
@@ -17,13 +18,14 @@ from typing import TYPE_CHECKING
 
 from barewire.codecs import Value
 from barewire.devices.device import CanopenSettings
-from barewire.devices.sim.core.store import MachineStore
+from barewire.devices.parameter import show
+from barewire.devices.sim.core.store import Declined, MachineStore
 
 if TYPE_CHECKING:  # a program that only uses Modbus machines loads no CANopen node
     from barewire.devices.sim.core.canopen import CanopenAdapter
 
 _SAVE = 0x65766173
-"""The letters "save", the signature of CiA 301 for 1010h:01; the guides give no other value."""
+"""The letters "save", the signature of CiA 301 for 1010h:01. The guides give no value: this one is assumed."""
 
 _BIT_RATES = {3: 20_000, 4: 50_000, 5: 125_000, 6: 250_000, 7: 500_000, 9: 1_000_000}
 """By the number in CAN BIT RATE (CANopen guide, chapter 4)."""
@@ -47,6 +49,7 @@ class Memory:
             self.deliver("BOOT CAN NODE", settings.node)
             self.deliver("CAN BIT RATE", numbers.get(settings.bitrate, _DEFAULT_BIT_RATE))
             self.node, self.bit_rate = settings.node, store.whole("CAN BIT RATE")
+        store.veto("STORE ALL PARAMETERS", self._check_signature)
         store.after("STORE ALL PARAMETERS", self._save)
 
     def deliver(self, name: str, value: Value) -> None:
@@ -63,16 +66,19 @@ class Memory:
         self.node = self.store.whole("BOOT CAN NODE")
         self.canopen.take_address(self.node if 1 <= self.node <= 127 else None, _BIT_RATES[self.bit_rate])
 
+    def _check_signature(self, value: Value) -> None:
+        if value != _SAVE:
+            raise Declined("signature", f"{show(value)} stores nothing: expected {_SAVE}, the letters 'save'")
+
     def _save(self, value: Value) -> None:
         """Save every writable parameter: the guides do not list which are saved."""
-        if value == _SAVE:
-            saved = self.store.snapshot(
-                lambda cell: cell.parameter.writable and (cell.measured is None or bool(cell.parts))
-            )
-            at_rest = {name: value for name, value in _COMMANDS_AT_REST.items() if name in saved}
-            self.store.saved = saved | at_rest
-            if self.canopen is not None:
-                self.canopen.save_records()
+        saved = self.store.snapshot(
+            lambda cell: cell.parameter.writable and (cell.measured is None or bool(cell.parts))
+        )
+        at_rest = {name: value for name, value in _COMMANDS_AT_REST.items() if name in saved}
+        self.store.saved = saved | at_rest
+        if self.canopen is not None:
+            self.canopen.save_records()
         self.store["STORE ALL PARAMETERS"] = 0
 
     def clear(self) -> None:

@@ -36,6 +36,7 @@ from barewire.devices.sim.core.store import Cell, Declined, DeclineReason
 _ABORT_CODES: dict[DeclineReason, AbortCode] = {
     "place": AbortCode.NO_OBJECT,
     "value": AbortCode.INVALID_VALUE,
+    "signature": AbortCode.NOT_STORED,
     "state": AbortCode.DEVICE_STATE,
 }
 _DEVICE_TYPE, _ERROR_REGISTER = 0x1000, 0x1001
@@ -217,7 +218,7 @@ def _entry(cell: Cell) -> Entry:
         place.index,
         place.sub,
         parameter.name,
-        "string" if parameter.type == "text" else parameter.type,
+        "string" if parameter.type == "text" else parameter.object_type,
         parameter.access,
         minimum=limit(parameter.minimum, -1),
         maximum=limit(parameter.maximum, 1),

@@ -29,6 +29,7 @@ from barewire.modbus.messages.base import Response
 _EXCEPTION_CODES: dict[DeclineReason, int] = {
     "place": ILLEGAL_DATA_ADDRESS,
     "value": ILLEGAL_DATA_VALUE,
+    "signature": ILLEGAL_DATA_VALUE,
     "state": SERVER_DEVICE_FAILURE,
 }
 

@@ -6,7 +6,8 @@
 
 An image stores nothing, so two function codes that reach one cell return one value. Rules where a manual has none:
 
-* A register or coil that no parameter occupies does not exist: exception 02, also for a gap inside a row.
+* A register or coil that no parameter occupies does not exist: exception 02, also for a gap inside a row. Registers in
+  `gaps` belong to no parameter either, but are read as 0 in a request that also reads a parameter.
 * Parameters that cannot be read are in no image for reading, those that cannot be written in none for writing:
   exception 02.
 * A request is carried out completely or not at all: everything is checked before anything is stored.
@@ -17,7 +18,7 @@ An image stores nothing, so two function codes that reach one cell return one va
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from barewire.codecs import Value
@@ -37,8 +38,8 @@ class CellWord(NamedTuple):
 class RegisterImage:
     """The cells that one function code reaches, by address. Coils count as registers that hold 0 or 1."""
 
-    def __init__(self, store: MachineStore, cells: Iterable[Cell]) -> None:
-        self.store = store
+    def __init__(self, store: MachineStore, cells: Iterable[Cell], gaps: Collection[int] = ()) -> None:
+        self.store, self.gaps = store, gaps
         self.words: dict[int, list[CellWord]] = {}
         self._waiting: dict[str, dict[int, int]] = {}
         """The registers that were written of values whose last register was not: by cell and register number."""
@@ -57,10 +58,16 @@ class RegisterImage:
 
     def read(self, address: int, quantity: int) -> tuple[int, ...]:
         """Read `quantity` registers; raises Declined. Each value is read once, so its words belong together."""
-        rows = [self._at(address + offset) for offset in range(quantity)]
+        wanted = range(address, address + quantity)
+        rows = [[] if number in self.gaps else self._at(number) for number in wanted]
+        if not any(rows):
+            raise Declined("place", f"nothing is described at address {address}")
         known: dict[str, tuple[int, ...]] = {}
         words = []
         for row in rows:
+            if not row:
+                words.append(0)
+                continue
             first = row[0]
             if first.partial:
                 word = 0

@@ -26,8 +26,9 @@ from barewire.devices.device import fold
 from barewire.devices.parameter import Parameter
 from barewire.errors import BarewireError, EncodeError
 
-DeclineReason = Literal["place", "value", "state"]
-"""place: no such address or object; value: no such value; state: not in the present state of the machine."""
+DeclineReason = Literal["place", "value", "signature", "state"]
+"""place: no such address or object; value: no such value; signature: not the value that stores or restores; state: not
+in the present state of the machine."""
 
 
 class Declined(BarewireError):

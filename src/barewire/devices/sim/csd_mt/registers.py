@@ -4,6 +4,8 @@
 1260 = 1111h  IP, mask, gateway --------+-->  saved if the 24 V stay on for 5 s  (ch. 12)
 1261 = 6F6Ch  the defaults ------------'
 
+Any other value gets exception 03. The manual says that it stores nothing, and not how it is answered: this is a guess.
+
 This file also has the write checks of single registers, and the registers that act on the encoder and on Auto Sync.
 Network registers are saved and have no other effect.
 """
@@ -77,6 +79,7 @@ class ServiceRegisters:
             "Output Config": self._check_outputs,
             "Counter Watchdog": self._check_watchdog,
             "Revolution Direction": self._check_direction,
+            "Save All Parameters": self._check_signature,
         }
         actions: dict[str, Callable[[Value], None]] = {
             "Save All Parameters": self._save,
@@ -112,10 +115,9 @@ class ServiceRegisters:
         self._show_motor(self.store["Motor Code"])
 
     def _save(self, value: Value) -> None:
-        """Begin to save. A value other than the two signatures has no effect."""
-        if value in (_STORE, _STORE_NETWORK):
-            values = self.store.snapshot(lambda cell: _saved_by(cell) == value)
-            self._saving = (self.context.now + _SAVING_TIME, self.store.saved | values)
+        """Begin to save the parameters that belong to this signature."""
+        values = self.store.snapshot(lambda cell: _saved_by(cell) == value)
+        self._saving = (self.context.now + _SAVING_TIME, self.store.saved | values)
         self.store["Save All Parameters"] = 0
 
     def _restore(self, value: Value) -> None:
@@ -197,6 +199,10 @@ class ServiceRegisters:
                 raise Declined("value", f"not together with {other}")
 
         return check
+
+    def _check_signature(self, value: Value) -> None:
+        if value not in (_STORE, _STORE_NETWORK):
+            raise Declined("signature", f"{int(value):04X}h: expected {_STORE:04X}h or {_STORE_NETWORK:04X}h")
 
     def _check_outputs(self, value: Value) -> None:
         if self._has_current and is_brake_config(int(value)) != self.axis.has_brake:
