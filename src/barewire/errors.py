@@ -69,9 +69,8 @@ class BarewireError(Exception):
         return super().__str__() + self.context
 
     def add_context(self, text: str) -> None:
-        """Add a note that is also a part of the text, so that a log has it."""
-        self.add_note(text)
-        self.context = f"; {text}"
+        """Add to the end of the text where the error happened."""
+        self.context += f"; {text}"
 
 
 class EncodeError(BarewireError, ValueError):

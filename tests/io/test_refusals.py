@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import pickle
+import traceback
 from collections.abc import Callable
 from typing import Any
 
@@ -52,11 +53,15 @@ def test_an_exception_without_a_client_has_its_short_text() -> None:
     assert (ModbusException(2).unit, ModbusException(2).address) == (None, None)
 
 
+def in_traceback(error: BaseException) -> str:
+    return "".join(traceback.format_exception(error))
+
+
 def failing(*_: object) -> Any:
     raise ZeroDivisionError
 
 
-def test_a_value_by_name_is_in_the_text_and_in_a_note() -> None:
+def test_a_value_by_name_is_in_the_text_once() -> None:
     unit = Functions(read_input_registers=failing, write_registers=failing)
     with (
         barewire.ModbusServer("tcp://127.0.0.1:0", {1: unit}) as server,
@@ -68,7 +73,7 @@ def test_a_value_by_name_is_in_the_text_and_in_a_note() -> None:
         assert parameter.modbus is not None
         place = f"unit 1, address {parameter.modbus.address}: exception 04 (server device failure)"
         assert str(caught.value) == f"{place} to function 04; while reading Status"
-        assert caught.value.__notes__ == ["while reading Status"]
+        assert in_traceback(caught.value).count("while reading Status") == 1
         with pytest.raises(ModbusException) as caught:
             adxl.write("Motor start command", 1)
         parameter = adxl.device.find("Motor start command")
@@ -90,5 +95,7 @@ def test_any_error_of_a_value_by_name_has_the_name_in_its_text() -> None:
     for error in (BarewireError("a"), NoAnswer("a"), barewire.PortError("a")):
         error.add_context("while reading A")
         assert str(error) == "a; while reading A"
-        assert error.__notes__ == ["while reading A"]
+        error.add_context("while copying B")
+        assert str(error) == "a; while reading A; while copying B"
+        assert in_traceback(error).count("while reading A") == 1
     assert str(barewire.EncodeError("a")) == "a"

@@ -27,6 +27,13 @@ CONNECT: list[Any] = [barewire.connect, barewire.connect_async]
 NAN = float("nan")
 
 
+class Waiting:
+    """A unit with a method that nothing awaits."""
+
+    async def handle(self, request: Any, now: float) -> Any:
+        return None
+
+
 def readers() -> list[str]:
     return [thread.name for thread in threading.enumerate() if thread.name.startswith("reader of virtual/use")]
 
@@ -66,12 +73,28 @@ def test_requests_in_flight_are_a_whole_number(in_flight: Any) -> None:
         ({"1": Table()}, "address '1': expected 0..255"),
         ({1: 5}, "unit 1: 5: expected a Table"),
         ({1: None}, "unit 1: None: expected a Table"),
-        ({1: Table}, "unit 1: <class"),
+        ({1: {}}, "unit 1: {}: expected a Table"),
+        ({1: Table}, "unit 1: the class Table: expected an instance, Table(...)"),
+        ({1: Waiting()}, "unit 1: its method handle is a coroutine: expected one that returns the response"),
+        ([Table()], "expected a dict of unit address and unit"),
+        (Table(), "expected a dict of unit address and unit"),
+        ({True: Table()}, "address True: expected 0..255"),
     ],
 )
-def test_units_are_objects_by_address(server: Any, units: Any, text: str) -> None:
+@pytest.mark.parametrize("url", ["tcp://127.0.0.1:0", "udp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0", "rtu://pty"])
+def test_units_are_objects_by_address(server: Any, url: str, units: Any, text: str) -> None:
     with refused(EncodeError, text):
-        server("tcp://127.0.0.1:0", units)
+        server(url, units)
+
+
+@pytest.mark.parametrize("server", SERVERS)
+def test_a_serial_line_has_no_unit_0(server: Any) -> None:
+    for url in ("rtu://pty", "ascii+tcp://127.0.0.1:0"):
+        with refused(
+            EncodeError, "units: address 0: a serial line has no unit 0, its requests are broadcasts: expected 1..255"
+        ):
+            server(url, {0: Table()})
+    assert "ModbusServer" in repr(barewire.AsyncModbusServer("tcp://127.0.0.1:0", {0: Table()}))
 
 
 @pytest.mark.parametrize("server", [*SERVERS, *CAN_SERVERS])

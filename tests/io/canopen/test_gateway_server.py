@@ -11,12 +11,13 @@ from typing import Any
 
 import pytest
 
-from barewire import CanopenServer
+from barewire import CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, ErrorFrame
 from barewire.devices.sim import simulator
-from barewire.errors import PortError
+from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.gateway_server import GATEWAY_CONNECTIONS, UNREAD_LIMIT, CanopenGateway, serve_gateway
+from tests.helpers import refused
 
 
 @asynccontextmanager
@@ -329,3 +330,9 @@ def test_a_port_in_use_is_a_port_error() -> None:
                 await serve_gateway(client, "127.0.0.1", made.port)
 
     play(body)
+
+
+@pytest.mark.parametrize("client", [5, None, "can://virtual/gateway", CanopenClient])
+def test_any_other_client_is_refused_at_once(client: Any) -> None:
+    with refused(EncodeError, "expected an AsyncCanopenClient"):
+        asyncio.run(serve_gateway(client))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import FrozenInstanceError
 from typing import Any
 
 import pytest
@@ -57,3 +58,12 @@ def test_numbers_are_whole_numbers(value: Any) -> None:
 def test_a_whole_number_out_of_range_is_refused_with_the_range() -> None:
     with refused(EncodeError, "address = 65536: expected 0..65535"):
         ReadHoldingRegisters(65536, 1)
+
+
+def test_no_attribute_of_a_message_can_be_set_or_deleted() -> None:
+    message = ReadHoldingRegisters(0, 2)
+    for name in ("address", "adress"):
+        with pytest.raises(FrozenInstanceError, match=f"cannot assign to field '{name}'"):
+            setattr(message, name, 5)
+        with pytest.raises(FrozenInstanceError, match=f"cannot delete field '{name}'"):
+            delattr(message, name)

@@ -21,7 +21,7 @@ from typing import Self
 from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.canopen.gateway.codes import GatewayCode, error_line
 from barewire.canopen.gateway.session import MAX_LINE, GatewaySession
-from barewire.errors import EncodeError, PortError
+from barewire.errors import EncodeError, PortError, shown
 from barewire.io.canopen.async_bus import AsyncSubscriber
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.methods.lss import LSS_LOCK, LSS_RECEIVES
@@ -56,8 +56,13 @@ class CanopenGateway:
     async def listen(self, host: str, port: int) -> Self:
         """Start to listen. Raises PortError."""
         try:
-            self._server = await asyncio.start_server(self._accept, host, port)
-        except OSError as error:
+            # In two steps: if the task is cancelled in the second, there is a server to close.
+            self._server = await asyncio.start_server(self._accept, host, port, start_serving=False)
+            await self._server.start_serving()
+        except BaseException as error:
+            await self.close()
+            if not isinstance(error, OSError):
+                raise
             raise PortError(f"{host}:{port}: {reason(error)}") from None
         return self
 
@@ -242,8 +247,10 @@ async def serve_gateway(
 ) -> CanopenGateway:
     """Start a gateway to the bus of `client` on the TCP port `host`:`port`. `net` (1..127) is its net number.
 
-    Raises PortError if the port cannot be opened, EncodeError for a wrong net.
+    Raises PortError if the port cannot be opened, EncodeError for a wrong net and for any other client.
     """
+    if not isinstance(client, AsyncCanopenClient):
+        raise EncodeError(f"client {shown(client)}: expected an AsyncCanopenClient", "client")
     if not 1 <= net <= 127:
         raise EncodeError(f"net {net}: expected 1..127")
     return await CanopenGateway(client, net=net, version=version).listen(host, port)

@@ -100,8 +100,8 @@ class AsyncModbusServer(AsyncServer):
         if self._network is None:
             self._server = SerialServer(self._endpoint, self._units, self._inject, self.statistics)
             return
-        await self._network.listen(self._listener)
         self._server = self._network
+        await self._network.listen(self._listener)
         host = self._endpoint.host_and_port[0]
         place = f"[{host}]" if ":" in host else host
         self.url = str(self._endpoint._replace(place=f"{place}:{self._network.port}"))

@@ -68,13 +68,18 @@ class StreamServer:
         loop, (host, port) = asyncio.get_running_loop(), self.endpoint.host_and_port
         address: dict[str, Any] = {"host": host, "port": port} if listener is None else {"sock": listener}
         try:
-            self._server = await loop.create_server(lambda: _Connection(self), backlog=CONNECTIONS, **address)
+            # In two steps: if the task is cancelled in the second, there is a server to close.
+            self._server = await loop.create_server(
+                lambda: _Connection(self), backlog=CONNECTIONS, start_serving=False, **address
+            )
+            await self._server.start_serving()
         except OSError as error:
             raise PortError(f"{host}:{port}: {reason(error)}") from None
 
     async def close(self) -> None:
         """Close all connections and release the port."""
-        assert self._server is not None
+        if self._server is None:
+            return
         self._server.close()
         if self._timer is not None:
             self._timer.cancel()

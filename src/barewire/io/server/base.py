@@ -14,9 +14,12 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from barewire.errors import BarewireError, PortError
+
+if TYPE_CHECKING:
+    import asyncio
 
 POLL_INTERVAL = 0.1
 """Seconds between two checks whether to stop."""
@@ -120,7 +123,8 @@ class AsyncServer(ABC):
 
     url: str
     """The URL for clients. After `start` it has the number of the port that the system chose for port 0."""
-    _has_started = False
+    _has_started = _is_closed = False
+    _opened: asyncio.Future[None] | None = None  # done when `start` has ended, well or not
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.url}>"
@@ -133,15 +137,33 @@ class AsyncServer(ABC):
         await self.close()
 
     async def start(self) -> None:
-        """Open the port and begin to serve. Raises PortError if that fails, or if the server has run or was closed."""
+        """Open the port and begin to serve. Raises PortError if that fails, or if the server has run or was closed.
+
+        If it fails, is cancelled, or the server is closed meanwhile, nothing stays open.
+        """
         if self._has_started:
             raise _serves_once(self.url)
+        import asyncio  # not at the top: the servers without asyncio do not need it
+
         self._has_started = True
-        await self._open()
+        opened = self._opened = asyncio.get_running_loop().create_future()
+        try:
+            await self._open()
+            if self._is_closed:
+                raise PortError(f"{self.url}: closed while it started")
+        except BaseException:
+            await self._release()
+            raise
+        finally:
+            opened.set_result(None)
 
     async def close(self) -> None:
-        """Stop serving, close all connections and release the port."""
-        self._has_started = True
+        """Stop serving, close all connections and release the port. It waits for a `start` that is under way."""
+        self._has_started = self._is_closed = True
+        if self._opened is not None and not self._opened.done():
+            from asyncio import wait
+
+            await wait([self._opened])
         await self._release()
 
     @abstractmethod
@@ -150,7 +172,7 @@ class AsyncServer(ABC):
 
     @abstractmethod
     async def _release(self) -> None:
-        """Release what `_open` opened."""
+        """Release what `_open` opened, also if it failed. May be called twice."""
 
 
 def _serves_once(url: str) -> PortError:

@@ -160,24 +160,20 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
     """
 
     def _prepare(self) -> None:
-        self._is_closed = False
+        self._is_released = False
         self._bus: CanBus | None = None
         self._running: AsyncRunning | None = None
 
     def _open_bus(self) -> CanBus:
         self._hub = _hub(self._endpoint)
-        if self._is_closed and self._hub is not None:  # closed meanwhile
+        if self._is_released and self._hub is not None:  # closed meanwhile
             self._hub.close()
         return CanBus(self.dial(), dial=self.dial)
 
     async def _open(self) -> None:
         from barewire.io.canopen.async_bus import AsyncRunning, open_in_thread
 
-        try:
-            self._bus = await open_in_thread(self._open_bus)
-        except BaseException:
-            await self.close()
-            raise
+        self._bus = await open_in_thread(self._open_bus)
         self._running = AsyncRunning(self._bus, self._node, None)
 
     async def do(self, action: Action) -> None:
@@ -187,7 +183,7 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
         await self._running.do(action)
 
     async def _release(self) -> None:
-        self._is_closed = True
+        self._is_released = True
         if self._running is not None:
             self._running.stop()
         if self._bus is not None:

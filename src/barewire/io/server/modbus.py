@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 _SERVED = ("tcp", "tls", "udp", "serial")
 """The transports that have a server."""
+_COROUTINE = 0x80 | 0x100 | 0x200
+"""The flags of `async def` functions (of `inspect`, which loads slowly): coroutines, and generators of two kinds."""
 
 
 class Service(Protocol):
@@ -152,11 +154,11 @@ def server_endpoint(
     if endpoint.transport not in _SERVED:
         expected = ", ".join(f"{scheme}://" for scheme, carrier in CARRIERS.items() if carrier.transport in _SERVED)
         raise EncodeError(f"endpoint {url!r}: there is no server for {endpoint.scheme}://, expected {expected}")
-    _check_units(units)
+    _check_units(units, has_broadcasts=endpoint.framing != "tcp")
     return endpoint
 
 
-def _check_units(units: Mapping[int, Unit]) -> None:
+def _check_units(units: Mapping[int, Unit], *, has_broadcasts: bool) -> None:
     """Raise EncodeError unless `units` maps unit addresses, 0 to 255, to objects with a method `handle`."""
     if not hasattr(units, "get") or not hasattr(units, "keys"):
         raise EncodeError(
@@ -165,10 +167,21 @@ def _check_units(units: Mapping[int, Unit]) -> None:
     for address in units.keys():  # noqa: SIM118 - an object with `get` and `keys` need not be iterable
         if isinstance(address, bool) or not isinstance(address, int) or not 0 <= address <= 255:
             raise EncodeError(f"units: address {shown(address)}: expected 0..255")
+        if has_broadcasts and not address:
+            why = "a serial line has no unit 0, its requests are broadcasts"
+            raise EncodeError(f"units: address 0: {why}: expected 1..255")
         unit = units.get(address)
-        if isinstance(unit, type) or not callable(getattr(unit, "handle", None)):
-            expected = "a Table, Functions, or an object with handle(request, now)"
+        if isinstance(unit, type):
+            name = unit.__name__
+            raise EncodeError(f"units: unit {address}: the class {name}: expected an instance, {name}(...)")
+        handle = getattr(unit, "handle", None)
+        if not callable(handle):
+            expected = "a Table, Functions, simulator(...).modbus, or an object with handle(request, now)"
             raise EncodeError(f"units: unit {address}: {shown(unit)}: expected {expected}")
+        if getattr(getattr(handle, "__code__", None), "co_flags", 0) & _COROUTINE:
+            raise EncodeError(
+                f"units: unit {address}: its method handle is a coroutine: expected one that returns the response"
+            )
 
 
 def port_number(url: str) -> int:

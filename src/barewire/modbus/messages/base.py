@@ -11,7 +11,7 @@ Depends on: codecs, adu, exceptions. Used by: every message, and all code that h
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import FrozenInstanceError, dataclass
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from barewire.codecs import Field, Layout
@@ -24,6 +24,14 @@ R = TypeVar("R", bound="Response")
 EXCEPTION_BIT = 0x80
 
 
+def _refuse_to_set(message: Message, name: str, value: object) -> None:
+    raise FrozenInstanceError(f"cannot assign to field {name!r}")
+
+
+def _refuse_to_delete(message: Message, name: str) -> None:
+    raise FrozenInstanceError(f"cannot delete field {name!r}")
+
+
 class Message:
     """A request or a response. `function_code` and the field names of `layout` are those of the standard."""
 
@@ -34,6 +42,14 @@ class Message:
 
     function_code: ClassVar[int]
     layout: ClassVar[Layout]
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        # `dataclass(slots=True)` makes each class anew, and the methods that it gave to the first one fail with a
+        # TypeError for the name of no field.
+        if "__setattr__" in vars(cls):
+            type.__setattr__(cls, "__setattr__", _refuse_to_set)
+            type.__setattr__(cls, "__delattr__", _refuse_to_delete)
 
     def encode(self) -> bytes:
         """Encode the message as a PDU. Its values were checked when it was made."""
