@@ -21,9 +21,10 @@ tcp, tls, udp   any_unit         0                 1: accept answers of another 
                 any_transaction  0                 1: accept answers with any transaction number
 tcp, tls,       connections      1024              server: connections at a time
   tunnels       idle             0                 server: seconds without a request until it closes; 0: no limit
-tls             cert, key, ca                      files
+tls             cert, key, ca                      files; a client may leave out cert and key
                 server_name      the host          name in the certificate of the server
                 roles                              server: a file, or "any"
+                client_cert      required          server: none: it asks clients for no certificate
 rtu, ascii      baudrate         19200             bit/s
                 parity           E                 N, E or O
                 stopbits         1                 1, 1.5 or 2
@@ -68,14 +69,14 @@ FIFO of a UART and the scheduler delay bytes for milliseconds, USB adapters for 
 
 _ALL = frozenset({"unit", "timeout", "gap", "dead_after", "late_window", "recovery"})
 _TCP = _ALL | {"any_unit", "any_transaction", "connections", "idle"}
-_TLS = _TCP | {"cert", "key", "ca", "server_name", "roles"}
+_TLS = _TCP | {"cert", "key", "ca", "server_name", "roles", "client_cert"}
 _UDP = _ALL | {"any_unit", "any_transaction"}
 _SERIAL = _ALL | {"baudrate", "parity", "stopbits", "bytesize", "patience", "pace", "echo", "rs485"}
 _TUNNEL = _ALL | {"patience", "echo", "connections", "idle"}
 
 CAN_OPTIONS = frozenset({"node", "timeout", "bitrate", "dialect"})
 """The options of a can endpoint, besides those of its interface."""
-_OF_SERVERS = frozenset({"connections", "idle", "roles"})
+_OF_SERVERS = frozenset({"connections", "idle", "roles", "client_cert"})
 _KEYWORDS = ("gaps", "in_flight", "lazy", "set_direction", "watch", "faults", "on_fault", "device", "eds")
 """Keyword arguments of clients and servers that a URL cannot hold; suggested in place of a misspelt one."""
 _OTHER_NAMES = {"unit": "node", "node": "unit", "baudrate": "bitrate", "bitrate": "baudrate"}
@@ -127,6 +128,7 @@ _CHOICES = {
     "any_unit": ("0", "1"),
     "any_transaction": ("0", "1"),
     "pace": ("0", "1"),
+    "client_cert": ("required", "none"),
 }
 """Options that are one of a few words."""
 

@@ -172,6 +172,54 @@ def test_a_certificate_for_another_host_name_is_an_error(host: ModbusServer, cer
         ModbusClient(tls_url(certificates, "operator", place(host), server_name="pump7"))
 
 
+def test_a_client_without_a_certificate_of_its_own(certificates: Path, tmp_path: Path) -> None:
+    """Server-only TLS: the server asks for no certificate, and its clients have the role "", that of no role."""
+    (tmp_path / "roles.json").write_text('{"": [{"functions": [3]}]}')
+    url = f"tls://127.0.0.1:0?cert={certificates}/server.crt&key={certificates}/server.key&client_cert=none"
+    with ModbusServer(f"{url}&roles={tmp_path}/roles.json", units={1: Table()}) as host:
+        own = f"tls://{place(host)}?ca={certificates}/ca.crt"
+
+        async def main() -> tuple[int, ...]:
+            async with AsyncModbusClient(own) as client:
+                return await client.read_holding_registers(5, 1)
+
+        assert asyncio.run(main()) == (0,)
+        with ModbusClient(own) as client:
+            assert client.read_holding_registers(5, 1) == (0,)
+            with pytest.raises(ModbusException) as caught:
+                client.write_single_register(5, 1)
+            assert caught.value.code == 1
+        with refused(PortError, "certificate is refused"):
+            ModbusClient(f"tls://{place(host)}?ca={certificates}/other.crt")
+        # A certificate that is not asked for is not looked at.
+        with ModbusClient(tls_url(certificates, "operator", place(host))) as client:
+            assert client.read_holding_registers(5, 1) == (0,)
+
+
+def test_a_client_without_a_certificate_is_refused_by_a_server_that_requires_one(
+    host: ModbusServer, certificates: Path
+) -> None:
+    with (
+        refused(PortError, "requires a certificate and received none"),
+        ModbusClient(f"tls://{place(host)}?ca={certificates}/ca.crt") as client,
+    ):
+        client.read_holding_registers(5, 1)  # in TLS 1.3 a client gets the refusal with its first data
+
+
+@pytest.mark.parametrize(
+    ("query", "message"),
+    [
+        ("", "TLS needs ca=FILE"),
+        ("ca={0}/ca.crt&cert={0}/viewer.crt", "cert without key: a certificate of its own needs both"),
+        ("ca={0}/ca.crt&key={0}/viewer.key", "key without cert: a certificate of its own needs both"),
+        ("ca={0}/ca.crt&client_cert=sometimes", "client_cert='sometimes', expected one of required, none"),
+    ],
+)
+def test_wrong_certificate_options_of_a_client(certificates: Path, query: str, message: str) -> None:
+    with refused(EncodeError, message):
+        ModbusClient(f"tls://127.0.0.1:1?{query.format(certificates)}", lazy=True)
+
+
 def test_a_client_without_certificate_is_an_error(host: ModbusServer, certificates: Path) -> None:
     address, _, port = place(host).partition(":")
     context = ssl.create_default_context(cafile=str(certificates / "ca.crt"))

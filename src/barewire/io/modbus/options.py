@@ -33,5 +33,6 @@ class ModbusOptions(TypedDict, total=False):
     ca: str | PathLike[str]
     server_name: str
     roles: str | PathLike[str]
+    client_cert: Literal["required", "none"]
     connections: int
     idle: float

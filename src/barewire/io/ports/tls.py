@@ -1,5 +1,8 @@
 """Modbus/TCP Security: TLS 1.2 or later, both sides with a certificate, and the role in that of the client.
 
+A client without `cert` and `key` shows no certificate, and a server with `client_cert=none` does not ask for one: this
+is TLS as on the web, without roles. The standard requires both [MB-TLS R-06].
+
     client                                         server
     ------                                         ------
     server's name, signed by the CA?   <------>   signed by the CA? which role?
@@ -50,39 +53,51 @@ _REASONS = {
 
 
 def client_context(endpoint: Endpoint) -> ssl.SSLContext:
-    """Return the TLS settings of a client: its certificate and key, and the CA. The server's name is checked."""
-    return _context(endpoint, ssl.PROTOCOL_TLS_CLIENT)
+    """Return the TLS settings of a client: the CA, and its certificate and key if it has them. The server's name is
+    checked."""
+    for key, other in (("cert", "key"), ("key", "cert")):
+        if key in endpoint.options and other not in endpoint.options:
+            raise EncodeError(f"endpoint {str(endpoint)!r}: {key} without {other}: a certificate of its own needs both")
+    own = "cert" in endpoint.options
+    return _context(endpoint, ssl.PROTOCOL_TLS_CLIENT, ("cert", "key", "ca") if own else ("ca",))
 
 
 def server_context(endpoint: Endpoint) -> ssl.SSLContext:
-    """Return the TLS settings of a server, which refuses clients without a certificate [MB-TLS R-06]."""
-    context = _context(endpoint, ssl.PROTOCOL_TLS_SERVER)
+    """Return the TLS settings of a server, which refuses clients without a certificate [MB-TLS R-06] unless the
+    endpoint has `client_cert=none`."""
+    if endpoint.choice("client_cert", "required") == "none":
+        return _context(endpoint, ssl.PROTOCOL_TLS_SERVER, ("cert", "key"))
+    context = _context(endpoint, ssl.PROTOCOL_TLS_SERVER, ("cert", "key", "ca"))
     context.verify_mode = ssl.CERT_REQUIRED
     return context
 
 
-def _context(endpoint: Endpoint, side: ssl._SSLMethod) -> ssl.SSLContext:
+def _context(endpoint: Endpoint, side: ssl._SSLMethod, needed: tuple[str, ...]) -> ssl.SSLContext:
+    """Return the settings of one side. `needed` are the options that name its files."""
     from pathlib import Path  # not at the top: every asyncio client loads this file, for `tls_reason`
 
     files = {}
-    for key in ("cert", "key", "ca"):
+    for key in needed:
         if key not in endpoint.options:
-            raise EncodeError(f"endpoint {str(endpoint)!r}: TLS needs {key}=FILE: cert, key and ca")
+            others = "" if len(needed) == 1 else f": {', '.join(needed[:-1])} and {needed[-1]}"
+            raise EncodeError(f"endpoint {str(endpoint)!r}: TLS needs {key}=FILE{others}")
         files[key] = Path(endpoint.options[key])
         if not files[key].is_file():
             raise EncodeError(f"endpoint {str(endpoint)!r}: {key}: there is no file {files[key]}")
     context = ssl.SSLContext(side)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     context.options |= ssl.OP_NO_RENEGOTIATION | ssl.OP_NO_COMPRESSION
-    try:
-        context.load_cert_chain(files["cert"], files["key"])
-    except (OSError, ValueError) as error:
-        text = "they do not belong together" if "MISMATCH" in str(error) else "no certificate and key in PEM"
-        raise EncodeError(f"endpoint {str(endpoint)!r}: cert {files['cert']}, key {files['key']}: {text}") from None
-    try:
-        context.load_verify_locations(files["ca"])
-    except OSError:
-        raise EncodeError(f"endpoint {str(endpoint)!r}: ca {files['ca']}: no certificate in PEM") from None
+    if "cert" in files:
+        try:
+            context.load_cert_chain(files["cert"], files["key"])
+        except (OSError, ValueError) as error:
+            text = "they do not belong together" if "MISMATCH" in str(error) else "no certificate and key in PEM"
+            raise EncodeError(f"endpoint {str(endpoint)!r}: cert {files['cert']}, key {files['key']}: {text}") from None
+    if "ca" in files:
+        try:
+            context.load_verify_locations(files["ca"])
+        except OSError:
+            raise EncodeError(f"endpoint {str(endpoint)!r}: ca {files['ca']}: no certificate in PEM") from None
     return context
 
 
@@ -196,13 +211,14 @@ def _parts(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def roles_of(endpoint: Endpoint) -> Authorization | None:
-    """Return the table of roles that an endpoint names; None for `any`, which permits everything with a certificate.
+    """Return the table of roles that an endpoint names; None for `any`, which permits everything to every client that
+    the server accepts.
 
     Raises EncodeError without `roles`: permissions have no default.
     """
     name = endpoint.options.get("roles")
     if name is None:
-        text = "roles=FILE is the table of the rights of each role; roles=any permits all with a certificate"
+        text = "roles=FILE is the table of the rights of each role; roles=any permits all to all clients"
         raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "roles")
     if name == "any":
         return None

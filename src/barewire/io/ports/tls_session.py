@@ -34,7 +34,8 @@ class TlsSession:
         try:
             if not self.is_established:
                 self._tls.do_handshake()
-                self.role = role_of(self._tls.getpeercert(True) or b"")
+                certificate = self._tls.getpeercert(True)  # None: the server does not ask for one
+                self.role = None if certificate is None else role_of(certificate)
                 self.is_established = True
             while chunk := self._tls.read(CHUNK):
                 received.append(chunk)
