@@ -117,4 +117,10 @@ def barewire_command() -> None:
       rtu:///dev/ttyUSB0?baudrate=19200&parity=E&stopbits=1&unit=1
       ascii:///dev/ttyUSB0?baudrate=9600&bytesize=7&parity=E&unit=1
       can://INTERFACE/CHANNEL?node=1&bitrate=125000      (INTERFACE as python-can names it)
+
+    \b
+    Options of every ENDPOINT:   timeout=1            seconds that a request waits for its response
+    Options for Modbus:          retries=0            how often a read without a response is repeated
+                                 late_window=3        seconds in which a late response is expected
+    All of them are in docs/endpoints.md.
     """

@@ -54,7 +54,8 @@ def simulate_command(
     barewire read rtu:///tmp/adxl adxl "Thyristors temperature"
     barewire simulate az3 rtu:///tmp/az3 can://socketcand/127.0.0.1:29536/can0
     barewire simulate my-meter tcp://127.0.0.1:1502 --set "Current=4.2"
-    barewire simulate az3 rtu:///tmp/az3 --fault late:0.05,drop,flip:0.01 --seed 7
+    barewire simulate az3 rtu:///tmp/az3 --fault late:0.05,drop,flip:0.01 --seed 7 & sleep 1
+    barewire read "rtu:///tmp/az3?retries=5" az3 "STATUS WORD"
 
     --fault applies each KIND to a response with the probability P, or 0.1, and prints `fault KIND`. It works on tcp,
     tls (before encryption), udp, rtu, ascii, rtu+tcp, ascii+tcp and can.

@@ -17,6 +17,9 @@ all Modbus      unit             device's own, 1   address of the unit, 0..255
                 dead_after       never             unanswered requests after which a unit is not asked for a while
                 late_window      3 time-outs       seconds in which a late answer is expected
                 recovery         probe             after an unanswered request: probe the unit, or wait late_window
+                retries          0                 how often a read without a response is repeated; a write never is
+all             reconnect_first, 0.125, 30         seconds of the pause after the first failed attempt to connect, and
+                reconnect_longest                  of the longest one: it doubles each time
 tcp, tls, udp   any_unit         0                 1: accept answers of another unit
                 any_transaction  0                 1: accept answers with any transaction number
 tcp, tls,       connections      1024              server: connections at a time
@@ -54,7 +57,7 @@ from typing import NamedTuple
 
 from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import EncodeError, shown
-from barewire.io.url import pairs, split, unquote
+from barewire.io.url import can_be_host, pairs, split, unquote
 
 PSEUDO_TERMINAL = "pty"
 DEFAULT_BAUDRATE = 19200
@@ -63,18 +66,22 @@ DEFAULT_BITRATE = 125_000
 """Of a CAN bus, in bit/s."""
 DEFAULT_ASCII_PATIENCE = 1.0
 """The longest pause, in seconds, that is tolerated inside an ASCII frame [MB-SERIAL 2.5.2.1]."""
+PAUSES = 0.125, 30.0
+"""The pause after the first failed attempt to connect, and the longest one, in seconds."""
+_SHORTEST_PAUSE = 0.001
 LATENCIES = {"uart": 0.005, "usb": 0.030, "tunnel": 0.200}
 """The longest pause, in seconds, that is tolerated inside an RTU frame, by the hardware that carries the bytes. The
 FIFO of a UART and the scheduler delay bytes for milliseconds, USB adapters for twice 16 ms, a network without limit."""
 
-_ALL = frozenset({"unit", "timeout", "gap", "dead_after", "late_window", "recovery"})
+_PAUSES = frozenset({"reconnect_first", "reconnect_longest"})
+_ALL = _PAUSES | {"unit", "timeout", "gap", "dead_after", "late_window", "recovery", "retries"}
 _TCP = _ALL | {"any_unit", "any_transaction", "connections", "idle"}
 _TLS = _TCP | {"cert", "key", "ca", "server_name", "roles", "client_cert"}
 _UDP = _ALL | {"any_unit", "any_transaction"}
 _SERIAL = _ALL | {"baudrate", "parity", "stopbits", "bytesize", "patience", "pace", "echo", "rs485"}
 _TUNNEL = _ALL | {"patience", "echo", "connections", "idle"}
 
-CAN_OPTIONS = frozenset({"node", "timeout", "bitrate", "dialect"})
+CAN_OPTIONS = _PAUSES | {"node", "timeout", "bitrate", "dialect"}
 """The options of a can endpoint, besides those of its interface."""
 _OF_SERVERS = frozenset({"connections", "idle", "roles", "client_cert"})
 _KEYWORDS = ("gaps", "in_flight", "lazy", "set_direction", "watch", "faults", "on_fault", "device", "eds")
@@ -111,12 +118,13 @@ _INTEGERS: dict[str, tuple[int, int | None]] = {
     "unit": (0, 255),
     "node": (1, 127),
     "dead_after": (0, None),
+    "retries": (0, None),
     "connections": (1, None),
     "baudrate": (1, None),
     "bitrate": (1000, 1_000_000),
 }
 """Options that are whole numbers: the smallest, and the largest if there is one."""
-_SECONDS = {"timeout", "gap", "late_window", "idle", "patience"}
+_SECONDS = {"timeout", "gap", "late_window", "idle", "patience"} | _PAUSES
 _CHOICES = {
     "parity": ("N", "E", "O"),
     "stopbits": ("1", "1.5", "2"),
@@ -146,23 +154,6 @@ def socketcand_address(channel: str) -> tuple[str, int]:
     if number > 0xFFFF:
         raise EncodeError(f"{shown(channel)}: port {number} is not a number in 0..65535")
     return host, number
-
-
-def can_be_host(name: str) -> bool:
-    """Return whether a text can be the name or address of a host.
-
-    >>> can_be_host("gateway.local"), can_be_host("a..b"), can_be_host(64 * "a"), can_be_host("zähler")
-    (True, False, False, True)
-    """
-    if not name.isprintable():
-        return False
-    if name.isascii():
-        *labels, last = name.split(".")
-        return all(0 < len(label) < 64 for label in labels) and len(last) < 64
-    try:
-        return bool(name.encode("idna"))  # loads a codec, and `re` with it
-    except UnicodeError:
-        return False
 
 
 def check_timeout(timeout: object) -> None:
@@ -277,6 +268,7 @@ class Endpoint(NamedTuple):
             _ = endpoint.host_and_port  # raises for a wrong one before anything is opened
         for key in merged:
             endpoint._check(key)
+        _ = endpoint.pauses
         if scheme == "rtu" and merged.get("bytesize") == "7":
             raise EncodeError(f"endpoint {url!r}: bytesize=7: RTU needs 8 data bits, ascii:// may have 7")
         return endpoint
@@ -312,6 +304,23 @@ class Endpoint(NamedTuple):
     def timeout(self) -> float:
         """Seconds that a request waits for its response."""
         return self.seconds("timeout", DEFAULT_TIMEOUT)
+
+    @property
+    def pauses(self) -> tuple[float, float]:
+        """Seconds of the pause after the first failed attempt to connect, and of the longest one."""
+        for key in _PAUSES & self.options.keys():
+            if self.seconds(key, 0.0) < _SHORTEST_PAUSE:
+                text = f"{key}={self.options[key]!r}: expected {_SHORTEST_PAUSE:g} s or more"
+                raise EncodeError(f"endpoint {str(self)!r}: {text}", key)
+        first, longest = (self.seconds(key, pause) for key, pause in zip(sorted(_PAUSES), PAUSES))
+        if first <= longest:
+            return first, longest
+        if self.options.keys() >= _PAUSES:
+            text = (
+                f"reconnect_longest={self.options['reconnect_longest']!r}: expected reconnect_first={first:g} or more"
+            )
+            raise EncodeError(f"endpoint {str(self)!r}: {text}", "reconnect_longest")
+        return (first, first) if "reconnect_first" in self.options else (longest, longest)
 
     @property
     def framing(self) -> str:

@@ -1,4 +1,4 @@
-"""Splits URLs into scheme, place and options, without `urllib.parse`, which takes 20 ms to load.
+"""Splits URLs into scheme, place and options, without `urllib.parse`, which takes 20 ms to load; checks host names.
 
         rtu:///dev/tty%23USB0?baudrate=9600&unit=7     ->     rtu     /dev/tty#USB0     (baudrate, 9600), (unit, 7)
         |-|   |--------------||-------------------|           %23 is a byte in hexadecimal, in options + is a blank
@@ -51,3 +51,20 @@ def unquote(text: str) -> str:
         else:
             data += b"%" + part.encode("utf-8", "surrogatepass")
     return data.decode("utf-8", "replace") if parts else text
+
+
+def can_be_host(name: str) -> bool:
+    """Return whether a text can be the name or address of a host.
+
+    >>> can_be_host("gateway.local"), can_be_host("a..b"), can_be_host(64 * "a"), can_be_host("zähler")
+    (True, False, False, True)
+    """
+    if not name.isprintable():
+        return False
+    if name.isascii():
+        *labels, last = name.split(".")
+        return all(0 < len(label) < 64 for label in labels) and len(last) < 64
+    try:
+        return bool(name.encode("idna"))  # loads a codec, and `re` with it
+    except UnicodeError:
+        return False

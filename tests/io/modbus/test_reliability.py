@@ -129,7 +129,7 @@ def test_pauses_grow_to_a_limit_and_start_again_after_success() -> None:
         waits.append(pauses.wait(now))
         now += waits[-1]
     assert waits == [1, 2, 4, 8, 10, 10, 10, 10]
-    pauses.worked()
+    pauses.reset()
     assert pauses.wait(now) == 0.0
     pauses.failed(now, "again")
     assert pauses.wait(now) == 1.0

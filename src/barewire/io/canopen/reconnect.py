@@ -22,6 +22,7 @@ from typing import TypeAlias
 
 from barewire.canopen.frame import CanFrame
 from barewire.io.canopen.subscriber import BusItem
+from barewire.io.endpoint import PAUSES
 from barewire.io.engine.backoff import BackOff
 from barewire.io.ports.base import Port
 
@@ -43,8 +44,16 @@ def receiver(port: Port[CanFrame]) -> Callable[[float], BusItem | None]:
 class Reopening:
     """Opens the port of one bus again. `stop` ends the attempts at any time."""
 
-    def __init__(self, dial: Dial, stop: threading.Event, *, jitter: Callable[[], float] = random.random) -> None:
-        self.back_off = BackOff(jitter)
+    def __init__(
+        self,
+        dial: Dial,
+        stop: threading.Event,
+        *,
+        pauses: tuple[float, float] = PAUSES,
+        jitter: Callable[[], float] = random.random,
+    ) -> None:
+        first, longest = pauses
+        self.back_off = BackOff(jitter, first=first, longest=longest)
         self.stop = stop
         self._dial = dial
         self._good_from = time.monotonic()
@@ -53,7 +62,7 @@ class Reopening:
         """Return a new port in place of this one, and the result of its first receive; None if `stop` was set."""
         clock, back_off = time.monotonic, self.back_off
         if clock() - self._good_from >= LASTED:
-            back_off.worked()
+            back_off.reset()
         else:
             back_off.failed(clock(), why)
         while True:

@@ -30,7 +30,7 @@ from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.reconnect import Dial, Reopening, receiver
 from barewire.io.canopen.subscriber import BusDown, BusItem, BusUp, Subscriber
-from barewire.io.endpoint import CAN_OPTIONS, Endpoint
+from barewire.io.endpoint import CAN_OPTIONS, PAUSES, Endpoint
 from barewire.io.ports.base import Port, send_when_room
 
 if TYPE_CHECKING:
@@ -50,9 +50,17 @@ class CanBus:
     port        a `CanPort`, or any other port of frames
     watch       called as watch("sent" or "received", frame) with every frame
     dial        opens a new port after the port failed; until then `failure` is the reason. By default the bus ends
+    pauses      the first and the longest pause, in seconds, after failed attempts to open it
     """
 
-    def __init__(self, port: Port[CanFrame], *, watch: WatchFrames | None = None, dial: Dial | None = None) -> None:
+    def __init__(
+        self,
+        port: Port[CanFrame],
+        *,
+        watch: WatchFrames | None = None,
+        dial: Dial | None = None,
+        pauses: tuple[float, float] = PAUSES,
+    ) -> None:
         self.port = port
         self.name: str = getattr(port, "name", "the bus")
         self.monitor = NodeMonitor(INSIDE_ONE_PROCESS if str(self.name).startswith("virtual/") else "")
@@ -71,7 +79,7 @@ class CanBus:
         self._locking = threading.Lock()
         self._closed = False
         self._has_ended = False  # failed or closed, and not opened again
-        self._reopening = None if dial is None else Reopening(dial, threading.Event())
+        self._reopening = None if dial is None else Reopening(dial, threading.Event(), pauses=pauses)
         self._waiting: set[Callable[[], None]] = set()
         self._reader = threading.Thread(target=self._read, name=f"reader of {self.name}", daemon=True)
         self._reader.start()
@@ -85,7 +93,7 @@ class CanBus:
         from barewire.io.ports.python_can import CanPort
 
         endpoint = bus if isinstance(bus, Endpoint) else can_endpoint(bus, **options)
-        return cls(CanPort(endpoint), watch=watch, dial=lambda: CanPort(endpoint))
+        return cls(CanPort(endpoint), watch=watch, dial=lambda: CanPort(endpoint), pauses=endpoint.pauses)
 
     def __enter__(self) -> Self:
         return self

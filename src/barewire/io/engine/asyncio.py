@@ -63,7 +63,7 @@ async def exchange(bus: Bus, unit: int, request: Request[R], timeout: float, por
     """Do the same as `fast_path.exchange` on an asyncio port. There `write` of a TCP connection needs no `sent`."""
     frame = bus.begin(unit, request) if timeout > 0.0 else None
     if frame is None:
-        return await run(bus.ask(unit, request, timeout=timeout), port)
+        return await run(bus.ask(unit, request, timeout=timeout, retries=0), port)
     clock = asyncio.get_running_loop().time
     now = 0.0  # not sent yet
     try:

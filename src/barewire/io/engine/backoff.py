@@ -1,6 +1,6 @@
 """The pauses between attempts to connect: none before the first, then longer and longer ones.
 
-    attempt fails at 0.0      next attempt not before 0.125 s later, then 0.25, 0.5, ... up to `longest`
+    attempt fails at 0.0      next attempt not before 0.125 s later (`first`), then 0.25, 0.5, ... up to `longest`
 
 The pauses vary at random (`jitter`), so that the hundred clients of a server that was restarted do not all connect at
 the same time. Nothing runs in the background: a client without requests does not connect. Times and random numbers are
@@ -10,6 +10,8 @@ passed in.
 from __future__ import annotations
 
 from collections.abc import Callable
+
+from barewire.io.endpoint import PAUSES
 
 
 def random_fraction() -> float:
@@ -30,7 +32,7 @@ class BackOff:
     """
 
     def __init__(
-        self, random: Callable[[], float], *, first: float = 0.125, longest: float = 30.0, jitter: float = 0.5
+        self, random: Callable[[], float], *, first: float = PAUSES[0], longest: float = PAUSES[1], jitter: float = 0.5
     ) -> None:
         self.why = ""
         """Why the latest attempt failed; empty if it succeeded."""
@@ -52,8 +54,9 @@ class BackOff:
         self._not_before = now + pause * (1.0 + self._jitter * (self._random() - 0.5))
         self.why = why
 
-    def worked(self) -> None:
-        """Record an attempt that succeeded: the next pause is the first again."""
+    def reset(self) -> None:
+        """Forget the failed attempts, after one that succeeded or when the user asks for a new one: it may be made at
+        once, and the next pause is the first again."""
         self._failures = 0
         self._not_before = float("-inf")
         self.why = ""

@@ -35,10 +35,10 @@ R = TypeVar("R", bound="Response")
 def exchange(
     bus: Bus, unit: int, request: Request[R], timeout: float, port: Port[bytes], clock: Clock = time.monotonic
 ) -> R:
-    """Do the same as `run(bus.ask(unit, request, timeout=timeout), port)`, faster."""
+    """Do the same as `run(bus.ask(unit, request, timeout=timeout, retries=0), port)`, faster."""
     frame = bus.begin(unit, request) if timeout > 0.0 else None
     if frame is None:
-        return run(bus.ask(unit, request, timeout=timeout), port, clock)
+        return run(bus.ask(unit, request, timeout=timeout, retries=0), port, clock)
     now = 0.0  # not sent yet
     try:
         port.send(frame)

@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
 from barewire.io.endpoint import check_timeout
-from barewire.io.engine.backoff import BackOff, random_fraction
+from barewire.io.engine.backoff import random_fraction
 from barewire.io.engine.methods import AsyncioClient
 from barewire.io.modbus.async_connection import AsyncConnection
-from barewire.io.modbus.carriers import bus_options
+from barewire.io.modbus.carriers import back_off, bus_options
 from barewire.io.modbus.methods import ModbusMethods, checked_request
 from barewire.modbus.exceptions import ModbusException
 
@@ -66,7 +66,9 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         **options: Unpack[ModbusOptions],
     ) -> None:
         endpoint = self._configure(url, set_direction, {"unit": unit, "timeout": timeout, **options})
-        self.connection = AsyncConnection(endpoint, in_flight, BackOff(jitter), bus_options(endpoint, gaps), watch)
+        self.connection = AsyncConnection(
+            endpoint, in_flight, back_off(endpoint, jitter), bus_options(endpoint, gaps), watch
+        )
         self._lazy = lazy
 
     async def __aenter__(self) -> Self:
@@ -83,7 +85,9 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         return self.connection.lanes[0].bus
 
     async def open(self) -> None:
-        """Connect now, instead of with the first request. PortError if that fails."""
+        """Connect now, if the client is not connected: without the pause that follows failed attempts, and the next
+        pause is the first again. PortError if that fails."""
+        self.connection.back_off.reset()
         await self.connection.open(self.connection.lanes[0], self.timeout)
 
     async def close(self) -> None:
@@ -106,6 +110,8 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
     async def fetch(self, request: Request[R], take: Callable[[R], T]) -> T:
         """Send a request to the client's unit and return what `take` takes of its response, with its time-out."""
         unit = 1 if self.unit is None else self.unit
+        if self.retries:
+            return take(await self.ask(request, unit=unit))
         return take(await self.connection.ask(unit, request, self.timeout, self.timeout))
 
     async def fetch_all(
@@ -115,7 +121,10 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         responses = []
         for request, note in zip(requests, notes):
             try:
-                responses.append(await self.connection.ask(unit, request, self.timeout, self.timeout))
+                if self.retries:
+                    responses.append(await self.ask(request, unit=unit))
+                else:
+                    responses.append(await self.connection.ask(unit, request, self.timeout, self.timeout))
             except BarewireError as error:
                 error.add_context(note)
                 raise
@@ -127,7 +136,7 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         *,
         unit: int | None = None,
         timeout: float | None = None,
-        retries: int = 0,
+        retries: int | None = None,
         repeat_writes: bool = False,
     ) -> Coroutine[Any, Any, R]:
         """Send a request message and return its response message: as `ModbusClient.ask`."""
@@ -137,13 +146,14 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
             check_timeout(timeout)
             limit = timeout
         address = self.unit_for(unit)
-        if not retries or (request.writes and not repeat_writes):
+        repeats = self.retries if retries is None else retries
+        if not repeats or (request.writes and not repeat_writes):
             return self.connection.ask(address, request, limit, self.timeout)
 
         def asking(bus: Bus, left: int = 0) -> Conversation[bytes, R]:
             return bus.ask(address, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
 
-        return self._ask_again(asking, address, retries, getattr(request, "address", None))
+        return self._ask_again(asking, address, repeats, getattr(request, "address", None))
 
     async def _ask_again(
         self, asking: Callable[..., Conversation[bytes, R]], unit: int, left: int, address: int | None

@@ -200,7 +200,7 @@ class AsyncConnection:
         except PortError as error:
             self.back_off.failed(clock(), str(error))
             raise
-        self.back_off.worked()
+        self.back_off.reset()
         write = traced("sent", link.write if fan is None else link.write_together, self._watch)
         boxes += [Mailbox(self._endpoint.place, write, link.sent) for _ in lines]
         for other, box, line in zip(self.lanes, boxes, lines):

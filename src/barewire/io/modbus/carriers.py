@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from barewire.errors import EncodeError
 from barewire.io.endpoint import CARRIERS, DEFAULT_ASCII_PATIENCE, LATENCIES, Endpoint
+from barewire.io.engine.backoff import BackOff
 from barewire.tcp import DatagramLine, TcpLine
 
 if TYPE_CHECKING:
@@ -116,12 +117,19 @@ async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Ca
     return link
 
 
+def back_off(endpoint: Endpoint, jitter: Callable[[], float]) -> BackOff:
+    """Return the pauses between attempts to connect, with the bounds that an endpoint has."""
+    first, longest = endpoint.pauses
+    return BackOff(jitter, first=first, longest=longest)
+
+
 def bus_options(endpoint: Endpoint, gaps: Mapping[int, float] | None = None) -> dict[str, Any]:
     """Return the arguments of `Bus` that an endpoint has."""
     options: dict[str, Any] = {
         "recovery": endpoint.choice("recovery", "probe"),
         "gap": endpoint.seconds("gap", 0.0),
         "gaps": gaps,
+        "retries": endpoint.integer("retries", 0),
     }
     if "late_window" in endpoint.options:
         options["late_window"] = endpoint.seconds("late_window", 0.0)

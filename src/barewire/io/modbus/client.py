@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.errors import BarewireError, NoAnswer, PortError
 from barewire.io.endpoint import check_timeout
-from barewire.io.engine.backoff import BackOff, random_fraction
+from barewire.io.engine.backoff import random_fraction
 from barewire.io.engine.methods import BlockingClient
-from barewire.io.modbus.carriers import bus_options, dialer, modbus_line
+from barewire.io.modbus.carriers import back_off, bus_options, dialer, modbus_line
 from barewire.io.modbus.connection import Connection
 from barewire.io.modbus.methods import ModbusMethods, checked_request
 from barewire.io.ports.trace import Trace, Watch
@@ -74,7 +74,7 @@ class ModbusClient(ModbusMethods, BlockingClient):
             return Trace(dial(), watch) if watch else dial()
 
         self.connection = Connection(
-            traced, lambda: modbus_line(endpoint, "client"), BackOff(jitter), bus_options(endpoint, gaps)
+            traced, lambda: modbus_line(endpoint, "client"), back_off(endpoint, jitter), bus_options(endpoint, gaps)
         )
         if not lazy:
             self.connection.open(self.timeout)
@@ -89,6 +89,11 @@ class ModbusClient(ModbusMethods, BlockingClient):
     def bus(self) -> Bus:
         """The state of the line: its counters and its late answers."""
         return self.connection.bus
+
+    def open(self) -> None:
+        """Connect now, if the client is not connected: without the pause that follows failed attempts, and the next
+        pause is the first again. PortError if that fails."""
+        self.connection.open_now(self.timeout)
 
     def close(self) -> None:
         """Close the connection."""
@@ -105,6 +110,8 @@ class ModbusClient(ModbusMethods, BlockingClient):
     def fetch(self, request: Request[R], take: Callable[[R], T]) -> T:
         """Send a request to the client's unit and return what `take` takes of its response, with its time-out."""
         unit = 1 if self.unit is None else self.unit
+        if self.retries:
+            return take(self.ask(request, unit=unit))
         return take(self.connection.ask(unit, request, self.timeout, self.timeout))
 
     def fetch_all(
@@ -114,7 +121,10 @@ class ModbusClient(ModbusMethods, BlockingClient):
         responses = []
         for request, note in zip(requests, notes):
             try:
-                responses.append(self.connection.ask(unit, request, self.timeout, self.timeout))
+                if self.retries:
+                    responses.append(self.ask(request, unit=unit))
+                else:
+                    responses.append(self.connection.ask(unit, request, self.timeout, self.timeout))
             except BarewireError as error:
                 error.add_context(note)
                 raise
@@ -126,14 +136,15 @@ class ModbusClient(ModbusMethods, BlockingClient):
         *,
         unit: int | None = None,
         timeout: float | None = None,
-        retries: int = 0,
+        retries: int | None = None,
         repeat_writes: bool = False,
     ) -> R:
         """Send a request message and return its response message.
 
-        `retries` repeats a read that got no answer, on a new connection if the old one failed; a write is repeated only
-        with `repeat_writes`. Raises ModbusException for an exception response, NoAnswer after the time-out
-        (WriteOutcomeUnknown for a write), PortError if the port fails, TypeError if `request` is not a request message.
+        `retries`, by default that of the client, repeats a read that got no answer, on a new connection if the old one
+        failed; a write is repeated only with `repeat_writes`. Raises ModbusException for an exception response,
+        NoAnswer after the time-out (WriteOutcomeUnknown for a write), PortError if the port fails, TypeError if
+        `request` is not a request message.
         """
         checked_request(request)
         limit = self.timeout
@@ -141,10 +152,11 @@ class ModbusClient(ModbusMethods, BlockingClient):
             check_timeout(timeout)
             limit = timeout
         address = self.unit_for(unit)
+        repeats = self.retries if retries is None else retries
         connection = self.connection
-        if not retries or (request.writes and not repeat_writes):
+        if not repeats or (request.writes and not repeat_writes):
             return connection.ask(address, request, limit, self.timeout)
-        left = retries
+        left = repeats
         while True:
             asking = connection.bus.ask(address, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
             try:

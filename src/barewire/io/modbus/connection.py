@@ -75,7 +75,7 @@ class Connection:
     def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
         """Do the same as `run` with `bus.ask`, on the fast path (`engine.fast_path`)."""
         if unit == BROADCAST and not self.bus.line.numbered:
-            return self.run(self.bus.ask(unit, request), unit, patience)  # raises: a broadcast has no answer
+            return self.run(self.bus.ask(unit, request, retries=0), unit, patience)  # raises: a broadcast has no answer
         ticket = None if not self._waiting and self._line.acquire(False) else self._wait(unit)
         try:
             return exchange(self.bus, unit, request, timeout, self.open(patience))
@@ -136,10 +136,16 @@ class Connection:
         except PortError as error:
             self.back_off.failed(time.monotonic(), str(error))
             raise
-        self.back_off.worked()
+        self.back_off.reset()
         self.bus.line = self._new_line()
         self.bus.line.sent(time.monotonic())  # a client waits for a silence of the line before its first request
         return self.port
+
+    def open_now(self, patience: float) -> None:
+        """Open the port if there is none, without a pause after earlier failures."""
+        with self._line:
+            self.back_off.reset()
+            self.open(patience)
 
     def drop(self) -> None:
         """Close a port that failed; the next request opens another one."""

@@ -88,6 +88,8 @@ class ModbusMethods:
     """The unit that methods address. None means the unit of the device that is passed, or 1."""
     timeout: float = DEFAULT_TIMEOUT
     """Seconds that a request waits for its response."""
+    retries: int = 0
+    """How often a read that got no response is repeated."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.url}>"
@@ -100,6 +102,7 @@ class ModbusMethods:
         self.url = str(endpoint)
         self.unit = endpoint.integer("unit", 0) if "unit" in endpoint.options else None
         self.timeout = endpoint.timeout
+        self.retries = endpoint.integer("retries", 0)
         return endpoint
 
     def at(self, unit: int | None = None, timeout: float | None = None) -> Self:

@@ -17,6 +17,9 @@ class ModbusOptions(TypedDict, total=False):
     dead_after: int
     late_window: float
     recovery: Literal["probe", "wait"]
+    retries: int
+    reconnect_first: float
+    reconnect_longest: float
     any_unit: bool
     any_transaction: bool
     baudrate: int

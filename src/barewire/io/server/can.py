@@ -99,7 +99,11 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
             raise
 
     def _serve(self, stop: threading.Event) -> None:
-        clock, reopening, driver = time.monotonic, Reopening(self.dial, stop), NodeDriver(self._node)
+        clock, reopening, driver = (
+            time.monotonic,
+            Reopening(self.dial, stop, pauses=self._endpoint.pauses),
+            NodeDriver(self._node),
+        )
         with self._sending:
             self._send(begin(self._node, clock()))
         while not self.is_over(stop):

@@ -63,6 +63,7 @@ class Bus:
     late_window    seconds after a request was sent in which its answer may come (default: three time-outs)
     gap            seconds of pause between two exchanges with a unit (default 0)
     gaps           the same for single units: unit -> seconds
+    retries        how often a read without a response is repeated, where a call gives no other number (default 0)
     dead_after     the number of unanswered requests in a row after which a unit is not asked for a while, longer
                    each time (default None: never)
     """
@@ -76,8 +77,10 @@ class Bus:
         gap: float = 0.0,
         gaps: Mapping[int, float] | None = None,
         dead_after: int | None = None,
+        retries: int = 0,
     ) -> None:
         self.line = line
+        self.retries = retries
         self.recovery: Recovery = recovery
         self.late_window = late_window
         any_unit = getattr(line, "any_unit", False) and not line.numbered
@@ -86,10 +89,7 @@ class Bus:
         self._nonce = 0
 
     def sibling_bus(self, line: Line) -> Self:
-        """Return a bus for another line to the same units, for several open requests on one connection.
-
-        Both share the state of the units and the counters.
-        """
+        """Return a bus for another line to the same units, with the same state of the units and counters."""
         sibling = copy(self)
         sibling.line = line
         return sibling
@@ -100,13 +100,13 @@ class Bus:
         request: Request[R],
         *,
         timeout: float = DEFAULT_TIMEOUT,
-        retries: int = 0,
+        retries: int | None = None,
         repeat_writes: bool = False,
     ) -> Conversation[bytes, R]:
         """Send `request` to `unit` and return its response.
 
             timeout          seconds, counted from the end of sending (default 1)
-            retries          how often a read without a response is repeated (default 0)
+            retries          how often a read without a response is repeated (default: that of the bus)
             repeat_writes    repeat a write without a response as well (default False)
 
         Raises ModbusException for an exception response, NoAnswer for silence, WriteOutcomeUnknown for an unanswered
@@ -114,8 +114,9 @@ class Bus:
         """
         if unit == BROADCAST and not self.line.numbered:
             raise EncodeError("unit 0 on a serial line is a broadcast, which no unit answers: use broadcast", "unit")
-        if retries and (repeat_writes or not request.writes):
-            return self._ask_again(unit, request, timeout, retries)
+        repeats = self.retries if retries is None else retries
+        if repeats and (repeat_writes or not request.writes):
+            return self._ask_again(unit, request, timeout, repeats)
         return self._exchange(unit, request, timeout)
 
     def _ask_again(self, unit: int, request: Request[R], timeout: float, retries: int) -> Conversation[bytes, R]:
@@ -330,10 +331,8 @@ class Bus:
         return heard.now
 
     def _received(self, heard: Heard[bytes]) -> list[LineEvent]:
-        """Return the events of received bytes, without copies of a frame in the same piece.
-
-        Taken for the answer to a later request, a copy would prove too much.
-        """
+        """Return the events of received bytes, without copies of a frame in the same piece: taken for the answer to a
+        later request, a copy would prove too much."""
         events = self.line.feed(heard.item, heard.now)
         if len(events) < 2:
             return events
