@@ -1,4 +1,4 @@
-"""`barewire devices` and `barewire demo`."""
+"""`barewire devices`."""
 
 from __future__ import annotations
 
@@ -37,14 +37,3 @@ def test_a_device_without_parameters(tmp_path: Path) -> None:
     (tmp_path / "device.toml").write_text('name = "bare"\ntitle = "Bare"\n')
     assert output_of("devices", str(tmp_path)) == "Bare: 0 parameters\n"
     assert "bare has no Modbus: no table [modbus]" in error_of("simulate", str(tmp_path), "tcp://127.0.0.1:0")
-
-
-def test_the_demo_shows_every_wire_in_json() -> None:
-    exchanges = [json.loads(line) for line in output_of("demo", "--json").splitlines()]
-    assert {exchange["endpoint"].partition(":")[0] for exchange in exchanges} == {"rtu", "ascii", "tcp", "can"}
-    assert {exchange["device"] for exchange in exchanges} == {"az3", "adxl", "csd-mt"}
-    assert all(frame["valid"] for exchange in exchanges for frame in exchange["frames"])
-    assert all(exchange["frames"] for exchange in exchanges)
-    states = [exchange["text"] for exchange in exchanges if exchange["name"] == "Status Word"]
-    assert "switch on disabled" in states[0]
-    assert "operation enabled" in states[-1]

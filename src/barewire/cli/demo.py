@@ -1,257 +1,278 @@
-"""`barewire demo`: three simulated machines, read and written by name on RTU, ASCII, TCP and CAN, each byte explained.
+"""`barewire demo`: a story of two screens about three simulated machines on four wires.
 
-The ports are pseudo-terminals with the timing of 19200 8E1, TCP on loopback, and a virtual CAN bus of python-can.
-The frames shown are those that were sent and received.
+A value is read and one written on each wire, a motor moves, and a late answer is not taken for another one. Frames are
+those that were sent and received. On a terminal the movement is drawn in one line, otherwise in a few.
 """
 
 from __future__ import annotations
 
+import shutil
+import sys
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import click
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
-from barewire import CanopenClient, NoAnswer, connect
+from barewire import NoAnswer
 from barewire.canopen import CanFrame
-from barewire.cli.arguments import json_option, print_json
-from barewire.cli.simulate import machine_server
+from barewire.cli.arguments import json_option
+from barewire.cli.demo_frames import (
+    LINE,
+    ExchangeFrames,
+    connected,
+    print_every_frame,
+    print_every_frame_as_json,
+    print_wrapped,
+)
 from barewire.codecs import Value
-from barewire.devices import Reading, load
+from barewire.devices import Reading
+from barewire.devices.drive.report import DriveStatus
 from barewire.devices.sim import Simulator, simulator
-from barewire.explain import Explanation, explain
 from barewire.io.machine import MachineClient
 from barewire.io.ports.trace import Direction
 
-_LINE = "baudrate=19200&parity=E&stopbits=1"
+_INTRODUCTION = (
+    "Three simulated machines on four wires, without hardware: the serial lines are pseudo-terminals, the CAN bus and "
+    "TCP are inside this process. Values are read and written by name; below each are the frames that were on the wire."
+)
+_END = (
+    "Every field of every frame: barewire demo --all\n"
+    "A machine to try for yourself: barewire simulate --help\n"
+    "Everything else: barewire --help"
+)
 
 
-class DemoStep(NamedTuple):
-    """Read a name, or write it if there is a value. With `until`, read until the text of the value has this in it."""
-
-    name: str
-    value: Value | None = None
-    until: str = ""
-
-
-class DemoWire(NamedTuple):
-    """One machine on one wire, and the steps to do there."""
+class DemoScene(NamedTuple):
+    """A machine on a wire, a name to read and a value to write there."""
 
     title: str
     device: str
     endpoint: str
-    steps: tuple[DemoStep, ...]
+    read: str
+    write: str
+    value: Value
 
 
-_INTRODUCTION = (
-    "Three simulated machines, on pseudo-terminals, on TCP and on a CAN bus inside this process. Each line in bold is "
-    "one value, read or written by its name; under it are the frames on the wire: offset, bytes, name, value and "
-    "meaning of every field. A value smaller than a register (half of one, or a bit) is read, changed and written back."
-)
-
-_WIRES = (
-    DemoWire(
-        "AZ3 servo drive, Modbus RTU",
+_SCENES = (
+    DemoScene(
+        "AZ3 servo drive on Modbus RTU, 19200 8E1",
         "az3",
-        f"rtu://pty?{_LINE}",
-        (
-            DemoStep("HEATSINK TEMPERATURE"),
-            DemoStep("SPEED KP"),
-            DemoStep("MODES OF OPERATION", 3),
-            DemoStep("PROFILE ACCELERATION", 2000),
-            DemoStep("PROFILE ACCELERATION"),
-            DemoStep("STATUS WORD"),
-        ),
+        f"rtu://pty?{LINE}",
+        "HEATSINK TEMPERATURE",
+        "PROFILE ACCELERATION",
+        2000,
     ),
-    DemoWire(
-        "the same AZ3, CANopen",
+    DemoScene(
+        "The same drive on CANopen, by the same names",
         "az3",
         "can://virtual/barewire-demo?node=1&bitrate=125000",
-        (
-            DemoStep("HEATSINK TEMPERATURE"),
-            DemoStep("SPEED KP"),
-            DemoStep("PROFILE ACCELERATION"),
-            DemoStep("TARGET VELOCITY", 1500),
-            DemoStep("TARGET VELOCITY"),
-            DemoStep("STATUS WORD"),
-        ),
+        "HEATSINK TEMPERATURE",
+        "TARGET VELOCITY",
+        1500,
     ),
-    DemoWire(
-        "ADXL soft starter, Modbus RTU",
+    DemoScene(
+        "ADXL soft starter on Modbus ASCII",
         "adxl",
-        f"rtu://pty?{_LINE}",
-        (
-            DemoStep("Thyristors temperature"),
-            DemoStep("Status"),
-            DemoStep("Motor start command", 1),
-            DemoStep("Status"),
-        ),
-    ),
-    DemoWire(
-        "the same ADXL, Modbus ASCII",
-        "adxl",
-        f"ascii://pty?{_LINE}",
-        (DemoStep("Thyristors temperature"), DemoStep("L1 current"), DemoStep("Motor stop command", 1)),
-    ),
-    DemoWire(
-        "the same ADXL, Modbus TCP",
-        "adxl",
-        "tcp://127.0.0.1:0",
-        (DemoStep("Thyristors temperature"), DemoStep("Status"), DemoStep("Start counter")),
-    ),
-    DemoWire(
-        "CSD MT stepper drive, Modbus TCP",
-        "csd-mt",
-        "tcp://127.0.0.1:0",
-        (
-            DemoStep("Status Word", until="switch on disabled"),
-            DemoStep("Control Word", 0x0006),
-            DemoStep("Status Word", until="ready to switch on"),
-            DemoStep("Control Word", 0x0007),
-            DemoStep("Status Word", until="switched on"),
-            DemoStep("Control Word", 0x000F),
-            DemoStep("Status Word", until="operation enabled"),
-            DemoStep("Position Actual Value"),
-        ),
+        f"ascii://pty?{LINE}",
+        "Thyristors temperature",
+        "Motor start command",
+        1,
     ),
 )
-
-
-@dataclass
-class ExchangeFrames:
-    """The frames of one exchange, in order; a frame that arrived in pieces is joined."""
-
-    protocol: str
-    items: list[tuple[Direction, bytes | CanFrame]] = field(default_factory=list)
-
-    def watch(self, direction: Direction, item: bytes | CanFrame) -> None:
-        """Add what was sent or received; the port calls this."""
-        if isinstance(item, bytes) and self.items and self.items[-1][0] == direction:
-            before = self.items[-1][1]
-            assert isinstance(before, bytes)
-            self.items[-1] = (direction, before + item)
-        elif isinstance(item, bytes) or 0x580 <= item.id < 0x680:
-            # A bus delivers the frames of every node; only those of the SDO exchange are shown.
-            self.items.append((direction, item))
-
-    def take(self) -> list[tuple[Direction, Explanation]]:
-        """Return the frames so far, explained, and start the next exchange."""
-        roles = {"sent": "request", "received": "response"}
-        taken = [(direction, explain(self.protocol, item, roles[direction])) for direction, item in self.items]
-        self.items.clear()
-        return taken
-
-
-class DemoExchange(NamedTuple):
-    """The result of a step, and its frames."""
-
-    endpoint: str
-    action: str
-    reading: Reading
-    frames: list[tuple[Direction, Explanation]]
+_STEPPER = DemoScene(
+    "CSD MT stepper drive on Modbus TCP",
+    "csd-mt",
+    "tcp://127.0.0.1:0",
+    "Position Actual Value",
+    "Profile Velocity",
+    20000,
+)
+_STEPS, _REVOLUTIONS = 38400, 3
+_TIMEOUT, _DELAY = 0.5, 0.7
 
 
 @click.command("demo")
+@click.option("--all", "every_frame", is_flag=True, help="Show every field of every frame, on six wires.")
 @json_option
-def demo_command(as_json: bool) -> None:
+def demo_command(every_frame: bool, as_json: bool) -> None:
     """Read and write three simulated machines on every wire.
 
-    Every frame is shown with the meaning of its bytes.
+    Shows the frames of a value read and written on Modbus RTU, ASCII, TCP and CANopen, a motor that moves, and a late
+    answer that is not taken for the answer to the next request. It needs no hardware, and takes about 6 s.
     """
-    console = Console(highlight=False)
-    table = Table(title="Summary", title_justify="left", header_style="bold")
-    for title in ("machine and wire", "endpoint", "read", "written", "frames", "seconds"):
-        table.add_column(title, overflow="fold")
-    if not as_json:
-        console.print(_INTRODUCTION)
-    machines = {wire.device: simulator(wire.device, time.monotonic()) for wire in _WIRES}
-    for wire in _WIRES:
-        if not as_json:
-            console.print(f"\n[bold]{wire.title}[/bold]")
-        start = time.monotonic()
-        exchanges = []
-        for exchange in _run_steps(wire, machines[wire.device]):
-            exchanges.append(exchange)
-            if as_json:
-                print_json(_fields(wire, exchange))
-            else:
-                _print(console, exchange)
-        actions = [exchange.action for exchange in exchanges]
-        frames = sum(len(exchange.frames) for exchange in exchanges)
-        counts = (actions.count("read"), actions.count("write"), frames)
-        endpoint = exchanges[0].endpoint.partition("?")[0]
-        table.add_row(wire.title, endpoint, *map(str, counts), f"{time.monotonic() - start:.2f}")
-    if not as_json:
+    if as_json:
+        print_every_frame_as_json()
+        return
+    # The terminal of the output, and 80 columns without one; rich would also take that of stdin.
+    console = Console(highlight=False, width=shutil.get_terminal_size((80, 24)).columns)
+    if every_frame:
+        print_every_frame(console)
+    else:
+        _tell(console)
+
+
+def _tell(console: Console) -> None:
+    """Print all scenes."""
+    print_wrapped(console, _INTRODUCTION)
+    machines = {scene.device: simulator(scene.device, time.monotonic()) for scene in (*_SCENES, _STEPPER)}
+    for number, scene in enumerate(_SCENES, start=1):
+        _print_title(console, number, scene.title)
+        frames = ExchangeFrames(scene.endpoint.partition(":")[0])
+        with connected(machines[scene.device], scene.endpoint, frames.watch) as (client, _):
+            _read_and_write(console, scene, client, frames)
+    _print_title(console, len(_SCENES) + 1, _STEPPER.title)
+    frames = ExchangeFrames("tcp")
+    with connected(machines["csd-mt"], _STEPPER.endpoint, frames.watch) as (client, _):
+        _read_and_write(console, _STEPPER, client, frames)
+        _print_title(console, len(_SCENES) + 2, f"It moves {_STEPS} steps, {_REVOLUTIONS} revolutions of its motor")
+        _move(console, client)
+    _print_title(console, len(_SCENES) + 3, "A late answer on Modbus RTU is not taken for another one")
+    _be_late(console, machines["az3"])
+    console.print()
+    for line in _END.splitlines():
+        print_wrapped(console, line)
+
+
+def _print_title(console: Console, number: int, title: str) -> None:
+    console.print()
+    print_wrapped(console, f"{number}  {title}", hanging=3, style="bold")
+
+
+def _read_and_write(console: Console, scene: DemoScene, client: MachineClient, frames: ExchangeFrames) -> None:
+    """Read the name of the scene and write its value; print both with their frames."""
+    reading = client.read(scene.read)
+    _print_exchange(console, "read ", reading, frames)
+    client.write(scene.write, scene.value)
+    _print_exchange(console, "write", Reading(client.device.find(scene.write), scene.value), frames)
+
+
+def _print_exchange(console: Console, action: str, reading: Reading, frames: ExchangeFrames) -> None:
+    _print_reading(console, action, reading)
+    for direction, item in frames.items:
+        print_wrapped(console, f"{direction:<8}  {_shown(item, frames.protocol)}", "    ", 14, style="cyan")
+        print_wrapped(console, frames.explained(direction, item).summary, "      ", 6)
+    frames.items.clear()
+
+
+def _print_reading(console: Console, action: str, reading: Reading) -> None:
+    text = reading.parameter.text(reading.value)
+    print_wrapped(console, f"{action} {reading.name} = {text}", "  ", 4, style="bold green")
+
+
+def _shown(item: bytes | CanFrame, protocol: str) -> str:
+    """Return the bytes of a frame in hexadecimal, those of Modbus ASCII as their characters."""
+    if isinstance(item, CanFrame):
+        return f"{item.id:03X}  {item.data.hex(' ').upper()}"
+    if protocol == "ascii":
+        return item.decode("ascii", "replace").replace("\r\n", " CR LF")
+    return item.hex(" ").upper()
+
+
+# The movement
+
+
+def _move(console: Console, client: MachineClient) -> None:
+    """Enable the drive and move it; draw its position."""
+    unit = client.device.find(_STEPPER.read).unit
+    draw = _draw_in_place(console, unit) if sys.stdout.isatty() else _draw_some(console, unit)
+    drive = client.drive.following(lambda progress: draw(progress.status))
+    drive.enable()
+    drive.move(_STEPS, relative=True)
+    while (status := drive.status()).velocity:  # the drive shows a mean of the last 100 ms
+        pass
+    draw(status)
+    if sys.stdout.isatty():
         console.print()
-        console.print(table)
 
 
-def _run_steps(wire: DemoWire, machine: Simulator) -> Iterator[DemoExchange]:
-    """Serve the machine on the wire and do the steps there, one after the other."""
-    description = load(wire.device)
-    with ExitStack() as stack:
-        server = stack.enter_context(machine_server(wire.endpoint, machine))
-        scheme = wire.endpoint.partition(":")[0]
-        frames = ExchangeFrames(scheme)
-        url = f"{server.url}&pace=1" if scheme in ("rtu", "ascii") else server.url
-        machine_client = stack.enter_context(connect(description, url, watch=frames.watch))
-        if isinstance(machine_client.client, CanopenClient):
-            _wait_for_boot_up(machine_client.client)
-        for step in wire.steps:
-            if step.value is not None:
-                machine_client.write(step.name, step.value)
-                reading = Reading(description.find(step.name), step.value)
-            else:
-                reading = _read(machine_client, step, frames)
-            action = "read" if step.value is None else "write"
-            yield DemoExchange(server.url, action, reading, frames.take())
+def _drawing(status: DriveStatus, unit: str, width: int) -> str:
+    """Return a line of exactly `width` columns: the part of the way as a bar, position and velocity in numbers."""
+    position, velocity = int(status.position or 0), int(status.velocity or 0)
+    numbers = f"| {position:>6} {unit}, {velocity:>6} {unit}/s"
+    room = max(10, width - len(numbers) - 3)
+    done = min(room - 1, max(0, position * (room - 1) // _STEPS))
+    return f"  |{'=' * done}>{' ' * (room - 1 - done)}{numbers}"
 
 
-def _wait_for_boot_up(client: CanopenClient) -> None:
-    """Wait for the boot-up message of the node, unless it was received already."""
-    if not client.bus.monitor.frames:
-        with suppress(NoAnswer):
-            client.node().nmt.wait_for_boot_up(timeout=0.5)
+def _draw_in_place(console: Console, unit: str) -> Callable[[DriveStatus], None]:
+    """Return a function that draws a position over the one before."""
+
+    def draw(status: DriveStatus) -> None:
+        # One column is left free: some terminals begin a new line when the last one is written.
+        console.file.write("\r" + _drawing(status, unit, console.width - 1))
+        console.file.flush()
+
+    return draw
 
 
-def _read(machine: MachineClient, step: DemoStep, frames: ExchangeFrames) -> Reading:
-    """Read the name; if the device has to reach a state first, repeat that for up to 3 s."""
-    give_up = time.monotonic() + 3.0
-    while True:
-        reading = machine.read(step.name)
-        if step.until in reading.parameter.text(reading.value):
-            return reading
-        if time.monotonic() > give_up:
-            raise NoAnswer(f"{reading} and not {step.until!r} after 3 s")
-        frames.take()
-        time.sleep(0.02)
+def _draw_some(console: Console, unit: str) -> Callable[[DriveStatus], None]:
+    """Return a function that draws the first position and one of each quarter of the way, a line each."""
+    next_quarter = 0
+
+    def draw(status: DriveStatus) -> None:
+        nonlocal next_quarter
+        quarter = 4 * int(status.position or 0) // _STEPS
+        # The end is drawn when the motor stands still.
+        if quarter < next_quarter or (quarter == 4 and status.velocity):
+            return
+        next_quarter = quarter + 1
+        console.print(_drawing(status, unit, console.width), soft_wrap=True)
+
+    return draw
 
 
-def _print(console: Console, exchange: DemoExchange) -> None:
-    arrow = "<-" if exchange.action == "write" else "->"
-    value = exchange.reading.parameter.text(exchange.reading.value)
-    console.print(Text(f"\n  {exchange.action} {exchange.reading.name} {arrow} {value}", style="bold green"))
-    for direction, explanation in exchange.frames:
-        console.print(Text(f"    {direction}", style="cyan"))
-        for line in explanation.lines():
-            console.print(Text(f"      {line}"), soft_wrap=True)
+# The late answer
 
 
-def _fields(wire: DemoWire, exchange: DemoExchange) -> dict[str, Any]:
-    reading = exchange.reading
-    return {
-        "wire": wire.title,
-        "device": wire.device,
-        "endpoint": exchange.endpoint,
-        "action": exchange.action,
-        "name": reading.name,
-        "value": reading.value,
-        "unit": reading.unit,
-        "text": reading.parameter.text(reading.value),
-        "frames": [{"direction": direction, **explanation.as_dict()} for direction, explanation in exchange.frames],
-    }
+def _be_late(console: Console, machine: Simulator) -> None:
+    """Read a value whose answer is later than the time-out, then another one; print the frames as they come."""
+    faults = {"late": 1.0}
+    text = (
+        f"The next answer of the drive takes {_DELAY} s, the time-out of the client is {_TIMEOUT} s. The request after "
+        "it is for as many registers: the late answer would fit, and SPEED KP be a temperature."
+    )
+    print_wrapped(console, text, "  ", 2)
+    frames = LateFrames(console)
+    options = f"timeout={_TIMEOUT}"
+    late = {"faults": faults, "fault_delay": _DELAY, "on_fault": lambda _: faults.clear()}
+    with connected(machine, f"rtu://pty?{LINE}", frames.watch, options, **late) as (client, _):
+        try:
+            _print_reading(console, "read ", client.read("HEATSINK TEMPERATURE"))
+        except NoAnswer as error:
+            print_wrapped(console, f"NoAnswer: {error}", "  ", 4, style="bold red")
+        _print_reading(console, "read ", client.read("SPEED KP"))
+
+
+class LateFrames:
+    """Prints each frame when it is sent or received, with the time since the first one and its part in the story."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._start = time.monotonic()
+        self._frames = ExchangeFrames("rtu")
+        self._requests = 0
+        self._proved = False
+
+    def watch(self, direction: Direction, item: bytes) -> None:
+        """Print a frame; the port calls this. A part of a response waits for the rest."""
+        self._frames.watch(direction, item)
+        whole = self._frames.items[-1][1]
+        if not isinstance(whole, bytes) or not self._frames.explained(direction, whole).valid:
+            return
+        self._frames.items.clear()
+        text = f"{time.monotonic() - self._start:.2f} s  {direction:<8}  {_shown(whole, 'rtu')}"
+        print_wrapped(self._console, f"{text:<46}  {self._part(direction, whole[1] & 0x7F)}", "  ", 50, style="cyan")
+
+    def _part(self, direction: Direction, function: int) -> str:
+        """Return the part of a frame in the story; function 08 is the probe."""
+        if direction == "sent":
+            if function == 8:
+                return "probe: that may still come"
+            self._requests += 1
+            return f"asks {'HEATSINK TEMPERATURE' if self._requests == 1 else 'SPEED KP'}"
+        if function == 8:
+            self._proved = True
+            return "the probe is answered"
+        return "its answer" if self._proved else "late: dropped"
