@@ -38,6 +38,21 @@ def readers() -> list[str]:
     return [thread.name for thread in threading.enumerate() if thread.name.startswith("reader of virtual/use")]
 
 
+class Seven:
+    """A whole number that is not an `int`, as those of numpy."""
+
+    def __index__(self) -> int:
+        return 7
+
+
+@pytest.mark.parametrize("client", CLIENTS)
+def test_a_unit_may_be_a_whole_number_of_any_type(client: Any) -> None:
+    one = client("tcp://127.0.0.1:1", lazy=True)
+    other = client("tcp://127.0.0.1:1", lazy=True, unit=Seven())
+    assert (one.at(unit=Seven()).unit, other.unit, one.unit_for(Seven())) == (7, 7, 7)
+    assert type(one.unit_for(Seven())) is int
+
+
 @pytest.mark.parametrize("client", CLIENTS)
 def test_unit_and_time_out_of_a_modbus_client_are_checked_at_once(client: Any) -> None:
     one = client("tcp://127.0.0.1:1", lazy=True)

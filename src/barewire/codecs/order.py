@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from operator import index
 from typing import Literal
 
 from barewire.errors import EncodeError
@@ -67,6 +68,18 @@ def to_registers(data: bytes) -> tuple[int, ...]:
     return struct.unpack(f">{len(data) // 2}H", data)
 
 
+def is_whole(value: object, low: int, high: int) -> bool:
+    """Whether this is a whole number in low..high, of `int` or of another type that can be an index, as in numpy.
+
+    >>> is_whole(3, 0, 7), is_whole(3.0, 0, 7), is_whole(8, 0, 7)
+    (True, False, False)
+    """
+    try:
+        return low <= index(value) <= high  # type: ignore[arg-type]  # a TypeError is the answer
+    except TypeError:
+        return False
+
+
 def from_registers(registers: Sequence[int]) -> bytes:
     """Convert register values to bytes, two for each. Raises EncodeError for a value outside 0..65535.
 
@@ -75,9 +88,9 @@ def from_registers(registers: Sequence[int]) -> bytes:
     """
     try:
         return struct.pack(f">{len(registers)}H", *registers)
-    except struct.error:
+    except (struct.error, TypeError):
         for place, value in enumerate(registers):
-            if not (isinstance(value, int) and 0 <= value <= 0xFFFF):
+            if not is_whole(value, 0, 0xFFFF):
                 raise EncodeError(
                     f"register {place} of {len(registers)}: {value!r} is not a whole number in 0..65535"
                 ) from None

@@ -107,3 +107,50 @@ def test_writes_of_clients_are_stored() -> None:
     table.handle(WriteMultipleCoils(3, (True, False, True)), 0.0)
     assert list(table.holding_registers[1:124]) == list(range(123))
     assert list(table.coils[:7]) == [0, 0, 0, 1, 0, 1, 0]
+
+
+@pytest.mark.parametrize(
+    "resize",
+    [
+        lambda block: block.append(1),
+        lambda block: block.extend([1]),
+        lambda block: block.insert(0, 1),
+        lambda block: block.pop(),
+        lambda block: block.remove(0),
+        lambda block: block.__iadd__([1]),
+        lambda block: block.__imul__(2),
+        lambda block: block.__delitem__(0),
+        lambda block: block.__delitem__(slice(1, 3)),
+    ],
+)
+def test_a_block_keeps_its_size(resize: Any) -> None:
+    table = Table(6)
+    for block, name in ((table.holding_registers, "holding registers"), (table.coils, "coils")):
+        with refused(
+            EncodeError, f"{name}: a block keeps its size; set values in place, such as block[0:3] = [1, 0, 1]"
+        ):
+            resize(block)
+        assert len(block) == 6
+
+
+def test_a_block_of_another_table_is_copied() -> None:
+    one, other = Table(4), Table(4)
+    one.holding_registers[1] = 7
+    block = other.holding_registers
+    other.holding_registers = one.holding_registers
+    one.holding_registers[1] = 8
+    assert other.holding_registers is block
+    assert list(block) == [0, 7, 0, 0]
+    with refused(EncodeError, "holding registers: 5 values for 4 holding registers"):
+        other.holding_registers = Table(5).holding_registers
+    with refused(EncodeError, "expected a list of whole numbers in 0..65535"):
+        other.holding_registers = one.coils  # type: ignore[assignment]
+    one.input_registers[0] = 2
+    with refused(EncodeError, "coil 0 = 2: expected True or False"):
+        other.coils = one.input_registers  # type: ignore[assignment]
+
+
+def test_a_block_is_shown_in_one_line() -> None:
+    assert repr(Table().coils) == "<coils 0..65535>"
+    assert repr(Table(0).input_registers) == "<input registers, none>"
+    assert repr(Table(holding_registers={7: [1], 100: [1, 2]}).holding_registers) == "<holding registers 7, 100..101>"

@@ -16,9 +16,11 @@ is loaded when its method is first called.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from operator import index
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire import modbus
+from barewire.codecs.order import is_whole
 from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import EncodeError, shown
 from barewire.io.endpoint import check_timeout
@@ -47,11 +49,14 @@ def checked_request(request: Request[Any]) -> None:
         raise TypeError(f"{text}, got {request.__name__ if isinstance(request, type) else shown(request)}")
 
 
-def _check_unit(unit: object) -> None:
-    """Raise EncodeError unless this is a unit address or None."""
-    if unit is not None and not (isinstance(unit, int) and not isinstance(unit, bool) and 0 <= unit <= 255):
+def _checked_unit(unit: Any) -> Any:
+    """Return a unit address as a plain `int`, or None. Raise EncodeError for anything else."""
+    if unit is None or (type(unit) is int and 0 <= unit <= 255):
+        return unit
+    if isinstance(unit, bool) or not is_whole(unit, 0, 255):
         kind = "" if type(unit) is int else "a whole number in "
         raise EncodeError(f"unit {shown(unit)}: expected {kind}0..255", "unit")
+    return index(unit)
 
 
 def _described(device: str | Path | Device) -> Device:
@@ -96,7 +101,8 @@ class ModbusMethods:
 
     def _configure(self, url: str, set_direction: SetDirection | None, options: Mapping[str, object]) -> Endpoint:
         """Set the URL, the unit and the time-out, and return the endpoint."""
-        _check_unit(options.get("unit"))
+        if "unit" in options:
+            options = {**options, "unit": _checked_unit(options["unit"])}
         check_timeout(options.get("timeout"))
         endpoint = modbus_endpoint(url, options).with_direction(set_direction)
         self.url = str(endpoint)
@@ -110,7 +116,7 @@ class ModbusMethods:
 
         Closing either of them, also by `with`, closes the connection of both.
         """
-        _check_unit(unit)
+        unit = _checked_unit(unit)
         check_timeout(timeout)
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
@@ -121,8 +127,7 @@ class ModbusMethods:
     def unit_for(self, unit: int | None = None, device: Device | None = None) -> int:
         """Return the given unit, or the client's, or the device's own, or 1."""
         if unit is not None:
-            _check_unit(unit)
-            return unit
+            return int(_checked_unit(unit))
         if self.unit is not None:
             return self.unit
         return device.modbus.unit if device and device.modbus else 1

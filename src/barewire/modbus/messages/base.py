@@ -12,9 +12,11 @@ Depends on: codecs, adu, exceptions. Used by: every message, and all code that h
 from __future__ import annotations
 
 from dataclasses import FrozenInstanceError, dataclass
+from operator import index
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from barewire.codecs import Field, Layout
+from barewire.codecs.order import is_whole
 from barewire.errors import DecodeError, EncodeError, shown
 from barewire.modbus.adu import check_pdu
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ModbusException, exception_name
@@ -22,6 +24,7 @@ from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ModbusException, exce
 R = TypeVar("R", bound="Response")
 
 EXCEPTION_BIT = 0x80
+_NO_ROWS = (str, bytes, bytearray, memoryview, set, frozenset, dict)
 
 
 def _refuse_to_set(message: Message, name: str, value: object) -> None:
@@ -189,16 +192,23 @@ class ExceptionResponse(Response):
         return found
 
 
-def check_range(name: str, value: int, low: int, high: int) -> None:
-    """Raise EncodeError unless `value` is an integer in low..high, the limits of the field `name`."""
+def check_range(name: str, value: int, low: int, high: int, message: Message | None = None) -> None:
+    """Raise EncodeError unless `value` is a whole number in low..high, the limits of the field `name`.
+
+    A number of another type than `int`, as numpy has them, becomes an `int` in the `message`: sums with it may wrap.
+    """
     if not (isinstance(value, int) and low <= value <= high):
-        kind = "" if isinstance(value, int) else "a whole number in "
-        raise EncodeError(f"{name} = {value!r}: expected {kind}{low}..{high}", name)
+        if isinstance(value, int) or not is_whole(value, low, high):
+            kind = "" if hasattr(value, "__index__") else "a whole number in "
+            raise EncodeError(f"{name} = {value!r}: expected {kind}{low}..{high}", name)
+        if message is not None:
+            object.__setattr__(message, name, index(value))
 
 
 def check_list(name: str, values: object, expected: str) -> None:
-    """Raise EncodeError unless `values` has a length and is neither text nor bytes, whose items are numbers too."""
-    if isinstance(values, (str, bytes, bytearray, memoryview)) or not hasattr(values, "__len__"):
+    """Raise EncodeError unless `values` has a length and an order, and is not text or bytes, whose items are numbers
+    too. An iterator has no length: it may be endless."""
+    if isinstance(values, _NO_ROWS) or not hasattr(values, "__len__"):
         raise EncodeError(f"{name} = {shown(values)}: expected a list of {expected}", name)
 
 

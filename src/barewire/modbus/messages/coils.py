@@ -22,14 +22,25 @@ _BITS = frozenset((False, True))
 
 def _packed(bits: Sequence[bool | int]) -> bytes:
     """Pack bits into bytes. Raises EncodeError for a value that is not a bit: 2 would otherwise pass for `on`."""
-    if not _BITS.issuperset(bits):
-        place = next(place for place, bit in enumerate(bits) if bit not in _BITS)
+    try:
+        are_bits = _BITS.issuperset(bits)
+    except TypeError:  # an item that has no hash, such as a list
+        are_bits = False
+    if not are_bits:
+        place = next(place for place, bit in enumerate(bits) if not _is_bit(bit))
         raise EncodeError(f"bit {place} of {len(bits)}: {bits[place]!r} is not True or False", "bits")
     return pack_bits(bits)
 
 
+def _is_bit(value: object) -> bool:
+    try:
+        return value in _BITS
+    except TypeError:
+        return False
+
+
 def _check_coil(value: bool | int) -> None:
-    if value not in _BITS:
+    if not _is_bit(value):
         raise EncodeError(f"value = {value!r}: expected True or False", "value")
 
 
@@ -114,8 +125,8 @@ class ReadCoils(Request[ReadCoilsResponse]):
     response: ClassVar[type[Response]] = ReadCoilsResponse
 
     def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF)
-        check_range("quantity", self.quantity, 1, READ_COILS_LIMIT)
+        check_range("address", self.address, 0, 0xFFFF, self)
+        check_range("quantity", self.quantity, 1, READ_COILS_LIMIT, self)
 
     def fit(self, response: Any, pdu: bytes) -> Any:
         """Check that the quantity fills the bytes of the response, and cut its bits to the quantity."""
@@ -155,7 +166,7 @@ class WriteSingleCoilResponse(Response):
     layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "value")
 
     def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF)
+        check_range("address", self.address, 0, 0xFFFF, self)
         _check_coil(self.value)
 
     def encode(self) -> bytes:
@@ -200,7 +211,7 @@ class WriteSingleCoil(Request[WriteSingleCoilResponse]):
     writes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF)
+        check_range("address", self.address, 0, 0xFFFF, self)
         _check_coil(self.value)
 
     def encode(self) -> bytes:
@@ -231,8 +242,8 @@ class WriteMultipleCoilsResponse(Response):
     layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "quantity")
 
     def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF)
-        check_range("quantity", self.quantity, 1, WRITE_COILS_LIMIT)
+        check_range("address", self.address, 0, 0xFFFF, self)
+        check_range("quantity", self.quantity, 1, WRITE_COILS_LIMIT, self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,7 +268,7 @@ class WriteMultipleCoils(Request[WriteMultipleCoilsResponse]):
     writes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF)
+        check_range("address", self.address, 0, 0xFFFF, self)
         check_list("bits", self.bits, "True and False")
         check_range("quantity", len(self.bits), 1, WRITE_COILS_LIMIT)
         _packed(self.bits)  # raises EncodeError for a value that is not a bit

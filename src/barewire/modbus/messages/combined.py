@@ -44,7 +44,7 @@ class MaskWriteRegisterResponse(Response):
 
     def __post_init__(self) -> None:
         for name in ("address", "and_mask", "or_mask"):
-            check_range(name, getattr(self, name), 0, 0xFFFF)
+            check_range(name, getattr(self, name), 0, 0xFFFF, self)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
@@ -77,7 +77,8 @@ class MaskWriteRegister(Request[MaskWriteRegisterResponse]):
     writes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        MaskWriteRegisterResponse(self.address, self.and_mask, self.or_mask)  # it has the same fields and limits
+        for name in ("address", "and_mask", "or_mask"):
+            check_range(name, getattr(self, name), 0, 0xFFFF, self)
 
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
@@ -122,13 +123,13 @@ class ReadWriteMultipleRegisters(Request[ReadWriteMultipleRegistersResponse]):
     writes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_range("read_address", self.read_address, 0, 0xFFFF)
-        check_range("read_quantity", self.read_quantity, 1, READ_REGISTERS_LIMIT)
-        check_range("write_address", self.write_address, 0, 0xFFFF)
+        check_range("read_address", self.read_address, 0, 0xFFFF, self)
+        check_range("read_quantity", self.read_quantity, 1, READ_REGISTERS_LIMIT, self)
+        check_range("write_address", self.write_address, 0, 0xFFFF, self)
         check_registers(self.registers)
         check_range("write_quantity", len(self.registers), 1, _WRITE_LIMIT)
-        object.__setattr__(self, "registers", tuple(self.registers))
-        from_registers(self.registers)  # raises EncodeError for a value outside 0..65535
+        # `from_registers` raises EncodeError for a value outside 0..65535; the way back makes plain numbers of all.
+        object.__setattr__(self, "registers", to_registers(from_registers(self.registers)))
 
     @property
     def write_quantity(self) -> int:

@@ -82,4 +82,4 @@ class ReadFifoQueue(Request[ReadFifoQueueResponse]):
     response: ClassVar[type[Response]] = ReadFifoQueueResponse
 
     def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF)
+        check_range("address", self.address, 0, 0xFFFF, self)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from operator import index
 from typing import Any, ClassVar, NamedTuple, Self
 
 from barewire.codecs import Field, Layout, from_registers, to_registers
@@ -245,10 +246,10 @@ def _records(records: Iterable[Sequence[Any]]) -> tuple[FileRecord, ...]:
     records = list(records)
     for _, _, registers in records:
         check_registers(registers)
-    found = tuple(FileRecord(file, record, tuple(registers)) for file, record, registers in records)
+        from_registers(registers)  # raises EncodeError for a value outside 0..65535
+    found = tuple(FileRecord(file, record, tuple(map(index, registers))) for file, record, registers in records)
     for group in found:
         _check_place(group.file, group.record, len(group.registers))
-        from_registers(group.registers)  # raises EncodeError for a value outside 0..65535
     check_range("byte_count", sum(_PLACE.size + 2 * len(group.registers) for group in found), 9, _BYTES_LIMIT)
     return found
 

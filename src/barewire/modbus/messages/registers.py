@@ -118,8 +118,8 @@ class ReadHoldingRegisters(Request[ReadHoldingRegistersResponse]):
     response: ClassVar[type[Response]] = ReadHoldingRegistersResponse
 
     def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF)
-        check_range("quantity", self.quantity, 1, READ_REGISTERS_LIMIT)
+        check_range("address", self.address, 0, 0xFFFF, self)
+        check_range("quantity", self.quantity, 1, READ_REGISTERS_LIMIT, self)
 
     @classmethod
     def decode(cls, pdu: bytes) -> Self:
@@ -203,8 +203,8 @@ class WriteSingleRegisterResponse(Response):
     layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "value")
 
     def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF)
-        check_range("value", self.value, 0, 0xFFFF)
+        check_range("address", self.address, 0, 0xFFFF, self)
+        check_range("value", self.value, 0, 0xFFFF, self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,8 +227,8 @@ class WriteSingleRegister(Request[WriteSingleRegisterResponse]):
     writes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF)
-        check_range("value", self.value, 0, 0xFFFF)
+        check_range("address", self.address, 0, 0xFFFF, self)
+        check_range("value", self.value, 0, 0xFFFF, self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,8 +246,8 @@ class WriteMultipleRegistersResponse(Response):
     layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "quantity")
 
     def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF)
-        check_range("quantity", self.quantity, 1, _WRITE_LIMIT)
+        check_range("address", self.address, 0, 0xFFFF, self)
+        check_range("quantity", self.quantity, 1, _WRITE_LIMIT, self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,11 +272,11 @@ class WriteMultipleRegisters(Request[WriteMultipleRegistersResponse]):
     writes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF)
+        check_range("address", self.address, 0, 0xFFFF, self)
         check_registers(self.registers)
         check_range("quantity", len(self.registers), 1, _WRITE_LIMIT)
-        object.__setattr__(self, "registers", tuple(self.registers))
-        from_registers(self.registers)  # raises EncodeError for a value outside 0..65535
+        # `from_registers` raises EncodeError for a value outside 0..65535; the way back makes plain numbers of all.
+        object.__setattr__(self, "registers", to_registers(from_registers(self.registers)))
 
     @property
     def quantity(self) -> int:

@@ -11,37 +11,38 @@ Depends on: messages, identity. Used by: programs, and the servers of io as the 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import index
 from typing import Any
 
 from barewire.codecs import from_registers
-from barewire.errors import EncodeError
+from barewire.codecs.order import is_whole
+from barewire.errors import EncodeError, shown
 from barewire.modbus.exceptions import (
     ILLEGAL_DATA_ADDRESS,
     ILLEGAL_DATA_VALUE,
     ILLEGAL_FUNCTION,
     ModbusException,
 )
-from barewire.modbus.messages import coils, combined, files, registers
+from barewire.modbus.messages import coils as bits, combined, files, registers
 from barewire.modbus.messages.base import Request, Response, check_range
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.messages.fifo import FIFO_LIMIT, ReadFifoQueue, ReadFifoQueueResponse
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId, ReportServerIdResponse
-from barewire.modbus.server.blocks import BitBlock, RegisterBlock
+from barewire.modbus.server.blocks import ADDRESSES, BitBlock, RegisterBlock
 from barewire.modbus.server.identity import Identity
 
-_SIZE = 0x10000
-_BLOCKS: dict[str, tuple[type[BitBlock | RegisterBlock], str]] = {
-    "coils": (BitBlock, "coil"),
-    "discrete_inputs": (BitBlock, "discrete input"),
-    "holding_registers": (RegisterBlock, "holding register"),
-    "input_registers": (RegisterBlock, "input register"),
-}
-"""By attribute: the class of the block, and what one of its values is called in errors."""
+_BLOCKS = ("coils", "discrete_inputs", "holding_registers", "input_registers")
+_WRITABLE = ("coils", "holding_registers")
+
+Rows = Sequence[int] | Mapping[int, Sequence[int]]
+"""The values of one of the four tables: a list from address 0 on, or lists by their first address."""
+OnWrite = Callable[[str, int, tuple[Any, ...]], object]
+OnRead = Callable[[str, int, int], object]
 
 
 class Table:
-    """A unit with coils, discrete inputs, holding and input registers, all zero, addressed from 0.
+    """A unit with coils, discrete inputs, holding and input registers in memory.
 
     >>> table = Table(objects={0x80: "serial 42"})
     >>> table.handle(registers.WriteSingleRegister(5, 42), now=0.0)
@@ -49,43 +50,99 @@ class Table:
     >>> table.handle(combined.ReadWriteMultipleRegisters(4, 2, write_address=4, registers=(7,)), now=0.0)
     ReadWriteMultipleRegistersResponse(registers=(7, 42))
 
-        size                         the number of values in each of the four tables (default 65536);
-                                     an access beyond the end is exception 02
+        size                         the number of values in each table that is not given below, all 0, from address
+                                     0 on (default 65536)
+        coils, discrete_inputs,      the values of a table: a list from address 0 on, or a dict: first address ->
+        holding_registers,           list, such as {0: [0] * 10, 100: [1, 2, 3]}. An access to any other address is
+        input_registers              exception 02
+        read_only                    addresses that clients cannot write, which is exception 02: a dict with the keys
+                                     "coils" and "holding_registers", such as {"coils": range(0, 10)}
+        on_write                     called as on_write(name, address, values) when a client wrote: the name of the
+                                     table ("coils", "holding_registers"), the first address, the values
+        on_read                      called as on_read(name, address, quantity) before a client reads
         vendor, product, revision    the three mandatory identification objects
         objects                      further identification objects: number -> text or bytes
         files                        file records: file number -> registers
 
+    `on_write` and `on_read` may set values, and raise ModbusException to decline the request. In `on_write` the values
+    are stored already; if it raises anything, the values before are restored.
+
     Raises EncodeError for values that no message can carry, also for `table.coils[0] = 2` and for slices. A list that
-    is assigned to a whole table fills it from address 0, and the rest becomes 0. The application may set `queues`
-    (registers by address) and `exception_status` (eight bits).
+    is assigned to a whole table fills it from its first address on, and the rest becomes 0. The application may set
+    `queues` (registers by address) and `exception_status` (eight bits).
     """
+
+    coils: BitBlock
+    discrete_inputs: BitBlock
+    holding_registers: RegisterBlock
+    input_registers: RegisterBlock
+    on_write: OnWrite | None
+    on_read: OnRead | None
 
     def __init__(
         self,
-        size: int = _SIZE,
+        size: int = ADDRESSES,
         *,
+        coils: Rows | None = None,
+        discrete_inputs: Rows | None = None,
+        holding_registers: Rows | None = None,
+        input_registers: Rows | None = None,
+        read_only: Mapping[str, Iterable[int]] | None = None,
+        on_write: OnWrite | None = None,
+        on_read: OnRead | None = None,
         vendor: str = "barewire",
         product: str = "table",
         revision: str = "1",
         objects: Mapping[int, str | bytes] | None = None,
         files: Mapping[int, Sequence[int]] | None = None,
     ) -> None:
-        check_range("size", size, 0, _SIZE)
+        check_range("size", size, 0, ADDRESSES)
         self.size = size
-        self.coils = BitBlock.filled("coil", size)
-        self.discrete_inputs = BitBlock.filled("discrete input", size)
-        self.holding_registers = RegisterBlock.filled("holding register", size)
-        self.input_registers = RegisterBlock.filled("input register", size)
+        vars(self).update(
+            coils=BitBlock.of("coil", size, coils),
+            discrete_inputs=BitBlock.of("discrete input", size, discrete_inputs),
+            holding_registers=RegisterBlock.of("holding register", size, holding_registers),
+            input_registers=RegisterBlock.of("input register", size, input_registers),
+        )
+        self._read_only = self._protected({} if read_only is None else read_only)
+        self.on_write = on_write
+        self.on_read = on_read
         self.exception_status = 0
         self.queues: dict[int, list[int]] = {}
         self.files = {number: _file(number, content) for number, content in (files or {}).items()}
         self.identity = Identity({0: vendor, 1: product, 2: revision, **(objects or {})})
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name in _BLOCKS and not isinstance(value, RegisterBlock | BitBlock):
-            block, one = _BLOCKS[name]
-            value = block.filled(one, self.size, value)
+        if name in _BLOCKS:
+            getattr(self, name).fill(value)
+            return
+        if name in ("on_write", "on_read") and not (value is None or callable(value)):
+            raise EncodeError(f"{name} = {shown(value)}: expected a function", name)
         object.__setattr__(self, name, value)
+
+    def _protected(self, read_only: Mapping[str, Iterable[int]]) -> dict[str, frozenset[int]]:
+        """Return the addresses that clients cannot write, by the name of the table. Raises EncodeError."""
+        if not isinstance(read_only, Mapping):
+            text = "expected a dict, such as {'holding_registers': range(0, 10)}"
+            raise EncodeError(f"read_only = {shown(read_only)}: {text}", "read_only")
+        found: dict[str, frozenset[int]] = {}
+        for name, addresses in read_only.items():
+            if name not in _WRITABLE:
+                near = [known for known in _WRITABLE if isinstance(name, str) and known.startswith(name[:3])]
+                hint = f"; did you mean {near[0]!r}?" if near else ""
+                raise EncodeError(f"read_only = {shown(name)}: expected {' or '.join(_WRITABLE)}{hint}", "read_only")
+            if isinstance(addresses, str) or not isinstance(addresses, Iterable):
+                text = "expected addresses, such as range(0, 10) or [3, 7]"
+                raise EncodeError(f"read_only {name} = {shown(addresses)}: {text}", "read_only")
+            row, block = list(addresses), getattr(self, name)
+            for address in row:
+                if not is_whole(address, 0, ADDRESSES - 1):
+                    text = f"expected an address in 0..{ADDRESSES - 1}"
+                    raise EncodeError(f"read_only {name} = {shown(address)}: {text}", "read_only")
+                if missing := block.missing(address):
+                    raise EncodeError(f"read_only: {missing}", "read_only")
+            found[name] = frozenset(map(index, row))
+        return found
 
     @staticmethod
     def supports(request: type[Any]) -> bool:
@@ -103,47 +160,49 @@ class Table:
 
     # One method for each request class, in the order of `_ANSWERS`
 
-    def _read_coils(self, request: coils.ReadCoils) -> Response:
-        bits = self.coils[self._span(request.address, request.quantity)]
-        return coils.ReadCoilsResponse(tuple(map(bool, bits)))
+    def _read_coils(self, request: bits.ReadCoils) -> Response:
+        row = self._read("coils", request.address, request.quantity)
+        return bits.ReadCoilsResponse(tuple(map(bool, row)))
 
-    def _read_discrete_inputs(self, request: coils.ReadDiscreteInputs) -> Response:
-        bits = self.discrete_inputs[self._span(request.address, request.quantity)]
-        return coils.ReadDiscreteInputsResponse(tuple(map(bool, bits)))
+    def _read_discrete_inputs(self, request: bits.ReadDiscreteInputs) -> Response:
+        row = self._read("discrete_inputs", request.address, request.quantity)
+        return bits.ReadDiscreteInputsResponse(tuple(map(bool, row)))
 
-    def _write_single_coil(self, request: coils.WriteSingleCoil) -> Response:
-        self.coils[self._span(request.address, 1)] = bytes([request.value])
-        return coils.WriteSingleCoilResponse(request.address, request.value)
+    def _write_single_coil(self, request: bits.WriteSingleCoil) -> Response:
+        self._write("coils", request.address, (bool(request.value),))
+        return bits.WriteSingleCoilResponse(request.address, request.value)
 
-    def _write_multiple_coils(self, request: coils.WriteMultipleCoils) -> Response:
-        self.coils[self._span(request.address, request.quantity)] = bytes(request.bits)
-        return coils.WriteMultipleCoilsResponse(request.address, request.quantity)
+    def _write_multiple_coils(self, request: bits.WriteMultipleCoils) -> Response:
+        self._write("coils", request.address, tuple(request.bits))
+        return bits.WriteMultipleCoilsResponse(request.address, request.quantity)
 
     def _read_holding_registers(self, request: registers.ReadHoldingRegisters) -> Response:
-        return request.answer(tuple(self.holding_registers[self._span(request.address, request.quantity)]))
+        return request.answer(tuple(self._read("holding_registers", request.address, request.quantity)))
 
     def _read_input_registers(self, request: registers.ReadInputRegisters) -> Response:
-        return request.answer(tuple(self.input_registers[self._span(request.address, request.quantity)]))
+        return request.answer(tuple(self._read("input_registers", request.address, request.quantity)))
 
     def _write_single_register(self, request: registers.WriteSingleRegister) -> Response:
-        self.holding_registers[self._span(request.address, 1)] = array("H", [request.value])
+        self._write("holding_registers", request.address, (request.value,))
         return registers.WriteSingleRegisterResponse(request.address, request.value)
 
     def _write_multiple_registers(self, request: registers.WriteMultipleRegisters) -> Response:
-        self.holding_registers[self._span(request.address, request.quantity)] = array("H", request.registers)
+        self._write("holding_registers", request.address, tuple(request.registers))
         return registers.WriteMultipleRegistersResponse(request.address, request.quantity)
 
     def _mask_write_register(self, request: combined.MaskWriteRegister) -> Response:
-        span = self._span(request.address, 1)
-        old = self.holding_registers[request.address]
-        self.holding_registers[span] = array("H", [combined.masked(old, request.and_mask, request.or_mask)])
-        return combined.MaskWriteRegisterResponse(request.address, request.and_mask, request.or_mask)
+        address, and_mask, or_mask = request.address, request.and_mask, request.or_mask
+        self._check(self.holding_registers, address, 1)
+        self._write(
+            "holding_registers", address, (combined.masked(self.holding_registers[address], and_mask, or_mask),)
+        )
+        return combined.MaskWriteRegisterResponse(address, and_mask, or_mask)
 
     def _read_write_multiple_registers(self, request: combined.ReadWriteMultipleRegisters) -> Response:
-        read = self._span(request.read_address, request.read_quantity)
-        write = self._span(request.write_address, request.write_quantity)
-        self.holding_registers[write] = array("H", request.registers)
-        return combined.ReadWriteMultipleRegistersResponse(tuple(self.holding_registers[read]))
+        self._check(self.holding_registers, request.read_address, request.read_quantity)
+        self._write("holding_registers", request.write_address, tuple(request.registers))
+        row = self._read("holding_registers", request.read_address, request.read_quantity)
+        return combined.ReadWriteMultipleRegistersResponse(tuple(row))
 
     def _read_fifo_queue(self, request: ReadFifoQueue) -> Response:
         queue = self.queues.get(request.address)
@@ -175,10 +234,41 @@ class Table:
     def _read_device_identification(self, request: ReadDeviceIdentification) -> Response:
         return self.identity.answer(request)
 
-    def _span(self, address: int, quantity: int) -> slice:
-        if address + quantity > self.size:
+    @staticmethod
+    def _check(block: RegisterBlock | BitBlock, address: int, quantity: int) -> None:
+        if not block.has(address, quantity):
             raise ModbusException(ILLEGAL_DATA_ADDRESS)
-        return slice(address, address + quantity)
+
+    def _read(self, name: str, address: int, quantity: int) -> Sequence[int]:
+        """Return the values that a client reads."""
+        block: RegisterBlock | BitBlock = getattr(self, name)
+        end = address + quantity
+        if block.has_holes or end > len(block):
+            self._check(block, address, quantity)
+        if self.on_read is not None:
+            self.on_read(name, address, quantity)
+        found: Sequence[int] = block.stored(slice(address, end))
+        return found
+
+    def _write(self, name: str, address: int, values: tuple[Any, ...]) -> None:
+        """Store the values that a client writes."""
+        block: Any = getattr(self, name)
+        self._check(block, address, len(values))
+        span = slice(address, address + len(values))
+        protected = self._read_only.get(name)
+        if protected and not protected.isdisjoint(range(span.start, span.stop)):
+            raise ModbusException(ILLEGAL_DATA_ADDRESS)
+        row = bytes(values) if isinstance(block, BitBlock) else array("H", values)
+        if self.on_write is None:
+            block.store(span, row)
+            return
+        before = block.stored(span)
+        block.store(span, row)
+        try:
+            self.on_write(name, address, values)
+        except BaseException:
+            block.store(span, before)
+            raise
 
     def _record_span(self, file: int, first: int, length: int) -> slice:
         if first + length > len(self.files.get(file, ())):
@@ -187,10 +277,10 @@ class Table:
 
 
 _ANSWERS: dict[type[Request[Any]], Callable[[Table, Any], Response]] = {
-    coils.ReadCoils: Table._read_coils,
-    coils.ReadDiscreteInputs: Table._read_discrete_inputs,
-    coils.WriteSingleCoil: Table._write_single_coil,
-    coils.WriteMultipleCoils: Table._write_multiple_coils,
+    bits.ReadCoils: Table._read_coils,
+    bits.ReadDiscreteInputs: Table._read_discrete_inputs,
+    bits.WriteSingleCoil: Table._write_single_coil,
+    bits.WriteMultipleCoils: Table._write_multiple_coils,
     registers.ReadHoldingRegisters: Table._read_holding_registers,
     registers.ReadInputRegisters: Table._read_input_registers,
     registers.WriteSingleRegister: Table._write_single_register,
