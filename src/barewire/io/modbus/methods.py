@@ -20,7 +20,6 @@ from operator import index
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire import modbus
-from barewire.codecs.order import is_whole
 from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import EncodeError, shown
 from barewire.io.endpoint import check_timeout
@@ -53,6 +52,8 @@ def _checked_unit(unit: Any) -> Any:
     """Return a unit address as a plain `int`, or None. Raise EncodeError for anything else."""
     if unit is None or (type(unit) is int and 0 <= unit <= 255):
         return unit
+    from barewire.codecs.order import is_whole  # most units are plain numbers: a client loads no codec
+
     if isinstance(unit, bool) or not is_whole(unit, 0, 255):
         kind = "" if type(unit) is int else "a whole number in "
         raise EncodeError(f"unit {shown(unit)}: expected {kind}0..255", "unit")
