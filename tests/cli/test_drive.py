@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from barewire import ModbusServer, connect
+from barewire.cli.drive import _remarks, _short
 from barewire.devices.drive.cia402 import State
-from barewire.devices.drive.report import DriveProgress
+from barewire.devices.drive.report import DriveProgress, DriveStatus
 from barewire.devices.sim import CsdMt, simulator
 from tests.cli.helpers import COMMAND, error_of, output_of, run_command, simulated_at
 from tests.helpers import free_port
@@ -40,8 +41,8 @@ def test_enable_move_and_stop(drive_at: tuple[str, str]) -> None:
     assert enabled[-1].startswith("operation enabled, position 0")
     assert not any("operation enabled, waiting for 'operation enabled'" in line for line in enabled)
     # Not its velocity: what a CSD MT shows is the mean of the last 100 ms (register 1113).
-    assert "position 2000, " in output_of("drive", *drive_at, "move", "2000", "--velocity", "400").splitlines()[-1]
-    assert "position 1500" in output_of("drive", *drive_at, "move", "-500", "--relative").splitlines()[-1]
+    assert "position 2000, " in output_of("drive", *drive_at, "move", "2000", "--velocity", "400")
+    assert "position 1500, " in output_of("drive", *drive_at, "move", "-500", "--relative")
     events = [json.loads(line) for line in output_of("drive", *drive_at, "velocity", "-120", "--json").splitlines()]
     assert events[-1]["action"] == "velocity"
     assert "target reached" in events[-1]["bits"]
@@ -56,7 +57,7 @@ def test_enable_move_and_stop(drive_at: tuple[str, str]) -> None:
 def test_the_help_of_a_command_needs_no_endpoint_and_device(place: tuple[str, ...], option: str) -> None:
     text = output_of("drive", *place, "move", option)
     assert text.startswith(
-        "Usage: barewire drive ENDPOINT DEVICE move [OPTIONS] TARGET\n\n  Move to the position TARGET"
+        "Usage: barewire drive ENDPOINT DEVICE move [OPTIONS] TARGET\n\n  Move the enabled drive to the position TARGET"
     )
     assert "--relative " in text
     assert "Usage: barewire drive [OPTIONS] ENDPOINT DEVICE COMMAND" in output_of("drive", option)
@@ -64,15 +65,19 @@ def test_the_help_of_a_command_needs_no_endpoint_and_device(place: tuple[str, ..
 
 def test_ctrl_c_is_a_quick_stop() -> None:
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
-        command = [*COMMAND, "drive", endpoint, "csd-mt", "move", "100000000", "--json"]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        command = [*COMMAND, "drive", endpoint, "csd-mt", "move", "100000000", "--enable", "--json"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             assert process.stdout is not None
+            assert process.stderr is not None
             for line in process.stdout:
                 if json.loads(line)["velocity"]:
                     break
             process.send_signal(signal.SIGINT)
             last = process.stdout.read().splitlines()[-1]
+            report = process.stderr.read()
             assert process.wait(10) == 130
+        assert report.startswith("barewire: move was interrupted: quick stop, the motor stands at position ")
+        assert report.endswith("; quick stop active; current on, the motor holds its position\n")
         assert json.loads(last)["state"] == "quick stop active"
         assert output_of("read", endpoint, "csd-mt", "Velocity Actual Value").startswith("Velocity Actual Value = 0 ")
 
@@ -81,7 +86,7 @@ def test_ctrl_c_is_a_quick_stop() -> None:
 def test_the_end_of_the_command_is_a_quick_stop(how: str) -> None:
     """A signal, a closed terminal or a closed pipe during a movement: the motor stops."""
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
-        command = [*COMMAND, "drive", endpoint, "csd-mt", "move", "100000000", "--json"]
+        command = [*COMMAND, "drive", endpoint, "csd-mt", "move", "100000000", "--enable", "--json"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
             assert process.stdout is not None
             for line in process.stdout:
@@ -123,6 +128,43 @@ def error_after_progress(*arguments: str) -> str:
     return done.stderr
 
 
+def test_a_movement_does_not_switch_the_current_on_unasked() -> None:
+    with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
+        for words in (("move", "100"), ("velocity", "100"), ("home", "35")):
+            error = error_after_progress("drive", endpoint, "csd-mt", *words)
+            assert "stuck in 'switch on disabled', waiting for 'operation enabled': " in error
+            assert "enable it first, or together with the movement (--enable" in error
+        assert output_of("drive", endpoint, "csd-mt", "status").startswith("switch on disabled, ")
+        assert "position 100, " in output_of("drive", endpoint, "csd-mt", "move", "100", "--enable")
+
+
+def test_results_that_need_a_remark() -> None:
+    csd = simulator("csd-mt").device
+    reached = DriveStatus(0.0, 0x0637, 1, 2000, 27506)
+    assert list(_remarks("move", csd, reached, {"target": 2000})) == [
+        "the target is reached; Velocity Actual Value still shows 27506: The mean over Velocity Total Sample (1113), "
+        "100 ms as delivered, so it lags behind"
+    ]
+    assert list(_remarks("move", csd, reached._replace(velocity=0), {"target": 2000})) == []
+    limited = DriveStatus(0.0, 0x0E37, 3, 0, 500)
+    assert list(_remarks("velocity", csd, limited, {"target": 900})) == [
+        "the drive limits itself at 500, 900 was asked for (internal limit, bit 11)"
+    ]
+    assert list(_remarks("velocity", csd, limited._replace(status_word=0x0637), {"target": 500})) == []
+
+
+def test_the_line_of_a_terminal_names_what_is_waited_for() -> None:
+    status = DriveStatus(0.0, 0x0237, 1, 5, 100)
+    line = _short(DriveProgress("move", "target reached", status))
+    assert line == "move: waiting for target reached, position 5, velocity 100"
+    acknowledged = DriveProgress("move", "bit 12 to rise (set-point acknowledge)", status)
+    assert _short(acknowledged).startswith("move: waiting for bit 12 to rise, position 5")
+    off = DriveStatus(0.0, 0x0233, 1, 0, 0)
+    assert _short(DriveProgress("enable", "'operation enabled'", off)) == (
+        "enable: waiting for 'operation enabled', switched on"
+    )
+
+
 def test_a_velocity_out_of_range_is_refused() -> None:
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
         error = error_of("drive", endpoint, "csd-mt", "move", "0", "--velocity", "900000")
@@ -136,7 +178,7 @@ def test_the_drive_of_a_machine() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: machine.modbus}) as host, connect("csd-mt", host.url) as csd:
         drive = csd.drive.following(progress.append)
         assert drive.status().state is State.SWITCH_ON_DISABLED
-        assert drive.move(3000, velocity=20_000).position == 3000
+        assert drive.move(3000, velocity=20_000, enable=True).position == 3000
         assert drive.home(35).position == 0
         assert drive.reset().state is State.OPERATION_ENABLED
         assert drive.disable().state is State.SWITCH_ON_DISABLED
@@ -148,7 +190,7 @@ def test_a_broken_connection_during_a_movement_names_the_danger() -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as machine:
         assert machine.stdout is not None
         endpoint = machine.stdout.readline().split()[1]
-        moving = [*COMMAND, "drive", endpoint, "csd-mt", "move", "100000000", "--json"]
+        moving = [*COMMAND, "drive", endpoint, "csd-mt", "move", "100000000", "--enable", "--json"]
         with subprocess.Popen(moving, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             assert process.stdout is not None
             assert process.stderr is not None

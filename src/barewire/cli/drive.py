@@ -14,9 +14,10 @@ import click
 from rich.console import Console
 from rich.progress import Progress as Bar, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from barewire import NoAnswer, PortError, connect, load
+from barewire import BarewireError, NoAnswer, PortError, connect, load
 from barewire.cli.arguments import device_argument, endpoint_argument, json_option, print_json
-from barewire.devices.device import drive_roles
+from barewire.devices.device import Device, drive_roles
+from barewire.devices.drive.cia402 import State
 from barewire.devices.drive.report import DriveProgress, DriveStatus, bit_names
 from barewire.devices.parameter import show
 from barewire.io.drive import DriveClient
@@ -48,12 +49,14 @@ def drive_command(ctx: click.Context, endpoint: str, device: str) -> None:
     reaches the state or position. If it does not, the error names the state in which it is stuck, and why. While a
     movement is under way, Ctrl-C is a quick stop; so are SIGTERM, a closed terminal and a closed pipe.
 
+    move, velocity and home need an enabled drive: none of them switches the current on unless --enable is given.
+
     `barewire drive COMMAND --help` explains a command.
 
     \b
     barewire drive tcp://192.168.1.10 csd-mt enable
     barewire drive tcp://192.168.1.10 csd-mt move 12800 --relative --velocity 20000
-    barewire drive "can://socketcan/can0?node=1" az3 velocity -1500
+    barewire drive "can://socketcan/can0?node=1" az3 velocity -1500 --enable
     barewire drive "rtu:///dev/ttyUSB0?unit=1" az3 quick-stop
     """
     description = load(device)
@@ -93,13 +96,15 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
                     raise
                 except (KeyboardInterrupt, OSError) as error:
                     if moves and (isinstance(error, KeyboardInterrupt) or client.drive.control is not None):
-                        _quick_stop(client)
-                    if isinstance(error, _EndedBySignal):
-                        raise click.exceptions.Exit(error.status) from None
+                        _quick_stop(client, name)
+                    if isinstance(error, KeyboardInterrupt):
+                        raise click.exceptions.Exit(getattr(error, "status", 130)) from None
                     raise
             if not as_json:
                 bits = ", ".join(bit_names(status.status_word)) or "no bit set"
                 print(f"{status.state_name}{_values(status)}; status word {status.status_word:04X}h: {bits}")
+                for line in _remarks(name, device, status, arguments):
+                    print(line)
 
         # A negative target such as -1000 begins with a dash and is not an option.
         settings = {"ignore_unknown_options": moves}
@@ -142,8 +147,12 @@ def _ended_by_signals() -> Iterator[None]:
                 signal.signal(number, before)
 
 
-def _quick_stop(client: DriveClient) -> None:
-    """Stop the drive, also if the progress cannot be printed because the terminal is closed."""
+_CURRENT_ON = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
+
+
+def _quick_stop(client: DriveClient, action: str) -> None:
+    """Stop the drive, also if the progress cannot be printed because the terminal is closed; then print on stderr what
+    was done and the state in which the drive is left."""
     show_progress = client.drive.progress
 
     def try_to_show(progress: DriveProgress) -> None:
@@ -152,11 +161,34 @@ def _quick_stop(client: DriveClient) -> None:
                 show_progress(progress)
 
     client.drive.progress = try_to_show
-    client.quick_stop()
+    try:
+        status = client.quick_stop()
+    except BarewireError as error:
+        error.add_note(f"{action} was interrupted, and its quick stop failed: the motor may still be turning")
+        raise
+    current = "on, the motor holds its position" if status.state in _CURRENT_ON else "off, the motor is free"
+    where = "" if status.position is None else f" at position {show(status.position)}"
+    text = f"{action} was interrupted: quick stop, the motor stands{where}; {status.state_name}"
+    with suppress(OSError):
+        print(f"barewire: {text}; current {current}", file=sys.stderr, flush=True)
+
+
+def _remarks(action: str, device: Device, status: DriveStatus, arguments: dict[str, Any]) -> Iterator[str]:
+    """Yield what the values of a result do not explain: a limit of the drive, and a velocity that lags behind."""
+    if action == "velocity" and status.is_limited:
+        held = "" if status.velocity is None else f" at {show(status.velocity)}"
+        yield f"the drive limits itself{held}, {show(arguments['target'])} was asked for (internal limit, bit 11)"
+    if action in ("move", "home") and status.velocity:
+        parameter = device.find(drive_roles(device).velocity)
+        why = parameter.note.partition(". ")[0]
+        yield f"the target is reached; {parameter.name} still shows {show(status.velocity)}{why and f': {why}'}"
 
 
 _timeout_option = click.option(
     "--timeout", default=3.0, show_default=True, metavar="S", help="Seconds for each change of state."
+)
+_enable_option = click.option(
+    "--enable", is_flag=True, help="Enable the drive first; otherwise it must be enabled already."
 )
 _within_option = click.option(
     "--within", default=60.0, show_default=True, metavar="S", help="Seconds for the movement."
@@ -201,9 +233,12 @@ def _line_per_change(start: float) -> Callable[[DriveProgress], None]:
 
 
 def _short(progress: DriveProgress) -> str:
-    """Return the progress in one line of a terminal, without the explanation in brackets."""
-    doing = progress.waiting_for.partition(" (")[0] or progress.action
-    return f"{doing} | {progress.status.state_name}{_values(progress.status)}"
+    """Return the progress in one line of a terminal: the values of a drive that may move, the state of any other."""
+    goal = progress.waiting_for.partition(" (")[0]
+    doing = f"{progress.action}: waiting for {goal}" if goal else progress.action
+    status = progress.status
+    state = "" if status.state is State.OPERATION_ENABLED else f", {status.state_name}"
+    return f"{doing}{state}{_values(status) if status.velocity or not state else ''}"
 
 
 def _values(status: DriveStatus) -> str:
@@ -252,8 +287,9 @@ def reset_command(drive: DriveClient) -> DriveStatus:
 @_acceleration_option
 @_deceleration_option
 @_within_option
+@_enable_option
 def move_command(drive: DriveClient, target: int | float, **arguments: Any) -> DriveStatus:
-    """Move to the position TARGET, in the drive's unit.
+    """Move the enabled drive to the position TARGET, in the drive's unit.
 
     Profile values that are not given stay as they are in the drive.
     """
@@ -265,8 +301,9 @@ def move_command(drive: DriveClient, target: int | float, **arguments: Any) -> D
 @_acceleration_option
 @_deceleration_option
 @_within_option
+@_enable_option
 def velocity_command(drive: DriveClient, target: int | float, **arguments: Any) -> DriveStatus:
-    """Turn at the velocity TARGET, in the drive's unit.
+    """Turn the enabled drive at the velocity TARGET, in the drive's unit.
 
     The motor keeps turning after the command ends. 0 stops it on its ramp.
     """
@@ -276,9 +313,10 @@ def velocity_command(drive: DriveClient, target: int | float, **arguments: Any) 
 @_action("home", moves=True)
 @click.argument("method", type=int, required=False)
 @_within_option
-def home_command(drive: DriveClient, method: int | None, within: float) -> DriveStatus:
-    """Find the home position.
+@_enable_option
+def home_command(drive: DriveClient, method: int | None, **arguments: Any) -> DriveStatus:
+    """Find the home position with the enabled drive.
 
     Without METHOD, the method that is set in the drive is used.
     """
-    return drive.home(method, within=within)
+    return drive.home(method, **arguments)

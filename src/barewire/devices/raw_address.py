@@ -51,7 +51,7 @@ def device_with(name: str, wanted: Iterable[str]) -> Device:
     >>> device.find("input:0x0FB1:u32").modbus
     ModbusAt(table='input', address=4017, words=2, half=None, bit=None, order='ABCD')
     >>> device.find("object:1018h.1:u32").object
-    ObjectAt(index=4120, sub=1, bit=None)
+    ObjectAt(index=4120, sub=1, bit=None, type='')
     """
     device = RAW if name == RAW.name else load(name)
     wide = (p.modbus.order for p in device.parameters if p.modbus is not None and p.modbus.words > 1)

@@ -113,3 +113,10 @@ def _names(parameters: Iterable[Parameter]) -> str:
     """Return the first three names, and the number of others."""
     names = [parameter.name for parameter in parameters]
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if names[3:] else "")
+
+
+def check_homing_method(parameter: Parameter, method: Value) -> None:
+    """Raise EncodeError for a homing method that the drive does not have: it would never finish."""
+    if parameter.values and method not in parameter.values:
+        known = ", ".join(map(str, parameter.values))
+        raise EncodeError(f"home: {parameter.name} {show(method)} is not a homing method: expected one of {known}")

@@ -114,7 +114,7 @@ def test_status_words_are_the_same_on_all_buses() -> None:
     words = []
     for wire in WIRES:
         bench = Bench(wire)
-        bench.do(bench.drive.move(0, relative=True))
+        bench.do(bench.drive.move(0, relative=True, enable=True))
         words.append(bench.do(bench.drive.status()).status_word)
     assert words == [0x0637] * 3
 
@@ -129,7 +129,7 @@ def test_a_trapezoidal_move_takes_the_computed_time(bench: Bench) -> None:
     if bench.machine.device.name == "az3":
         distance, speed, rate, unit = (81_920, 600, 1200, 8192 / 60)
     began, before = bench.now, len(bench.progress)
-    status = bench.do(bench.drive.move(distance, velocity=speed, acceleration=rate, deceleration=rate))
+    status = bench.do(bench.drive.move(distance, velocity=speed, acceleration=rate, deceleration=rate, enable=True))
     assert status.position == distance
     assert status.velocity == 0
     moving = [progress.status for progress in bench.progress[before:] if progress.status.velocity]
@@ -140,7 +140,7 @@ def test_a_trapezoidal_move_takes_the_computed_time(bench: Bench) -> None:
 
 
 def test_absolute_and_relative(bench: Bench) -> None:
-    bench.do(bench.drive.move(4000))
+    bench.do(bench.drive.move(4000, enable=True))
     assert bench.do(bench.drive.move(1000, relative=True)).position == 5000
     assert bench.do(bench.drive.move(1000)).position == 1000
     assert bench.do(bench.drive.move(-500, relative=True)).position == 500
@@ -148,7 +148,7 @@ def test_absolute_and_relative(bench: Bench) -> None:
 
 def test_a_velocity_is_reached_and_the_motor_goes_on_turning(bench: Bench) -> None:
     target = -20_000 if bench.machine.device.name == "csd-mt" else -1500
-    look = bench.do(bench.drive.velocity(target, acceleration=40_000, deceleration=40_000))
+    look = bench.do(bench.drive.velocity(target, acceleration=40_000, deceleration=40_000, enable=True))
     assert look.velocity == target
     bench.now += 10
     assert bench.do(bench.drive.status()).velocity == target
@@ -156,14 +156,14 @@ def test_a_velocity_is_reached_and_the_motor_goes_on_turning(bench: Bench) -> No
 
 
 def test_a_change_of_mode_halts_the_shaft_first(bench: Bench) -> None:
-    bench.do(bench.drive.velocity(1200, acceleration=4000, deceleration=4000))
+    bench.do(bench.drive.velocity(1200, acceleration=4000, deceleration=4000, enable=True))
     assert bench.do(bench.drive.move(7000)).position == 7000
     assert any(progress.waiting_for == "standstill (halt)" for progress in bench.progress)
     assert bench.do(bench.drive.velocity(1200)).velocity == 1200
 
 
 def test_a_quick_stop_brakes_and_returns_the_final_state(bench: Bench) -> None:
-    bench.do(bench.drive.velocity(3000, acceleration=4000, deceleration=4000))
+    bench.do(bench.drive.velocity(3000, acceleration=4000, deceleration=4000, enable=True))
     look = bench.do(bench.drive.quick_stop())
     assert look.velocity == 0
     stays = bench.machine.device.name == "csd-mt"
@@ -172,7 +172,7 @@ def test_a_quick_stop_brakes_and_returns_the_final_state(bench: Bench) -> None:
 
 
 def test_the_position_after_homing_is_the_offset(csd: Bench) -> None:
-    csd.do(csd.drive.move(5000))
+    csd.do(csd.drive.move(5000, enable=True))
     stepper(csd).store["Homing Offset"] = 123
     look = csd.do(csd.drive.home(35))
     assert (look.position, look.state) == (123, State.OPERATION_ENABLED)
@@ -181,16 +181,38 @@ def test_the_position_after_homing_is_the_offset(csd: Bench) -> None:
 def test_homing_searches_for_the_switch(csd: Bench) -> None:
     stepper(csd).store["Input Config"] = 0b11110  # I0 is the proximity input
     stepper(csd).store["Homing Speed During Search for Zero"] = 3200
-    look = csd.do(csd.drive.home(19))
+    look = csd.do(csd.drive.home(19, enable=True))
     assert look.position == 0
     assert csd.now > 2.0
+
+
+def test_a_motor_without_current_is_not_switched_on_by_a_movement(bench: Bench) -> None:
+    drive = bench.drive
+    bench.do(drive.enable())
+    bench.do(drive.disable())
+    before = {cell.name: cell.held for cell in bench.machine.store}
+    for action in (drive.move(100), drive.velocity(100)):
+        message = bench.stuck(action)
+        assert "stuck in 'switch on disabled', waiting for 'operation enabled': the drive is not enabled:" in message
+        assert "(--enable, enable=True)" in message
+    assert {cell.name: cell.held for cell in bench.machine.store} == before  # nothing was written
+    assert bench.do(drive.move(100, enable=True)).state is State.OPERATION_ENABLED
+
+
+def test_a_velocity_above_the_limit_of_the_drive_ends_at_its_limit() -> None:
+    bench = Bench(WIRES[1])
+    bench.machine.store["MAX MOTOR SPEED"] = 500
+    bench.do(bench.drive.enable())
+    status = bench.do(bench.drive.velocity(900, acceleration=4000))
+    assert (status.velocity, status.is_limited) == (500, True)
+    assert not bench.do(bench.drive.velocity(400)).is_limited
 
 
 # Faults
 
 
 def test_a_fault_and_its_reset(bench: Bench) -> None:
-    bench.do(bench.drive.velocity(1000, acceleration=4000, deceleration=4000))
+    bench.do(bench.drive.velocity(1000, acceleration=4000, deceleration=4000, enable=True))
     machine = bench.machine
     assert isinstance(machine, (CsdMt, Az3))
     machine.fault(0x2130, bench.now)
@@ -216,7 +238,7 @@ def test_a_fault_on_the_way_ends_the_move_at_once(csd: Bench) -> None:
 
     csd.drive.progress = breaks
     began = csd.now
-    message = csd.stuck(csd.drive.move(1_000_000))
+    message = csd.stuck(csd.drive.move(1_000_000, enable=True))
     assert message.startswith(
         "move: stuck in 'fault', waiting for target reached: the drive has a fault, Error Code 8611h"
     )
@@ -256,7 +278,7 @@ def test_the_drive_is_disabled_by_another_master(csd: Bench) -> None:
             stepper(csd).axis.control(0, progress.status.now)
 
     csd.drive.progress = disables
-    message = csd.stuck(csd.drive.move(1_000_000))
+    message = csd.stuck(csd.drive.move(1_000_000, enable=True))
     assert message.startswith("move: stuck in 'switch on disabled', waiting for target reached; status word")
 
 

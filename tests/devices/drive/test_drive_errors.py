@@ -30,17 +30,17 @@ def test_homing_with_an_unknown_method_is_refused(csd: Bench) -> None:
     with refused(
         EncodeError, "home: Homing Method 0 is not a homing method: expected one of -2, -1, 3, 4, 5, 6, 19, 20"
     ):
-        csd.do(csd.drive.home())
+        csd.do(csd.drive.home(enable=True))
     assert csd.states == []  # the drive was not enabled
     with refused(EncodeError, "home: Homing Method 7 is not a homing method"):
         csd.drive.home(7)
     csd.machine.store["Homing Method"] = 35
-    assert csd.do(csd.drive.home()).position == 0
+    assert csd.do(csd.drive.home(enable=True)).position == 0
 
 
 def test_the_error_of_homing_at_standstill_names_the_speed_that_is_0(csd: Bench) -> None:
     csd.machine.store["Input Config"] = 0b11110  # I0 is the proximity input
-    message = csd.stuck(csd.drive.home(19, within=20.0))
+    message = csd.stuck(csd.drive.home(19, within=20.0, enable=True))
     assert (
         "waiting for homing attained (bits 12 and 10): the motor stands; Homing Speed During Search for Zero is 0;"
         in message
@@ -48,17 +48,17 @@ def test_the_error_of_homing_at_standstill_names_the_speed_that_is_0(csd: Bench)
 
 
 def test_the_error_of_homing_without_a_switch_has_the_velocity(csd: Bench) -> None:
-    message = csd.stuck(csd.drive.home(19, within=2.0))  # no input is the proximity input
+    message = csd.stuck(csd.drive.home(19, within=2.0, enable=True))  # no input is the proximity input
     assert "waiting for homing attained (bits 12 and 10): the motor still turns, velocity " in message
 
 
 @pytest.mark.parametrize("wire", WIRES)
 def test_the_error_of_a_move_at_speed_0_names_the_speed(wire: str) -> None:
     bench = Bench(wire)
-    message = bench.stuck(bench.drive.move(1000, velocity=0, within=1.0))
+    message = bench.stuck(bench.drive.move(1000, velocity=0, within=1.0, enable=True))
     name = bench.machine.device.find("Profile Velocity").name
     assert f"waiting for target reached: the motor stands; {name} is 0;" in message
-    assert bench.do(bench.drive.move(1000, velocity=600)).position == 1000
+    assert bench.do(bench.drive.move(1000, velocity=600, enable=True)).position == 1000
     assert bench.do(bench.drive.move(1000, velocity=0)).position == 1000  # it is at this position already
 
 
@@ -119,7 +119,7 @@ def test_reaching_the_target_of_another_master_is_an_error(wire: str, written: d
                 bench.machine.store.cell(names[name]).put(value)
 
     bench.drive.progress = writes_too
-    message = bench.stuck(bench.drive.move(2000, velocity=600))
+    message = bench.stuck(bench.drive.move(2000, velocity=600, enable=True))
     for name, real in names.items():
         reported = reported.replace(name, real)
     assert f"waiting for target reached: the motor stands; another master wrote {reported};" in message
@@ -128,7 +128,7 @@ def test_reaching_the_target_of_another_master_is_an_error(wire: str, written: d
 def test_reaching_the_velocity_of_another_master_is_an_error() -> None:
     bench = Bench(WIRES[2])
     bench.drive.progress = lambda progress: bench.machine.store.cell("TARGET VELOCITY").put(-900)
-    assert "another master wrote TARGET VELOCITY -900;" in bench.stuck(bench.drive.velocity(900))
+    assert "another master wrote TARGET VELOCITY -900;" in bench.stuck(bench.drive.velocity(900, enable=True))
 
 
 def test_a_move_that_ends_at_a_limit_switch_is_an_error(csd: Bench) -> None:
@@ -136,7 +136,7 @@ def test_a_move_that_ends_at_a_limit_switch_is_an_error(csd: Bench) -> None:
     drive = stepper(csd)
     drive.store["Input Config"] = 0b11011  # I2 is the positive limit switch, OFF above 10000
     drive.environment.inputs[2] = Span(-inf, 10_000)
-    message = csd.stuck(csd.drive.move(50_000))
+    message = csd.stuck(csd.drive.move(50_000, enable=True))
     assert "waiting for target reached: a limit of the drive is active, bit 11; the motor stands;" in message
     assert "; position " in message
     where = csd.do(csd.drive.status()).position
@@ -150,7 +150,8 @@ def test_a_move_that_ends_at_a_software_limit_is_an_error(wire: str, relative: b
     bench = Bench(wire)
     bench.machine.store["SOFT MIN POSITION LIMIT"] = -100
     bench.machine.store["SOFT MAX POSITION LIMIT"] = 100
-    assert "a limit of the drive is active, bit 11" in bench.stuck(bench.drive.move(5000, relative=relative))
+    message = bench.stuck(bench.drive.move(5000, relative=relative, enable=True))
+    assert "a limit of the drive is active, bit 11" in message
     assert bench.do(bench.drive.move(-50)).position == -50
 
 
@@ -162,7 +163,7 @@ def test_a_move_with_a_following_error_is_an_error(csd: Bench) -> None:
             stepper(csd).slip(-3000, progress.status.now)
 
     csd.drive.progress = slips
-    message = csd.stuck(csd.drive.move(100_000))
+    message = csd.stuck(csd.drive.move(100_000, enable=True))
     assert "a following error, bit 13" in message
 
 
@@ -170,9 +171,9 @@ def test_a_velocity_against_a_limit_switch_is_an_error(csd: Bench) -> None:
     drive = stepper(csd)
     drive.store["Input Config"] = 0b11011
     drive.environment.inputs[2] = Span(-inf, -1)  # OFF where the shaft stands
-    message = csd.stuck(csd.drive.velocity(30_000, within=2.0))
+    message = csd.stuck(csd.drive.velocity(30_000, within=2.0, enable=True))
     assert "after 2 s, waiting for target reached: a limit of the drive is active, bit 11; the motor stands;" in message
-    assert csd.do(csd.drive.velocity(-30_000)).velocity == -30_000
+    assert csd.do(csd.drive.velocity(-30_000, enable=True)).velocity == -30_000
 
 
 def test_a_drive_whose_commands_cannot_be_read_back_is_not_checked(csd: Bench) -> None:
@@ -185,4 +186,4 @@ def test_a_drive_whose_commands_cannot_be_read_back_is_not_checked(csd: Bench) -
         return reads(names)
 
     access.read = refusing  # type: ignore[method-assign]
-    assert csd.do(csd.drive.move(700)).position == 700
+    assert csd.do(csd.drive.move(700, enable=True)).position == 700

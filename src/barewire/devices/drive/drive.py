@@ -15,7 +15,7 @@
 Each is a conversation that returns the last `DriveStatus`, or raises `DriveStuck` with the state and the reasons.
 `progress`, if given, is called with a `DriveProgress` after every reading. Only `reset` resets a fault; all others
 report it. "Target reached" is a success only if mode, target and control word are still the written ones: after a halt
-by another master the drive reports "reached" too.
+by another master the drive reports "reached" too. A movement switches the current on only with `enable=True`.
 
 Depends on: the access to the drive, the states of CiA 402.  Used by: `io.drive`.
 """
@@ -24,8 +24,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from math import isclose, isfinite
-from typing import Generic
+from math import isfinite
+from typing import Generic, NamedTuple
 
 from barewire.codecs import Value
 from barewire.conversation import Conversation, Item
@@ -36,21 +36,20 @@ from barewire.devices.drive.report import (
     LIMITED,
     MODE_BIT,
     MODE_ERROR,
+    NOT_ENABLED,
     REACHED,
     DriveProgress,
     DriveStatus,
     DriveStuck,
+    foreign_writes,
     stuck_error,
 )
-from barewire.devices.parameter import Parameter, Reading, show
-from barewire.devices.request_checks import check_encodable, check_seconds
+from barewire.devices.parameter import Reading, show
+from barewire.devices.request_checks import check_encodable, check_homing_method, check_seconds
 from barewire.errors import BarewireError, EncodeError, Refused
 
 _ENABLED = int(DriveCommand.ENABLE_OPERATION)
 _NEW_SET_POINT, _IMMEDIATELY, _RELATIVE, _HALT = 0x10, 0x20, 0x40, 0x100
-_DEFINED_BITS = 0x01FF
-"""The bits of the control word that CiA 402 defines in these modes."""
-
 _READ_ROLES = ("status_word", "mode_display", "position", "velocity")
 _ZERO_STOPS = {
     "move": ("profile_velocity", "acceleration"),
@@ -60,6 +59,14 @@ _ZERO_STOPS = {
 """Action -> the roles whose value 0 keeps the motor from turning."""
 
 _NOW = float("-inf")
+
+
+class _Motion(NamedTuple):
+    """The values to write before a movement by name, the mode first; the longest time; whether to enable the drive."""
+
+    settings: Mapping[str, Value]
+    within: float
+    enable: bool
 
 
 class Drive(Generic[Item]):
@@ -151,38 +158,39 @@ class Drive(Generic[Item]):
         acceleration: int | float | None = None,
         deceleration: int | float | None = None,
         within: float = 60.0,
+        enable: bool = False,
     ) -> Conversation[Item, DriveStatus]:
-        """Enable the drive and move to `target` (profile position). All values are in the drive's units.
+        """Move the enabled drive to `target` (profile position). All values are in the drive's units.
 
+            enable          enable the drive first; otherwise it must be in operation enabled
             relative        move by `target` from the present position instead
             immediately     replace a movement under way; otherwise the drive begins this one at the end of that one
             velocity, acceleration, deceleration      the profile; without one, the value in the drive stays
             within          the longest time for the movement, in seconds
 
         Raises EncodeError at once for a value out of range or a role that the description does not have, and DriveStuck
-        if the target is not reached in time.
+        if the drive is not enabled, or the target is not reached in time.
         """
         values = {"profile_velocity": velocity, "acceleration": acceleration, "deceleration": deceleration}
-        settings = self._settings("move", "position", {**values, "target_position": target}, within)
+        motion = self._motion("move", "position", {**values, "target_position": target}, within, enable)
         set_point = _ENABLED | (_RELATIVE if relative else 0) | (_IMMEDIATELY if immediately else 0)
-        return self._move(settings, set_point, target, within)
+        return self._move(motion, set_point, target)
 
-    def _move(
-        self, settings: Mapping[str, Value], set_point: int, target: float, within: float
-    ) -> Conversation[Item, DriveStatus]:
-        before = yield from self._prepare("move", settings, within)
+    def _move(self, motion: _Motion, set_point: int, target: float) -> Conversation[Item, DriveStatus]:
+        before = yield from self._prepare("move", motion)
         yield from self._command(set_point)
         low, high = "bit 12 to fall (set-point acknowledge)", "bit 12 to rise (set-point acknowledge)"
         yield from self._until("move", low, lambda status: not status.has(MODE_BIT), self.timeout)
         yield from self._command(set_point | _NEW_SET_POINT)
         yield from self._until("move", high, lambda status: status.has(MODE_BIT), self.timeout)
         yield from self._command(set_point)
-        status = yield from self._until("move", "target reached", lambda status: status.has(REACHED), within)
+        status = yield from self._until("move", "target reached", lambda status: status.has(REACHED), motion.within)
         goal = target + float(before.position or 0) if set_point & _RELATIVE else target
         if status.has(LIMITED) and status.position is not None and status.position != goal:
-            reached = [f"position {show(status.position)}"]
-            raise (yield from self._stuck("move", "target reached", None, status, reached))
-        return (yield from self._unchanged("move", "target reached", settings, status))
+            raise (
+                yield from self._stuck("move", "target reached", None, status, [f"position {show(status.position)}"])
+            )
+        return (yield from self._unchanged("move", "target reached", motion.settings, status))
 
     def velocity(
         self,
@@ -191,17 +199,18 @@ class Drive(Generic[Item]):
         acceleration: int | float | None = None,
         deceleration: int | float | None = None,
         within: float = 60.0,
+        enable: bool = False,
     ) -> Conversation[Item, DriveStatus]:
-        """Enable the drive, ramp to the velocity `target` and leave it turning (profile velocity); 0 stops it.
+        """Ramp the enabled drive to the velocity `target` and leave it turning (profile velocity); 0 stops it.
 
-        The drive decides when the velocity is reached: some have a wide velocity window. For the other arguments and
-        the errors see `move`.
+        The drive decides when the velocity is reached: some have a wide velocity window, and one with a limit below
+        `target` reports it there, with bit 11 (`DriveStatus.is_limited`). The rest is as for `move`.
         """
         values = {"acceleration": acceleration, "deceleration": deceleration, "target_velocity": target}
-        return self._velocity(self._settings("velocity", "velocity", values, within), target, within)
+        return self._velocity(self._motion("velocity", "velocity", values, within, enable), target)
 
-    def _velocity(self, settings: Mapping[str, Value], target: float, within: float) -> Conversation[Item, DriveStatus]:
-        status = yield from self._prepare("velocity", settings, within)
+    def _velocity(self, motion: _Motion, target: float) -> Conversation[Item, DriveStatus]:
+        status = yield from self._prepare("velocity", motion)
         yield from self._command(_ENABLED)  # ends a halt
         # A drive that turned already reports "reached" until it has accepted the new target.
         yield from self.access.wait(status.now + self.period)
@@ -212,22 +221,24 @@ class Drive(Generic[Item]):
             held = status.has(LIMITED) and target and velocity is not None and float(velocity) * target <= 0
             return status.has(REACHED) and not held
 
-        status = yield from self._until("velocity", "target reached", reached, within)
-        return (yield from self._unchanged("velocity", "target reached", settings, status))
+        status = yield from self._until("velocity", "target reached", reached, motion.within)
+        return (yield from self._unchanged("velocity", "target reached", motion.settings, status))
 
-    def home(self, method: int | None = None, *, within: float = 60.0) -> Conversation[Item, DriveStatus]:
-        """Enable the drive and home it, with `method` or, without one, with the method that is set in the drive."""
-        settings = self._settings("home", "homing", {"homing_method": method}, within)
+    def home(
+        self, method: int | None = None, *, within: float = 60.0, enable: bool = False
+    ) -> Conversation[Item, DriveStatus]:
+        """Home the enabled drive with `method`, or with the one that is set in it. The rest is as for `move`."""
+        motion = self._motion("home", "homing", {"homing_method": method}, within, enable)
         if method is not None:
-            _check_method(self.device.find(self.roles.homing_method), method)
-        return self._home(settings, within)
+            check_homing_method(self.device.find(self.roles.homing_method), method)
+        return self._home(motion)
 
-    def _home(self, settings: Mapping[str, Value], within: float) -> Conversation[Item, DriveStatus]:
+    def _home(self, motion: _Motion) -> Conversation[Item, DriveStatus]:
         name = self.roles.homing_method
-        if name and name not in settings and self.device.find(name).readable:
+        if name and name not in motion.settings and self.device.find(name).readable:
             (method,) = yield from self.access.read([name])
-            _check_method(method.parameter, method.value)
-        yield from self._prepare("home", settings, within)
+            check_homing_method(method.parameter, method.value)
+        yield from self._prepare("home", motion)
         yield from self._command(_ENABLED)
         yield from self._command(_ENABLED | _NEW_SET_POINT)
         # Bit 12 may be that of the last homing until the drive begins.
@@ -236,11 +247,11 @@ class Drive(Generic[Item]):
         def ended(status: DriveStatus) -> bool:
             return status.has(MODE_ERROR) or (status.has(MODE_BIT) and status.has(REACHED))
 
-        status = yield from self._until("home", "homing attained (bits 12 and 10)", ended, within)
+        status = yield from self._until("home", "homing attained (bits 12 and 10)", ended, motion.within)
         if status.has(MODE_ERROR):
             failed = "homing attained, but the drive reports homing error (13)"
             raise (yield from self._stuck("home", failed, None, status))
-        yield from self._unchanged("home", "homing attained", settings, status)
+        yield from self._unchanged("home", "homing attained", motion.settings, status)
         yield from self._command(_ENABLED)
         return status
 
@@ -304,10 +315,10 @@ class Drive(Generic[Item]):
                 raise (yield from self._stuck(action, waiting_for, None if lost else within, status))
             yield from self.access.wait(min(status.now + self.period, began + within))
 
-    def _settings(
-        self, action: str, mode: str, values: Mapping[str, int | float | None], within: float
-    ) -> dict[str, Value]:
-        """Return the checked values to write by name, the mode first. Raises EncodeError before anything is sent."""
+    def _motion(
+        self, action: str, mode: str, values: Mapping[str, int | float | None], within: float, enable: bool
+    ) -> _Motion:
+        """Return a movement with its values checked. Raises EncodeError before anything is sent."""
         check_seconds("within", within)
         if mode not in self.roles.modes:
             raise EncodeError(f"{action}: the description of {self.device.name} has no {mode!r} in modes of [drive]")
@@ -322,12 +333,16 @@ class Drive(Generic[Item]):
             if not isfinite(value):  # an f32 without a range could carry it
                 raise EncodeError(f"{name} = {show(value)}: expected a finite number", name)
             settings[name] = value
-        return settings
+        return _Motion(settings, within, enable)
 
-    def _prepare(self, action: str, settings: Mapping[str, Value], within: float) -> Conversation[Item, DriveStatus]:
-        """Write mode and values, then enable. A change of mode halts the shaft first, so that no movement continues."""
+    def _prepare(self, action: str, motion: _Motion) -> Conversation[Item, DriveStatus]:
+        """Write mode and values to a drive that is enabled, or will be. A change of mode halts the shaft first."""
+        settings, within, enable = motion
+        status = yield from self.status(action, "'operation enabled'")
+        if not enable and status.state is not State.OPERATION_ENABLED:
+            off = [] if status.state in FAULT_STATES else [NOT_ENABLED]
+            raise (yield from self._stuck(action, "'operation enabled'", None, status, off))
         (mode,) = yield from self.access.read([self.roles.mode])
-        status = yield from self.status(action, "the mode")
         wanted = settings[self.roles.mode]
         halted = status.state is State.OPERATION_ENABLED and mode.value != wanted
         if halted:
@@ -336,7 +351,10 @@ class Drive(Generic[Item]):
         yield from self.access.write(settings)
         if halted:  # in the new mode too: in profile velocity, slow enough counts as standing
             yield from self._until(action, "standstill (halt)", lambda status: status.has(REACHED), within)
-        status = yield from self._enable(action)
+        if enable:
+            status = yield from self._enable(action)
+        else:
+            status = yield from self._until(action, "the mode", lambda status: status.state is not None, self.timeout)
         if self.roles.mode_display:
             display = f"mode {show(wanted)} in {self.roles.mode_display}"
             status = yield from self._until(action, display, lambda status: status.mode == wanted, self.timeout)
@@ -353,17 +371,11 @@ class Drive(Generic[Item]):
         written = {name: value for name, value in settings.items() if name in commanded}
         written[self.roles.control_word] = self.control or 0
         readable = [name for name in written if self.device.find(name).readable]
-        changed, found = [], []
+        found = []
         if readable:
             with suppress(Refused):  # a drive whose commands cannot be read back is not checked
                 found = yield from self.access.read(readable)
-        for reading in found:
-            if reading.name == self.roles.control_word:
-                if (int(reading.value) ^ int(written[reading.name])) & _DEFINED_BITS:
-                    changed.append(f"another master wrote {reading.name} {int(reading.value):04X}h")
-            elif not isclose(float(reading.value), float(written[reading.name]), rel_tol=1e-6):  # an f32 rounds
-                changed.append(f"another master wrote {reading.name} {show(reading.value)}")
-        if changed:
+        if changed := list(foreign_writes(found, written, self.roles.control_word)):
             raise (yield from self._stuck(action, waiting_for, None, status, changed))
         return status
 
@@ -386,10 +398,3 @@ class Drive(Generic[Item]):
             with suppress(BarewireError):
                 return (yield from self.access.read([name]))[0]
         return None
-
-
-def _check_method(parameter: Parameter, method: Value) -> None:
-    """Raise EncodeError for a homing method that the drive does not have: it would never finish."""
-    if parameter.values and method not in parameter.values:
-        known = ", ".join(map(str, parameter.values))
-        raise EncodeError(f"home: {parameter.name} {show(method)} is not a homing method: expected one of {known}")

@@ -8,7 +8,8 @@ Depends on: the states of CiA 402.  Used by: `drive.py`, the command `barewire d
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from math import isclose
 from typing import Any, NamedTuple
 
 from barewire.codecs import Value
@@ -17,6 +18,11 @@ from barewire.devices.parameter import Parameter, Reading, show
 from barewire.errors import BarewireError, DecodeError
 
 VOLTAGE_ENABLED, REMOTE, REACHED, LIMITED, MODE_BIT, MODE_ERROR = 4, 9, 10, 11, 12, 13
+
+_DEFINED_BITS = 0x01FF
+"""The bits of the control word that CiA 402 defines in these modes."""
+
+NOT_ENABLED = "the drive is not enabled: enable it first, or together with the movement (--enable, enable=True)"
 
 _BIT_NAMES: dict[int, str] = {
     0: "ready to switch on",
@@ -57,6 +63,11 @@ class DriveStatus(NamedTuple):
     def state_name(self) -> str:
         """The state in words."""
         return self.state.value if self.state else "no state of CiA 402"
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether a limit of the drive is active (bit 11): it does less than it was told to."""
+        return self.has(LIMITED)
 
     def has(self, bit: int) -> bool:
         """Return whether a bit of the status word is set."""
@@ -123,6 +134,16 @@ def stuck_error(
     because = f": {'; '.join(reasons)}" if reasons else ""
     text = f"{action}: stuck in {status.state_name!r}{after}, waiting for {waiting_for}{because}"
     return DriveStuck(f"{text}; status word {status.status_word:04X}h: {bits}{last}", status, error)
+
+
+def foreign_writes(found: Sequence[Reading], written: Mapping[str, Value], control_word: str) -> Iterator[str]:
+    """Yield a reason for every value that is no longer the written one."""
+    for reading in found:
+        if reading.name == control_word:
+            if (int(reading.value) ^ int(written[reading.name])) & _DEFINED_BITS:
+                yield f"another master wrote {reading.name} {int(reading.value):04X}h"
+        elif not isclose(float(reading.value), float(written[reading.name]), rel_tol=1e-6):  # an f32 rounds
+            yield f"another master wrote {reading.name} {show(reading.value)}"
 
 
 def _reasons(action: str, status: DriveStatus, error: Reading | None) -> list[str]:
