@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from barewire import CanopenServer, EncodeError, ModbusServer, Table
+from barewire import EncodeError, ModbusServer, Table
 from barewire.cli.arguments import EndpointArgument, device_argument
 from barewire.devices.sim import MachineUnits, Simulator, simulator
 from barewire.devices.value_text import parse_value
@@ -171,6 +171,8 @@ def machine_server(url: str, machine: Simulator, **faults: Any) -> ThreadedServe
     if endpoint.scheme == "can":
         if machine.canopen is None:
             raise EncodeError(f"{machine.device.name} has no CANopen: expected a Modbus endpoint")
+        from barewire import CanopenServer  # needs python-can
+
         return CanopenServer(url, device=machine.canopen, **faults)
     units = MachineUnits(machine, *_tcp_units(endpoint))
     _check_unit(endpoint, machine.address)

@@ -16,14 +16,19 @@ import os
 import tomllib
 from functools import cache
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from barewire.codecs.order import ORDERS, Order
 from barewire.devices.description.build import build_device
 from barewire.devices.device import Device, UnknownName, fold, suggest
 from barewire.errors import EncodeError, shown
 
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+
 CATALOG = Path(__file__).parent.parent / "catalog"
+"""The directory of the catalogue. Where the package is in a zip archive, there is none: `_catalog` is for both."""
+
 DEVICE_FILE = "device.toml"
 
 
@@ -33,7 +38,7 @@ def names() -> list[str]:
     >>> "az3" in names()
     True
     """
-    return sorted(found.parent.name.replace("_", "-") for found in CATALOG.glob(f"*/{DEVICE_FILE}"))
+    return sorted(entry.name.replace("_", "-") for entry in _catalog().iterdir() if (entry / DEVICE_FILE).is_file())
 
 
 def load(name_or_path: str | Path) -> Device:
@@ -77,23 +82,31 @@ def load(name_or_path: str | Path) -> Device:
 
 @cache
 def _from_catalog(name: str) -> Device:
-    tables = [tomllib.loads(file.read_text("utf-8")) for file in _files(CATALOG / name.replace("-", "_"))]
-    return _build(tables)
+    directory = _catalog() / name.replace("-", "_")
+    return _build([tomllib.loads((directory / file).read_text("utf-8")) for file in _files(directory)])
+
+
+def _catalog() -> Traversable:
+    if CATALOG.is_dir():
+        return CATALOG
+    from importlib.resources import files  # takes as long to import as a device to load: only in an archive
+
+    return files("barewire.devices") / "catalog"
 
 
 def load_directory(directory: Path) -> Device:
     """Load the device that the TOML files of a directory describe, after all checks."""
     from barewire.devices.description.check import check_description, read_file
 
-    files = [read_file(file) for file in _files(directory)]
+    files = [read_file(directory / file) for file in _files(directory)]
     check_description(files[0], files[1:])
     return _build([file.items for file in files])
 
 
-def _files(directory: Path) -> list[Path]:
-    """Return device.toml and then the other TOML files by name."""
-    others = sorted(file for file in directory.glob("*.toml") if file.name != DEVICE_FILE)
-    return [directory / DEVICE_FILE, *others]
+def _files(directory: Traversable) -> list[str]:
+    """Return the names of device.toml and then of the other TOML files, in order."""
+    others = sorted(file.name for file in directory.iterdir() if file.name.endswith(".toml"))
+    return [DEVICE_FILE, *(name for name in others if name != DEVICE_FILE)]
 
 
 def _build(tables: list[Any]) -> Device:
