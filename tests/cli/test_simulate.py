@@ -9,7 +9,7 @@ import pytest
 
 from barewire import CanopenServer, ModbusServer
 from barewire.devices.sim import Az3, MachineUnits, simulator
-from barewire.io.fault_injection.faults import KINDS
+from barewire.io.fault_injection.targets import KINDS
 from tests.cli.helpers import error_of, output_of, run_command, simulated, simulated_at
 from tests.helpers import free_port
 
@@ -96,8 +96,30 @@ def test_a_drive_without_high_voltage_reports_that_on_both_its_wires() -> None:
 
 @pytest.mark.parametrize("late", ["nan", "-1.0", "inf"])
 def test_the_delay_of_the_fault_late_is_checked(late: str) -> None:
-    error = error_of("simulate", "adxl", "tcp://127.0.0.1:0", "--fault", "late", f"--late={late}")
+    error = error_of("simulate", "adxl", "tcp://127.0.0.1:0", "--fault", "late", f"--late={late}", status=2)
     assert error.endswith(f"late = {late}: expected seconds, from 0 on and below 3600\n")
+
+
+@pytest.mark.parametrize(
+    ("fault", "endpoint", "text"),
+    [
+        ("drp", "tcp://127.0.0.1:0", "; did you mean 'drop'?"),
+        ("drop:2", "tcp://127.0.0.1:0", "expected a probability, 0..1"),
+        ("drop@evry=3", "tcp://127.0.0.1:0", "; did you mean 'every'?"),
+        ("split", "udp://127.0.0.1:0", "fault 'split' is not possible on this wire: expected"),
+        ("drop@20", "can://socketcand/127.0.0.1:1/can0", "an address selects requests of Modbus, not of CAN"),
+    ],
+)
+def test_a_wrong_fault_is_wrong_usage(fault: str, endpoint: str, text: str) -> None:
+    assert text in error_of("simulate", "az3", endpoint, "--fault", fault, status=2)
+
+
+def test_faults_of_selected_responses() -> None:
+    chosen = ("--fault", "exception=04@20,drop@input:30,paced=0.001@40")
+    with simulated("table", "tcp://127.0.0.1:0", *chosen, client_option="timeout=0.5") as (url,):
+        assert "exception 04" in error_of("read", url, "raw", "holding:20")
+        assert output_of("read", url, "raw", "holding:21", "holding:40") == "holding:21 = 0\nholding:40 = 0\n"
+        assert "within" in error_of("read", url, "raw", "input:30")
 
 
 def test_the_help_names_every_fault_and_every_carrier() -> None:

@@ -17,7 +17,8 @@ from barewire.devices.sim import MachineUnits, Simulator, simulator
 from barewire.devices.value_text import parse_value
 from barewire.io.canopen.shared_bus import INSIDE_ONE_PROCESS
 from barewire.io.endpoint import Endpoint
-from barewire.io.fault_injection.faults import LATE, parse_faults
+from barewire.io.fault_injection.faults import LATE, faults_at, faults_on_can
+from barewire.io.fault_injection.targets import Fault, parse_faults
 from barewire.io.server.base import ThreadedServer
 
 _TABLE = "table"
@@ -28,7 +29,7 @@ _TABLE = "table"
 @click.argument("endpoints", type=EndpointArgument(), nargs=-1, required=True, metavar="ENDPOINT...")
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Set a parameter, also a read-only one.")
 @click.option("--world", multiple=True, metavar="NAME=VALUE", help="Set a property of the environment: see above.")
-@click.option("--fault", metavar="KIND[:P],...", help="Disturb responses: see above.")
+@click.option("--fault", metavar="KIND[=VALUE][:P][@WHICH],...", help="Disturb responses: see above.")
 @click.option("--seed", type=int, help="Seed of the faults, to repeat them.")
 @click.option("--late", default=LATE, show_default=True, metavar="S", help="Delay of the fault `late` in seconds.")
 def simulate_command(
@@ -56,18 +57,30 @@ def simulate_command(
     barewire simulate my-meter tcp://127.0.0.1:1502 --set "Current=4.2"
     barewire simulate az3 rtu:///tmp/az3 --fault late:0.05,drop,flip:0.01 --seed 7 & sleep 1
     barewire read "rtu:///tmp/az3?retries=5" az3 "STATUS WORD"
+    barewire simulate table tcp://127.0.0.1:1502 --fault exception=04@20,drop@every=3
 
-    --fault applies each KIND to a response with the probability P, or 0.1, and prints `fault KIND`. It works on tcp,
-    tls (before encryption), udp, rtu, ascii, rtu+tcp, ascii+tcp and can.
+    --fault disturbs responses, and prints `fault KIND` for each. It works on tcp, tls (before encryption), udp, rtu,
+    ascii, rtu+tcp, ascii+tcp and can. KIND hits one response in ten, KIND:P those with the probability P; what follows
+    an @ selects the responses: by an address that the request touches, or by their number.
 
     \b
-    late        the response is sent after a delay: see --late
-    noise       bytes that are not a frame precede it; on CAN a frame of another node
-    wrong-unit  the response has the address of another unit or node
-    drop        the response is not sent
-    flip        one bit of it is inverted                           (not on CAN)
-    exception   exception 06 is sent instead; on CAN an SDO abort
-    split       it is sent in two parts, 20 ms apart                (not on CAN, not over UDP)
+    late=S             the response is sent after S seconds; without S: see --late
+    noise              bytes that are not a frame precede it; on CAN a frame of another node
+    wrong-unit         the response has the address of another unit or node
+    wrong-transaction  it has another transaction number            (tcp, tls, udp)
+    drop               the response is not sent
+    flip               one bit of it is inverted                    (not on CAN)
+    exception=CODE     an exception is sent instead, 06 without CODE; on CAN an SDO abort
+    split              it is sent in two parts, 20 ms apart         (not on CAN, not over UDP)
+    paced=S            it is sent byte by byte, S seconds apart, 0.005 without S   (as split)
+
+    \b
+    --fault drop:0.05,late                one response in 20 is lost, one in 10 late
+    --fault exception=04@20               requests that touch address 20 of any table get exception 04
+    --fault paced@holding:20-29           those that touch holding registers 20 to 29; coil:, discrete:, input:
+    --fault drop@every=3                  each third response is lost
+    --fault late=2@nth=5                  the fifth one is late
+    --fault wrong-unit@20@every=2         each second one of those that touch address 20
 
     --world sets a property of the environment; positions are in steps of the shaft from its first one, 12800 a
     revolution:
@@ -96,7 +109,7 @@ def simulate_command(
         raise EncodeError(f"{device!r}: a simulated device has its own byte order; --set its register, if it has one")
     for endpoint in endpoints:
         _check_reachable(endpoint)
-    faults = None if fault is None else parse_faults(fault)
+    faults = None if fault is None else _checked_faults(fault, late, list(map(Endpoint.parse, endpoints)))
     machine = None if device == _TABLE else _configured_machine(device, list(map(Endpoint.parse, endpoints)))
     _set_initial_state(device, machine, values, world)
     disturbed: dict[str, Any] = {}
@@ -128,6 +141,20 @@ def _serve(servers: list[ThreadedServer], stop: threading.Event) -> None:
     for server in others:
         if server.failure is not None:
             raise server.failure
+
+
+def _checked_faults(text: str, late: float, endpoints: Sequence[Endpoint]) -> tuple[Fault, ...]:
+    """Return the faults of --fault. Raises UsageError for a wrong text, and for faults that an endpoint cannot have."""
+    try:
+        faults = parse_faults(text)
+        for endpoint in endpoints:
+            if endpoint.scheme == "can":
+                faults_on_can(faults, delay=late)
+            else:
+                faults_at(endpoint, faults, delay=late)
+    except EncodeError as error:
+        raise click.UsageError(f"--fault {text}: {error}" if len(text) < 60 else str(error)) from None
+    return faults
 
 
 def _print_fault(kind: str) -> None:

@@ -12,8 +12,9 @@ from barewire.ascii import frame as ascii_frame
 from barewire.canopen import CanFrame
 from barewire.conversation import play
 from barewire.errors import EncodeError, NoAnswer
-from barewire.io.fault_injection.faults import KINDS, LATE, PAUSE, CanWire, Faults, ModbusWire, parse_faults
+from barewire.io.fault_injection.faults import LATE, PAUSE, CanWire, Faults, ModbusWire
 from barewire.io.fault_injection.ports import FaultyPort
+from barewire.io.fault_injection.targets import parse_faults
 from barewire.modbus import Bus, ModbusException, ReadHoldingRegisters, Server, Table
 from barewire.rtu import RtuLine, Timing, frame as rtu_frame
 from barewire.tcp import TcpLine, frame as tcp_frame
@@ -21,6 +22,8 @@ from tests.helpers import Peer, refused, serving
 
 ANSWER = rtu_frame.encode(1, bytes.fromhex("03 02 12 34"))
 SDO = CanFrame.parse("581#4B41600037060000")
+SEED = 5
+"""With it the first answer of two is late."""
 HEARTBEAT = CanFrame.parse("701#05")
 
 
@@ -42,7 +45,7 @@ def test_drop_removes_and_late_delays_an_answer() -> None:
 
 def test_a_late_answer_delays_the_next_on_a_line_and_not_on_tcp() -> None:
     for envelope, second_at in (("rtu", 5.0 + LATE), ("ascii", 5.0 + LATE), ("tcp", 5.1)):
-        faults: Faults[bytes] = Faults(ModbusWire(envelope), {"late": 0.5}, Random(7))
+        faults: Faults[bytes] = Faults(ModbusWire(envelope), {"late": 0.5}, Random(SEED))
         (first,), (second,) = faults.pass_on(ANSWER, 5.0), faults.pass_on(ANSWER, 5.1)
         assert (first, second) == ((5.0 + LATE, ANSWER), (second_at, ANSWER))
 
@@ -105,7 +108,7 @@ def strikes(seed: int, **chances: float) -> list[list[tuple[float, bytes]]]:
 
 
 def test_the_same_seed_has_the_same_faults() -> None:
-    everything = dict.fromkeys((kind.replace("-", "_") for kind in KINDS), 0.3)
+    everything = dict.fromkeys((kind.replace("-", "_") for kind in ModbusWire("rtu").kinds), 0.3)
     assert strikes(7, **everything) == strikes(7, **everything) != strikes(8, **everything)
 
 
@@ -126,7 +129,10 @@ def test_faults_are_counted_and_reported() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("latte", "fault 'latte': expected some of drop, exception, flip, late, noise, split, wrong-unit"),
+        (
+            "latte",
+            "fault 'latte': expected some of drop, exception, flip, late, noise, paced, split, wrong-transaction",
+        ),
         ("late:2", "fault 'late:2': expected a probability, 0..1, after the colon"),
         ("late:often", "fault 'late:often': expected a probability"),
         ("", "fault '': expected some of"),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from barewire.io.engine.blocking import Clock
     from barewire.io.fault_injection.faults import Faults
     from barewire.io.ports.base import Port
+    from barewire.modbus.server.server import Reply
 
 Item = TypeVar("Item")
 
@@ -55,8 +56,12 @@ class FaultyPort(Generic[Item]):
 
     def send(self, item: Item) -> None:
         """Send the item now, later, changed or not at all."""
+        self.answer(item, b"")
+
+    def answer(self, item: Item, request: bytes) -> None:
+        """Send the answer to a request, whose PDU is given, now, later, changed or not at all."""
         with self._sending:
-            for at, changed in self._faults.pass_on(item, self._clock()):
+            for at, changed in self._faults.pass_on(item, self._clock(), request):
                 self._late.put(at, changed)
         self._deliver()
 
@@ -102,9 +107,9 @@ class FaultInjector:
         """When the next bytes are to be sent."""
         return self._late.due
 
-    def __call__(self, answer: bytes, send: SendBytes) -> None:
+    def __call__(self, reply: Reply, send: SendBytes) -> None:
         """Send the answer now, later, changed or not at all."""
-        if parts := self._faults.pass_on(answer, self._clock()):
+        if parts := self._faults.pass_on(reply.data, max(reply.at, self._clock()), reply.request):
             self._wait(parts[0][0], send, parts)
         self.deliver()
 

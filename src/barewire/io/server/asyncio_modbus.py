@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from typing import Unpack
 
     from barewire.io.endpoint import SetDirection
+    from barewire.io.fault_injection.targets import GivenFaults
     from barewire.io.modbus.options import ModbusOptions
     from barewire.io.server.asyncio_ports import DatagramServer
     from barewire.io.server.asyncio_stream import StreamServer
@@ -49,7 +50,7 @@ class AsyncModbusServer(AsyncServer):
         authorization: Authorization | None = None,
         set_direction: SetDirection | None = None,
         listener: socket.socket | None = None,
-        faults: str | Mapping[str, float] | None = None,
+        faults: GivenFaults | None = None,
         fault_seed: int | None = None,
         fault_delay: float | None = None,
         on_fault: Callable[[str], None] | None = None,

@@ -19,7 +19,7 @@ from barewire.io.ports.tcp import reason
 from barewire.io.server.connection_limits import ConnectionTable, Inject
 from barewire.io.server.failures import FailureLog
 from barewire.modbus import Server, Unit
-from barewire.modbus.server.server import ServerStatistics
+from barewire.modbus.server.server import Reply, ServerStatistics
 
 
 class DatagramServer(asyncio.DatagramProtocol):
@@ -64,7 +64,7 @@ class DatagramServer(asyncio.DatagramProtocol):
             if self._inject is None:
                 self._send(reply.data, addr)
             else:
-                self._inject(reply.data, partial(self._send, addr=addr))
+                self._inject(reply, partial(self._send, addr=addr))
 
     def _send(self, data: bytes, addr: Any) -> None:
         assert self._transport is not None
@@ -106,7 +106,7 @@ class SerialServer:
     def _feed(self, data: bytes | None) -> None:
         replies = self._server.feed(data, self._loop.time())
         if replies:
-            task = self._loop.create_task(self._send([reply.data for reply in replies], replies[0].at))
+            task = self._loop.create_task(self._send(replies))
             self._sending.add(task)
             task.add_done_callback(self._sending.discard)
         if self._timer is not None:
@@ -114,13 +114,13 @@ class SerialServer:
         deadline = self._server.deadline
         self._timer = None if deadline is None else self._loop.call_at(deadline, self._feed, None)
 
-    async def _send(self, frames: list[bytes], at: float) -> None:
-        await asyncio.sleep(at - self._loop.time())
-        for frame in frames:
+    async def _send(self, replies: list[Reply]) -> None:
+        await asyncio.sleep(replies[0].at - self._loop.time())
+        for reply in replies:
             if self._inject is None:
-                self._write(frame)
+                self._write(reply.data)
             else:
-                self._inject(frame, self._write)
+                self._inject(reply, self._write)
         await self._link.sent()
         self._line.sent(self._loop.time())
 

@@ -14,7 +14,7 @@ import contextlib
 import socket
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, cast
 
 from barewire.canopen import CanFrame
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.devices.sim.core.simulator import Simulator
     from barewire.io.canopen.async_bus import AsyncRunning
+    from barewire.io.fault_injection.targets import GivenFaults
 
     Served = str | Device | Simulator | CanopenNode | ObjectDictionary | Eds
 
@@ -51,7 +52,7 @@ class _CanopenServerBase:
         device: Served | None = None,
         eds: str | Path | Eds | None = None,
         node: int | None = None,
-        faults: str | Mapping[str, float] | None = None,
+        faults: GivenFaults | None = None,
         fault_seed: int | None = None,
         fault_delay: float | None = None,
         on_fault: Callable[[str], None] | None = None,
@@ -144,7 +145,7 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
 
 def _with_faults(
     dial: Callable[[], Port[CanFrame]],
-    faults: str | Mapping[str, float],
+    faults: GivenFaults,
     seed: int | None,
     delay: float | None,
     on_fault: Callable[[str], None] | None,

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint
     from barewire.modbus.server.server import Reply
 
-Inject = Callable[[bytes, Callable[[bytes], None]], None]
+Inject = Callable[["Reply", Callable[[bytes], None]], None]
 """Takes an answer and the function that sends it; sends it now, later, changed or not at all (`FaultInjector`)."""
 
 
@@ -37,7 +37,7 @@ def send_replies(replies: list[Reply], send: Callable[[bytes], None], inject: In
     """Send the answers to the requests of one read together. A fault injector gets them one by one."""
     if inject is not None:
         for reply in replies:
-            inject(reply.data, send)
+            inject(reply, send)
     else:
         send(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from barewire.io.endpoint import Endpoint, SetDirection
     from barewire.io.fault_injection.faults import Faults
+    from barewire.io.fault_injection.targets import GivenFaults
     from barewire.io.modbus.options import ModbusOptions
     from barewire.io.server.connection_limits import ConnectionTable
     from barewire.modbus import Authorization, Unit
@@ -61,8 +62,9 @@ class ModbusServer(ThreadedServer):
     units           by unit address, 0..255: a `Table`, `Functions`, or any object with handle(request, now)
     authorization   the rights of each role of a TLS certificate; by default the table that the URL names as `roles`
     set_direction   called as set_direction(sending) to set the direction of a two-wire line, for example by a GPIO pin
-    faults          kinds of faults and the probability of each, 0..1, for every answer: "late:0.5,drop", or a dict;
-                    by default none (`barewire.io.fault_injection.faults` lists them)
+    faults          the faults in the answers: kinds and probabilities as a text, "late:0.5,drop", or a dict; faults of
+                    selected answers as a text, "exception=04@20,drop@nth=5", or objects of `Fault`; by default none
+                    (`barewire.io.fault_injection.targets` explains the text, `faults` lists the kinds)
     fault_seed      an integer with which the same answers have the same faults; by default they are random
     fault_delay     the delay of a late answer in seconds; by default 1.5
     on_fault        called as on_fault(kind) for each fault
@@ -81,7 +83,7 @@ class ModbusServer(ThreadedServer):
         *,
         authorization: Authorization | None = None,
         set_direction: SetDirection | None = None,
-        faults: str | Mapping[str, float] | None = None,
+        faults: GivenFaults | None = None,
         fault_seed: int | None = None,
         fault_delay: float | None = None,
         on_fault: Callable[[str], None] | None = None,

@@ -50,10 +50,12 @@ class SerialService:
 
             self.port = SerialPort.of_server(endpoint)
             self.url = str(endpoint)
+        self._answer: Callable[[bytes, bytes], None] = lambda data, request: self.port.send(data)
         if faults is not None:
             from barewire.io.fault_injection.ports import FaultyPort
 
-            self.port = FaultyPort(self.port, faults)
+            faulty = FaultyPort(self.port, faults)
+            self.port, self._answer = faulty, faulty.answer
 
     def serve(self, is_over: Callable[[], bool]) -> None:
         """Serve until `is_over()`."""
@@ -64,7 +66,7 @@ class SerialService:
             data = self.port.receive(wait)
             for reply in self._server.feed(data, clock()):
                 time.sleep(max(0.0, reply.at - clock()))
-                self.port.send(reply.data)
+                self._answer(reply.data, reply.request)
                 # A client that receives the answer at once may send after one silence; the line must accept that.
                 self._line.sent(self.port.sent_at if isinstance(self.port, PseudoTerminal) else clock())
 

@@ -75,6 +75,8 @@ class Reply(NamedTuple):
 
     data: bytes
     at: float
+    request: bytes = b""
+    """The PDU of the request."""
 
 
 @dataclass
@@ -164,7 +166,7 @@ class Server:
             room -= 1
             if pdu is not None:
                 self.statistics.replies += 1
-                replies.append(Reply(line.response(event, pdu), 0.0))
+                replies.append(Reply(line.response(event, pdu), 0.0, event.pdu))
         return replies
 
     def overrun(self) -> None:
@@ -230,7 +232,7 @@ class Server:
             return []
         self.statistics.replies += 1
         self._sent = Adu(adu.unit, pdu)
-        return [Reply(self.line.response(adu, pdu), self.line.quiet_at)]
+        return [Reply(self.line.response(adu, pdu), self.line.quiet_at, adu.pdu)]
 
     def _overload(self, pdu: bytes) -> bytes | None:
         """Return the response to a request beyond the limit of transactions."""
