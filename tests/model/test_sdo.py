@@ -1,11 +1,13 @@
-"""SDO transfers in the model checker (`sdo`)."""
+"""SDO transfers in the model checker (`sdo`), and two clients on one channel (`sdo_two`)."""
 
 from __future__ import annotations
 
 import pytest
 
+from barewire.canopen import SdoServer
 from tests.model.choices import run_all, run_random
 from tests.model.sdo import SdoTally, Transfers, sdo_scenario
+from tests.model.sdo_two import Mode, RestartingServer, TwoClients, TwoTally, two_clients_scenario
 
 
 @pytest.mark.parametrize(
@@ -44,3 +46,28 @@ def test_a_doubled_request_can_confirm_the_next_download_of_the_same_object_if_t
     tally = SdoTally()
     run_all(sdo_scenario(Transfers(verbs=("download",), modes=("expedited",), faults=2), tally))
     assert tally.wrong
+
+
+@pytest.mark.parametrize("server", [SdoServer, RestartingServer])
+@pytest.mark.parametrize("mode", ["expedited", "segments", "blocks"])
+def test_two_clients_on_one_channel_get_their_own_values_or_errors(server: type[SdoServer], mode: Mode) -> None:
+    tally = TwoTally()
+    assert run_all(two_clients_scenario(TwoClients(modes=(mode,), server=server), tally)) > 100
+    assert not tally.wrong, tally.wrong[0]
+    assert min(tally.right, tally.noticed) > 100
+
+
+@pytest.mark.parametrize("server", [SdoServer, RestartingServer])
+def test_two_clients_get_their_own_values_or_errors_in_random_orders(server: type[SdoServer]) -> None:
+    tally = TwoTally()
+    setup = TwoClients(transfers=4, modes=("expedited", "segments", "blocks"), server=server)
+    run_random(two_clients_scenario(setup, tally), 400)
+    assert not tally.wrong, tally.wrong[0]
+    assert min(tally.right, tally.noticed) > 400
+
+
+def test_clients_whose_ports_hide_the_requests_of_others_can_get_their_values() -> None:
+    tally = TwoTally()
+    run_all(two_clients_scenario(TwoClients(hears=False), tally))
+    assert tally.wrong
+    assert not tally.noticed

@@ -6,7 +6,7 @@ import pytest
 
 from barewire.canopen import CanFrame, Channel, ErrorFrame, upload
 from barewire.canopen.nmt.node_monitor import NodeMonitor
-from barewire.conversation import play
+from barewire.conversation import Heard, Listen, Send, play
 from barewire.errors import NoAnswer
 
 
@@ -82,3 +82,22 @@ def test_a_silent_bus_has_the_remark_until_a_frame_arrives() -> None:
     assert text.endswith("nothing at all on the bus meanwhile, and the bus is inside one process")
     monitor.feed(CanFrame.parse("705#7F"), 1.0)
     assert "one process" not in monitor.explain_silence(5, 0x585, monitor.mark(0x585), 2.0, responses=0)
+
+
+def test_an_unanswered_request_of_another_client_is_known() -> None:
+    monitor = NodeMonitor()
+    assert monitor.unanswered(0x605, 0x585) is None
+    monitor.feed(CanFrame.parse("605#4064600000000000"), 1.0)
+    assert monitor.unanswered(0x605, 0x585) == 1.0
+    monitor.feed(CanFrame.parse("585#4364600000000000"), 2.0)
+    assert monitor.unanswered(0x605, 0x585) is None
+    monitor.feed(CanFrame.parse("605#8064600000000405"), 3.0)
+    assert monitor.unanswered(0x605, 0x585) is None  # an abort has no response
+
+
+def test_a_transfer_waits_for_the_response_to_another_client_that_asked_before() -> None:
+    monitor = NodeMonitor()
+    monitor.feed(CanFrame.parse("605#4064600000000000"), 1.0)
+    conversation = upload(Channel(5, node_monitor=monitor), 0x6041, timeout=1.0)
+    assert next(conversation) == Listen(2.0)
+    assert conversation.send(Heard(None, 2.0)) == Send(CanFrame.parse("605#4041600000000000"))

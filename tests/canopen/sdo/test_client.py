@@ -297,3 +297,62 @@ def test_invalid_arguments_raise_at_once() -> None:
             upload(5, 0x6041, block=block)
     with pytest.raises(EncodeError, match="has the SDO dialect standard, not az3"):
         upload(Channel(5), 0x6041, dialect=AZ3)
+
+
+# Another client on the channel
+
+OTHER_READS = CanFrame.parse("605#4064600000000000")
+
+
+def test_a_request_of_another_client_ends_the_transfer_without_an_abort() -> None:
+    channel = Channel(5)
+    conversation = upload(channel, 0x6041, timeout=1.0)
+    steps = [next(conversation), conversation.send(Heard(None, 0.0)), conversation.send(Heard(None, 0.0))]
+    assert steps[1:] == [Send(CanFrame.parse("605#4041600000000000")), Listen(1.0)]
+    with pytest.raises(NoAnswer, match="another client sent 40 64 60 00 00 00 00 00 on 605h") as caught:
+        conversation.send(Heard(OTHER_READS, 0.25))
+    assert "whether the upload of 6041h:00 was carried out is unknown" in str(caught.value)
+    assert (channel.counters.rivals, channel.quiet_until, channel.busy) == (1, 1.25, False)
+
+
+@pytest.mark.parametrize("text", ["605#R8", "605#4064", "606#4064600000000000", "00000605#4064600000000000"])
+def test_other_frames_are_not_requests_of_another_client(text: str) -> None:
+    script = Script(("605#4041600000000000", text, "585#4B41600037060000"))
+    assert play(upload(5, 0x6041), script)[0] == bytes.fromhex("3706")
+
+
+def test_a_transfer_begins_after_the_response_to_another_client() -> None:
+    conversation = upload(Channel(5), 0x6041, timeout=1.0)
+    next(conversation)
+    assert conversation.send(Heard(OTHER_READS, 0.0)) == Listen(1.0)
+    response = Heard(CanFrame.parse("585#4364600000000000"), 0.5)
+    assert conversation.send(response) == Send(CanFrame.parse("605#4041600000000000"))
+
+
+@pytest.mark.parametrize("text", ["605#8064600000000405", "605#A100000000000000"])
+def test_a_transfer_begins_at_once_after_the_last_frame_of_another_client(text: str) -> None:
+    conversation = upload(Channel(5), 0x6041, timeout=1.0)
+    next(conversation)
+    conversation.send(Heard(CanFrame.parse(text), 0.0))
+    assert conversation.send(Heard(None, 0.0)) == Send(CanFrame.parse("605#4041600000000000"))
+
+
+def test_a_transfer_does_not_begin_while_another_client_sends_one_request_after_the_other() -> None:
+    conversation = upload(Channel(5), 0x6041, timeout=1.0)
+    next(conversation)
+    steps = [conversation.send(Heard(OTHER_READS, tenth / 10)) for tenth in range(20)]
+    assert all(isinstance(step, Listen) for step in steps)
+    with pytest.raises(NoAnswer, match="nothing was sent"):
+        conversation.send(Heard(OTHER_READS, 2.0))
+
+
+def test_an_adapter_that_returns_what_it_sends_is_no_other_client() -> None:
+    channel = Channel(5)
+    request, response = CanFrame.parse("605#4041600000000000"), CanFrame.parse("585#4B41600037060000")
+    for _ in range(2):
+        assert play(upload(channel, 0x6041), lambda frame, now: [(now, frame), (now, response)])[1] == 0.0
+    assert channel.own_frames is None
+    play(upload(channel, 0x6041), lambda frame, now: [(now, response)])
+    assert channel.own_frames is False  # a response came, and the request did not
+    with pytest.raises(NoAnswer, match="another client"):
+        play(upload(channel, 0x6041), lambda frame, now: [(now, request), (now, response)])

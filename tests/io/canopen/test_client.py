@@ -505,3 +505,23 @@ def test_receive_gives_the_frames_since_its_first_call() -> None:
         port.deliver(CanFrame.parse("705#05"))
         assert str(client.receive(5.0)) == "705#05"
         assert client.receive() is None
+
+
+@pytest.mark.parametrize("options", ["", "&receive_own_messages=true"])
+def test_another_client_on_the_channel_is_noticed_unless_the_port_returns_what_it_sends(options: str) -> None:
+    """No node answers: the other client is a frame on the request identifier, sent when ours is on the bus."""
+    with (
+        CanopenClient(f"can://virtual/rivals?node=5{options}", timeout=0.2 if options else 30.0) as bus,
+        CanopenClient("can://virtual/rivals") as other,
+        other.frames((0x605, False)) as requests,
+    ):
+
+        def disturb() -> None:
+            requests.get(30.0)
+            other.send(CanFrame.parse("605#4064600000000000"))
+
+        disturbing = threading.Thread(target=disturb)
+        disturbing.start()
+        with pytest.raises(NoAnswer, match="within 0.2 s" if options else "another client sent 40 64 60"):
+            bus.node(5).sdo.upload(0x6041)
+        disturbing.join()

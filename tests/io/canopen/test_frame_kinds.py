@@ -93,3 +93,19 @@ def test_receive_does_not_block_when_send_takes_the_report_between_select_and_re
     finally:
         port.close()
         other.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "own_frames"),
+    [("", False), ("?receive_own_messages=true", True), ("?receive_own_messages=false", False)],
+)
+def test_a_port_knows_whether_it_returns_what_it_sends(options: str, own_frames: bool) -> None:
+    from barewire.io.ports.python_can import CanPort
+
+    port = CanPort(Endpoint.parse(f"can://virtual/own-frames{options}"))
+    try:
+        port.send(CanFrame(0x100, b"\1"))
+        assert port.own_frames is own_frames
+        assert (port.receive(0.0) is not None) is own_frames
+    finally:
+        port.close()

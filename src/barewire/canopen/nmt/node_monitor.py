@@ -105,6 +105,13 @@ class NodeMonitor:
         except DecodeError:
             return None
 
+    def unanswered(self, request_id: int, response_id: int) -> float | None:
+        """Return when the last SDO request was received, None if a response came after it, or if it needs none."""
+        request, response = self._base.get(request_id), self._base.get(response_id)
+        if request is None or (response is not None and response[1] >= request[1]):
+            return None
+        return None if request[2].data[:1] in (b"\x80", b"\xa1") else request[1]
+
     def mark(self, response_id: int) -> TrafficMark:
         """Return the present counts, to be given to `explain_silence` later."""
         return TrafficMark(self.frames, self._extended.get(response_id, 0))

@@ -269,7 +269,9 @@ class CanBus:
         with self._locking:
             channel = self._channels.get((node, dialect))
             if channel is None:
-                channel = self._channels[node, dialect] = Channel(node, dialect, node_monitor=self.monitor)
+                own = getattr(self.port, "own_frames", None)
+                channel = Channel(node, dialect, node_monitor=self.monitor, own_frames=own)
+                self._channels[node, dialect] = channel
             return channel
 
     def request_lock(self, keys: LockKeys | None, owner: Hashable, wake: Callable[[], None]) -> ChannelLock:

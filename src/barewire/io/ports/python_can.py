@@ -57,6 +57,10 @@ class CanPort:
             key: _plain(value) for key, value in endpoint.options.items() if key not in CAN_OPTIONS
         }
         check_interface(endpoint)
+        self.own_frames: bool | None = None if interface not in _CHECKED_INTERFACES or interface == "slcan" else False
+        """Whether `receive` returns the frames that were sent here too. Of an adapter it is not known."""
+        if interface == "udp_multicast" or extra.get("receive_own_messages"):
+            self.own_frames = True
         if interface == "socketcand":
             channel = _socketcand_options(channel, extra)
         elif interface == "slcan":

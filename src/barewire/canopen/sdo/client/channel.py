@@ -11,6 +11,11 @@ a channel only its own frames gives it a `node_monitor`, which explains a time-o
 After a time-out the channel waits for one more time-out, until `quiet_until`, before the next request, so that a late
 response is not mistaken for the response to that request.
 
+A channel has one client. If a second one sends on it, both receive its responses, and the server takes the frames of
+both for one transfer. A frame on the request identifier that this client did not send reveals the other one: during a
+transfer `receive` raises OtherClient; before a transfer `settle` waits for the response to it. Some adapters return the
+frames that they send. Whether this one does shows at the first response, which a returned request precedes.
+
 Depends on: messages, times passed in. Used by: transfers, the CAN bus, which keeps one for each node.
 """
 
@@ -27,12 +32,18 @@ from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.messages.codec import M, decode_one_of, is_any_response
 from barewire.canopen.sdo.messages.initiate import ExpeditedUpload
 from barewire.conversation import Conversation, Heard, Listen
-from barewire.errors import DecodeError, EncodeError
+from barewire.errors import DecodeError, EncodeError, NoAnswer
 
 _BACKLOG = 0.1
 """Seconds that reading the waiting frames may take at most: a busy bus is never silent."""
 
 _PAST = float("-inf")
+
+_LAST_FRAMES = b"\x80\xa1"  # the commands of a client that no response follows: an abort, the end of a block upload
+
+
+class OtherClient(NoAnswer):
+    """Another client sent a request on the channel, so a response may be the one to its request."""
 
 
 @dataclass(slots=True)
@@ -41,6 +52,7 @@ class ChannelCounters:
 
     responses: int = 0  # frames on the response identifier of this channel
     others: int = 0  # frames on other identifiers
+    rivals: int = 0  # of `others`: requests of another client on this channel
     signs: int = 0  # of `others`: sent by the node of this channel
     late: int = 0  # of `responses`: responses to an earlier request
     garbled: int = 0  # of `responses`: cannot be decoded
@@ -80,6 +92,8 @@ class ChannelCounters:
             parts.append(f"{_count(self.late, 'response')} to another request")
         if self.garbled:
             parts.append(f"{self.garbled} unreadable")
+        if self.rivals:
+            parts.append(f"{_count(self.rivals, 'request')} of another client on the same channel")
         return parts
 
     def add(self, other: ChannelCounters) -> None:
@@ -100,7 +114,9 @@ class Channel:
     """The client's end of one SDO channel.
 
     Keep one for each node and pass it to every transfer, because it records whether the last transfer timed out.
-    `counters` counts during the present transfer, `total` is the sum of the transfers before.
+    `counters` counts during the present transfer, `total` is the sum of the transfers before. `own_frames` is
+    whether the port also delivers the frames that it sends. If it does, another client cannot be noticed; None: it is
+    found out at the first response.
 
     >>> channel = Channel(5)
     >>> f"{channel.request_id:X}h {channel.response_id:X}h"
@@ -115,11 +131,13 @@ class Channel:
         "dialect",
         "node",
         "node_monitor",
+        "own_frames",
         "quiet_until",
         "request_extended",
         "request_id",
         "response_extended",
         "response_id",
+        "sent",
         "total",
     )
 
@@ -130,6 +148,7 @@ class Channel:
         *,
         cob_ids: tuple[CobEntry, CobEntry] | None = None,
         node_monitor: NodeMonitor | None = None,
+        own_frames: bool | None = None,
     ) -> None:
         self.node = node
         self.dialect = dialect
@@ -137,6 +156,8 @@ class Channel:
         self.request_id, self.request_extended = request[:2]
         self.response_id, self.response_extended = response[:2]
         self.node_monitor = node_monitor
+        self.own_frames = own_frames
+        self.sent: list[bytes] = []  # while `own_frames` is None: the frames sent, but not returned
         self._mark: TrafficMark | None = None
         self.blocks = True  # False after the server has refused blocks: `block="auto"` does not request them again
         self.quiet_until: float | None = None
@@ -145,7 +166,10 @@ class Channel:
         self.total = ChannelCounters()
 
     def receive(self, frame: CanFrame) -> bytes | None:
-        """Count a frame, and return its data if it is on the response identifier."""
+        """Count a frame, and return its data if it is on the response identifier.
+
+        Raise OtherClient for a request that this client did not send.
+        """
         if frame.id != self.response_id or frame.extended != self.response_extended or frame.remote:
             self._count_other(frame)
             return None
@@ -167,8 +191,21 @@ class Channel:
         counters.unsized += isinstance(message, ExpeditedUpload) and not message.indicated
         return message
 
+    def learn_own_frames(self, request: bytes) -> None:
+        """Record that the port does not return what it sends, if the response came and the request did not."""
+        if request in self.sent:
+            self.own_frames = False
+            self.sent.clear()
+
     def _count_other(self, frame: CanFrame) -> None:
         self.counters.others += 1
+        is_request = frame.id == self.request_id and frame.extended == self.request_extended and len(frame.data) == 8
+        if is_request and self.own_frames is None and frame.data in self.sent:
+            self.sent.remove(frame.data)
+        elif is_request and not self.own_frames:
+            self.counters.rivals += 1
+            data = frame.data.hex(" ").upper()
+            raise OtherClient(f"another client sent {data} on {self.request_id:03X}h, the channel to node {self.node}")
         self.counters.extended += frame.extended and not self.response_extended and frame.id == self.response_id
         owner = classify(frame)
         if owner is None or owner[1] != self.node or not owner[0].from_device or frame.remote:
@@ -186,6 +223,7 @@ class Channel:
             raise EncodeError(f"{place} must wait: the SDO channel to node {self.node} carries one transfer at a time")
         self.total.add(self.counters)
         self.counters = ChannelCounters(state=self.counters.state)
+        del self.sent[:-1]
         self._mark = None if self.node_monitor is None else self.node_monitor.mark(self.response_id)
         self.busy = True
 
@@ -197,16 +235,33 @@ class Channel:
         text = monitor.explain_silence(self.node, self.response_id, self._mark, now, responses=count)
         return ", ".join([text, *self.counters.oddities()])
 
-    def settle(self) -> Conversation[CanFrame, None]:
-        """Discard the frames that wait; after a time-out, also those that arrive until `quiet_until`."""
+    def settle(self, timeout: float) -> Conversation[CanFrame, None]:
+        """Discard the frames that wait; after a time-out, also those that arrive until `quiet_until`.
+
+        If another client has sent a request, wait for its response, at most `timeout` seconds. Raise OtherClient if it
+        sends one request after the other.
+        """
         quiet = _PAST if self.quiet_until is None else self.quiet_until
-        end: float | None = None
+        asked = None
+        if self.node_monitor is not None and not self.own_frames:
+            asked = self.node_monitor.unanswered(self.request_id, self.response_id)
+        taken = _PAST if asked is None else asked + timeout  # until then the other client may get its response
+        end = give_up = 0.0
         while True:
-            heard: Heard[CanFrame] = yield Listen(quiet)
-            end = max(quiet, heard.now + _BACKLOG) if end is None else end
+            heard: Heard[CanFrame] = yield Listen(max(quiet, taken))
+            if not end:
+                end = max(quiet, heard.now + _BACKLOG)
+                give_up = max(end, heard.now + 2 * timeout)
             if heard.item is not None:
-                self.counters.late += self.receive(heard.item) is not None
-            if (heard.item is None and heard.now >= quiet) or heard.now >= end:
+                try:
+                    if self.receive(heard.item) is not None:
+                        self.counters.late += 1
+                        taken = _PAST
+                except OtherClient:
+                    taken = _PAST if heard.item.data[:1] in _LAST_FRAMES else heard.now + timeout
+                    if heard.now >= give_up:
+                        raise
+            if heard.now >= taken and ((heard.item is None and heard.now >= quiet) or heard.now >= end):
                 break
         self.quiet_until = None
 

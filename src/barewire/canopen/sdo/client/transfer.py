@@ -5,12 +5,15 @@
         broken    the server broke the protocol: the client sends the abort code for it         SdoAbort, with `why`
         silent    the time-out passed: the client sends abort 0504 0000h                        NoAnswer
         left      abandoned, or the caller's data or sink failed: it sends abort 0800 0000h     as it was raised
+        disputed  another client sent a request on this channel: the client sends nothing more   NoAnswer
 
 A request is never repeated automatically: after a time-out it is unknown whether the first one arrived.
 
 A server that aborts because it is out of step (0503 0000h, 0504 0000h, 0504 0001h, 0504 0003h) has received something
 unintended, perhaps a frame twice, and may respond to that too. So the channel is quiet for a time before the next
 transfer, as after a time-out; otherwise this response could confirm the next request.
+
+An abort would end the transfer of another client that the server may have begun, so a disputed transfer ends silently.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from typing import TypeVar
 
 from barewire.canopen.abort_codes import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.client.channel import Channel
+from barewire.canopen.sdo.client.channel import Channel, OtherClient
 from barewire.canopen.sdo.messages.codec import M, SdoMessage
 from barewire.canopen.sdo.messages.initiate import Abort
 from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
@@ -58,8 +61,14 @@ class ClientTransfer:
         channel = self.channel
         channel.begin(str(self))
         try:
-            yield from channel.settle()
+            yield from channel.settle(self.timeout)
             return (yield from body)
+        except OtherClient as other:
+            outcome = "nothing was sent"
+            if self.until is not None:
+                channel.quiet_until = self.now + self.timeout
+                outcome = f"whether the {self.verb} of {self} was carried out is unknown"
+            raise NoAnswer(f"{other}, and a response may be the one to it: {outcome}") from None
         except SdoAbort as refusal:
             if refusal.code in _OUT_OF_STEP:
                 channel.quiet_until = self.now + self.timeout
@@ -90,10 +99,15 @@ class ClientTransfer:
 
     def send(self, data: bytes) -> Send[CanFrame]:
         """Send eight bytes to the server."""
+        if self.channel.own_frames is None:
+            self.channel.sent.append(data)
         return Send(CanFrame(self.channel.request_id, data, self.channel.request_extended))
 
     def send_all(self, every: Iterable[bytes]) -> SendAll[CanFrame]:
         """Send many frames, such as the segments of a block."""
+        if self.channel.own_frames is None:
+            every = [*every]
+            self.channel.sent += every
         return SendAll(CanFrame.each(self.channel.request_id, every, self.channel.request_extended))
 
     def send_request(self, data: bytes) -> Conversation[CanFrame, None]:
@@ -104,8 +118,12 @@ class ClientTransfer:
 
     def request(self, message: SdoMessage, wanted: tuple[type[M], ...]) -> Conversation[CanFrame, M]:
         """Send a request and return its response: a message of a wanted kind, about the same object."""
-        yield from self.send_request(message.encode())
-        return (yield from self.response(wanted))
+        data = message.encode()
+        yield from self.send_request(data)
+        response = yield from self.response(wanted)
+        if self.channel.own_frames is None:
+            self.channel.learn_own_frames(data)
+        return response
 
     def response(self, wanted: tuple[type[M], ...]) -> Conversation[CanFrame, M]:
         """Wait for a message of a wanted kind. Raise SdoAbort, and ProtocolViolation at the time-out."""

@@ -218,4 +218,7 @@ def _send(frame: CanFrame) -> Conversation[CanFrame, None]:
 def sdo_transfer(channel: Channel, conversation: Conversation[CanFrame, T], timeout: float) -> BusOperation[T]:
     """Return the operation that carries out a conversation on one SDO channel, and locks that channel."""
     key = channel.response_id, channel.response_extended
-    return BusOperation(conversation, frozenset({("SDO", *key)}), frozenset({key}), timeout)
+    receives = {key}
+    if not channel.own_frames:
+        receives.add((channel.request_id, channel.request_extended))  # a request of another client; see `Channel`
+    return BusOperation(conversation, frozenset({("SDO", *key)}), frozenset(receives), timeout)
