@@ -24,7 +24,7 @@ from typing import Literal, get_args
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.datatypes import ObjectCodec, object_codec
 from barewire.codecs import Value
-from barewire.errors import DecodeError, EncodeError
+from barewire.errors import DecodeError, EncodeError, shown
 
 ObjectAccess = Literal["ro", "wo", "rw", "const"]
 ObjectAddress = tuple[int, int]
@@ -163,7 +163,13 @@ class ObjectDictionary:
         """Return the entry of a name or an address. Raise EncodeError if there is none."""
         if isinstance(ref, str):
             return self.find(ref)
-        index, sub = (ref, 0) if isinstance(ref, int) else ref
+        match ref:
+            case int(index):
+                sub = 0
+            case (int(index), int(sub)):
+                pass
+            case _:
+                raise EncodeError(f"{shown(ref)}: expected the name of an object, its index, or (index, sub-index)")
         if (index, sub) not in self._entries:
             raise EncodeError(f"there is no object {index:04X}h:{sub:02X}")
         return self._entries[index, sub]

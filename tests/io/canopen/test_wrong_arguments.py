@@ -9,13 +9,35 @@ from typing import Any
 import pytest
 
 from barewire import CanopenClient
-from barewire.canopen import CanFrame, PdoConfig
+from barewire.canopen import CanFrame, Entry, ObjectDictionary, PdoConfig
 from barewire.errors import EncodeError
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.shared_bus import CanBus
+from tests.helpers import refused
 from tests.io.canopen.memory_bus import MemoryPort, device
 
 NAN = float("nan")
+
+OBJECTS = ObjectDictionary([Entry(0x2000, 0, "speed", "u16", "rw", 5)])
+TEXTS: list[tuple[Callable[[Any], Any], str]] = [
+    (lambda c: c.node(eds=OBJECTS).read_all(0x2000), "read_all(8192): expected several objects; one is read(8192)"),
+    (lambda c: c.node(eds=OBJECTS).read_all([1.5]), "1.5: expected the name of an object, its index, or (index, sub"),
+    (
+        lambda c: c.node(eds=OBJECTS).read((0x2000,)),
+        "(8192,): expected the name of an object, its index, or (index, su",
+    ),
+    (lambda c: c.node(eds=OBJECTS).write(None, 5), "None: expected the name of an object, its index, or (index, sub"),
+    (lambda c: c.frames(5), "5: expected (identifier, extended), such as (5, False)"),
+    (lambda c: c.frames((5, False), "x"), "'x': expected (identifier, extended), such as (0x185, False)"),
+    (lambda c: c.frames((0x20000000, True)), "(536870912, True): expected (identifier, extended)"),
+    (lambda c: c.emergencies(0x85), "133: expected a mapping of (identifier, extended) to node-ID"),
+    (lambda c: c.emergencies({0x85: 5}), "133: expected (identifier, extended), such as (133, False)"),
+    (lambda c: c.node(5).emergencies(0x85), "133: expected (identifier, extended), such as (133, False)"),
+    (lambda c: c.scan(5), "scan(5): expected several node-IDs; one node is scan([5])"),
+    (lambda c: c.scan("5"), "scan('5'): expected several node-IDs"),
+    (lambda c: c.scan([5, 128]), "node 128: expected a number in 1..127"),
+    (lambda c: c.scan([5.5]), "node 5.5: expected a number in 1..127"),
+]
 
 CASES: dict[str, Callable[[Any], Any]] = {
     "upload, nan": lambda c: c.node().sdo.upload(0x1000, timeout=NAN),
@@ -41,6 +63,7 @@ CASES: dict[str, Callable[[Any], Any]] = {
     "no such direction": lambda c: c.node().pdo.read_config("XPDO", 1),
     "a mapping is not a PDO": lambda c: c.node().pdo.write_config(PdoConfig("TPDO", 513, ())),
     "node 0": lambda c: c.node(0).sdo.upload(0x1000),
+    **{f"text {number}": case for number, (case, _) in enumerate(TEXTS)},
 }
 
 
@@ -82,3 +105,9 @@ def test_a_wrong_time_out_of_a_client_is_refused() -> None:
                 CanopenClient(bus, timeout=wrong)
         with CanopenClient(bus) as client, pytest.raises(EncodeError):
             client.receive(NAN)
+
+
+@pytest.mark.parametrize(("case", "text"), TEXTS, ids=[text for _, text in TEXTS])
+def test_the_error_of_a_wrong_argument_says_what_was_expected(case: Callable[[Any], Any], text: str) -> None:
+    with CanBus(MemoryPort()) as bus, CanopenClient(bus, node=6, timeout=30.0) as client, refused(EncodeError, text):
+        case(client)

@@ -32,10 +32,10 @@ from barewire.io.canopen.methods.operations import (
     send_frame,
     subscription,
 )
-from barewire.io.canopen.node import EdsNode, Node, dictionary_of
+from barewire.io.canopen.node import EdsNode, Node, check_node_id, dictionary_of
 from barewire.io.canopen.node_runner import Speaker, checked_machine
 from barewire.io.canopen.shared_bus import CanBus, can_endpoint
-from barewire.io.canopen.subscriber import Key
+from barewire.io.canopen.subscriber import Key, check_key
 from barewire.io.endpoint import check_timeout
 from barewire.io.ports.base import Port
 
@@ -257,20 +257,25 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         timeout     seconds that a node has to respond
         progress    called with each node-ID, before it is asked, and the result so far
         """
-        locks = frozenset(("SDO", 0x580 + node, False) for node in nodes)
+        if not isinstance(nodes, Collection) or isinstance(nodes, (str, bytes)):
+            one = f"; one node is scan([{nodes}])" if isinstance(nodes, int) else ""
+            raise EncodeError(f"scan({shown(nodes)}): expected several node-IDs{one}")
+        locks = frozenset(("SDO", 0x580 + check_node_id(node), False) for node in nodes)
         return BusOperation(canopen.scan(nodes, listen=listen, timeout=timeout, progress=progress), locks, None)
 
     @subscription
     def emergencies(self, cob_ids: Mapping[Key, int] | None = None) -> Subscription[canopen.EmcyEvent]:
         """Return a stream of the errors that nodes report. `cob_ids` has the node of each (identifier, extended) other
         than 80h + node."""
-        keys = {(0x80 + node, False) for node in _NODES} | ERROR_CONTROL | set(cob_ids or ())
+        if cob_ids is not None and not isinstance(cob_ids, Mapping):
+            raise EncodeError(f"{shown(cob_ids)}: expected a mapping of (identifier, extended) to node-ID")
+        keys = {(0x80 + node, False) for node in _NODES} | ERROR_CONTROL | set(map(check_key, cob_ids or ()))
         return Subscription(canopen.EmcyConsumer(cob_ids), frozenset(keys))
 
     @subscription
     def frames(self, *keys: Key) -> Subscription[canopen.CanFrame]:
         """Return a stream of all frames, or of those with these (identifier, extended)."""
-        return Subscription(FrameListener(), frozenset(keys) or None)
+        return Subscription(FrameListener(), frozenset(map(check_key, keys)) or None)
 
     @subscription
     def pdos(self, *pdos: RemotePdo) -> Subscription[PdoReceived]:

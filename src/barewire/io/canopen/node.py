@@ -30,7 +30,7 @@ from barewire.io.canopen.methods.operations import (
     subscription,
 )
 from barewire.io.canopen.methods.sdo import SdoMethods
-from barewire.io.canopen.subscriber import Key
+from barewire.io.canopen.subscriber import Key, check_key
 from barewire.io.named_values import AsyncNamedValues, CanopenNames, NamedValues
 
 if TYPE_CHECKING:
@@ -49,6 +49,13 @@ if TYPE_CHECKING:
 _NAMED = {"read", "read_all", "write", "drive"}
 
 
+def check_node_id(number: int) -> int:
+    """Return the node-ID. Raises EncodeError for any other object, and outside 1..127."""
+    if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 127:
+        raise EncodeError(f"node {number!r}: expected a number in 1..127", "node")
+    return number
+
+
 class Node(Methods[R]):
     """A node by its number. `timeout` (seconds) is that of calls that give none."""
 
@@ -62,9 +69,7 @@ class Node(Methods[R]):
         names: ObjectDictionary | Device | None = None,
     ) -> None:
         super().__init__(runner)
-        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 127:
-            raise EncodeError(f"node {number!r}: expected a number in 1..127", "node")
-        self.number = number
+        self.number = check_node_id(number)
         self.timeout = timeout
         self.sdo: SdoMethods[R] = SdoMethods(runner, number, timeout=timeout, dialect=dialect)
         self.nmt: NodeNmtMethods[R] = NodeNmtMethods(runner, number)
@@ -89,7 +94,7 @@ class Node(Methods[R]):
     def emergencies(self, cob_id: Key | None = None) -> Subscription[canopen.EmcyEvent]:
         """Return a stream of the errors that the node reports. `cob_id` is the (identifier, extended) of its emergency
         messages if object 1014h has another one than 80h + node."""
-        key = cob_id or (0x80 + self.number, False)
+        key = (0x80 + self.number, False) if cob_id is None else check_key(cob_id)
         consumer = canopen.EmcyConsumer({key: self.number}, listed_only=True)
         return Subscription(consumer, frozenset({key, (0x700 + self.number, False)}))
 
@@ -139,8 +144,8 @@ class EdsNode(Node[R]):
     def read_all(self, places: Iterable[ObjectRef] | None = None) -> BusOperation[list[ObjectReading]]:
         """Read the objects at `places`, in their order. Without places, read every readable object, and leave out those
         that the node refuses."""
-        if isinstance(places, str):
-            raise EncodeError(f"read_all({places!r}): expected several objects; one is read(name)")
+        if isinstance(places, (str, int)):
+            raise EncodeError(f"read_all({places!r}): expected several objects; one is read({places!r})")
         if places is None:
             entries = [entry for entry in self.objects if entry.access != "wo"]
         else:

@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from typing import NamedTuple, Protocol, Self, TypeAlias
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
-from barewire.errors import BarewireError, PortError
+from barewire.errors import BarewireError, EncodeError, PortError, shown
 
 SUBSCRIBER_ROOM = 4096
 """Frames that a subscriber holds: 32 blocks of an SDO transfer, or a third of a second of a full bus."""
@@ -26,6 +26,15 @@ LONGEST_PULL = 86400.0
 
 Key: TypeAlias = tuple[int, bool]
 """The sender of a frame: (identifier, extended)."""
+
+
+def check_key(key: object) -> Key:
+    """Return the key. Raises EncodeError if it is not an identifier with a bool."""
+    match key:
+        case (int(number), bool(extended)) if 0 <= number <= (0x1FFFFFFF if extended else 0x7FF):
+            return number, extended
+    example = f"({key}, False)" if isinstance(key, int) else "(0x185, False)"
+    raise EncodeError(f"{shown(key)}: expected (identifier, extended), such as {example}")
 
 
 class FramesLost(NamedTuple):
