@@ -131,7 +131,7 @@ def test_a_device_whose_byte_order_was_changed() -> None:
         output_of("write", endpoint, "csd-mt?order=ABCD", "Profile Velocity=70000")
         velocity = output_of("read", endpoint, "csd-mt?order=ABCD", "Profile Velocity")
         assert velocity == "Profile Velocity = 70000 step/s\n"
-        assert "position 300" in output_of("drive", endpoint, "csd-mt?order=ABCD", "move", "300")
+        assert "position 300" in output_of("drive", endpoint, "csd-mt?order=ABCD", "move", "300", "--enable")
     assert "expected ?order= and one of ABCD" in error_of("devices", "csd-mt?order=X")
     assert "a simulated device has its own byte order" in error_of("simulate", "csd-mt?order=ABCD", "tcp://127.0.0.1:0")
 
@@ -200,3 +200,15 @@ def test_a_late_response_does_not_reach_the_next_command() -> None:
         stop.set()
         unit.join()
         terminal.close()
+
+
+def test_a_forced_write_says_what_the_device_has_then() -> None:
+    """The word of these bits can be written, so no error comes, and the drive keeps the bits of its state."""
+    with simulated_at("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0") as endpoint:
+        printed = output_of(
+            "write", endpoint, "az3", "READY TO SWITCH ON=on", "TARGET TORQUE=5", "--force"
+        ).splitlines()
+        assert printed == [
+            "READY TO SWITCH ON = on, written: its object was read, changed and written back, but the device has off",
+            "TARGET TORQUE = 5 ‰ of rated torque, written",
+        ]

@@ -58,7 +58,11 @@ def read_command(endpoint: str, device: str, names: tuple[str, ...], as_json: bo
 @endpoint_argument
 @device_argument
 @click.argument("assignments", nargs=-1, required=True, metavar="NAME=VALUE...")
-@click.option("--force", is_flag=True, help="Write also values that are read only or out of range.")
+@click.option(
+    "--force",
+    is_flag=True,
+    help="Write also values that are read only or out of range, and read back what the device has then.",
+)
 @json_option
 @timing_option
 def write_command(
@@ -87,7 +91,8 @@ def write_command(
             machine.write(values, force=force)
             for name, value in values.items():
                 reading = Reading(description.find(name), value)
-                _print_reading(reading, as_json, how=_how_written(reading.parameter, endpoint))
+                how = _how_written(reading.parameter, endpoint)
+                _print_reading(reading, as_json, how=how + (_read_back(machine, reading) if force else ""))
 
 
 @contextmanager
@@ -144,6 +149,22 @@ def _how_written(parameter: Parameter, endpoint: str) -> str:
     else:
         part = "register" if parameter.modbus is not None and parameter.modbus.partial else ""
     return f"written: its {part} was read, changed and written back" if part else "written"
+
+
+def _read_back(machine: MachineClient, written: Reading) -> str:
+    """Return what the device has after a forced write: it may keep its own value and report no error."""
+    parameter = written.parameter
+    if not parameter.readable or not parameter.answered:
+        return ""
+    try:
+        now = machine.read(parameter.name)
+    except BarewireError as error:
+        return f"; not read back: {error}"
+    return (
+        ""
+        if parameter.text(now.value) == parameter.text(written.value)
+        else f", but the device has {parameter.text(now.value)}"
+    )
 
 
 def _print_reading(reading: Reading, as_json: bool, how: str = "") -> None:

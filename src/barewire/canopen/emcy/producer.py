@@ -24,6 +24,7 @@ from barewire.canopen.communication_objects import integer_value, replace_entry,
 from barewire.canopen.emcy.message import Emergency, register_of
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
+from barewire.errors import EncodeError, shown
 
 _REGISTER, _HISTORY, _COB_ID, _INHIBIT = 0x1001, 0x1003, 0x1014, 0x1015
 _COMMUNICATION_ERRORS = range(0x8000, 0x9000)
@@ -117,7 +118,14 @@ class EmcyProducer:
     def error(
         self, code: int, now: float, *, source: Hashable = None, info: bytes = b"", register: int | None = None
     ) -> list[CanFrame]:
-        """Record an error and return its emergency. `register` are its bits of 1001h; default: those of its class."""
+        """Record an error and return its emergency. `register` are its bits of 1001h; default: those of its class.
+
+        Raises EncodeError, and records nothing, for a code or register that is not a whole number of 16 or 8 bits.
+        """
+        for name, number, limit in (("code", code, 0xFFFF), ("register", register, 0xFF)):
+            whole = isinstance(number, int) and 0 <= number <= limit
+            if not whole and not (number is None and name == "register"):
+                raise EncodeError(f"{name} = {shown(number)}: expected a whole number in 0..{limit:X}h")
         if (code, source) in self._active:
             return []
         self._active[code, source] = register_of(code) if register is None else register

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from barewire.devices.drive.cia402 import State
+from barewire.errors import EncodeError
 from barewire.modbus.messages.coils import ReadCoils, ReadDiscreteInputs, WriteMultipleCoils, WriteSingleCoil
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId
 from barewire.modbus.messages.registers import ReadHoldingRegisters, ReadInputRegisters, WriteSingleRegister
@@ -211,3 +214,17 @@ def test_the_drive_can_enable_itself_at_power_on(bench: Bench) -> None:
     bench.now = 1.0
     assert states(bench) == [85]
     assert bench.refused(ReportServerId()) == 1
+
+
+@pytest.mark.parametrize(
+    "arguments", [(0x3210, 1.5), (12816.0, 1), (0x12345, 1), (0x3210, 999), ("3210h", 1), (0x3210, -1)]
+)
+def test_an_error_that_is_no_number_of_an_emergency_is_refused_and_not_recorded(arguments: tuple[Any, Any]) -> None:
+    bench = az3_bench()
+    assert bench.machine.canopen is not None
+    with pytest.raises(EncodeError, match="expected a whole number in"):
+        bench.machine.canopen.error(*arguments)
+    assert bench.frames("080#") == []
+    assert bench.upload(0x1001) == b"\x00"
+    bench.machine.canopen.error(0x3210, 5)
+    assert bench.frames() == ["081#1032050000000000"]
