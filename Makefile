@@ -6,6 +6,8 @@
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 NEW    := import sys; sys.exit(sys.version_info < (3, 11))
+# Tests run in two processes, one file at a time in each, because many of them wait. One process: WORKERS=
+WORKERS ?= -n 2 --dist loadfile
 PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
             $$p -c '$(NEW)' 2>/dev/null && echo $$p && exit; done; echo python3)
 
@@ -14,6 +16,9 @@ help: ## show this list
 
 demo: $(VENV)/installed-all ## watch it work: three devices, two protocols, no hardware
 	@$(BIN)/barewire demo
+
+check: style types ## what to run while you work, in less than a minute: format, lint, types, the tests that do not wait
+	$(BIN)/pytest -rs $(WORKERS) -m "not long" --ignore=tests/io --ignore=tests/cli --ignore=tests/interop $(ARGS)
 
 test: style types suite ## everything a change must pass: format, lint, types, then all tests
 
@@ -25,7 +30,7 @@ types: $(VENV)/installed-dev ## strict types
 	$(BIN)/mypy
 
 suite: $(VENV)/installed-dev ## layers, unit tests, vectors, doc examples, interop; ARGS= for pytest
-	$(BIN)/pytest -rs $(ARGS)
+	$(BIN)/pytest -rs $(WORKERS) $(ARGS)
 
 bench: $(VENV)/installed-bench ## our work beside that of other libraries and hand-written code; writes docs/speed.md
 	@mkdir -p build
@@ -55,5 +60,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo test style types suite bench proof format clean
+.PHONY: help demo check test style types suite bench proof format clean
 .NOTPARALLEL:

@@ -32,6 +32,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parent.parent
 SRC = ROOT / "src"
 MODULES = [file for file in sorted((SRC / "barewire").rglob("*.py")) if ">>> " in file.read_text(encoding="utf-8")]

@@ -16,6 +16,8 @@ from barewire import ModbusServer
 from barewire.errors import REASONS
 from barewire.modbus import Table
 
+pytestmark = pytest.mark.long
+
 SRC = Path(__file__).parent.parent / "src"
 
 DOOR = {"barewire", "barewire._lazy"}

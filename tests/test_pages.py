@@ -17,6 +17,8 @@ from tests.interop.conftest import pytest_runtest_call
 from tests.interop.services import PUBLIC
 from tools import conform_can, devices, interop
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize("tool", [conform_can, devices, interop], ids=lambda tool: tool.__name__)
 def test_a_page_is_up_to_date(tool: ModuleType) -> None:

@@ -25,6 +25,8 @@ import pytest
 from tests.helpers import free_port
 from tests.test_docs import PAGES, ROOT, Block, blocks, named
 
+pytestmark = pytest.mark.long
+
 PROMPT = re.compile(r"\[(\d+)\]% $")
 """The prompt of the terminals: the status of the command before it."""
 

@@ -89,8 +89,8 @@ for case in cases(subject):
 
 `play` does not feed a device at its `deadline`, so it sends nothing by itself; the other cases need a bus that does.
 
-The simulated AZ3 passes all cases for its objects but four, where it follows its guide: it has no identity object
-(SDO-03, SDO-04), accepts every number in four bytes (SDO-47) and stores without a signature (SDO-51).
+The simulated AZ3 passes all cases for its objects but three, where it follows its guide: it has no identity object
+(SDO-03, SDO-04) and sends every number in four bytes (SDO-47).
 
 A LocalNode of the `canopen` library (2.4.1) answers in STOPPED (NMT-02, -03, -04, -06), sends no boot-up message after
 a reset (NMT-10, -11, -13, -15), answers a frame with 29 bits like one with 11 (SDO-32), has every sub-index of a

@@ -11,6 +11,8 @@ from tests.model.choices import Choices, run_all, run_random
 from tests.model.one_line import Fate, Framing, Setup, Tally, scenario
 from tests.model.setups import EVERYTHING, SMALL, for_framing
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize("framing", ["rtu", "ascii", "tcp"])
 @pytest.mark.parametrize("setup", SMALL.values(), ids=SMALL)

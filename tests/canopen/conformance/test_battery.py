@@ -33,7 +33,6 @@ DEVIATIONS = {
     "SDO-03": "it lists no identity object",
     "SDO-04": "it lists no identity object",
     "SDO-47": "it sends every number in four bytes",
-    "SDO-51": "it stores without the signature",
 }
 
 

@@ -81,6 +81,7 @@ def count_successes(seed: int) -> int:
     return worked
 
 
+@pytest.mark.long
 def test_no_false_success_under_random_faults() -> None:
     worked = sum(count_successes(seed) for seed in range(1000))
     assert 6000 < worked < 9500  # there were enough faults, and enough successes

@@ -13,6 +13,8 @@ from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.messages.registers import WriteMultipleRegisters, WriteSingleRegister
 from tests.devices.sim.bench import Bench
 
+pytestmark = pytest.mark.long
+
 WORDS = st.integers(0, 0xFFFF) | st.sampled_from([0, 1, 3, 6, 7, 0x0F, 0x1F, 0x3F, 0x80, 0x10F, 0x7F80, 0xFF80])
 PAUSES = st.sampled_from([0.0, 0.001, 0.3, 7.0, 1e5])
 

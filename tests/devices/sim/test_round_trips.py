@@ -17,6 +17,8 @@ from barewire.modbus import ModbusException
 from barewire.modbus.messages.registers import WriteSingleRegister
 from tests.devices.sim.wires import WIRES, CanopenWire, ModbusWire, Wire, canopen
 
+pytestmark = pytest.mark.long
+
 # Not read back as written: each acts and returns to its rest value, or shows a measured value.
 PUSHED = {
     "csd-mt": {

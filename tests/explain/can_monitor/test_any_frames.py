@@ -98,6 +98,7 @@ def test_passing_time_ends_all_deadlines(words: list[int], far: bool) -> None:
     raise AssertionError("the deadlines do not end")
 
 
+@pytest.mark.long
 def test_nothing_grows_without_a_bound() -> None:
     """All identifiers, all nodes, all objects of the mapping: memory stays bounded, and refused bytes are counted."""
     monitor = CanMonitor(held=100_000)
@@ -131,6 +132,7 @@ def test_nothing_grows_without_a_bound() -> None:
     assert HELD_MAX >= VALUE_MAX
 
 
+@pytest.mark.long
 def test_a_value_too_long_to_hold_is_counted_and_its_crc_checked() -> None:
     """The bytes are not held, but the CRC is computed."""
     monitor, events = CanMonitor(), list[MonitorEvent]()

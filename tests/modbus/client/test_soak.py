@@ -6,6 +6,8 @@ import pytest
 
 from tests.modbus.client.soak import CARRIERS, SERIAL, TCP, soak
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize("carrier", CARRIERS)
 def test_no_answer_is_delivered_to_another_request(carrier: str) -> None:
