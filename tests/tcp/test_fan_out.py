@@ -113,3 +113,6 @@ def test_lines_take_answers_of_any_unit_on_request() -> None:
         fan = FanOut(1, any_unit=any_unit)
         fan.lines[0].request(1, b"\x07")
         assert fan.lines[0].answers(Adu(2, b"\x07\x00", 1)) is any_unit
+    by_default = FanOut(1)
+    by_default.lines[0].request(1, b"\x07")
+    assert not by_default.lines[0].answers(Adu(2, b"\x07\x00", 1))

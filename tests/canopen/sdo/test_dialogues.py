@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from binascii import crc_hqx
+from collections.abc import Callable
 
 import pytest
 
@@ -48,9 +49,9 @@ def lines(text: str) -> list[str]:
 
 
 # From the logs of a conformance test tool, or derived from the rules of the standard.
-DIALOGUES = {
+DIALOGUES: dict[str, tuple[Callable[[], Conversation[CanFrame, object]], object, str]] = {
     "write in segments": (
-        download(5, 0x1017, 0, [b"\0\0"], size=2),
+        lambda: download(5, 0x1017, 0, [b"\0\0"], size=2),
         None,
         """C 21 17 10 00 02
            S 60 17 10 00
@@ -58,7 +59,7 @@ DIALOGUES = {
            S 20""",
     ),
     "read in segments": (
-        upload(5, 0x1008),
+        lambda: upload(5, 0x1008),
         NAME.encode(),
         """C 40 08 10 00
            S 41 08 10 00 10
@@ -70,7 +71,7 @@ DIALOGUES = {
            S 0B 33 32""",
     ),
     "read in blocks without CRC": (
-        upload(5, 0x1000, block=BlockSettings(20, crc=False)),
+        lambda: upload(5, 0x1000, block=BlockSettings(20, crc=False)),
         bytes.fromhex("91010F00"),
         """C A0 00 10 00 14
            S C6 00 10 00 04
@@ -81,7 +82,7 @@ DIALOGUES = {
            C A1""",
     ),
     "read in blocks": (
-        upload(5, 0x1008, block=BlockSettings(20)),
+        lambda: upload(5, 0x1008, block=BlockSettings(20)),
         NAME.encode(),
         """C A4 08 10 00 14
            S C6 08 10 00 10
@@ -94,7 +95,7 @@ DIALOGUES = {
            C A1""",
     ),
     "write 2 bytes in a block": (
-        download(5, 0x1017, 0, b"\0\0", block=True),
+        lambda: download(5, 0x1017, 0, b"\0\0", block=True),
         None,
         """C C6 17 10 00 02
            S A4 17 10 00 7F
@@ -104,7 +105,7 @@ DIALOGUES = {
            S A1""",
     ),
     "write 10 bytes in a block": (
-        download(5, 0x2100, 0, b"0123456789", block=True),
+        lambda: download(5, 0x2100, 0, b"0123456789", block=True),
         None,
         """C C6 00 21 00 0A
            S A4 00 21 00 7F
@@ -115,7 +116,7 @@ DIALOGUES = {
            S A1""",
     ),
     "write 10 bytes in a block, size not told": (
-        download(5, 0x2100, 0, b"0123456789", indicated=False, block=BlockSettings(crc=False)),
+        lambda: download(5, 0x2100, 0, b"0123456789", indicated=False, block=BlockSettings(crc=False)),
         None,
         """C C0 00 21 00
            S A4 00 21 00 7F
@@ -126,7 +127,7 @@ DIALOGUES = {
            S A1""",
     ),
     "write nothing in segments": (
-        download(5, 0x2100, 0, b""),
+        lambda: download(5, 0x2100, 0, b""),
         None,
         """C 21 00 21 00
            S 60 00 21 00
@@ -134,7 +135,7 @@ DIALOGUES = {
            S 20""",
     ),
     "write nothing in a block": (
-        download(5, 0x2100, 0, b"", block=True),
+        lambda: download(5, 0x2100, 0, b"", block=True),
         None,
         """C C6 00 21 00
            S A4 00 21 00 7F
@@ -144,7 +145,7 @@ DIALOGUES = {
            S A1""",
     ),
     "read nothing in segments": (
-        upload(5, 0x2100),
+        lambda: upload(5, 0x2100),
         b"",
         """C 40 00 21 00
            S 41 00 21 00
@@ -152,7 +153,7 @@ DIALOGUES = {
            S 0F""",
     ),
     "write 3 bytes of a size not told": (
-        download(5, 0x2100, 0, b"abc", indicated=False),
+        lambda: download(5, 0x2100, 0, b"abc", indicated=False),
         None,
         """C 20 00 21 00
            S 60 00 21 00
@@ -160,13 +161,13 @@ DIALOGUES = {
            S 20""",
     ),
     "a short value comes in one frame, if that is allowed": (
-        upload(5, 0x1000, block=BlockSettings(20, switch=4, falls_back=False)),
+        lambda: upload(5, 0x1000, block=BlockSettings(20, switch=4, falls_back=False)),
         bytes.fromhex("91010F00"),
         """C A4 00 10 00 14 04
            S 43 00 10 00 91 01 0F""",
     ),
     "a longer one in segments": (
-        upload(5, 0x1008, block=BlockSettings(20, switch=16, falls_back=False)),
+        lambda: upload(5, 0x1008, block=BlockSettings(20, switch=16, falls_back=False)),
         NAME.encode(),
         """C A4 08 10 00 14 10
            S 41 08 10 00 10
@@ -182,10 +183,10 @@ DIALOGUES = {
 
 @pytest.mark.parametrize("name", DIALOGUES)
 def test_our_client_and_our_server(name: str) -> None:
-    conversation, result, text = DIALOGUES[name]
+    begin, result, text = DIALOGUES[name]
     server = SdoServer(5, objects())
     bus = Bus(server)
-    assert bus.run(conversation) == result
+    assert bus.run(begin()) == result
     bus.rest(5.0)
     assert bus.log == lines(text)
     assert (server.deadline, server.counters.aborts_sent) == (None, 0)

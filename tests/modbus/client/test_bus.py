@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.ascii import AsciiLine, encode as ascii_frame
-from barewire.conversation import Abandoned, Heard, Send, Wire
+from barewire.conversation import Abandoned, Heard, Send
 from barewire.errors import EncodeError, NoAnswer
 from barewire.modbus import (
     Diagnostics,
@@ -17,14 +17,13 @@ from barewire.modbus import (
     ReadInputRegisters,
     Server,
     Unanswered,
-    WriteOutcomeUnknown,
     WriteSingleRegister,
 )
 from barewire.modbus.client.bus import Bus
 from barewire.rtu import RtuLine, encode as rtu_frame
 from barewire.tcp import TcpLine, encode as tcp_frame
 from tests.helpers import modest
-from tests.modbus.client.slow import TIMING, Clock, InTime, Slow, read, rtu_bus, table
+from tests.modbus.client.slow import TIMING, Clock, Slow, read, rtu_bus, table
 
 
 @pytest.mark.parametrize("recovery", ["probe", "wait"])
@@ -47,47 +46,6 @@ def test_a_late_exception_is_not_taken_for_the_next_answer() -> None:
     with pytest.raises(NoAnswer):
         clock.play(read(bus, 255 + 10))  # beyond the table: its late answer is an exception
     assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
-
-
-def test_exception_88_to_a_probe_proves_as_much_as_its_echo() -> None:
-    bus = rtu_bus()
-    slow = Slow([1.5], function_08="declined")
-    clock = Clock(slow)
-    with pytest.raises(NoAnswer):
-        clock.play(read(bus, 10))
-    clock.play(read(bus, 20))
-    assert slow.asked[1][1] == 0x08
-    assert bus.counters.probes == 1
-
-
-def test_a_unit_that_ignores_probes_is_asked_after_the_late_window() -> None:
-    bus = rtu_bus(late_window=3.5)
-    clock = Clock(Slow([None], function_08="ignored"))
-    with pytest.raises(NoAnswer):
-        clock.play(read(bus, 10))
-    for _ in range(2):
-        with pytest.raises(
-            NoAnswer, match=r"did not answer a probe within 1 s, and .* Read Holding Registers was not sent"
-        ):
-            clock.play(read(bus, 20))
-    clock.now = 3.6
-    assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
-    assert bus.counters.probes == 2
-
-
-def test_the_late_exception_to_a_probe_does_not_prove_what_a_later_probe_asks_for() -> None:
-    """Answers in order, each within 0.8 s of its request, and no function 08."""
-    bus = rtu_bus(late_window=0.9)
-    clock = Wire(InTime([0.35, 0.80, 0.002, 0.002, 0.002], function_08="declined"))
-    with pytest.raises(NoAnswer):
-        clock.play(read(bus, 1, timeout=0.3))
-    for address in (2, 3, 4, 5):
-        try:
-            answer = clock.play(read(bus, address, timeout=0.3))
-        except NoAnswer:
-            continue
-        assert answer == ReadHoldingRegisters(address, 1).response((address,))  # type: ignore[call-arg]
-    assert clock.play(read(bus, 6, timeout=0.3)) == ReadHoldingRegisters(6, 1).response((6,))  # type: ignore[call-arg]
 
 
 @pytest.mark.parametrize(
@@ -214,27 +172,6 @@ def test_a_late_answer_and_the_right_one_in_one_read() -> None:
     assert answer == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
 
 
-def test_a_write_without_answer_is_outcome_unknown_and_not_repeated() -> None:
-    bus = rtu_bus()
-    slow = Slow([None, None, None])
-    with pytest.raises(WriteOutcomeUnknown, match="whether it was carried out is unknown"):
-        Clock(slow).play(bus.ask(1, WriteSingleRegister(1, 2), retries=2))
-    assert len(slow.asked) == 1
-
-
-def test_a_write_is_repeated_with_repeat_writes() -> None:
-    bus = rtu_bus()
-    slow = Slow([None])
-    Clock(slow).play(bus.ask(1, WriteSingleRegister(1, 2), retries=2, repeat_writes=True))
-    assert [data[1] for data in slow.asked] == [0x06, 0x08, 0x06]
-
-
-def test_a_read_is_repeated_as_often_as_retries() -> None:
-    bus = rtu_bus()
-    clock = Clock(Slow([None, 0.01, None, 0.01]))
-    assert clock.play(bus.ask(1, ReadHoldingRegisters(9, 1), retries=3)) is not None
-
-
 def test_an_abandoned_request_leaves_a_pending_answer() -> None:
     bus = rtu_bus()
     slow = Slow([0.5])
@@ -267,22 +204,6 @@ def test_a_request_abandoned_while_being_sent_leaves_a_pending_answer() -> None:
     clock.coming = [(101.0, RtuLine(TIMING).request(1, b"\x03\x02\x00\x0a"))]
     assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
     assert bus.counters.late == 1
-
-
-def test_a_probe_abandoned_while_being_sent_leaves_a_pending_answer() -> None:
-    bus = rtu_bus(late_window=2.0)
-    clock = Clock(Slow([None]))
-    with pytest.raises(NoAnswer):
-        clock.play(read(bus, 10))
-    conversation = read(bus, 20)
-    step = next(conversation)
-    while not isinstance(step, Send):
-        step = conversation.send(Heard(None, clock.now))
-    with pytest.raises(Abandoned):
-        conversation.throw(Abandoned())
-    assert bus.counters.probes == 1
-    # When it left is unknown: within the time-out, so its answer can come until the window after that.
-    assert [pending.until - clock.now for pending in bus.state.pending][1:] == [pytest.approx(1.0 + 2.0)]
 
 
 def test_the_gap_of_a_unit_is_kept_between_two_requests() -> None:
@@ -407,36 +328,18 @@ def test_a_broadcast_that_only_reads_is_refused_and_the_field_is_named() -> None
     assert refusal.value.field == "unit"
 
 
-def test_each_probe_has_a_number_of_its_own() -> None:
-    bus = rtu_bus(late_window=60.0)
-    slow = Slow([None] * 40, function_08="ignored")
-    clock = Clock(slow)
-    for _ in range(20):
-        with pytest.raises(NoAnswer):
-            clock.play(read(bus, 10))
-    probes = [data for data in slow.asked if data[1] == 8]
-    assert len(probes) == len(set(probes)) == 19
-
-
-def test_the_probes_of_a_dead_unit_do_not_fill_the_memory() -> None:
-    bus = rtu_bus(late_window=1e9)
-    clock = Clock(lambda data, now: [])
-    for _ in range(50):
-        with pytest.raises(NoAnswer):
-            clock.play(read(bus, 10))
-    assert bus.counters.probes == 49
-    assert [pending.request.function_code for pending in bus.state.pending] == [3] + [8] * 16
-
-
-def test_a_request_that_was_not_sent_costs_no_retry() -> None:
-    """The unit ignores function 08 and loses one answer: a request with retries waits for the end of the window."""
+def test_frames_that_arrive_with_the_answer_are_recorded() -> None:
+    """Unit 1 is late; its answer arrives behind that of unit 2, with a frame of unit 3."""
     bus = rtu_bus()
-    slow = Slow([None], function_08="ignored")
-    clock = Clock(slow)
-    answer = clock.play(bus.ask(1, ReadHoldingRegisters(20, 1), retries=1))
-    assert answer == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
-    assert clock.now < 3.1
-    assert [data[1] for data in slow.asked] == [3, 8, 3]
+    clock = Clock(lambda data, now: [])
+    with pytest.raises(NoAnswer):
+        clock.play(read(bus, 10))
+    others = rtu_frame(1, b"\x03\x02\x00\x0a") + rtu_frame(3, b"\x03\x02\x00\x63")
+    clock.peer = lambda data, now: [(now + 0.5, rtu_frame(2, b"\x03\x02\x00\x14") + others)]
+    assert clock.play(read(bus, 20, unit=2)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
+    assert (bus.counters.late, bus.counters.strays) == (1, 2)
+    assert [late.at for late in bus.counters.replies] == [clock.now]
+    assert not bus.state.pending
 
 
 def test_an_answer_ends_the_listen_only_mode_that_was_assumed() -> None:

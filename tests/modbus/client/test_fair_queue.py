@@ -64,6 +64,7 @@ def test_enter_does_not_overtake_waiting_tickets() -> None:
     assert not queue.enter(1)
     waiting = queue.join(1)
     other = queue.join(2)
+    assert not queue.leave(queue.join(2))  # it waited, so no other ticket is admitted
     assert not queue.enter(3)
     assert queue.exit()
     assert queue.has(other)  # unit 1 was admitted before, without a ticket
@@ -92,3 +93,25 @@ def test_enter_and_join_share_the_same_places(places: int, steps: list[tuple[boo
         inside = entered + len(queue.holders)
         assert inside == min(places, entered + len(tickets))
         assert queue.holders <= set(tickets)
+
+
+def test_the_unit_admitted_longest_ago_is_next_whether_it_had_a_ticket_or_not() -> None:
+    for with_ticket in (False, True):
+        queue = FairQueue()
+        for unit in (1, 2, 3, 2, 1):
+            if with_ticket:
+                queue.leave(queue.join(unit))
+            else:
+                queue.enter(unit)
+                queue.exit()
+        holder = queue.join(9)
+        tickets = {queue.join(unit): str(unit) for unit in (1, 2, 3)}
+        queue.leave(holder)
+        assert order(queue, tickets) == "321"
+
+
+def test_every_place_that_is_given_back_can_be_taken_again() -> None:
+    queue = FairQueue(2)
+    for _ in range(2):
+        assert [queue.enter(unit) for unit in (1, 2, 3)] == [True, True, False]
+        assert [queue.exit() for _ in range(2)] == [False, False]

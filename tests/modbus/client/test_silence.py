@@ -82,6 +82,15 @@ def test_a_late_exception_to_listen_only_is_not_taken_for_the_restarts() -> None
     assert bus.counters.late == 1
 
 
+def test_the_silence_after_listen_only_is_no_lost_answer() -> None:
+    bus, clock = rtu_bus(), Clock(lambda data, now: [])
+    for lost in (1, 2):
+        with pytest.raises(NoAnswer):
+            clock.play(read(bus, 1, unit=lost))
+        assert clock.play(bus.ask(9, LISTEN_ONLY)) == Unanswered(0x04)
+        assert bus.counters.lost == lost
+
+
 def test_unanswered_cannot_be_encoded() -> None:
     with pytest.raises(EncodeError, match="stands for silence and cannot be encoded"):
         Unanswered(0x04).encode()
@@ -99,7 +108,8 @@ def test_a_delimiter_is_changed_by_a_client_and_used_by_both() -> None:
     assert [data[-2:] for data in slow.asked] == [b"\r\n", b"\r;", b"\r\n", b"\r;", b"\r\n"]
 
 
-@pytest.mark.parametrize("line", [RtuLine(TIMING, role="server", units=(1,)), TcpLine()], ids=["rtu", "tcp"])
-def test_only_ascii_lines_have_a_delimiter(line: Line) -> None:
+@pytest.mark.parametrize("framing", ["rtu", "tcp"])
+def test_only_ascii_lines_have_a_delimiter(framing: str) -> None:
+    line: Line = RtuLine(TIMING, role="server", units=(1,)) if framing == "rtu" else TcpLine()
     server = Server(line, {1: table()}, serial=not line.numbered)
     assert server.answer(Adu(1, Diagnostics(0x03, b";\0").encode()), 1.0) == b"\x88\x01"

@@ -269,9 +269,7 @@ class Bus:
                     response = request.read_response(event.pdu)
                 except ModbusException as exception:
                     # The exception to a probe carries no number: it may answer the probe before, which is pending.
-                    if self.state.confusable(unit, request):
-                        why = str(exception)
-                    else:
+                    if not self.state.confusable(unit, request):
                         failure = exception
                 except DecodeError as error:
                     why = str(error)

@@ -1,0 +1,96 @@
+"""When a bus may send, and how long it waits: settling, turnarounds, gaps, dead units. Times are exact."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.conversation import Heard, Listen, Send, Wire, play
+from barewire.errors import NoAnswer
+from barewire.modbus import Bus, ReadHoldingRegisters, ReadInputRegisters, WriteSingleRegister
+from barewire.rtu import RtuLine, Timing, encode
+from barewire.tcp import TcpLine, encode as tcp_frame
+from tests.helpers import answering
+from tests.modbus.client.slow import read, rtu_bus
+
+CHARACTER = 1 / 2048
+EXACT = Timing(CHARACTER, 1.5 * CHARACTER, 3.5 * CHARACTER)
+LATE = encode(1, b"\x03\x02\x00\x0a")
+
+
+def two_pending() -> Bus:
+    """Return a bus of which two answers may come, until 4.0 and 6.0."""
+    bus = Bus(RtuLine(EXACT), late_window=4.0)
+    for start, request in ((0.0, ReadHoldingRegisters(10, 1)), (2.0, ReadInputRegisters(10, 1))):
+        with pytest.raises(NoAnswer):
+            play(bus.ask(1, request, timeout=0.5), answering(), start=start)
+    assert [pending.until for pending in bus.state.pending] == [4.0, 6.0]
+    return bus
+
+
+# Settling --------------------------------------------------------------------------------------------------------
+
+
+def test_a_bus_without_pending_answers_is_settled_at_once() -> None:
+    with pytest.raises(StopIteration):
+        next(rtu_bus().settle())
+
+
+def test_settling_listens_until_the_last_pending_answer_cannot_come() -> None:
+    bus = two_pending()
+    settling = bus.settle()
+    assert next(settling) == Listen(6.0)
+    assert settling.send(Heard(LATE, 3.0)) == Listen(6.0)
+    assert len(bus.state.pending) == 1
+    assert bus.counters.replies[0].at == 3.0
+    with pytest.raises(StopIteration):
+        settling.send(Heard(None, 6.0))
+    assert bus.state.pending == []
+
+
+def test_a_bus_is_settled_as_soon_as_every_late_answer_has_come() -> None:
+    bus = two_pending()
+    settling = bus.settle()
+    next(settling)
+    assert settling.send(Heard(LATE, 3.0)) == Listen(6.0)
+    with pytest.raises(StopIteration):
+        settling.send(Heard(encode(1, b"\x04\x02\x00\x0a"), 3.5))
+    assert bus.counters.late == 2
+
+
+# Before a request ------------------------------------------------------------------------------------------------
+
+
+def on_tcp(item: bytes, now: float) -> list[tuple[float, bytes]]:
+    """A unit on TCP that answers every read of one register at once."""
+    return [(now, tcp_frame(item[6], b"\x03\x02\x00\x07", item[0] << 8 | item[1]))]
+
+
+def test_on_tcp_a_request_is_sent_without_listening_first() -> None:
+    frame = tcp_frame(1, ReadHoldingRegisters(10, 1).encode(), 1)
+    assert next(read(Bus(TcpLine()), 10)) == Send(frame)
+
+
+@pytest.mark.parametrize("options", [{"gap": 0.5}, {"gaps": {1: 0.5}}])
+def test_on_tcp_the_gap_of_a_unit_is_kept_too(options: dict[str, float]) -> None:
+    bus, wire = Bus(TcpLine(), **options), Wire(on_tcp)  # type: ignore[arg-type]
+    for _ in range(3):
+        wire.play(read(bus, 10))
+    assert wire.now == 1.0
+
+
+def test_a_dead_unit_is_asked_again_exactly_when_its_pause_is_over() -> None:
+    bus, wire = Bus(TcpLine(), dead_after=1), Wire[bytes](lambda item, now: [])
+    for now, text in (
+        (0.0, "unit 1 did not answer Read Holding Registers within 1 s"),
+        (1.5, "unit 1 left 1 requests unanswered: asked again in 0.5 s"),
+        (2.0, "unit 1 did not answer Read Holding Registers within 1 s"),
+        (4.0, "unit 1 left 2 requests unanswered: asked again in 1.0 s"),
+    ):
+        wire.now = now
+        with pytest.raises(NoAnswer) as caught:
+            wire.play(read(bus, 10))
+        assert str(caught.value) == text
+
+
+def test_the_turnaround_of_a_broadcast_is_a_tenth_of_a_second_by_default() -> None:
+    assert play(Bus(RtuLine(EXACT)).broadcast(WriteSingleRegister(1, 2)), answering(), start=1.0) == (None, 1.1)
