@@ -29,8 +29,46 @@ def test_every_parameter_is_listed_with_every_field(name: str) -> None:
         if row["modbus"]:
             assert list(row["modbus"]) == ["table", "address", "words", "half", "bit", "order"]
         if row["object"]:
-            assert list(row["object"]) == ["index", "sub", "bit"]
-    assert rows[0]["name"] in output_of("devices", name)
+            assert list(row["object"]) == ["index", "sub", "bit", "type"]
+        assert row["group"]
+    for arguments in ((), ("--long",)):
+        lines = output_of("devices", name, *arguments).splitlines()
+        assert [row["name"] for row in rows if any(line.strip().startswith(row["name"]) for line in lines)] == [
+            row["name"] for row in rows
+        ]
+
+
+def test_a_table_has_a_line_for_each_parameter_and_a_heading_for_each_group() -> None:
+    lines = output_of("devices", "az3").splitlines()
+    groups = list(dict.fromkeys(parameter.group for parameter in load("az3").parameters))
+    assert len(lines) == 1 + 1 + 2 * len(groups) + 346 + 2
+    assert lines[0] == "TEM AZ3 servo drive: 346 parameters"
+    assert lines[1].split() == ["name", "access", "type", "range", "and", "unit", "Modbus", "CANopen"]
+    at = lines.index("Control word, mode, targets and limits")
+    assert lines[at - 1] == ""
+    assert lines[at + 1].split() == ["CONTROL", "WORD", "rw", "u16", "0..65535", "holding", "154", "6040h:00"]
+    assert max(map(len, lines)) < 160
+    assert "--long" in lines[-1]
+
+
+def test_a_word_selects_parameters_by_name_group_or_place() -> None:
+    found = output_of("devices", "az3", "bit rate").splitlines()
+    assert found[0] == "TEM AZ3 servo drive: 2 of 346 parameters"
+    assert [line.split("  ")[1] for line in found[2:] if line.startswith("  ")] == ["CAN BIT RATE", "BOOT BIT RATE"]
+    assert "CONTROL WORD" in output_of("devices", "az3", "6040h")
+    assert len(output_of("devices", "az3", "heartbeat", "--json").splitlines()) == 3
+    assert "phasing" in output_of("devices", "az3", "PHASING").lower()
+    assert "az3 has no parameter with 'flux capacitor' in its name, group or place" in error_of(
+        "devices", "az3", "flux capacitor"
+    )
+
+
+def test_the_long_form_has_values_defaults_and_notes() -> None:
+    text = output_of("devices", "az3", "CAN BIT RATE", "--long")
+    assert "default 5" in text
+    assert "    3: 20 kbit/s" in text
+    assert "the manual prints for canopen_range: 0÷65535" in text
+    assert "default 5" not in output_of("devices", "az3", "CAN BIT RATE")
 
 
 def test_a_device_without_parameters(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""`barewire devices`: the devices of the catalogue, or every parameter of one with every field of its description."""
+"""`barewire devices`: the devices of the catalogue, or the parameters of one."""
 
 from __future__ import annotations
 
@@ -10,27 +10,58 @@ from rich.console import Console
 from rich.table import Table
 
 from barewire.cli.arguments import json_option, print_json
-from barewire.devices import Device, Parameter, load, names
+from barewire.devices import Device, Parameter, UnknownName, load, names
+from barewire.devices.device import fold
 from barewire.devices.parameter import show
 
 
 @click.command("devices")
 @click.argument("name", required=False)
+@click.argument("words", nargs=-1, metavar="[WORD]...")
+@click.option("--long", "is_long", is_flag=True, help="Print also defaults, values, bits and notes.")
 @json_option
-def devices_command(name: str | None, as_json: bool) -> None:
+def devices_command(name: str | None, words: tuple[str, ...], is_long: bool, as_json: bool) -> None:
     """List the devices, or all parameters of one.
 
-    NAME is one of the listed devices, or the directory of your own description.
+    NAME is one of the listed devices, or the directory of your own description. With WORD, only those parameters are
+    listed that have it in their name, their group or their place.
+
+    \b
+    barewire devices
+    barewire devices az3
+    barewire devices az3 brake --long
+    barewire devices az3 6040h
     """
-    if name is None and as_json:
-        _print_list_as_json()
-    elif name is None:
-        _print_list()
-    elif as_json:
-        for parameter in load(name).parameters:
+    if name is None:
+        if as_json:
+            _print_list_as_json()
+        else:
+            _print_list()
+        return
+    device = load(name)
+    wanted = _selected(device, " ".join(words))
+    if as_json:
+        for parameter in wanted:
             print_json(parameter.as_dict())
-    else:
-        _print_parameters(load(name))
+        return
+    count = len(device.parameters)
+    print(f"{device.title}: {count if len(wanted) == count else f'{len(wanted)} of {count}'} parameters")
+    if is_long:
+        _print_long(wanted)
+    elif wanted:
+        _print_table(wanted)
+
+
+def _selected(device: Device, text: str) -> list[Parameter]:
+    """Return the parameters with this text in their name, group or place. Raises UnknownName if there is none."""
+    found = [
+        parameter
+        for parameter in device.parameters
+        if any(fold(text) in fold(field) for field in (parameter.name, parameter.group, *_places(parameter)))
+    ]
+    if text and not found:
+        raise UnknownName(f"{device.name} has no parameter with {text!r} in its name, group or place")
+    return found
 
 
 def _print_list_as_json() -> None:
@@ -55,11 +86,57 @@ def _protocols(device: Device) -> list[str]:
     return [name for name, side in (("Modbus", device.modbus), ("CANopen", device.canopen)) if side]
 
 
-def _print_parameters(device: Device) -> None:
+def _print_table(parameters: list[Parameter]) -> None:
+    """Print a line for each parameter below a heading for each group; plain text, for grep."""
+    rows = [_columns(parameter) for parameter in parameters]
+    titles = ("name", "access", "type", "range and unit", "Modbus", "CANopen")
+    # A few long entries push the columns behind them to the right: a table of 80 lines is not widened for one of them.
+    widths = [max(len(title), *map(len, column)) for title, column in zip(titles, zip(*rows))]
+    widths[3] = min(widths[3], _RANGE_WIDTH)
+    used = [any(column) for column in zip(*rows)]
+
+    def line(cells: tuple[str, ...]) -> str:
+        shown = [f"{cell:<{width}}" for cell, width, is_used in zip(cells, widths, used) if is_used]
+        return ("  " + "  ".join(shown)).rstrip()
+
+    print(line(titles))
+    group = ""  # rows before the first heading have none
+    for parameter, row in zip(parameters, rows):
+        if parameter.group != group:
+            group = parameter.group
+            print(f"\n{group}")
+        print(line(row))
+    print("\nAddresses are those on the wire, from 0. Defaults, meanings of values, and notes: --long")
+
+
+_RANGE_WIDTH = 40
+
+
+def _columns(parameter: Parameter) -> tuple[str, ...]:
+    scale = "" if parameter.scale == 1 else f" x {parameter.scale}"
+    limits = " ".join(filter(None, (_range(parameter), parameter.unit)))
+    return (parameter.name, parameter.access, parameter.type + scale, limits, *_places(parameter))
+
+
+def _places(parameter: Parameter) -> tuple[str, str]:
+    """Return the addresses in short: 'holding 154' and '6040h:00'."""
+    place = parameter.modbus
+    if place is None:
+        return "", _object_address(parameter)
+    part = f" {place.half}" if place.half else f" bit {place.bit}" if place.bit is not None else ""
+    return f"{place.table} {place.address}{part}", _object_address(parameter)
+
+
+def _range(parameter: Parameter) -> str:
+    low = "" if parameter.minimum is None else show(parameter.minimum)
+    high = "" if parameter.maximum is None else show(parameter.maximum)
+    return low if low == high else f"{low}..{high}"
+
+
+def _print_long(parameters: list[Parameter]) -> None:
     """Print a line for each parameter, its name first, and its other fields below; plain text, for grep."""
-    print(f"{device.title}: {len(device.parameters)} parameters")
-    width = max((len(parameter.name) for parameter in device.parameters), default=0)
-    for parameter in device.parameters:
+    width = max((len(parameter.name) for parameter in parameters), default=0)
+    for parameter in parameters:
         print(f"{parameter.name:<{width}}  {'  '.join(filter(None, _main_fields(parameter)))}")
         for line in _other_fields(parameter):
             print(textwrap.fill(line, 110, initial_indent="    ", subsequent_indent="      ", break_on_hyphens=False))
@@ -68,9 +145,7 @@ def _print_parameters(device: Device) -> None:
 def _main_fields(parameter: Parameter) -> Iterator[str]:
     yield f"{parameter.access} {parameter.type}" + ("" if parameter.scale == 1 else f" x {parameter.scale}")
     yield parameter.unit
-    low = "" if parameter.minimum is None else show(parameter.minimum)
-    high = "" if parameter.maximum is None else show(parameter.maximum)
-    yield f"{low}..{high}" if low or high else ""
+    yield _range(parameter)
     yield "" if parameter.default is None else f"default {show(parameter.default)}"
     yield _modbus_address(parameter)
     yield _object_address(parameter)

@@ -82,6 +82,8 @@ class Parameter:
     bits: Mapping[int, str] = field(default_factory=dict)
     firmware: str = ""
     storable: bool | None = None
+    group: str = ""
+    """The heading under which a listing has it: see `group` in `catalog/README.md`."""
     answered: bool = True
     """Whether the device answers a write: some restart instead."""
     note: str = ""
@@ -175,6 +177,7 @@ class Parameter:
             "storable": self.storable,
             "answered": self.answered,
             "printed": dict(self.printed),
+            "group": self.group,
         }
 
     # Raw numbers, as the wire has them

@@ -18,7 +18,7 @@ from barewire.devices.sdo_dialects import AZ3
 from tests.devices.description.test_descriptions import HEAD, HEAD_ERRORS, row, write
 
 KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
-KEYS += ["modbus", "object", "bits", "storable", "answered", "printed"]
+KEYS += ["modbus", "object", "bits", "storable", "answered", "printed", "group"]
 
 SCHEMA: dict[str, Any] = json.loads((CATALOG / "schema.json").read_text(encoding="utf-8"))
 VALIDATOR = Draft202012Validator(SCHEMA)

@@ -42,12 +42,14 @@ class Numbering(NamedTuple):
 def build_device(head: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> Device:
     """Return the device of these tables: `head` is device.toml, `rows` are the [[parameter]] tables of all files."""
     numbering = numbering_of(head.get("modbus", _NONE))
-    parameters = tuple(build_parameter(row, numbering) for row in rows)
+    parameters: list[Parameter] = []
+    for row in rows:
+        parameters.append(build_parameter(row, numbering, parameters[-1].group if parameters else ""))
     modbus, canopen, drive = head.get("modbus"), head.get("canopen"), head.get("drive")
     return Device(
         name=head["name"],
         title=head["title"],
-        parameters=parameters,
+        parameters=tuple(parameters),
         documents=tuple(head.get("documents", ())),
         modbus=None if modbus is None else _modbus(modbus),
         canopen=None if canopen is None else _canopen(canopen, head.get("pdo", ())),
@@ -65,8 +67,8 @@ def numbering_of(modbus: Mapping[str, Any]) -> Numbering:
     return Numbering(first, modbus.get("order", "ABCD"))
 
 
-def build_parameter(row: Mapping[str, Any], numbering: Numbering) -> Parameter:
-    """Return the parameter of one [[parameter]] table."""
+def build_parameter(row: Mapping[str, Any], numbering: Numbering, group: str = "") -> Parameter:
+    """Return the parameter of one [[parameter]] table, in the `group` of the row before unless it begins a new one."""
     get = row.get
     return Parameter(
         name=" ".join(row["name"].split()),
@@ -81,6 +83,7 @@ def build_parameter(row: Mapping[str, Any], numbering: Numbering) -> Parameter:
         bits=_numbered(row["bits"]) if "bits" in row else _NONE,
         firmware=get("firmware", ""),
         storable=get("storable"),
+        group=get("group", group),
         answered=get("answered", True),
         note=get("note", ""),
         printed=MappingProxyType(row["printed"]) if "printed" in row else _NONE,

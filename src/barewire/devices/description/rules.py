@@ -318,6 +318,7 @@ PARAMETER: dict[str, KeyRule] = {
     "bits": numbered_texts,
     "firmware": text,
     "storable": boolean,
+    "group": text,
     "answered": boolean,
     "note": text,
     "printed": printed,
