@@ -99,6 +99,18 @@ def test_wrong_sources_are_refused(tmp_path: Path) -> None:
     assert run_command("sniff").returncode == 2
 
 
+def test_the_protocol_of_a_recording_can_be_stated(tmp_path: Path) -> None:
+    log = tmp_path / "ascii.log"
+    frames = [ascii_frame(1, READ)[5:], ascii_frame(1, READ), ascii_frame(1, VALUES)]
+    log.write_text("\n".join(f"{place}.0 {frame.hex(' ')}" for place, frame in enumerate(frames)))
+    assert "unit 1  Read Holding Registers" in output_of("sniff", str(log))
+    assert output_of("sniff", str(log), "--protocol", "ascii") == output_of("sniff", str(log))
+    assert "unit 1  Read Holding Registers" not in output_of("sniff", str(log), "--protocol", "rtu")
+    assert "for a recording" in error_of("sniff", "rtu:///dev/null", "--protocol", "rtu", status=2)
+    log.write_text(EXCHANGE)
+    assert "is a recording of CAN" in error_of("sniff", str(log), "--protocol", "rtu", status=2)
+
+
 # CAN -------------------------------------------------------------------------------------------------------------
 
 EXCHANGE = """\

@@ -24,7 +24,7 @@ from barewire.explain.can_monitor.recording import (
     read_recording,
 )
 from barewire.explain.capture.modbus_packets import MODBUS_PORTS, PacketBuilder
-from barewire.explain.capture.modbus_replay import replay
+from barewire.explain.capture.modbus_replay import SerialProtocol, replay
 from barewire.explain.capture.model import Recorded, RecordedItem, Unread
 from barewire.explain.capture.pcapng import file_header, packet_block
 from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_line
@@ -60,6 +60,11 @@ _LIVE_BUS = "can0"
     show_default=True,
     help="Longest time from a request to its response, in seconds.",
 )
+@click.option(
+    "--protocol",
+    type=click.Choice(["rtu", "ascii"]),
+    help="Of a log or hex dump of a serial line; by default its bytes tell.",
+)
 @click.option("--port", "ports", type=int, multiple=True, help="TCP port of servers in a capture, besides 502.")
 @click.option(
     "--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: the device of a node, for names and units."
@@ -74,6 +79,7 @@ def sniff_command(
     write: str | None,
     seconds: float | None,
     window: float,
+    protocol: SerialProtocol | None,
     ports: tuple[int, ...],
     devices: tuple[str, ...],
     nodes: tuple[int, ...],
@@ -95,11 +101,15 @@ def sniff_command(
     """
     endpoint = Endpoint.parse(source) if "://" in source else None
     data = b"" if endpoint is not None else _recording(source, seconds)
+    if protocol is not None and endpoint is not None:
+        raise click.UsageError(f"--protocol {protocol}: for a recording; that of a line is in its endpoint")
     with ExitStack() as stack:
         if (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data):
             known = known_nodes(devices, nodes)
             items = read_recording(data) if endpoint is None else _live_frames(endpoint, seconds)
             file = None if write is None else stack.enter_context(_open_for_writing(write))
+            if protocol is not None:
+                raise click.UsageError(f"--protocol {protocol}: for Modbus, but {source} is a recording of CAN")
             events = _can_events(items, known, bus, file, write or "")
             _print_can_events(events, as_json=as_json, everything=everything, only=only)
             return
@@ -107,7 +117,7 @@ def sniff_command(
             if given:
                 raise EncodeError(f"{option} is for a CAN bus, which {source} is not")
         if endpoint is None:
-            exchanges = _replayed(source, data, window, ports)
+            exchanges = _replayed(source, data, window, ports, protocol)
         else:
             exchanges = listen(endpoint, threading.Event(), seconds=seconds, window=window)
         file = None if write is None else stack.enter_context(_open_for_writing(write))
@@ -134,9 +144,11 @@ def _open_for_writing(name: str) -> BinaryIO:
 # Modbus
 
 
-def _replayed(source: str, data: bytes, window: float, ports: tuple[int, ...]) -> Iterator[SnifferEvent]:
+def _replayed(
+    source: str, data: bytes, window: float, ports: tuple[int, ...], protocol: SerialProtocol | None
+) -> Iterator[SnifferEvent]:
     try:
-        yield from replay(data, window=window, ports=MODBUS_PORTS | set(ports))
+        yield from replay(data, window=window, ports=MODBUS_PORTS | set(ports), protocol=protocol)
     except DecodeError as error:
         raise EncodeError(f"{source}: {error.text}; expected {_FORMATS}") from None
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import struct
+from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
 
 from barewire.ascii import encode as ascii_frame
-from barewire.errors import BarewireError, DecodeError
+from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.explain.capture.bytelog import _STEP, Chunk, parse_log
 from barewire.explain.capture.modbus_packets import PacketBuilder, modbus_payload
 from barewire.explain.capture.modbus_replay import replay
@@ -336,3 +337,38 @@ def test_ipv6_fragments_and_others_are_skipped() -> None:
 @given(st.binary(max_size=90), st.sampled_from([0, 43, 44, 60, 6, 17]))
 def test_any_bytes_of_ipv6(data: bytes, kind: int) -> None:
     modbus_payload(Packet(0.0, bytes(12) + b"\x86\xdd\x60" + bytes(5) + bytes([kind]) + data))
+
+
+# RTU or ASCII --------------------------------------------------------------------------------------------------------
+
+
+def log(*pieces: bytes) -> bytes:
+    return "\n".join(f"{place}.0 {piece.hex(' ')}" for place, piece in enumerate(pieces, start=1)).encode()
+
+
+ASCII_READ = ascii_frame(1, bytes.fromhex("03 0000 0002"))
+ASCII_VALUES = ascii_frame(1, bytes.fromhex("03 04 0017 0007"))
+TEXT_REGISTERS = rtu_frame(1, bytes.fromhex("03 20") + b"12:34:56:0A:0B\r\n:010300000001FB\r")
+
+
+@pytest.mark.parametrize(
+    ("pieces", "protocol"),
+    [
+        ((ASCII_READ, ASCII_VALUES), "ascii"),
+        ((ASCII_READ[4:], ASCII_READ, ASCII_VALUES), "ascii"),  # begins in the middle of a frame
+        ((ASCII_VALUES[7:],), "ascii"),  # and ends before another frame
+        ((b"\xff\x00", ASCII_READ, b"\x80", ASCII_VALUES), "ascii"),  # noise
+        ((rtu_frame(1, bytes.fromhex("03 0000 0002")), rtu_frame(1, bytes.fromhex("03 04 0017 0007"))), "rtu"),
+        ((TEXT_REGISTERS, TEXT_REGISTERS), "rtu"),  # most bytes are characters of ASCII frames
+        ((b":", rtu_frame(1, bytes.fromhex("03 0000 0002"))), "rtu"),
+    ],
+)
+def test_rtu_or_ascii_is_judged_by_all_bytes_of_a_recording(pieces: tuple[bytes, ...], protocol: Any) -> None:
+    events = list(replay(log(*pieces)))
+    assert events == list(replay(log(*pieces), protocol=protocol))
+    assert events != list(replay(log(*pieces), protocol="rtu" if protocol == "ascii" else "ascii"))
+
+
+def test_a_capture_has_a_protocol_for_each_packet() -> None:
+    with pytest.raises(EncodeError, match="in a capture each packet has its own"):
+        replay(file_header(), protocol="rtu")

@@ -1,18 +1,20 @@
 """Decodes recordings of Modbus (captures, logs, dumps) with the sniffer that also decodes live lines.
 
 pcapng, pcap     TCP port 502 by connection and direction; RTU in datagrams on port 5020
-anything else    text, parsed by `bytelog`: RTU, or ASCII if the bytes begin with a colon
+anything else    text, parsed by `bytelog`: RTU or ASCII, judged by all bytes unless `protocol` states it
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Container, Iterator
+from typing import Literal, TypeAlias
 
 from barewire.ascii import AsciiLine
-from barewire.errors import DecodeError
+from barewire.errors import DecodeError, EncodeError
 from barewire.explain.capture.bytelog import parse_log
 from barewire.explain.capture.modbus_packets import MODBUS_PORTS, ConnectionKey, modbus_payload
 from barewire.explain.capture.pcapng import is_capture, read_packets
+from barewire.modbus.adu import Adu
 from barewire.modbus.framing import Line
 from barewire.modbus.sniffer import WINDOW, NumberedSniffer, Sniffer, SnifferEvent
 from barewire.rtu import RtuLine, Timing
@@ -24,35 +26,66 @@ _ANY_BITRATE = Timing(0.0, 0.0, 0.0)
 """The bit rate of a recording is unknown: only pauses end a frame of unknown length."""
 
 
+SerialProtocol: TypeAlias = Literal["rtu", "ascii"]
+
+_ASCII_BYTES = b"0123456789ABCDEFabcdef:\r\n"
+
+
 def _rtu_line() -> Line:
     """Return an RTU line that receives both directions, at any bit rate."""
     return RtuLine(_ANY_BITRATE, role="listener")
 
 
-def replay(data: bytes, *, window: float = WINDOW, ports: Container[int] = MODBUS_PORTS) -> Iterator[SnifferEvent]:
-    """Return the events of a recording, in order.
+def replay(
+    data: bytes,
+    *,
+    window: float = WINDOW,
+    ports: Container[int] = MODBUS_PORTS,
+    protocol: SerialProtocol | None = None,
+) -> Iterator[SnifferEvent]:
+    """Return the events of a recording, in order. `protocol` is that of a log or dump; by default its bytes tell.
 
     >>> [type(event).__name__ for event in replay(b"1.0 01 83 02 C0 F1")]
     ['ResponseSeen']
 
-    Raises DecodeError if the bytes are not a recording.
+    Raises DecodeError if the bytes are not a recording, EncodeError for a protocol of a capture, which has its own.
     """
     if is_capture(data):
+        if protocol is not None:
+            raise EncodeError(
+                "a protocol is stated for a log or dump, in a capture each packet has its own", "protocol"
+            )
         return _replay_capture(data, window, ports)
     try:
         text = data.decode()
     except UnicodeDecodeError as error:
         raise DecodeError("character", data[:16], 0, f"neither a capture nor text: {error.reason}") from None
-    return _replay_log(text, window)
+    return _replay_log(text, window, protocol)
 
 
-def _replay_log(text: str, window: float) -> Iterator[SnifferEvent]:
+def _replay_log(text: str, window: float, protocol: SerialProtocol | None) -> Iterator[SnifferEvent]:
     chunks = parse_log(text).chunks
-    new_line: Callable[[], Line] = AsciiLine if chunks and chunks[0].data[:1] == b":" else _rtu_line
-    sniffer = Sniffer(new_line(), window=window)
+    if protocol is None:
+        protocol = "ascii" if _is_ascii(b"".join(chunk.data for chunk in chunks)) else "rtu"
+    sniffer = Sniffer(AsciiLine() if protocol == "ascii" else _rtu_line(), window=window)
     for chunk in chunks:
         yield from _feed(sniffer, chunk.data, chunk.at)
     yield from sniffer.end(chunks[-1].at if chunks else 0.0)
+
+
+def _is_ascii(data: bytes) -> bool:
+    """Return whether these are bytes of an ASCII line, wherever the recording begins, and whatever noise is in it.
+
+    No byte of an RTU frame's function code is a character of ASCII frames. In RTU registers with text they may
+    prevail, but they make no frame with a correct LRC.
+
+    >>> _is_ascii(b"FB1000239\\r\\n"), _is_ascii(bytes.fromhex("01 83 02 C0 F1"))
+    (True, False)
+    """
+    others = len(data.translate(None, _ASCII_BYTES))
+    if not others or 2 * others > len(data):
+        return bool(data) and not others
+    return any(isinstance(event, Adu) for event in AsciiLine().feed(data, 0.0))
 
 
 def _feed(sniffer: Sniffer, data: bytes, at: float) -> Iterator[SnifferEvent]:
