@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import socket
 import subprocess
 import threading
 import time
@@ -180,6 +182,28 @@ def _serve_late(terminal: PseudoTerminal, stop: threading.Event) -> None:
         time.sleep(delay)
         delay = 0.0
         terminal.send(body + crc16(body).to_bytes(2, "little"))
+
+
+def test_a_command_without_a_response_states_all_that_it_waited_for_and_can_wait_less() -> None:
+    terminal = PseudoTerminal()
+    try:
+        url = f"rtu://{terminal.path}?timeout=0.2"
+        within = "unit 1 did not answer Read Input Registers within 0.2 s; while reading Status"
+        error = error_of("read", url, "adxl", "Status")
+        assert re.fullmatch(
+            rf"barewire: {within}; waited 0\.\d s more for a late response, "
+            r"which the next command could take for its own \(--no-wait: do not wait\)\n",
+            error,
+        )
+        assert error_of("read", url, "adxl", "Status", "--no-wait") == f"barewire: {within}\n"
+        assert "waited" not in error_of("write", url, "adxl", "Motor start command=1", "--no-wait")
+        assert "waited" in error_of("write", url, "adxl", "Motor start command=1")
+    finally:
+        terminal.close()
+    # On TCP a late response is recognized by its number: there is nothing to wait for.
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        error = error_of("read", f"tcp://127.0.0.1:{silent.getsockname()[1]}?timeout=0.2", "adxl", "Status")
+        assert error == f"barewire: {within}\n"
 
 
 def test_a_late_response_does_not_reach_the_next_command() -> None:

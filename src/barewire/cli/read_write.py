@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
@@ -25,6 +26,12 @@ from barewire.devices.request_checks import to_write
 from barewire.devices.value_text import parse_value
 from barewire.io.machine import MachineClient
 
+_no_wait_option = click.option(
+    "--no-wait",
+    is_flag=True,
+    help="After a time-out on a serial line, do not wait for a late response; the next command may get it.",
+)
+
 
 @click.command("read")
 @endpoint_argument
@@ -32,7 +39,10 @@ from barewire.io.machine import MachineClient
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
 @json_option
 @timing_option
-def read_command(endpoint: str, device: str, names: tuple[str, ...], as_json: bool, timing: bool) -> None:
+@_no_wait_option
+def read_command(
+    endpoint: str, device: str, names: tuple[str, ...], as_json: bool, timing: bool, no_wait: bool
+) -> None:
     """Read named values of a device.
 
     \b
@@ -43,13 +53,16 @@ def read_command(endpoint: str, device: str, names: tuple[str, ...], as_json: bo
     DEVICE is a name of `barewire devices`, or the directory of your own description. Instead of a NAME, give an
     address: TABLE:ADDRESS[:TYPE[:ORDER]], counted from 0 as on the wire, or object:INDEX[.SUB]:TYPE. DEVICE `raw` is
     any device, by addresses only.
+
+    A request waits `timeout` seconds for its response (1, an option of ENDPOINT). If there is none on a serial line,
+    the command waits until `late_window` is over (3 time-outs): a late response must not reach the next command.
     """
     description = device_with(device, names)
     for name in names:
         description.find(name)  # an unknown name is reported before a port is opened
     if timing:
         print_timing(endpoint)
-    with _connected(description, endpoint) as machine:
+    with _connected(description, endpoint, no_wait) as machine:
         for reading in machine.read_all(names):
             _print_reading(reading, as_json)
 
@@ -65,8 +78,9 @@ def read_command(endpoint: str, device: str, names: tuple[str, ...], as_json: bo
 )
 @json_option
 @timing_option
+@_no_wait_option
 def write_command(
-    endpoint: str, device: str, assignments: tuple[str, ...], force: bool, as_json: bool, timing: bool
+    endpoint: str, device: str, assignments: tuple[str, ...], force: bool, as_json: bool, timing: bool, no_wait: bool
 ) -> None:
     """Write named values of a device, in the order given.
 
@@ -86,7 +100,7 @@ def write_command(
         _note_unnamed(description.find(name), value)
     if timing:
         print_timing(endpoint)
-    with _connected(description, endpoint) as machine:
+    with _connected(description, endpoint, no_wait) as machine:
         for values in _batches(wanted):
             machine.write(values, force=force)
             for name, value in values.items():
@@ -96,16 +110,20 @@ def write_command(
 
 
 @contextmanager
-def _connected(device: Device, endpoint: str) -> Iterator[MachineClient]:
+def _connected(device: Device, endpoint: str, no_wait: bool) -> Iterator[MachineClient]:
     """Yield the connected machine. After a time-out on a serial line, wait until the late answer cannot reach the next
-    command."""
+    command, unless `no_wait`."""
     with connect(device, endpoint) as machine:
         try:
             yield machine
-        except NoAnswer:
-            if isinstance(machine.client, ModbusClient):
-                with suppress(BarewireError):
+        except NoAnswer as error:
+            if isinstance(machine.client, ModbusClient) and machine.client.bus.state.pending and not no_wait:
+                start = time.monotonic()
+                with suppress(BarewireError, KeyboardInterrupt):  # Ctrl-C ends the waiting
                     machine.client.settle()
+                waited = f"waited {time.monotonic() - start:.1f} s more for a late response"
+                text = f"{waited}, which the next command could take for its own (--no-wait: do not wait)"
+                error.add_context(text)
             raise
 
 

@@ -52,9 +52,8 @@ def replay(
     """
     if is_capture(data):
         if protocol is not None:
-            raise EncodeError(
-                "a protocol is stated for a log or dump, in a capture each packet has its own", "protocol"
-            )
+            text = "a protocol is stated for a log or dump; in a capture each packet has its own"
+            raise EncodeError(text, "protocol")
         return _replay_capture(data, window, ports)
     try:
         text = data.decode()
@@ -76,8 +75,8 @@ def _replay_log(text: str, window: float, protocol: SerialProtocol | None) -> It
 def _is_ascii(data: bytes) -> bool:
     """Return whether these are bytes of an ASCII line, wherever the recording begins, and whatever noise is in it.
 
-    No byte of an RTU frame's function code is a character of ASCII frames. In RTU registers with text they may
-    prevail, but they make no frame with a correct LRC.
+    No function code of RTU is a character of ASCII frames. Registers with text may consist of such characters, but
+    these make no frame with a correct LRC.
 
     >>> _is_ascii(b"FB1000239\\r\\n"), _is_ascii(bytes.fromhex("01 83 02 C0 F1"))
     (True, False)
