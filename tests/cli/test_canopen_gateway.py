@@ -32,5 +32,5 @@ def test_a_client_reads_and_resets_a_node() -> None:
 
 
 def test_wrong_endpoints_are_refused() -> None:
-    assert "the gateway is for CANopen: expected can://" in error_of("canopen-gateway", "tcp://127.0.0.1:502")
-    assert "expected HOST:PORT" in error_of("canopen-gateway", "can://virtual/x", "--listen", "here")
+    assert "the gateway is for CANopen: expected can://" in error_of("canopen-gateway", "tcp://127.0.0.1:502", status=2)
+    assert "expected HOST:PORT" in error_of("canopen-gateway", "can://virtual/x", "--listen", "here", status=2)

@@ -74,4 +74,4 @@ def test_the_long_form_has_values_defaults_and_notes() -> None:
 def test_a_device_without_parameters(tmp_path: Path) -> None:
     (tmp_path / "device.toml").write_text('name = "bare"\ntitle = "Bare"\n')
     assert output_of("devices", str(tmp_path)) == "Bare: 0 parameters\n"
-    assert "bare has no Modbus: no table [modbus]" in error_of("simulate", str(tmp_path), "tcp://127.0.0.1:0")
+    assert "bare has no Modbus: no table [modbus]" in error_of("simulate", str(tmp_path), "tcp://127.0.0.1:0", status=2)

@@ -102,7 +102,7 @@ def test_the_end_of_the_command_is_a_quick_stop(how: str) -> None:
 
 
 def test_a_device_that_is_no_drive_is_refused_before_the_port_is_opened() -> None:
-    error = error_of("drive", "tcp://127.0.0.1:1", "adxl", "enable")
+    error = error_of("drive", "tcp://127.0.0.1:1", "adxl", "enable", status=2)
     assert "is not a drive: its description has no table [drive]" in error
 
 
@@ -167,7 +167,7 @@ def test_the_line_of_a_terminal_names_what_is_waited_for() -> None:
 
 def test_a_velocity_out_of_range_is_refused() -> None:
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
-        error = error_of("drive", endpoint, "csd-mt", "move", "0", "--velocity", "900000")
+        error = error_of("drive", endpoint, "csd-mt", "move", "0", "--velocity", "900000", status=2)
         assert "Profile Velocity = 900000: expected 0..800000 step/s" in error
 
 
@@ -208,7 +208,7 @@ def test_a_broken_connection_during_a_movement_names_the_danger() -> None:
 def test_a_homing_without_a_method_and_a_timeout_that_is_no_number() -> None:
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
         assert "home: Homing Method 0 is not a homing method: expected one of -2, -1, 3" in error_of(
-            "drive", endpoint, "csd-mt", "home"
+            "drive", endpoint, "csd-mt", "home", status=2
         )
-        done = run_command("drive", endpoint, "csd-mt", "enable", "--timeout", "nan")
-        assert done.stderr == "barewire: timeout = nan: expected seconds, above 0\n"
+        error = error_of("drive", endpoint, "csd-mt", "enable", "--timeout", "nan", status=2)
+        assert error == "barewire: Invalid value for '--timeout': 'nan': expected seconds, above 0\n"

@@ -36,13 +36,13 @@ def test_lint_prints_line_rule_and_text(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "status", "message"),
     [
-        (("lint", "nowhere.eds"), "nowhere.eds: No such file or directory"),
-        (("export", "az3", "nowhere/az3.eds"), "nowhere/az3.eds: No such file or directory"),
-        (("export", "adxl"), "adxl has no CANopen in its description"),
-        (("export", "az33"), "no device 'az33' in the catalogue"),
+        (("lint", "nowhere.eds"), 1, "nowhere.eds: No such file or directory"),
+        (("export", "az3", "nowhere/az3.eds"), 1, "nowhere/az3.eds: No such file or directory"),
+        (("export", "adxl"), 2, "adxl has no CANopen in its description"),
+        (("export", "az33"), 2, "no device 'az33' in the catalogue"),
     ],
 )
-def test_errors_are_one_line(arguments: tuple[str, ...], message: str) -> None:
-    assert message in error_of("eds", *arguments)
+def test_errors_are_one_line(arguments: tuple[str, ...], status: int, message: str) -> None:
+    assert message in error_of("eds", *arguments, status=status)

@@ -39,8 +39,8 @@ def test_an_invalid_frame_is_a_failure_only_with_check() -> None:
 
 
 def test_text_that_is_not_hexadecimal_is_an_error() -> None:
-    assert "'G' at 4 is not a hexadecimal digit" in error_of("explain", "rtu", "01 0G")
-    error = error_of("explain", "can", "bus.log")
+    assert "'G' at 4 is not a hexadecimal digit" in error_of("explain", "rtu", "01 0G", status=2)
+    error = error_of("explain", "can", "bus.log", status=2)
     assert error.endswith("is not a hexadecimal digit; there is no file 'bus.log' either\n")
 
 
@@ -78,7 +78,7 @@ def test_a_can_frame_with_the_names_of_a_device() -> None:
     assert "1591 (ready to switch on, " in rows[4]
     assert "TARGET VELOCITY" in output_of("explain", "can", "205#0F00A8610000", *az3)
     assert "not valid: 6 bytes are mapped, got 2" in output_of("explain", "can", "205#0F00", *az3)
-    assert "--device is for can" in error_of("explain", "rtu", "01", "--device", "az3")
+    assert "--device is for can" in error_of("explain", "rtu", "01", "--device", "az3", status=2)
 
 
 def test_can_fd_frames_and_error_frames() -> None:

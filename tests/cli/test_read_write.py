@@ -73,15 +73,15 @@ def test_a_value_as_json() -> None:
 
 def test_a_value_out_of_range_names_the_range() -> None:
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
-        assert "expected -2..37" in error_of("write", endpoint, "csd-mt", "Homing Method=99")
-        assert "read only" in error_of("write", endpoint, "csd-mt", "Status Word=1")
-        assert "expected a number" in error_of("write", endpoint, "csd-mt", "Homing Method=fast")
+        assert "expected -2..37" in error_of("write", endpoint, "csd-mt", "Homing Method=99", status=2)
+        assert "read only" in error_of("write", endpoint, "csd-mt", "Status Word=1", status=2)
+        assert "expected a number" in error_of("write", endpoint, "csd-mt", "Homing Method=fast", status=2)
 
 
 def test_nothing_is_written_if_a_later_value_is_wrong() -> None:
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
         before = output_of("read", endpoint, "csd-mt", "Profile Velocity")
-        error_of("write", endpoint, "csd-mt", "Profile Velocity=1234", "Homing Method=99")
+        error_of("write", endpoint, "csd-mt", "Profile Velocity=1234", "Homing Method=99", status=2)
         assert output_of("read", endpoint, "csd-mt", "Profile Velocity") == before
 
 
@@ -89,7 +89,7 @@ def test_a_refused_write_names_the_value_and_those_already_written() -> None:
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
         error = error_of("write", endpoint, "csd-mt", "Profile Velocity=5", "Current Ratio=121", "--force")
         assert error.endswith("to function 06; while writing Current Ratio; written before that: Profile Velocity\n")
-        assert "expected 28524\n" in error_of("write", endpoint, "csd-mt", "Restore All Default Parameters=0")
+        assert "expected 28524\n" in error_of("write", endpoint, "csd-mt", "Restore All Default Parameters=0", status=2)
         assert output_of("write", endpoint, "csd-mt", "Current Ratio=070").startswith("Current Ratio = 70 %, written")
 
 
@@ -134,8 +134,10 @@ def test_a_device_whose_byte_order_was_changed() -> None:
         velocity = output_of("read", endpoint, "csd-mt?order=ABCD", "Profile Velocity")
         assert velocity == "Profile Velocity = 70000 step/s\n"
         assert "position 300" in output_of("drive", endpoint, "csd-mt?order=ABCD", "move", "300", "--enable")
-    assert "expected ?order= and one of ABCD" in error_of("devices", "csd-mt?order=X")
-    assert "a simulated device has its own byte order" in error_of("simulate", "csd-mt?order=ABCD", "tcp://127.0.0.1:0")
+    assert "expected ?order= and one of ABCD" in error_of("devices", "csd-mt?order=X", status=2)
+    assert "a simulated device has its own byte order" in error_of(
+        "simulate", "csd-mt?order=ABCD", "tcp://127.0.0.1:0", status=2
+    )
 
 
 # --timing
@@ -160,7 +162,7 @@ def test_timing_is_printed_before_the_port_is_opened() -> None:
 
 
 def test_timing_is_refused_for_a_can_bus() -> None:
-    assert "Modbus goes over tcp://" in error_of("read", "--timing", "can://virtual/x", "az3", "STATUS WORD")
+    assert "Modbus goes over tcp://" in error_of("read", "--timing", "can://virtual/x", "az3", "STATUS WORD", status=2)
 
 
 # A response after the time-out of its command

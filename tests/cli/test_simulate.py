@@ -43,7 +43,7 @@ def test_a_table_answers_until_interrupted() -> None:
 
 @pytest.mark.parametrize("unit", [0, 248])
 def test_a_serial_unit_has_an_address_from_1_to_247(unit: int) -> None:
-    assert f"unit {unit}: a unit on a serial line" in error_of("simulate", "table", f"rtu://pty?unit={unit}")
+    assert f"unit {unit}: a unit on a serial line" in error_of("simulate", "table", f"rtu://pty?unit={unit}", status=2)
 
 
 def test_a_link_to_a_closed_terminal_is_replaced(tmp_path: Path) -> None:
@@ -54,7 +54,7 @@ def test_a_link_to_a_closed_terminal_is_replaced(tmp_path: Path) -> None:
 
 
 def test_an_endpoint_that_cannot_be_served_ends_the_command() -> None:
-    error = error_of("simulate", "adxl", "tcp://127.0.0.1:0", "can://socketcand/127.0.0.1:1/can0")
+    error = error_of("simulate", "adxl", "tcp://127.0.0.1:0", "can://socketcand/127.0.0.1:1/can0", status=2)
     assert "adxl has no CANopen: expected a Modbus endpoint" in error
 
 
@@ -62,10 +62,10 @@ def test_set_changes_also_a_read_only_parameter() -> None:
     with simulated("adxl", "--set", "Sub-menu number selection=3", "tcp://127.0.0.1:0") as (url,):
         assert output_of("read", url, "adxl", "Sub-menu number selection") == "Sub-menu number selection = 3\n"
     command = ("simulate", "adxl", "tcp://127.0.0.1:0", "--set")
-    assert "the simulator computes Frequency itself" in error_of(*command, "Frequency=49")
-    assert "did you mean 'Frequency'?" in error_of(*command, "Frequenzy=49")
+    assert "the simulator computes Frequency itself" in error_of(*command, "Frequency=49", status=2)
+    assert "did you mean 'Frequency'?" in error_of(*command, "Frequenzy=49", status=2)
     assert "expected NAME=VALUE" in error_of(*command, "Frequency", status=2)
-    assert "a table has no named values" in error_of("simulate", "table", "tcp://127.0.0.1:0", "--set", "a=1")
+    assert "a table has no named values" in error_of("simulate", "table", "tcp://127.0.0.1:0", "--set", "a=1", status=2)
 
 
 def test_world_changes_the_environment() -> None:
@@ -74,8 +74,12 @@ def test_world_changes_the_environment() -> None:
     assert text.splitlines() == ["Status = 0 (Absence of power)", "Limit 1 = on", "Limit 2 = on", "Limit 3 = off"]
     with simulated("az3", "--world", "volts=0", "rtu://pty") as (url,):
         assert "voltage enabled" not in output_of("read", url, "az3", "STATUS WORD")
-    assert "expected NAME=NUMBER with a name of volts" in error_of("simulate", "az3", "rtu://pty", "--world", "volt=1")
-    assert "a table has no environment" in error_of("simulate", "table", "tcp://127.0.0.1:0", "--world", "volts=1")
+    assert "expected NAME=NUMBER with a name of volts" in error_of(
+        "simulate", "az3", "rtu://pty", "--world", "volt=1", status=2
+    )
+    assert "a table has no environment" in error_of(
+        "simulate", "table", "tcp://127.0.0.1:0", "--world", "volts=1", status=2
+    )
 
 
 def test_a_drive_without_high_voltage_reports_that_on_both_its_wires() -> None:
@@ -97,7 +101,7 @@ def test_a_drive_without_high_voltage_reports_that_on_both_its_wires() -> None:
 @pytest.mark.parametrize("late", ["nan", "-1.0", "inf"])
 def test_the_delay_of_the_fault_late_is_checked(late: str) -> None:
     error = error_of("simulate", "adxl", "tcp://127.0.0.1:0", "--fault", "late", f"--late={late}", status=2)
-    assert error.endswith(f"late = {late}: expected seconds, from 0 on and below 3600\n")
+    assert error == f"barewire: Invalid value for '--late': '{late}': expected seconds, 0 or more\n"
 
 
 @pytest.mark.parametrize(

@@ -284,7 +284,7 @@ def test_a_plot_that_cannot_be_written_is_refused_before_the_first_poll(
 ) -> None:
     with refused(EncodeError, "--plot curve.txt: expected a name that ends in .svg, .png, .pdf"):
         check_plot_file("curve.txt")
-    with refused(EncodeError, "the directory does not exist"):
+    with refused(PortError, "the directory does not exist"):
         check_plot_file(f"{tmp_path}/nowhere/curve.svg")
     (tmp_path / "dir.svg").mkdir()
     with refused(EncodeError, "dir.svg: expected a file, not a directory"):
@@ -298,8 +298,8 @@ def test_wrong_options_are_refused() -> None:
     command = ("watch", "tcp://127.0.0.1:1", "csd-mt")
     assert "expected only one of them" in error_of(*command, NAMES[0], "--json", "--csv", status=2)
     assert "expected seconds, above 0" in error_of(*command, NAMES[0], "--period", "0", status=2)
-    assert "did you mean 'Status Word'?" in error_of(*command, "Statos Word")
+    assert "did you mean 'Status Word'?" in error_of(*command, "Statos Word", status=2)
     assert "connection refused" in error_of(*command, NAMES[0])
     assert "fault 'late:2': expected a probability" in error_of(
-        "simulate", "adxl", "tcp://127.0.0.1:0", "--fault", "late:2"
+        "simulate", "adxl", "tcp://127.0.0.1:0", "--fault", "late:2", status=2
     )

@@ -1,7 +1,8 @@
 """The main command: the list of commands, and what happens when one fails.
 
 Every exception that barewire raises on purpose becomes one line on stderr and exit status 1; wrong usage becomes one
-line and status 2. Any other exception is a bug of barewire and shows its traceback.
+line and status 2: an option, name, value or address that cannot be understood. Any other exception is a bug of barewire
+and shows its traceback.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from importlib import import_module
 import click
 
 from barewire import __version__
-from barewire.errors import BarewireError
+from barewire.cli.arguments import CommandGroup, text_with_notes
+from barewire.errors import BarewireError, EncodeError
 
 COMMANDS = {
     "demo": ("demo", "Read and write three simulated machines on every wire."),
@@ -37,7 +39,7 @@ _HELP_PAGE = "NoArgsIsHelpError"
 """The error that click raises from 8.2 on for a group without a command; its text is the help page."""
 
 
-class LazyGroup(click.Group):
+class LazyGroup(CommandGroup):
     """A group whose commands are loaded when they are needed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -52,17 +54,6 @@ class LazyGroup(click.Group):
         command = getattr(module, f"{cmd_name.replace('-', '_')}_command")
         assert isinstance(command, click.Command)
         return command
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command that the arguments name. A name that does not exist is an error with the nearest one."""
-        if args[0] not in COMMANDS and not args[0].startswith("-"):
-            from barewire.devices.device import suggest  # only errors need it
-
-            hint = suggest(args[0], dict.fromkeys(COMMANDS))
-            ctx.fail(f"unknown command {args[0]!r}: expected one of {', '.join(COMMANDS)}{hint}")
-        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands from the table."""
@@ -86,9 +77,7 @@ def run_command_line(arguments: list[str]) -> int:
             return error.exit_code
         return _print_error(error.format_message(), error.exit_code)
     except BarewireError as error:
-        from barewire.cli.arguments import text_with_notes
-
-        return _print_error(text_with_notes(error), 1)
+        return _print_error(text_with_notes(error), 2 if _is_wrong_usage(error) else 1)
     except BrokenPipeError:
         # The reader of the output has ended (`| head`): that is no error, and there is nothing left to flush to.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -97,6 +86,12 @@ def run_command_line(arguments: list[str]) -> int:
         return _print_error(f"output: {error.strerror or error}", 1)
     except (KeyboardInterrupt, click.Abort):
         return 130
+
+
+def _is_wrong_usage(error: BarewireError) -> bool:
+    from barewire.devices.device import UnknownName
+
+    return isinstance(error, (EncodeError, UnknownName))
 
 
 def _print_error(text: str, status: int) -> int:

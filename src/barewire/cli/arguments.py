@@ -41,6 +41,54 @@ class EndpointArgument(click.ParamType[str]):
         return str(value)
 
 
+class CommandGroup(click.Group):
+    """A group of commands. A command that does not exist is an error with the nearest one."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that the arguments name."""
+        names = self.list_commands(ctx)
+        if args[0] not in names and not args[0].startswith("-"):
+            from barewire.devices.device import suggest  # only errors need it
+
+            hint = suggest(args[0], names)
+            ctx.fail(f"unknown command {args[0]!r}: expected one of {', '.join(names)}{hint}")
+        return super().resolve_command(ctx, args)
+
+
+class Choice(click.Choice[str]):
+    """One of a few words. A wrong one is an error with the nearest."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the word."""
+        if value in self.choices:
+            return str(value)
+        from barewire.devices.device import suggest  # only errors need it
+
+        hint = suggest(str(value), self.choices)
+        self.fail(f"{value!r}: expected one of {', '.join(self.choices)}{hint}", param, ctx)
+
+
+class Seconds(click.ParamType[float]):
+    """A number of seconds, above 0 unless it `may_be_zero`, and below 1000000."""
+
+    name = "seconds"
+
+    def __init__(self, *, may_be_zero: bool = False) -> None:
+        self.may_be_zero = may_be_zero
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number."""
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not 0 <= number < 1e6 or not (number or self.may_be_zero):
+            self.fail(f"{value!r}: expected seconds, {'0 or more' if self.may_be_zero else 'above 0'}", param, ctx)
+        return number
+
+
 endpoint_argument = click.argument("endpoint", type=EndpointArgument())
 device_argument = click.argument("device")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line.")
@@ -53,7 +101,7 @@ nodes_option = click.option(
 
 
 def print_timing(endpoint: str) -> None:
-    """Print the times of a line on stderr, for `--timing`."""
+    """Print the times of a line on stderr, for `--timing`. Raises EncodeError for a CAN bus."""
     from barewire.io.modbus.carriers import modbus_endpoint, timing_in_words
 
     print(f"barewire: {endpoint} {timing_in_words(modbus_endpoint(endpoint))}", file=sys.stderr)

@@ -54,6 +54,8 @@ def conform_command(endpoint: str, as_json: bool, timing: bool, gentle: bool, la
     """
     with unfinished_as_json(as_json):
         if endpoint.startswith("can://"):
+            if timing:
+                print_timing(endpoint)
             return _test_node(endpoint, as_json=as_json, gentle=gentle, large=large, only=only)
         if gentle or only or large is not None:
             raise EncodeError(f"endpoint {endpoint!r}: --gentle, --large and --only are for can://")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import time
@@ -15,7 +16,7 @@ from rich.console import Console
 from rich.progress import Progress as Bar, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from barewire import BarewireError, NoAnswer, PortError, connect, load
-from barewire.cli.arguments import device_argument, endpoint_argument, json_option, print_json
+from barewire.cli.arguments import CommandGroup, Seconds, device_argument, endpoint_argument, json_option, print_json
 from barewire.devices.device import Device, drive_roles
 from barewire.devices.drive.cia402 import State
 from barewire.devices.drive.report import DriveProgress, DriveStatus, bit_names
@@ -26,7 +27,7 @@ _Action = Callable[..., DriveStatus]
 """A method of a drive with the arguments of its command; returns the status at the end."""
 
 
-class _DriveGroup(click.Group):
+class _DriveGroup(CommandGroup):
     """A group that shows the help of a command in any place: `drive move --help` needs no ENDPOINT and DEVICE."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -74,6 +75,8 @@ class _DriveNumber(click.ParamType[int | float]):
         try:
             number = float(value)
         except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
             self.fail(f"{value!r}: expected a number", param, ctx)
         return int(number) if number.is_integer() else number
 
@@ -185,13 +188,23 @@ def _remarks(action: str, device: Device, status: DriveStatus, arguments: dict[s
 
 
 _timeout_option = click.option(
-    "--timeout", default=3.0, show_default=True, metavar="S", help="Seconds for each change of state."
+    "--timeout",
+    type=Seconds(),
+    default=3.0,
+    show_default=True,
+    metavar="S",
+    help="Seconds for each change of state.",
 )
 _enable_option = click.option(
     "--enable", is_flag=True, help="Enable the drive first; otherwise it must be enabled already."
 )
 _within_option = click.option(
-    "--within", default=60.0, show_default=True, metavar="S", help="Seconds for the movement."
+    "--within",
+    type=Seconds(),
+    default=60.0,
+    show_default=True,
+    metavar="S",
+    help="Seconds for the movement.",
 )
 _velocity_option = click.option("--velocity", type=_DriveNumber(), help="Profile velocity, in the drive's unit.")
 _acceleration_option = click.option("--acceleration", type=_DriveNumber(), help="Profile acceleration.")
@@ -311,7 +324,7 @@ def velocity_command(drive: DriveClient, target: int | float, **arguments: Any) 
 
 
 @_action("home", moves=True)
-@click.argument("method", type=int, required=False)
+@click.argument("method", type=click.IntRange(-128, 127), required=False)
 @_within_option
 @_enable_option
 def home_command(drive: DriveClient, method: int | None, **arguments: Any) -> DriveStatus:

@@ -7,12 +7,12 @@ from pathlib import Path
 import click
 
 from barewire.canopen.eds import lint, parse
-from barewire.cli.arguments import file_content, json_option, print_json
+from barewire.cli.arguments import CommandGroup, file_content, json_option, print_json
 from barewire.devices import load
 from barewire.errors import PortError
 
 
-@click.group("eds")
+@click.group("eds", cls=CommandGroup)
 def eds_command() -> None:
     """Export or check electronic data sheets (CiA 306)."""
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from barewire.canopen.frame import AnyFrame, CanFrame
-from barewire.cli.arguments import file_content, json_option, known_nodes, nodes_option, print_json
+from barewire.cli.arguments import Choice, file_content, json_option, known_nodes, nodes_option, print_json
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.explain import Explanation, explain_text
 from barewire.explain.can_monitor import CanMonitor, event_as_dict, event_line
@@ -21,10 +21,10 @@ from barewire.explain.capture.model import Recorded, Unread
 
 
 @click.command("explain")
-@click.argument("protocol", type=click.Choice(["rtu", "ascii", "tcp", "can"]))
+@click.argument("protocol", type=Choice(["rtu", "ascii", "tcp", "can"]), metavar="rtu|ascii|tcp|can")
 @click.argument("frame", nargs=-1, required=True, metavar="HEX")
 @click.option("--check", is_flag=True, help="Exit with status 1 if the frame is not valid.")
-@click.option("--role", type=click.Choice(["request", "response"]), help="The direction; guessed if not given.")
+@click.option("--role", type=Choice(["request", "response"]), help="The direction; guessed if not given.")
 @click.option(
     "--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: the device of a node, for PDO names."
 )
@@ -66,7 +66,7 @@ def explain_command(
     except DecodeError as error:
         # The text names the position in the input; that of the exception, in the frame, is for programs.
         no_file = f"; there is no file {frame[0]!r} either" if protocol == "can" and len(frame) == 1 else ""
-        raise BarewireError(error.text + no_file) from None
+        raise click.UsageError(error.text + no_file) from None
     if as_json:
         print_json(explanation.as_dict())
     else:
@@ -83,7 +83,7 @@ def _explain_recording(
     try:
         items = read_recording(data)
     except DecodeError as error:
-        raise EncodeError(f"{name}: {error.text}") from None
+        raise BarewireError(f"{name}: {error.text}") from None
     for item in items:
         if isinstance(item, Recorded):
             monitor = monitors.monitor(item.bus)

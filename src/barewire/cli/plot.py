@@ -49,11 +49,11 @@ def check_plot_file(file: str) -> None:
     if path.suffix.lower() not in _FORMATS:
         raise EncodeError(f"--plot {file}: expected a name that ends in {', '.join(_FORMATS)}")
     if not path.parent.is_dir():
-        raise EncodeError(f"--plot {file}: the directory does not exist")
+        raise PortError(f"--plot {file}: the directory does not exist")
     if path.is_dir():
         raise EncodeError(f"--plot {file}: expected a file, not a directory")
     if not os.access(path if path.exists() else path.parent, os.W_OK):
-        raise EncodeError(f"--plot {file}: no permission to write there")
+        raise PortError(f"--plot {file}: no permission to write there")
     try:
         import matplotlib  # noqa: F401
     except ModuleNotFoundError:

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from barewire import EncodeError, ModbusServer, Table
-from barewire.cli.arguments import EndpointArgument, device_argument
+from barewire.cli.arguments import EndpointArgument, Seconds, device_argument
 from barewire.devices.sim import MachineUnits, Simulator, simulator
 from barewire.devices.value_text import parse_value
 from barewire.io.canopen.shared_bus import INSIDE_ONE_PROCESS
@@ -31,7 +31,14 @@ _TABLE = "table"
 @click.option("--world", multiple=True, metavar="NAME=VALUE", help="Set a property of the environment: see above.")
 @click.option("--fault", metavar="KIND[=VALUE][:P][@WHICH],...", help="Disturb responses: see above.")
 @click.option("--seed", type=int, help="Seed of the faults, to repeat them.")
-@click.option("--late", default=LATE, show_default=True, metavar="S", help="Delay of the fault `late` in seconds.")
+@click.option(
+    "--late",
+    type=Seconds(may_be_zero=True),
+    default=LATE,
+    show_default=True,
+    metavar="S",
+    help="Delay of the fault `late` in seconds.",
+)
 def simulate_command(
     device: str,
     endpoints: tuple[str, ...],

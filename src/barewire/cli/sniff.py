@@ -11,8 +11,8 @@ from typing import BinaryIO
 
 import click
 
-from barewire.cli.arguments import file_content, json_option, known_nodes, nodes_option, print_json
-from barewire.errors import DecodeError, EncodeError, PortError
+from barewire.cli.arguments import Choice, Seconds, file_content, json_option, known_nodes, nodes_option, print_json
+from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
 from barewire.explain.can_monitor import KnownNode, event_as_dict, event_kind, event_line, is_repeated
 from barewire.explain.can_monitor.event_text import EVENT_KINDS
 from barewire.explain.can_monitor.events import MonitorEvent
@@ -52,20 +52,27 @@ _LIVE_BUS = "can0"
 @click.option(
     "--write", type=click.Path(dir_okay=False), metavar="FILE", help="Write every frame to a .pcapng (CAN: or .log)."
 )
-@click.option("--seconds", type=float, help="Stop after this time; without it, at Ctrl-C.")
+@click.option("--seconds", type=Seconds(), metavar="S", help="Stop after this time; without it, at Ctrl-C.")
 @click.option(
     "--window",
-    type=float,
+    type=Seconds(),
+    metavar="S",
     default=WINDOW,
     show_default=True,
     help="Longest time from a request to its response, in seconds.",
 )
 @click.option(
     "--protocol",
-    type=click.Choice(["rtu", "ascii"]),
+    type=Choice(["rtu", "ascii"]),
     help="Of a log or hex dump of a serial line; by default its bytes tell.",
 )
-@click.option("--port", "ports", type=int, multiple=True, help="TCP port of servers in a capture, besides 502.")
+@click.option(
+    "--port",
+    "ports",
+    type=click.IntRange(1, 65535),
+    multiple=True,
+    help="TCP port of servers in a capture, besides 502.",
+)
 @click.option(
     "--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: the device of a node, for names and units."
 )
@@ -100,6 +107,12 @@ def sniff_command(
     barewire sniff can://socketcan/can0 --device az3 --node 5 --write can.log
     """
     endpoint = Endpoint.parse(source) if "://" in source else None
+    for kind in only:
+        if kind not in EVENT_KINDS.values():
+            from barewire.devices.device import suggest  # only errors need it
+
+            hint = suggest(kind, EVENT_KINDS.values())
+            raise EncodeError(f"--only {kind}: expected one of {', '.join(EVENT_KINDS.values())}{hint}")
     data = b"" if endpoint is not None else _recording(source, seconds)
     if protocol is not None and endpoint is not None:
         raise click.UsageError(f"--protocol {protocol}: for a recording; that of a line is in its endpoint")
@@ -113,7 +126,13 @@ def sniff_command(
             events = _can_events(items, known, bus, file, write or "")
             _print_can_events(events, as_json=as_json, everything=everything, only=only)
             return
-        for option, given in (("--device", devices), ("--node", nodes), ("--bus", bus), ("--only", only)):
+        for option, given in {
+            "--device": devices,
+            "--node": nodes,
+            "--bus": bus,
+            "--only": only,
+            "--all": everything,
+        }.items():
             if given:
                 raise EncodeError(f"{option} is for a CAN bus, which {source} is not")
         if endpoint is None:
@@ -129,7 +148,7 @@ def _recording(source: str, seconds: float | None) -> bytes:
         raise EncodeError("--seconds is for a line; a recording ends by itself")
     data = file_content(source)
     if not data:
-        raise EncodeError(f"{source}: the file is empty; expected {_FORMATS}")
+        raise BarewireError(f"{source}: the file is empty; expected {_FORMATS}")
     return data
 
 
@@ -150,7 +169,7 @@ def _replayed(
     try:
         yield from replay(data, window=window, ports=MODBUS_PORTS | set(ports), protocol=protocol)
     except DecodeError as error:
-        raise EncodeError(f"{source}: {error.text}; expected {_FORMATS}") from None
+        raise BarewireError(f"{source}: {error.text}; expected {_FORMATS}") from None
 
 
 def _print_exchanges(events: Iterator[SnifferEvent], file: BinaryIO | None, as_json: bool) -> None:
@@ -231,16 +250,13 @@ def _can_events(
         yield from monitors.feed(item)
     yield from monitors.end()
     if bus is not None and buses and bus not in buses:
-        raise EncodeError(f"--bus {bus}: no frames on it; there are frames on {', '.join(buses)}")
+        raise BarewireError(f"--bus {bus}: no frames on it; there are frames on {', '.join(buses)}")
 
 
 def _print_can_events(
     events: Iterable[tuple[str, MonitorEvent]], *, as_json: bool, everything: bool, only: tuple[str, ...]
 ) -> None:
     """Print a line for each event that is not a repetition; with `everything` for all events."""
-    for kind in only:
-        if kind not in EVENT_KINDS.values():
-            raise EncodeError(f"--only {kind}: expected one of {', '.join(EVENT_KINDS.values())}")
     buses: set[str] = set()
     for bus, event in events:
         buses.add(bus)

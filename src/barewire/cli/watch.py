@@ -24,7 +24,7 @@ from rich.table import Table
 from rich.text import Text
 
 from barewire import connect
-from barewire.cli.arguments import device_argument, endpoint_argument, print_json, text_with_notes
+from barewire.cli.arguments import Seconds, device_argument, endpoint_argument, print_json, text_with_notes
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
@@ -36,7 +36,9 @@ from barewire.errors import BarewireError, EncodeError, PortError, Refused
 @endpoint_argument
 @device_argument
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
-@click.option("--period", default=0.5, show_default=True, metavar="S", help="Seconds from one poll to the next.")
+@click.option(
+    "--period", type=Seconds(), default=0.5, show_default=True, metavar="S", help="Seconds from one poll to the next."
+)
 @click.option("--count", type=click.IntRange(min=1), help="Number of polls; without it, until Ctrl-C.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object a poll.")
 @click.option("--csv", "as_csv", is_flag=True, help="Print one line of CSV a poll; failed polls go to stderr.")
@@ -64,8 +66,6 @@ def watch_command(
     """
     if as_json and as_csv:
         raise click.UsageError("--json and --csv: expected only one of them")
-    if not 0 < period < 1e6:
-        raise click.UsageError(f"--period {period:g}: expected seconds, above 0 and below 1000000")
     description = device_with(device, names)
     parameters = [description.find(name) for name in names]
     if plot is not None:

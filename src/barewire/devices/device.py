@@ -5,7 +5,7 @@ Depends on: Parameter.  Used by: the loader of descriptions, everything that rea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -145,11 +145,15 @@ def fold(name: str) -> str:
     return " ".join(name.casefold().split())
 
 
-def suggest(name: str, known: Mapping[str, Any], title: Any = str) -> str:
-    """Return '; did you mean ...?' with up to three similar names, or an empty text."""
+def suggest(name: str, known: Iterable[str], title: Any = str) -> str:
+    """Return '; did you mean ...?' with up to three similar names, or an empty text. `title` changes how one is shown.
+
+    >>> suggest("abce", ("ABCD", "CDAB"))
+    "; did you mean 'ABCD'?"
+    """
     from difflib import get_close_matches  # only errors need it
 
-    wanted = fold(name)
-    near = get_close_matches(wanted, known, n=3, cutoff=0.6)
-    near += [other for other in known if wanted and wanted in other and other not in near][: 3 - len(near)]
-    return f"; did you mean {' or '.join(repr(title(other)) for other in near)}?" if near else ""
+    wanted, folded = fold(name), {fold(other): other for other in known}
+    near = get_close_matches(wanted, folded, n=3, cutoff=0.6)
+    near += [other for other in folded if wanted and wanted in other and other not in near][: 3 - len(near)]
+    return f"; did you mean {' or '.join(repr(title(folded[other])) for other in near)}?" if near else ""

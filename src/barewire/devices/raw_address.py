@@ -23,7 +23,7 @@ from typing import cast
 from barewire.codecs import codec
 from barewire.codecs.order import ORDERS, Order
 from barewire.devices.description.load import load
-from barewire.devices.device import CanopenSettings, Device, ModbusSettings, fold
+from barewire.devices.device import CanopenSettings, Device, ModbusSettings, fold, suggest
 from barewire.devices.parameter import (
     TABLE_NAMES,
     VALUE_TYPES,
@@ -76,7 +76,8 @@ def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
         place = ObjectAt(_number(text, index, 0xFFFF, base=16), _number(text, sub, 0xFF, base=16) if dot else 0)
         return Parameter(text, _type(text, parts[1]), object=place)
     if table not in TABLE_NAMES or not (rest and len(parts) <= 3):
-        raise EncodeError(f"{text!r} is not an address: expected {_FORM}")
+        hint = suggest(table, (*TABLE_NAMES, "object"))
+        raise EncodeError(f"{text!r} is not an address: expected {_FORM}{hint}")
     address = _number(text, parts[0], 0xFFFF)
     bits = table in ("coil", "discrete")
     type_name = parts[1] if len(parts) > 1 else "bool" if bits else "u16"
@@ -84,7 +85,8 @@ def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
         raise EncodeError(f"{text!r}: a {table} is a bool")
     letters = cast(Order, parts[2].upper()) if len(parts) == 3 else order
     if letters not in ORDERS:
-        raise EncodeError(f"{text!r}: order {parts[2]!r}: expected one of {', '.join(ORDERS)}")
+        expected = f"expected one of {', '.join(ORDERS)}{suggest(parts[2], ORDERS)}"
+        raise EncodeError(f"{text!r}: order {parts[2]!r}: {expected}")
     string = re.fullmatch(r"text(\d*)", type_name)
     if string is not None:
         type_name, size = "text", int(string[1][:9] or 0)
@@ -102,7 +104,8 @@ def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
 
 def _type(text: str, type_name: str) -> str:
     if type_name not in _TYPES:
-        raise EncodeError(f"{text!r}: type {type_name!r}: expected one of {', '.join(_TYPES)}, or textN in registers")
+        expected = f"expected one of {', '.join(_TYPES)}, or textN in registers"
+        raise EncodeError(f"{text!r}: type {type_name!r}: {expected}{suggest(type_name, _TYPES)}")
     return type_name
 
 

@@ -16,6 +16,7 @@ import math
 import re
 
 from barewire.codecs import Value
+from barewire.devices.device import suggest
 from barewire.devices.parameter import Parameter
 from barewire.errors import EncodeError, shown
 
@@ -75,7 +76,8 @@ def _named_value(parameter: Parameter, name: str) -> Value | None:
 def _unknown(parameter: Parameter, text: str) -> EncodeError:
     wanted = "on or off" if parameter.type == "bool" else "a number"
     names = f", or one of: {', '.join(parameter.values.values())}" if parameter.values else ""
-    return EncodeError(f"{parameter.name} = {shown(text)}: expected {wanted}{names}", parameter.name)
+    hint = suggest(text, parameter.values.values())
+    return EncodeError(f"{parameter.name} = {shown(text)}: expected {wanted}{names}{hint}", parameter.name)
 
 
 def _number(text: str) -> int | float:

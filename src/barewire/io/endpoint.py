@@ -257,7 +257,7 @@ class Endpoint(NamedTuple):
             forms += " or one of tls, udp, rtu+tcp, ascii+tcp://HOST:PORT"
             from barewire.devices.device import suggest  # only errors need it
 
-            raise EncodeError(f"endpoint {url!r}: expected {forms}{suggest(scheme, dict.fromkeys((*CARRIERS, 'can')))}")
+            raise EncodeError(f"endpoint {url!r}: expected {forms}{suggest(scheme, (*CARRIERS, 'can'))}")
         if "#" in url:
             raise EncodeError(f"endpoint {url!r}: '#' has no meaning in an endpoint; in a name it is %23")
         if "?" in query:
@@ -393,4 +393,7 @@ class Endpoint(NamedTuple):
         for word in _CHOICES[key]:
             if text.lower() == word.lower():
                 return word
-        raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r}, expected one of {', '.join(_CHOICES[key])}")
+        from barewire.devices.device import suggest  # only errors need it
+
+        expected = f"expected one of {', '.join(_CHOICES[key])}{suggest(text, _CHOICES[key])}"
+        raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r}, {expected}")

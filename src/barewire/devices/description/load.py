@@ -61,8 +61,8 @@ def load(name_or_path: str | Path) -> Device:
     if mark and not os.path.isdir(name_or_path):
         key, _, order = option.partition("=")
         if key != "order" or order.upper() not in ORDERS:
-            known = ", ".join(ORDERS)
-            raise UnknownName(f"device {shown(str(name_or_path))}: expected ?order= and one of {known} behind the name")
+            expected = f"expected ?order= and one of {', '.join(ORDERS)} behind the name{suggest(order, ORDERS)}"
+            raise UnknownName(f"device {shown(str(name_or_path))}: {expected}")
         return load(plain).in_order(cast(Order, order.upper()))
     wanted = fold(str(name_or_path)).replace("_", "-")
     if wanted in names():

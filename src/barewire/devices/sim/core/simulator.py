@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from barewire.devices.device import Device
+from barewire.devices.device import Device, suggest
 from barewire.devices.sim.core.machine import MachineClock
 from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.store import MachineStore
@@ -146,5 +146,6 @@ def parse_setting(text: str, names: tuple[str, ...]) -> tuple[str, float]:
         number = -1.0
     if name not in names or not 0 <= number < float("inf"):
         expected = ", ".join(known.replace("_", "-") for known in names)
-        raise EncodeError(f"{text!r}: expected NAME=NUMBER with a name of {expected}")
+        hint = "" if name in names else suggest(name, names, lambda known: known.replace("_", "-"))
+        raise EncodeError(f"{text!r}: expected NAME=NUMBER with a name of {expected}{hint}")
     return name, number

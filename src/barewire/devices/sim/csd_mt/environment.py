@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from math import inf, isnan, nan
 from typing import NamedTuple
 
+from barewire.devices.device import suggest
 from barewire.errors import EncodeError
 
 REVOLUTION = 12_800
@@ -105,8 +106,9 @@ class Environment:
                 raise EncodeError(f"{text!r}: expected a whole number behind =, found {value!r}")
             setattr(self, name, int(number) if name == "encoder" else number)
         else:
-            known = ", ".join(["I0 to I4", "walls", "model", *(number.replace("_", "-") for number in _NUMBERS)])
-            raise EncodeError(f"{text!r}: expected NAME=VALUE with a name of {known}")
+            known = ["walls", "model", *(number.replace("_", "-") for number in _NUMBERS)]
+            expected = f"expected NAME=VALUE with a name of I0 to I4, {', '.join(known)}"
+            raise EncodeError(f"{text!r}: {expected}{suggest(name.replace('_', '-'), known)}")
 
 
 _MODELS = ("94", "S4")

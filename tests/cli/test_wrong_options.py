@@ -1,0 +1,185 @@
+"""Every command, and every option and argument with a restricted form: what cannot be understood is one line and exit
+status 2, before anything is opened, and the nearest name is suggested."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+
+from barewire.cli.app import COMMANDS, barewire_command, run_command_line
+
+TCP = "tcp://127.0.0.1:1"  # nothing listens there: a command that connects fails with exit status 1
+CAN = "can://socketcand/127.0.0.1:1/can0?node=5"
+READ, WATCH, WRITE = ("read", TCP, "adxl"), ("watch", TCP, "adxl", "Status"), ("write", TCP, "adxl")
+SIMULATE, SNIFF, EXPLAIN = (
+    ("simulate", "adxl", "tcp://127.0.0.1:0"),
+    ("sniff", "rtu:///dev/null"),
+    ("explain", "rtu", "01"),
+)
+MOVE = ("drive", TCP, "az3", "move", "100")
+
+WRONG: list[tuple[tuple[str, ...], str]] = [
+    # Endpoints, devices, names and values, which many commands have
+    (("reed", TCP), "did you mean 'read'?"),
+    (("read", "tpc://127.0.0.1", "adxl", "Status"), "did you mean 'tcp'?"),
+    (("read", "127.0.0.1", "adxl", "Status"), "expected tcp://HOST:PORT"),
+    (("read", "tcp://127.0.0.1?unti=1", "adxl", "Status"), "did you mean 'unit'?"),
+    (("read", "rtu:///dev/x?recovery=prob", "adxl", "Status"), "did you mean 'probe'?"),
+    (("read", "rtu:///dev/x?latency=usbb", "adxl", "Status"), "did you mean 'usb'?"),
+    (("read", "can://socketcna/can0", "az3", "STATUS WORD"), "did you mean 'socketcan'"),
+    (("read", "can://socketcan/can0?node=0", "az3", "STATUS WORD"), "expected 1..127"),
+    (("read", CAN, "adxl", "Status"), "adxl has no CANopen"),
+    (("read", TCP, "adlx", "Status"), "did you mean 'adxl'?"),
+    (("read", TCP, "csd-mt?order=ABCE", "Status Word"), "did you mean 'ABCD'"),
+    ((*READ, "Statsu"), "did you mean 'Status'?"),
+    (("read", TCP, "raw", "holdng:1"), "did you mean 'holding'?"),
+    (("read", TCP, "raw", "objekt:1018:u32"), "did you mean 'object'?"),
+    (("read", TCP, "raw", "Status"), "'Status' is not an address"),
+    (("read", TCP, "raw", "holding:0G"), "'0G' is not a number in 0..65535"),
+    (("read", TCP, "raw", "holding:65536"), "is not a number in 0..65535"),
+    (("read", TCP, "raw", "holding:1:f33"), "did you mean 'f32'"),
+    (("read", TCP, "raw", "holding:1:u32:ABCE"), "did you mean 'ABCD'"),
+    (("read", TCP, "raw", "coil:1:u16"), "a coil is a bool"),
+    (("read", TCP, "raw", "holding:1:text0"), "expected text1..text125"),
+    (("read", CAN, "raw", "object:6041:u33"), "did you mean 'u32'"),
+    (("read", CAN, "--timing", "az3", "STATUS WORD"), "Modbus goes over tcp://"),
+    ((*WRITE, "Status"), "expected NAME=VALUE"),
+    ((*WRITE, "Motor strat command=1"), "did you mean 'Motor start command'"),
+    ((*WRITE, "Motor start command=exceute"), "did you mean 'execute'?"),
+    ((*WRITE, "Motor start command=700000"), "expected 1"),
+    ((*WRITE, "Status=1"), "read only"),
+    (("write", CAN, "--timing", "az3", "TARGET VELOCITY=1"), "Modbus goes over tcp://"),
+    # watch
+    (("watch", TCP, "adxl", "Statsu"), "did you mean 'Status'?"),
+    *(((*WATCH, "--period", text), "--period") for text in ("0", "-1", "nan", "inf", "soon")),
+    *(((*WATCH, "--count", text), "--count") for text in ("0", "many")),
+    *(((*WATCH, "--plot", text), "expected a name that ends in .svg, .png, .pdf") for text in ("x.bmp", "x", "x.svgz")),
+    ((*WATCH, "--plot", "/"), "--plot /"),
+    ((*WATCH, "--json", "--csv"), "expected only one of them"),
+    # simulate
+    (("simulate", "adlx", "tcp://127.0.0.1:0"), "did you mean 'adxl'?"),
+    (("simulate", "adxl", "can://virtual/x"), "use can://socketcand"),
+    (("simulate", "adxl", CAN), "adxl has no CANopen"),
+    (("simulate", "table", CAN), "Modbus goes over tcp://"),
+    (("simulate", "table", "rtu://pty?unit=255"), "from 1 to 247"),
+    (("simulate", "csd-mt?order=ABCD", "tcp://127.0.0.1:0"), "a simulated device has its own byte order"),
+    ((*SIMULATE, "--fault", "drp"), "did you mean 'drop'?"),
+    *(((*SIMULATE, "--fault", f"drop:{text}"), "expected a probability") for text in ("2", "x", "nan")),
+    ((*SIMULATE, "--seed", "x"), "--seed"),
+    *(((*SIMULATE, "--late", text), "--late") for text in ("-1", "nan", "inf", "soon")),
+    ((*SIMULATE, "--set", "Frequency"), "expected NAME=VALUE"),
+    ((*SIMULATE, "--set", "Frequenzy=49"), "did you mean 'Frequency'?"),
+    ((*SIMULATE, "--world", "lien=0"), "did you mean 'line'?"),
+    *(((*SIMULATE, "--world", text), "expected NAME=NUMBER") for text in ("line", "line=x", "line=-1", "line=nan")),
+    (("simulate", "csd-mt", "tcp://127.0.0.1:0", "--world", "wals=-1:1"), "did you mean 'walls'?"),
+    (("simulate", "table", "tcp://127.0.0.1:0", "--world", "line=0"), "a table has no environment"),
+    (("simulate", "table", "tcp://127.0.0.1:0", "--set", "a=0"), "a table has no named values"),
+    # explain
+    (("explain", "rtx", "01"), "did you mean 'rtu'"),
+    (("explain", "rtu", "0G"), "'G' at 1 is not a hexadecimal digit"),
+    (("explain", "can", "6G5#40"), "'G' is not a hexadecimal digit"),
+    ((*EXPLAIN, "--role", "requst"), "did you mean 'request'?"),
+    ((*EXPLAIN, "--device", "az3"), "--device is for can only"),
+    (("explain", "can", "605#40", "--device", "az4"), "did you mean 'az3'?"),
+    *((("explain", "can", "605#40", "--device", "az3", "--node", text), "--node") for text in ("0", "128", "x")),
+    (("explain", "can", "605#40", "--node", "5"), "give a --device for each --node"),
+    # sniff
+    (("sniff", "tpc://127.0.0.1"), "did you mean 'tcp'?"),
+    (("sniff", TCP), "listening in needs a line"),
+    *(
+        ((*SNIFF, option, text), option)
+        for option in ("--seconds", "--window")
+        for text in ("0", "-1", "nan", "inf", "x")
+    ),
+    *(((*SNIFF, "--port", text), "--port") for text in ("0", "65536", "x")),
+    *(((*SNIFF, *option), "is for a CAN bus") for option in (("--device", "az3"), ("--bus", "can0"), ("--all",))),
+    ((*SNIFF, "--protocol", "asci"), "did you mean 'ascii'?"),
+    ((*SNIFF, "--only", "sdo"), "--only is for a CAN bus"),
+    (("sniff", CAN, "--only", "emyc"), "did you mean 'emcy'?"),
+    (("sniff", CAN, "--device", "az4"), "did you mean 'az3'?"),
+    *((("sniff", CAN, "--device", "az3", "--node", text), "--node") for text in ("0", "128", "x")),
+    # conform
+    *(
+        (("conform", TCP, *option), "are for can://")
+        for option in (("--gentle",), ("--only", "SDO"), ("--large", "2000:0"))
+    ),
+    *((("conform", CAN, "--large", text), "expected INDEX:SUB") for text in ("1:0", "xx", "2000:100")),
+    (("conform", CAN, "--timing"), "Modbus goes over tcp://"),
+    # canopen-gateway
+    (("canopen-gateway", TCP), "expected can://"),
+    *(
+        (("canopen-gateway", CAN, "--listen", text), text)
+        for text in ("here", "127.0.0.1:99999", "a..b:80", "127.0.0.1:")
+    ),
+    *((("canopen-gateway", CAN, "--net", text), "--net") for text in ("0", "128", "x")),
+    # eds, devices, demo
+    (("eds", "exprot"), "did you mean 'export'?"),
+    (("eds", "export", "az4"), "did you mean 'az3'?"),
+    (("eds", "export", "adxl"), "adxl has no CANopen"),
+    (("eds", "lint"), "FILE"),
+    (("devices", "az4"), "did you mean 'az3'?"),
+    (("demo", "az3"), "az3"),
+    # drive
+    (("drive", "tpc://127.0.0.1", "az3", "status"), "did you mean 'tcp'?"),
+    (("drive", TCP, "az4", "status"), "did you mean 'az3'?"),
+    (("drive", TCP, "adxl", "status"), "adxl is not a drive"),
+    (("drive", TCP, "az3", "mvoe", "1"), "did you mean 'move'?"),
+    (("drive", TCP, "az3", "move", "far"), "expected a number"),
+    *(
+        ((*MOVE, option, text), option)
+        for option in ("--velocity", "--acceleration", "--deceleration")
+        for text in ("nan", "inf", "fast")
+    ),
+    *(
+        ((*MOVE, option, text), option)
+        for option in ("--timeout", "--within")
+        for text in ("0", "-1", "nan", "inf", "x")
+    ),
+    *((("drive", TCP, "az3", "home", text), "METHOD") for text in ("x", "128", "-129")),
+]
+
+
+@pytest.mark.parametrize(("arguments", "text"), WRONG, ids=[" ".join(arguments) for arguments, _ in WRONG])
+def test_what_cannot_be_understood_is_one_line_and_exit_status_2(
+    arguments: tuple[str, ...],
+    text: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status = run_command_line(list(arguments))
+    output = capsys.readouterr()
+    assert (status, output.out) == (2, ""), output
+    assert text in output.err
+    assert output.err.startswith("barewire: ")
+    assert output.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def commands(group: click.Group, name: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    context = click.Context(group)
+    for word in group.list_commands(context):
+        command = group.get_command(context, word)
+        assert command is not None
+        yield (*name, word), command
+        if isinstance(command, click.Group):
+            yield from commands(command, (*name, word))
+
+
+ANY_TEXT = {"--write", "--bus"}
+"""Options whose values have no form: names of files and buses."""
+
+
+def test_every_option_with_a_restricted_form_is_in_the_table() -> None:
+    missing = []
+    for name, command in commands(barewire_command):
+        tried = {word for arguments, _ in WRONG if arguments[0] == name[0] for word in arguments}
+        for parameter in command.params:
+            if isinstance(parameter, click.Option) and not parameter.is_flag:
+                missing += [f"{' '.join(name)} {option}" for option in {*parameter.opts} - ANY_TEXT - tried]
+    assert not missing
+    assert {arguments[0] for arguments, _ in WRONG} >= set(COMMANDS)
