@@ -5,6 +5,7 @@
     ports/             TCP, UDP, TLS, serial ports, pseudo-terminals, CAN buses
     modbus/            ModbusClient, AsyncModbusClient, listening in, the conformance battery
     canopen/           CanopenClient, AsyncCanopenClient, shared buses, captures, the gateway of CiA 309-3
+    log                what is logged, and the limit of lines
     machine            a machine by name, on Modbus or CANopen; `named_values`: its values; `drive`: its motion
     fault_injection/   faults in the answers of a server
     server/            ModbusServer, AsyncModbusServer, CanopenServer; connection limits

@@ -29,6 +29,8 @@ class FanOut:
     def __init__(self, count: int, *, datagrams: bool = False, any_unit: bool = False) -> None:
         self.strays = 0
         """The number of frames that answer no open request."""
+        self.on_stray: Callable[[bytes], object] | None = None
+        """Called with each of these frames."""
         self._datagrams = datagrams
         self._held = b""
         self._last = 0
@@ -75,5 +77,7 @@ class FanOut:
         place = self._asked.get(frame[0] << 8 | frame[1]) if len(frame) > PREFIX else None
         if place is None:
             self.strays += 1
+            if self.on_stray is not None:
+                self.on_stray(frame)
             return []
         return [(place, frame)]

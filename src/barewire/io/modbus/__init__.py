@@ -3,6 +3,7 @@
     options                         the types of the options of clients and servers
     carriers                        the framing state and the port of an endpoint
     methods                         the base class of both clients: read_coils and all other methods
+    client_log                      the lines in the log of a client
     connection, client              the blocking client
     async_connection, async_client  the asyncio client
     sniff                           listens in on a serial line

@@ -19,11 +19,13 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from barewire.conversation import Conversation
-from barewire.errors import EncodeError, PortError, shown
+from barewire.errors import EncodeError, NoAnswer, PortError, shown
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.asyncio import exchange, run
 from barewire.io.engine.backoff import BackOff
+from barewire.io.log import watch_both
 from barewire.io.modbus.carriers import connect, modbus_line
+from barewire.io.modbus.client_log import ClientLog
 from barewire.io.ports.mailbox import Mailbox
 from barewire.io.ports.trace import traced
 from barewire.modbus.adu import BROADCAST
@@ -73,6 +75,8 @@ class AsyncConnection:
             )
         self.lanes = [Lane(bus), *(Lane(bus.sibling_bus(bus.line)) for _ in range(in_flight - 1))]
         self.back_off = back_off
+        self._log = ClientLog(endpoint)
+        bus.state.on_stray = self._log.stray
         self._endpoint = endpoint
         self._watch = watch
         self._link: AsyncLink | None = None
@@ -90,9 +94,7 @@ class AsyncConnection:
             box = self._open_box(lane) or await self.open(lane, patience)
             return await run(make(lane.bus), box)
         except BaseException as error:
-            self._failed(lane, box, error)
-            if isinstance(error, ModbusException):
-                error.add_place(unit)
+            self._failed(lane, box, error, unit)
             raise
         finally:
             self._leave(lane)
@@ -108,9 +110,7 @@ class AsyncConnection:
             box = self._open_box(lane) or await self.open(lane, patience)
             return await exchange(lane.bus, unit, request, timeout, box)
         except BaseException as error:
-            self._failed(lane, box, error)
-            if isinstance(error, ModbusException):
-                error.add_place(unit, getattr(request, "address", None))
+            self._failed(lane, box, error, unit, request)
             raise
         finally:
             self._leave(lane)
@@ -145,7 +145,18 @@ class AsyncConnection:
                 if not self._waiters[holder].done():
                     self._waiters[holder].set_result(None)
 
-    def _failed(self, lane: Lane, box: Mailbox | None, error: BaseException) -> None:
+    def _failed(
+        self,
+        lane: Lane,
+        box: Mailbox | None,
+        error: BaseException,
+        unit: int | None,
+        request: Request[Any] | None = None,
+    ) -> None:
+        if isinstance(error, ModbusException):
+            error.add_place(unit, getattr(request, "address", None))
+        elif isinstance(error, NoAnswer):
+            self._log.no_answer(unit, error)
         failed = isinstance(error, PortError) or isinstance(error.__cause__, PortError)
         if box is not None and lane.box is box and (failed or lane.bus.line.broken):
             self.drop(str(lane.bus.line.broken or box.lost or error))
@@ -180,9 +191,12 @@ class AsyncConnection:
 
     async def _connect(self, lane: Lane) -> Mailbox:
         clock = asyncio.get_running_loop().time
+        watch = watch_both(self._watch, self._log.watch())
         datagrams, any_unit = self._endpoint.is_datagram, self._endpoint.flag("any_unit")
         fan = FanOut(len(self.lanes), datagrams=datagrams, any_unit=any_unit) if len(self.lanes) > 1 else None
         lines = [modbus_line(self._endpoint, "client")] if fan is None else fan.lines
+        if fan is not None:
+            fan.on_stray = self._log.foreign
         boxes: list[Mailbox] = []
 
         def deliver(data: bytes) -> None:
@@ -194,14 +208,16 @@ class AsyncConnection:
             for box in boxes:
                 box.fail(why)
 
-        receive = traced("received", deliver if fan is not None else lambda data: boxes[0].put(data), self._watch)
+        receive = traced("received", deliver if fan is not None else lambda data: boxes[0].put(data), watch)
         try:
             link = self._link = await connect(self._endpoint, receive, lose)
         except PortError as error:
             self.back_off.failed(clock(), str(error))
+            self._log.not_connected(error, self.back_off.wait(clock()))
             raise
         self.back_off.reset()
-        write = traced("sent", link.write if fan is None else link.write_together, self._watch)
+        self._log.connected()
+        write = traced("sent", link.write if fan is None else link.write_together, watch)
         boxes += [Mailbox(self._endpoint.place, write, link.sent) for _ in lines]
         for other, box, line in zip(self.lanes, boxes, lines):
             other.bus.line, other.box = line, box
@@ -211,6 +227,8 @@ class AsyncConnection:
     def drop(self, why: str) -> None:
         """Close a connection that failed: tasks that wait for an answer get a PortError with `why`."""
         if self._link is not None:
+            ended = next((lane.box.lost for lane in self.lanes if lane.box is not None and lane.box.lost), None)
+            self._log.lost("" if self._closed else ended or why)
             with suppress(RuntimeError):  # the event loop of the connection is closed
                 self._link.close()
             self._link = None
@@ -223,3 +241,4 @@ class AsyncConnection:
         """Close the connection for good."""
         self._closed = True
         self.drop("the client was closed")
+        self._log.flush()

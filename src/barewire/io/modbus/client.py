@@ -18,9 +18,9 @@ from barewire.io.endpoint import check_timeout
 from barewire.io.engine.backoff import random_fraction
 from barewire.io.engine.methods import BlockingClient
 from barewire.io.modbus.carriers import back_off, bus_options, dialer, modbus_line
+from barewire.io.modbus.client_log import ClientLog
 from barewire.io.modbus.connection import Connection
 from barewire.io.modbus.methods import ModbusMethods, checked_request
-from barewire.io.ports.trace import Trace, Watch
 from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from barewire.conversation import Conversation
     from barewire.io.endpoint import SetDirection
     from barewire.io.modbus.options import ModbusOptions
-    from barewire.io.ports.base import Port
+    from barewire.io.ports.trace import Watch
     from barewire.modbus.client.bus import Bus
     from barewire.modbus.messages.base import Request, Response
 
@@ -68,13 +68,13 @@ class ModbusClient(ModbusMethods, BlockingClient):
         **options: Unpack[ModbusOptions],
     ) -> None:
         endpoint = self._configure(url, set_direction, {"unit": unit, "timeout": timeout, **options})
-        dial = dialer(endpoint)
-
-        def traced() -> Port[bytes]:
-            return Trace(dial(), watch) if watch else dial()
-
         self.connection = Connection(
-            traced, lambda: modbus_line(endpoint, "client"), back_off(endpoint, jitter), bus_options(endpoint, gaps)
+            dialer(endpoint),
+            lambda: modbus_line(endpoint, "client"),
+            back_off(endpoint, jitter),
+            bus_options(endpoint, gaps),
+            ClientLog(endpoint),
+            watch,
         )
         if not lazy:
             self.connection.open(self.timeout)

@@ -15,9 +15,11 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from barewire.errors import PortError
+from barewire.errors import NoAnswer, PortError
 from barewire.io.engine.blocking import run
 from barewire.io.engine.fast_path import exchange
+from barewire.io.log import watch_both
+from barewire.io.ports.trace import Trace
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.client.bus import Bus
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
@@ -26,7 +28,9 @@ from barewire.modbus.exceptions import ModbusException
 if TYPE_CHECKING:
     from barewire.conversation import Conversation
     from barewire.io.engine.backoff import BackOff
+    from barewire.io.modbus.client_log import ClientLog
     from barewire.io.ports.base import Port
+    from barewire.io.ports.trace import Watch
     from barewire.modbus.framing import Line
     from barewire.modbus.messages.base import Request, Response
 
@@ -37,7 +41,8 @@ T = TypeVar("T")
 class Connection:
     """The port of a client and its bus. `dial` opens a port, `new_line` makes the framing state of a new connection.
 
-    `bus_options` are arguments of `Bus`. The methods wait at most `patience` seconds for the back-off.
+    `bus_options` are arguments of `Bus`. The methods wait at most `patience` seconds for the back-off. `watch` is
+    called with all bytes.
     """
 
     def __init__(
@@ -46,10 +51,15 @@ class Connection:
         new_line: Callable[[], Line],
         back_off: BackOff,
         bus_options: dict[str, Any],
+        log: ClientLog,
+        watch: Watch | None = None,
     ) -> None:
         self.port: Port[bytes] | None = None
         self.bus = Bus(new_line(), **bus_options)
+        self.bus.state.on_stray = log.stray
         self.back_off = back_off
+        self._log = log
+        self._watch = watch
         self._dial = dial
         self._new_line = new_line
         self._line = threading.Lock()  # held during an exchange
@@ -110,8 +120,10 @@ class Connection:
     def _failed(self, error: BaseException, unit: int | None, request: Request[Any] | None = None) -> None:
         if isinstance(error, ModbusException):
             error.add_place(unit, getattr(request, "address", None))
+        elif isinstance(error, NoAnswer):
+            self._log.no_answer(unit, error)
         if isinstance(error, PortError) or isinstance(error.__cause__, PortError) or self.bus.line.broken:
-            self.drop()
+            self.drop(str(self.bus.line.broken or error.__cause__ or error))
 
     def open(self, patience: float) -> Port[bytes]:
         """Return the port. It is opened if there is none, or if it has failed."""
@@ -122,9 +134,10 @@ class Connection:
                     self.bus.overhear(data, time.monotonic())
                 if self.bus.line.broken is None and not self._closed:
                     return self.port
-            except PortError:
-                pass
-            self.drop()
+                why = str(self.bus.line.broken)
+            except PortError as error:
+                why = str(error)
+            self.drop(why)
         if self._closed:
             raise PortError("the client was closed")
         wait = self.back_off.wait(time.monotonic())
@@ -132,11 +145,15 @@ class Connection:
             raise PortError(f"{self.back_off.why}; tried again in {wait:.1f} s")
         time.sleep(wait)
         try:
-            self.port = self._dial()
+            port = self._dial()
         except PortError as error:
             self.back_off.failed(time.monotonic(), str(error))
+            self._log.not_connected(error, self.back_off.wait(time.monotonic()))
             raise
+        watch = watch_both(self._watch, self._log.watch())
+        self.port = port if watch is None else Trace(port, watch)
         self.back_off.reset()
+        self._log.connected()
         self.bus.line = self._new_line()
         self.bus.line.sent(time.monotonic())  # a client waits for a silence of the line before its first request
         return self.port
@@ -147,13 +164,15 @@ class Connection:
             self.back_off.reset()
             self.open(patience)
 
-    def drop(self) -> None:
+    def drop(self, why: str) -> None:
         """Close a port that failed; the next request opens another one."""
         if self.port is not None:
+            self._log.lost(why)
             self.port.close()
             self.port = None
 
     def close(self) -> None:
         """Close the port for good."""
         self._closed = True
-        self.drop()
+        self.drop("")
+        self._log.flush()

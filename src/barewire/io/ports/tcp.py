@@ -146,8 +146,12 @@ def listening_socket(endpoint: Endpoint) -> tuple[socket.socket, str]:
             listener = socket.create_server((host, port), family=family, backlog=CONNECTIONS)
     except OSError as error:
         raise PortError(f"{host}:{port}: {reason(error)}") from None
-    shown = f"[{host}]" if ":" in host else host
-    return listener, str(endpoint._replace(place=f"{shown}:{listener.getsockname()[1]}"))
+    return listener, str(endpoint._replace(place=place_of(host, listener.getsockname()[1])))
+
+
+def place_of(host: str, port: int) -> str:
+    """Return HOST:PORT as in a URL, where an address of IPv6 has brackets."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def set_socket_options(connection: socket.socket) -> None:

@@ -1,7 +1,7 @@
 """Servers of Modbus units and of nodes on a CAN bus.
 
     base                 the base classes of servers: how they start and how they end
-    failures             the log of errors in the code of units
+    server_log           the lines in the log of a Modbus server
     connection_limits    how many clients may be connected, and how long one may be silent
     modbus               ModbusServer; by kind of port: tcp (without asyncio), serial, asyncio_stream
     asyncio_modbus       AsyncModbusServer; by kind of port: asyncio_stream, asyncio_ports

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import PSEUDO_TERMINAL
 from barewire.io.modbus.carriers import modbus_line
+from barewire.io.ports.tcp import place_of
 from barewire.io.server.asyncio_ports import SerialServer
 from barewire.io.server.asyncio_stream import server_at
 from barewire.io.server.base import AsyncServer
@@ -103,9 +104,8 @@ class AsyncModbusServer(AsyncServer):
             return
         self._server = self._network
         await self._network.listen(self._listener)
-        host = self._endpoint.host_and_port[0]
-        place = f"[{host}]" if ":" in host else host
-        self.url = str(self._endpoint._replace(place=f"{place}:{self._network.port}"))
+        place = place_of(self._endpoint.host_and_port[0], self._network.port)
+        self.url = str(self._endpoint._replace(place=place))
 
     async def _release(self) -> None:
         if self._server is not None:

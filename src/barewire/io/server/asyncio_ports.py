@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
 from typing import Any, cast
@@ -15,9 +15,9 @@ from typing import Any, cast
 from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import modbus_line
-from barewire.io.ports.tcp import reason
+from barewire.io.ports.tcp import place_of, reason
 from barewire.io.server.connection_limits import ConnectionTable, Inject
-from barewire.io.server.failures import FailureLog
+from barewire.io.server.server_log import server_log
 from barewire.modbus import Server, Unit
 from barewire.modbus.server.server import Reply, ServerStatistics
 
@@ -29,7 +29,16 @@ class DatagramServer(asyncio.DatagramProtocol):
         self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # always empty: datagrams have none
         self._endpoint = endpoint
         self._inject = inject
-        self._server = Server(modbus_line(endpoint, "server"), units, serial=False, on_failure=FailureLog())
+        self._log = server_log(endpoint)
+        self._watch: Callable[[str, bytes], None] | None = None
+        self._peer = "?"
+        self._server = Server(
+            modbus_line(endpoint, "server"),
+            units,
+            serial=False,
+            on_failure=self._log.failed,
+            on_refusal=lambda unit, request: self._log.refused(unit, request, self._peer),
+        )
         self.statistics = self._server.statistics
         self._transport: asyncio.DatagramTransport | None = None
         self._full = False
@@ -49,17 +58,23 @@ class DatagramServer(asyncio.DatagramProtocol):
             await loop.create_datagram_endpoint(lambda: self, **address)
         except OSError as error:
             raise PortError(f"{host}:{port}: {reason(error)}") from None
+        self._log.serving(str(self._endpoint._replace(place=place_of(host, self.port))), self._server.units)
+        self._watch = self._log.watch()
 
     async def close(self) -> None:
         """Release the port."""
         if self._transport is not None:
             self._transport.abort()
+        self._log.stopped()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         # A cast, because the transports of some event loops do not inherit from DatagramTransport.
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
+        self._peer = addr[0]
+        if self._watch is not None:
+            self._watch(f"{addr[0]}:{addr[1]}: received", data)
         for reply in self._server.feed(data, asyncio.get_running_loop().time()):
             if self._inject is None:
                 self._send(reply.data, addr)
@@ -70,6 +85,8 @@ class DatagramServer(asyncio.DatagramProtocol):
         assert self._transport is not None
         # While the buffer is full, answers are dropped: a datagram may be lost, but memory must stay limited.
         if not self._full and not self._transport.is_closing():
+            if self._watch is not None:
+                self._watch(f"{addr[0]}:{addr[1]}: sent", data)
             with suppress(OSError):
                 self._transport.sendto(data, addr)
 
@@ -95,15 +112,20 @@ class SerialServer:
         self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # always empty: a line has none
         self._inject = inject
         self._line = modbus_line(endpoint, "server", tuple(units))
-        self._server = Server(self._line, units, serial=True, statistics=statistics, on_failure=FailureLog())
+        self._log = server_log(endpoint)
+        self._server = Server(self._line, units, serial=True, statistics=statistics, on_failure=self._log.failed)
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self._sending: set[asyncio.Task[None]] = set()
         self.failure: PortError | None = None
         """The error of the port that ended the server, or None."""
         self._link = SerialLink(SerialPort.of_server(endpoint), self._feed, self._fail)
+        self._log.serving(str(endpoint), units)
+        self._watch = self._log.watch()
 
     def _feed(self, data: bytes | None) -> None:
+        if self._watch is not None and data is not None:
+            self._watch("received", data)
         replies = self._server.feed(data, self._loop.time())
         if replies:
             task = self._loop.create_task(self._send(replies))
@@ -125,14 +147,18 @@ class SerialServer:
         self._line.sent(self._loop.time())
 
     def _write(self, frame: bytes) -> None:
+        if self._watch is not None:
+            self._watch("sent", frame)
         with suppress(PortError):
             self._link.write(frame)
 
     def _fail(self, why: str) -> None:
         self.failure = PortError(f"{self._link.name}: {why}")
+        self._log.error("ended", f"ended: {why}")
 
     async def close(self) -> None:
         """Release the port."""
         if self._timer is not None:
             self._timer.cancel()
         self._link.close()
+        self._log.stopped()

@@ -12,20 +12,24 @@ import asyncio
 import socket
 import ssl
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from barewire.errors import DecodeError, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import modbus_line
-from barewire.io.ports.tcp import CHUNK, CONNECTIONS, listening_socket, reason, set_socket_options
+from barewire.io.ports.tcp import CHUNK, CONNECTIONS, listening_socket, place_of, reason, set_socket_options
 from barewire.io.ports.tls import roles_of, server_context, tls_reason
 from barewire.io.ports.tls_session import TlsSession
+from barewire.io.ports.trace import Watch
 from barewire.io.server.asyncio_ports import DatagramServer
 from barewire.io.server.base import POLL_INTERVAL
-from barewire.io.server.connection_limits import ConnectionTable, Inject, send_replies
-from barewire.io.server.failures import FailureLog
+from barewire.io.server.connection_limits import ConnectionTable, End, Inject, send_replies
+from barewire.io.server.server_log import server_log
 from barewire.modbus import Authorization, Request, Server, Unit
 from barewire.modbus.server.server import ServerStatistics, counters_for
+
+if TYPE_CHECKING:
+    from barewire.modbus.messages.registry import AnyRequest
 
 _HANDSHAKE = 10.0
 """Seconds that a TLS handshake may take."""
@@ -41,12 +45,12 @@ class StreamServer:
         authorization: Authorization | None = None,
         inject: Inject | None = None,
     ) -> None:
-        self.connections: ConnectionTable[_Connection] = ConnectionTable(endpoint)
+        self.log = server_log(endpoint)
+        self.statistics = ServerStatistics()
+        self.connections: ConnectionTable[_Connection] = ConnectionTable(endpoint, self.statistics, self.log)
         self.endpoint = endpoint
         self.units = units
         self.inject = inject
-        self.statistics = ServerStatistics()
-        self.on_failure = FailureLog()
         self.context: ssl.SSLContext | None = None
         self.authorization = authorization
         self.counters = counters_for(modbus_line(endpoint, "server"))
@@ -75,6 +79,7 @@ class StreamServer:
             await self._server.start_serving()
         except OSError as error:
             raise PortError(f"{host}:{port}: {reason(error)}") from None
+        self.log.serving(str(self.endpoint._replace(place=place_of(host, self.port))), self.units)
 
     async def close(self) -> None:
         """Close all connections and release the port."""
@@ -83,9 +88,9 @@ class StreamServer:
         self._server.close()
         if self._timer is not None:
             self._timer.cancel()
-        for connection in list(self.connections.open):
-            connection.abort()
+        self.connections.close_all()
         await self._server.wait_closed()
+        self.log.stopped()
 
     def connected(self, connection: _Connection) -> None:
         """Record a new connection, and start the timer that closes idle ones."""
@@ -118,8 +123,10 @@ class _Connection(asyncio.BufferedProtocol):
             permits=permits,
             counters=server.counters,
             statistics=server.statistics,
-            on_failure=server.on_failure,
+            on_failure=server.log.failed,
+            on_refusal=self._refused,
         )
+        self._watch: Watch | None = None
         self._tls = TlsSession(server.context) if server.context is not None else None
         # One read takes at most this buffer. It is small where frames are searched byte by byte, so that a client which
         # sends noise delays the others less.
@@ -131,6 +138,9 @@ class _Connection(asyncio.BufferedProtocol):
         table, role = self._shared.authorization, self._tls.role if self._tls is not None else None
         return table is None or table.allows(role, unit, request)
 
+    def _refused(self, unit: int, request: AnyRequest | None) -> None:
+        self._shared.log.refused(unit, request, self.peer, None if self._tls is None else self._tls.role)
+
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
@@ -138,13 +148,14 @@ class _Connection(asyncio.BufferedProtocol):
         self.peer = f"{host}:{port}"
         if (raw := transport.get_extra_info("socket")) is not None:
             set_socket_options(raw)
+        self._watch = self._shared.log.watch(self.peer)
         self._shared.connected(self)
         if self._tls is not None:
             self._timer = self._loop.call_later(_HANDSHAKE, self._handshake_timeout)
 
     def _handshake_timeout(self) -> None:
         if self._tls is not None and not self._tls.is_established:
-            self._shared.connections.close(self, f"no TLS handshake within {_HANDSHAKE:g} s")
+            self._shared.connections.close(self, f"no TLS handshake within {_HANDSHAKE:g} s", "refused")
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._shared.connections.remove(self)
@@ -186,11 +197,13 @@ class _Connection(asyncio.BufferedProtocol):
         for part in received:
             self._feed(part, now)
         if why or tls.ended:
-            self._end(why)
+            self._end(why, "broken" if tls.is_established else "refused")
 
     def _feed(self, data: bytes | None, now: float) -> None:
         if self._transport is None or self._transport.is_closing():
             return
+        if self._watch is not None and data is not None:
+            self._watch("received", data)
         replies = self._server.feed(data, now)
         if replies:
             self.was_answered = True
@@ -199,7 +212,7 @@ class _Connection(asyncio.BufferedProtocol):
             self._set_timer(bool(replies))
         if self._line.broken is not None:
             # The beginning of the next frame cannot be found any more.
-            self._end(str(self._line.broken))
+            self._end(str(self._line.broken), "broken")
 
     def _set_timer(self, has_sent: bool) -> None:
         """Set the timer for the next silence of a serial line, which may be at the end of a tunnel."""
@@ -213,16 +226,18 @@ class _Connection(asyncio.BufferedProtocol):
     def _write(self, data: bytes) -> None:
         if self._transport is None or self._transport.is_closing():
             return
+        if self._watch is not None:
+            self._watch("sent", data)
         if self._tls is not None:
             self._tls.send(data)
             data = self._tls.outgoing()
         self._transport.write(data)
 
-    def _end(self, why: str) -> None:
-        """Close after the pending bytes are sent."""
+    def _end(self, why: str, end: End) -> None:
+        """Close after the pending bytes are sent. Without `why` the client ended the connection."""
         assert self._transport is not None
         if why:
-            self._shared.connections.note(self, why)
+            self._shared.connections.note(self, why, end)
         self._transport.close()
 
     def pause_writing(self) -> None:

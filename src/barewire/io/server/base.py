@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Self
 
 from barewire.errors import BarewireError, PortError
+from barewire.io.log import PortLog
 
 if TYPE_CHECKING:
     import asyncio
@@ -32,6 +33,8 @@ class ThreadedServer(ABC):
 
     url: str
     """The URL for clients, with the port number or the pseudo-terminal that it got."""
+    _logger: str
+    """The name of its logger."""
 
     def __init__(self) -> None:
         self._stop = threading.Event()
@@ -113,6 +116,7 @@ class ThreadedServer(ABC):
             self._serve_once(self._stop)
         except BarewireError as error:
             self.failure = error
+            PortLog(self._logger, self.url.partition("?")[0]).error("ended", f"ended: {error}")
         finally:
             if self.on_end is not None:
                 self.on_end()

@@ -88,6 +88,8 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
     Raises EncodeError for a wrong URL, option or device, PortError for a bus that cannot be opened.
     """
 
+    _logger = "barewire.canopen.server"
+
     def _prepare(self) -> None:
         self.others = 0
         self._sending = threading.RLock()  # frames are sent in the order in which they were made

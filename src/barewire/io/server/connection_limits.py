@@ -13,6 +13,8 @@
 Recording a request costs O(1): no order is kept, and the table is searched only when a connection must be closed.
 Times are passed in.
 
+Why each connection ended is counted in the statistics of the server, and logged.
+
 Used by: the threaded and the asyncio TCP server.
 """
 
@@ -21,13 +23,19 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from math import inf
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Literal, Protocol, TypeVar
 
 from barewire.io.ports.tcp import CONNECTIONS
+from barewire.io.server.server_log import server_log
+from barewire.modbus.server.server import ServerStatistics
 
 if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint
+    from barewire.io.log import PortLog
     from barewire.modbus.server.server import Reply
+
+End = Literal["left", "refused", "idle", "broken", "stopped"]
+"""Why a connection ended: the name of its counter in `ServerStatistics`."""
 
 Inject = Callable[["Reply", Callable[[bytes], None]], None]
 """Takes an answer and the function that sends it; sends it now, later, changed or not at all (`FaultInjector`)."""
@@ -62,7 +70,11 @@ C = TypeVar("C", bound=TrackedConnection)
 class ConnectionTable(Generic[C]):
     """The connections of one server, with the limits `connections` and `idle` of its endpoint."""
 
-    def __init__(self, endpoint: Endpoint) -> None:
+    def __init__(
+        self, endpoint: Endpoint, statistics: ServerStatistics | None = None, log: PortLog | None = None
+    ) -> None:
+        self.statistics = ServerStatistics() if statistics is None else statistics
+        self.log = server_log(endpoint) if log is None else log
         self.open: dict[C, float] = {}
         """Each open connection, with the time of its last request."""
         self.closed: deque[str] = deque(maxlen=16)
@@ -70,6 +82,7 @@ class ConnectionTable(Generic[C]):
         self.limit = endpoint.integer("connections", CONNECTIONS)
         self.idle_timeout = endpoint.seconds("idle", 0.0)
         """Seconds without a request after which a connection is closed; 0 for never."""
+        self._ends: dict[C, End] = {}  # why the server is closing a connection
         self._none_older = -inf  # no connection sent its last request before this time
 
     def __len__(self) -> int:
@@ -85,29 +98,50 @@ class ConnectionTable(Generic[C]):
         while len(self.open) >= self.limit:
             self.close_longest_silent(f"unused longest of {self.limit} connections")
         self.open[connection] = now
+        self.statistics.opened += 1
+        self.log.info("connected", f"{connection.peer} connected, {len(self.open)} in all")
 
     def received(self, connection: C, now: float) -> None:
         """Record that a connection sent something."""
         self.open[connection] = now
 
     def remove(self, connection: C) -> None:
-        """Remove a connection that ended."""
-        self.open.pop(connection, None)
+        """Remove a connection that ended. Without a reason noted before, the client ended it."""
+        if self.open.pop(connection, None) is None:
+            return
+        end = self._ends.pop(connection, "left")
+        setattr(self.statistics, end, getattr(self.statistics, end) + 1)
+        if end == "left":
+            self.log.info("left", f"{connection.peer} left, {len(self.open)} in all")
 
     def close_longest_silent(self, why: str) -> None:
         """Close the connection that was silent longest, if possible one that never got an answer."""
         unanswered = [connection for connection in self.open if not connection.was_answered]
-        self.close(min(unanswered or self.open, key=self.open.__getitem__), why)
+        self.close(min(unanswered or self.open, key=self.open.__getitem__), why, "refused")
 
-    def close(self, connection: C, why: str) -> None:
+    def close(self, connection: C, why: str, end: End) -> None:
         """Close a connection and keep the reason."""
+        self.note(connection, why, end)
         self.remove(connection)
-        self.note(connection, why)
         connection.abort()
 
-    def note(self, connection: C, why: str) -> None:
+    def note(self, connection: C, why: str, end: End) -> None:
         """Keep the reason for which the server closes a connection."""
-        self.closed.append(f"{connection.peer}: {why}")
+        if connection in self.open:
+            self._ends[connection] = end
+        text = f"{connection.peer}: {why}"
+        self.closed.append(text)
+        if end == "idle":
+            self.log.info(end, f"{text}: closed")
+        else:
+            self.log.warning(end, f"{text}: closed")
+
+    def close_all(self) -> None:
+        """Close all connections, with the server."""
+        for connection in list(self.open):
+            self._ends[connection] = "stopped"
+            self.remove(connection)
+            connection.abort()
 
     def close_idle(self, now: float) -> float | None:
         """Close the connections that were silent too long. Return when to call this again, None if it is not needed."""
@@ -116,6 +150,6 @@ class ConnectionTable(Generic[C]):
         if now >= self._none_older + self.idle_timeout:
             for connection, received_at in list(self.open.items()):
                 if received_at + self.idle_timeout <= now and connection in self.open:
-                    self.close(connection, f"silent for {self.idle_timeout:g} s")
+                    self.close(connection, f"silent for {self.idle_timeout:g} s", "idle")
             self._none_older = min(self.open.values(), default=-inf)
         return self._none_older + self.idle_timeout if self.open else None

@@ -71,10 +71,12 @@ class ModbusServer(ThreadedServer):
     options         all other options of a URL, which they override
 
     An error in the code of a unit is exception 04 for the client. It is logged with its traceback, under the name
-    `barewire.modbus.server` and at most once per second for each unit; `statistics.failures` has the latest ten.
+    `barewire.modbus.server`, as are connections and refusals; `statistics` counts them, and has the latest ten errors.
 
     Raises EncodeError for a wrong URL or option, PortError for a port that cannot be taken.
     """
+
+    _logger = "barewire.modbus.server"
 
     def __init__(
         self,
@@ -111,7 +113,7 @@ class ModbusServer(ThreadedServer):
 
     @property
     def statistics(self) -> ServerStatistics:
-        """Counters of all connections, and the latest errors in the code of units."""
+        """Counters of requests and connections, and the latest errors in the code of units."""
         return self._service.statistics
 
     def _serve(self, stop: threading.Event) -> None:

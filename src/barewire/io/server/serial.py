@@ -14,7 +14,7 @@ from barewire.io.ports.base import Port
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable
-from barewire.io.server.failures import FailureLog
+from barewire.io.server.server_log import server_log
 from barewire.modbus import Server, Unit
 
 if TYPE_CHECKING:
@@ -30,7 +30,8 @@ class SerialService:
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], faults: Faults[bytes] | None = None) -> None:
         self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # a line has none
         self._line = modbus_line(endpoint, "server", units)
-        self._server = Server(self._line, units, serial=True, on_failure=FailureLog())
+        self._log = server_log(endpoint)
+        self._server = Server(self._line, units, serial=True, on_failure=self._log.failed)
         self.statistics = self._server.statistics
         self.port: Port[bytes]
         if endpoint.place == PSEUDO_TERMINAL or not os.path.exists(endpoint.place):
@@ -60,12 +61,18 @@ class SerialService:
     def serve(self, is_over: Callable[[], bool]) -> None:
         """Serve until `is_over()`."""
         clock = time.monotonic
+        self._log.serving(self.url, self._server.units)
+        watch = self._log.watch()
         while not is_over():
             deadline = self._server.deadline
             wait = POLL_INTERVAL if deadline is None else min(POLL_INTERVAL, max(0.0, deadline - clock()))
             data = self.port.receive(wait)
+            if watch is not None and data is not None:
+                watch("received", data)
             for reply in self._server.feed(data, clock()):
                 time.sleep(max(0.0, reply.at - clock()))
+                if watch is not None:
+                    watch("sent", reply.data)
                 self._answer(reply.data, reply.request)
                 # A client that receives the answer at once may send after one silence; the line must accept that.
                 self._line.sent(self.port.sent_at if isinstance(self.port, PseudoTerminal) else clock())
@@ -73,3 +80,4 @@ class SerialService:
     def close(self) -> None:
         """Release the port."""
         self.port.close()
+        self._log.stopped()

@@ -22,13 +22,14 @@ from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.tcp import CHUNK, listening_socket, reason, set_socket_options
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable, send_replies
-from barewire.io.server.failures import FailureLog
+from barewire.io.server.server_log import server_log
 from barewire.modbus.server.server import Server, ServerStatistics
 
 if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint
     from barewire.io.fault_injection.ports import FaultInjector
     from barewire.modbus import Unit
+    from barewire.modbus.messages.registry import AnyRequest
 
 _SELECT_LIMIT = 500
 """Connections where the system has nothing but `select`, which fails with more than 512 sockets."""
@@ -40,14 +41,14 @@ class TcpService:
     """A server of units on a TCP port. `injector` puts faults into the answers."""
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], injector: FaultInjector | None = None) -> None:
-        self.connections: ConnectionTable[_Connection] = ConnectionTable(endpoint)
+        self.log = server_log(endpoint)
+        self.statistics = ServerStatistics()
+        self.connections: ConnectionTable[_Connection] = ConnectionTable(endpoint, self.statistics, self.log)
         if issubclass(selectors.DefaultSelector, selectors.SelectSelector):
             self.connections.limit = min(self.connections.limit, _SELECT_LIMIT)
         self.injector = injector
         self.endpoint = endpoint
         self.units = units
-        self.statistics = ServerStatistics()
-        self.on_failure = FailureLog()
         modbus_line(endpoint, "server", units)  # raises for wrong options before the port is taken
         self._listener, self.url = listening_socket(endpoint)
         self._listener.setblocking(False)
@@ -55,6 +56,7 @@ class TcpService:
     def serve(self, is_over: Callable[[], bool]) -> None:
         """Serve until `is_over()`."""
         clock = time.monotonic
+        self.log.serving(self.url, self.units)
         with selectors.DefaultSelector() as selector:
             selector.register(self._listener, selectors.EVENT_READ)
             try:
@@ -71,10 +73,10 @@ class TcpService:
                                 connection.ready(now)
                             except Exception as error:
                                 # Raised by the caller's code: a look-up of units, a callback for faults.
-                                self.connections.close(connection, f"{type(error).__name__}: {error}")
+                                self.connections.close(connection, f"{type(error).__name__}: {error}", "broken")
             finally:
-                for connection in list(self.connections.open):
-                    connection.abort()
+                self.connections.close_all()
+                self.log.stopped()
 
     def close(self) -> None:
         """Release the port."""
@@ -109,6 +111,7 @@ class TcpService:
         if self.connections.open:
             self.connections.close_longest_silent(f"there was no room for another connection: {why}")
         else:
+            self.log.warning("full", f"there was no room for a connection: {why}")
             time.sleep(POLL_INTERVAL)  # other programs have all descriptors: try again, but not in a busy loop
 
 
@@ -126,11 +129,20 @@ class _Connection:
         self._selector = selector
         self._line = modbus_line(service.endpoint, "server", service.units)
         self._server = Server(
-            self._line, service.units, serial=False, statistics=service.statistics, on_failure=service.on_failure
+            self._line,
+            service.units,
+            serial=False,
+            statistics=service.statistics,
+            on_failure=service.log.failed,
+            on_refusal=self._refused,
         )
+        self._watch = service.log.watch(self.peer)
         self._unsent = bytearray()
         self._ending = False  # it closes when everything is sent
         selector.register(connection, selectors.EVENT_READ, self)
+
+    def _refused(self, unit: int, request: AnyRequest | None) -> None:
+        self._service.log.refused(unit, request, self.peer)
 
     def ready(self, now: float) -> None:
         """Read and answer, or send the rest of an answer. Called when the socket is ready for that."""
@@ -147,6 +159,8 @@ class _Connection:
             self.abort()
             return
         self._service.connections.received(self, now)
+        if self._watch is not None:
+            self._watch("received", data)
         replies = self._server.feed(data, now)
         if replies:
             self.was_answered = True
@@ -156,6 +170,8 @@ class _Connection:
 
     def _send(self, data: bytes) -> None:
         """Send as much as the system takes now. Nothing is read from this client until the rest is sent."""
+        if self._watch is not None:
+            self._watch("sent", data)
         if self._unsent:
             self._unsent += data  # an answer that a fault delayed, while others wait
         elif (taken := self._send_some(data)) < len(data):
@@ -183,7 +199,7 @@ class _Connection:
 
     def _end(self, why: str) -> None:
         """Close after the pending bytes are sent. The beginning of the next frame cannot be found any more."""
-        self._service.connections.note(self, why)
+        self._service.connections.note(self, why, "broken")
         self._ending = True
         if not self._unsent:
             self.abort()

@@ -11,7 +11,7 @@ settled.
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barewire.errors import DecodeError, NoAnswer
@@ -125,6 +125,9 @@ class LineState:
         self._gap = gap
         self._gaps = gaps or {}
         self._dead_after = dead_after
+        self.on_stray: Callable[[LineEvent, PendingAnswer | None], object] | None = None
+        """Called with each frame or noise that does not answer the open request, and with the request that it answers
+        late, if that is known."""
 
     def answered(self, unit: int, now: float) -> None:
         """Record that the unit sent a response in time, which settles every earlier request to it."""
@@ -172,12 +175,18 @@ class LineState:
 
     def stray(self, event: LineEvent, now: float) -> None:
         """Record a frame or noise that does not answer the open request: a late reply if it fits a pending answer."""
+        late = self._late_for(event, now)
         self.counters.strays += 1
+        if self.on_stray is not None:
+            self.on_stray(event, late)
+
+    def _late_for(self, event: LineEvent, now: float) -> PendingAnswer | None:
+        """Return the request that a frame answers late, which is not pending any more; None if it is not known."""
         if not isinstance(event, Adu):
-            return
+            return None
         if self._any_unit and len({late.unit for late in self.pending if late.could_be(event)}) > 1:
             self.counters.late += 1  # of which unit is unknown, so all of them stay pending
-            return
+            return None
         for index, late in enumerate(self.pending):
             if (late.unit == event.unit or self._any_unit) and late.could_be(event):
                 # A unit answers in the order in which it was asked, so its earlier pending answers will not come.
@@ -185,4 +194,5 @@ class LineState:
                 self.pending = [pending for pending in earlier if pending.unit != late.unit] + later
                 self.counters.late += 1
                 self.counters.replies.append(LateReply(late.unit, late.request, event.pdu, now))
-                return
+                return late
+        return None

@@ -81,13 +81,26 @@ class Reply(NamedTuple):
 
 @dataclass
 class ServerStatistics:
-    """Counters, and the latest errors of units. (The counters of the standard are in `serial_counters`.)"""
+    """Counters, and the latest errors of units. (The counters of the standard are in `serial_counters`.)
+
+    Each frame is in one of `requests`, `broadcasts`, `for_others`, `busy`, `not_requests`, `stale` and `echoes`. Each
+    connection is open, or in one of `left`, `refused`, `idle`, `broken` and `stopped`; their sum is `opened`. The owner
+    of the connections counts them.
+    """
 
     requests: int = 0
+    """Requests carried out, or answered with an exception, for one of the units."""
     replies: int = 0
+    """Responses sent, exceptions among them."""
     exceptions: int = 0
+    """Exceptions, also those that broadcasts and stale requests would have had."""
+    denied: int = 0
+    """Requests that the role of the client does not permit; also among `requests` and `exceptions`."""
     broadcasts: int = 0
     for_others: int = 0
+    """Requests for units that are not served: exception 0B on TCP, silence on a serial line."""
+    busy: int = 0
+    """Requests beyond the limit in one read, answered with exception 06."""
     noise_bytes: int = 0
     not_requests: int = 0
     """Frames with bit 7 of the function code set."""
@@ -95,6 +108,18 @@ class ServerStatistics:
     """Requests followed by other traffic before they could be answered."""
     echoes: int = 0
     """The server's own responses, received again."""
+    opened: int = 0
+    """Connections of clients."""
+    left: int = 0
+    """Connections that the client or the network ended."""
+    refused: int = 0
+    """Connections closed because there were too many, or without a TLS session."""
+    idle: int = 0
+    """Connections closed because they were silent too long."""
+    broken: int = 0
+    """Connections closed because their bytes could not be read any more, or the code of the application failed."""
+    stopped: int = 0
+    """Connections closed with the server."""
     failures: list[str] = field(default_factory=list)
     """The latest ten errors raised by the code of units; each was answered with exception 04."""
 
@@ -119,6 +144,8 @@ class Server:
     counters        those of another connection to the same units, to share them (default: new ones)
     statistics      those of another connection to the same units, to share them (default: new ones)
     on_failure      called as on_failure(unit, request or None, error) for each error in the code of a unit
+    on_refusal      called as on_refusal(unit, request or None) for a request that is not permitted, and for one to a
+                    unit that is not served (None), except on a serial line
     """
 
     def __init__(
@@ -132,6 +159,7 @@ class Server:
         counters: defaultdict[int, SerialCounters] | None = None,
         statistics: ServerStatistics | None = None,
         on_failure: Callable[[int, AnyRequest | None, Exception], None] | None = None,
+        on_refusal: Callable[[int, AnyRequest | None], None] | None = None,
     ) -> None:
         self.line = line
         self.units = units
@@ -142,6 +170,7 @@ class Server:
         self._transactions = transactions
         self._permits = permits
         self._on_failure = on_failure
+        self._on_refusal = on_refusal
         self._waiting: Adu | None = None  # answered if at most a glitch follows
         self._sent: Adu | None = None  # the latest response
 
@@ -236,7 +265,11 @@ class Server:
 
     def _overload(self, pdu: bytes) -> bytes | None:
         """Return the response to a request beyond the limit of transactions."""
-        return None if pdu[0] & EXCEPTION_BIT else self._exception(pdu, ModbusException(SERVER_DEVICE_BUSY))
+        if pdu[0] & EXCEPTION_BIT:
+            self.statistics.not_requests += 1
+            return None
+        self.statistics.busy += 1
+        return self._exception(pdu, ModbusException(SERVER_DEVICE_BUSY))
 
     def answer(self, adu: Adu, now: float) -> bytes | None:
         """Carry out a request, and return the PDU of the response, or None for silence."""
@@ -254,7 +287,11 @@ class Server:
             addressed = self.units.get(255, self.units.get(0))
         if addressed is None:
             self.statistics.for_others += 1
-            return None if self.serial else self._exception(pdu, ModbusException(0x0B))
+            if self.serial:
+                return None
+            if self._on_refusal is not None:
+                self._on_refusal(number, None)
+            return self._exception(pdu, ModbusException(0x0B))
         self.statistics.requests += 1
         return self._carry_out(number, addressed, pdu, now)
 
@@ -274,6 +311,9 @@ class Server:
             try:
                 request = _read_request(pdu, unit, counters is not None)
                 if self._permits is not None and not self._permits(number, request):
+                    self.statistics.denied += 1
+                    if self._on_refusal is not None:
+                        self._on_refusal(number, request)
                     raise ModbusException(ILLEGAL_FUNCTION)
                 if counters is None:
                     response = unit.handle(request, now)

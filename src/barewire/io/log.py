@@ -1,0 +1,144 @@
+"""The log of what happens on ports: the standard `logging`, with a limit so that no peer can flood it.
+
+    barewire.modbus.client     barewire.canopen.client      what a request did not tell its caller, connections, frames
+    barewire.modbus.server     barewire.canopen.server      clients, refusals, errors in the code of the application
+                               barewire.canopen.bus         the port of a bus, and the frames on it
+                               barewire.canopen.gateway
+
+    ERROR      the code of the application raised an error, or a server ended
+    WARNING    something was refused or failed, and no exception reports it to the program
+    INFO       the usual course: connections, time-outs (also an exception), late answers
+    DEBUG      all bytes and frames; a port shows them if DEBUG is on when it is opened
+
+Of each *kind* of line there are at most ten in 60 seconds. The next line of this kind ends with the number of those
+left out: "(490 more like this in the last 60 s)".
+
+`logging` takes 5 ms to load. A program that has not imported it has not switched on INFO, so it is loaded only for a
+line of level WARNING or ERROR. docs/logging.md has the lines.
+
+Depends on: nothing.  Used by: everything in `io` that opens a port.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Hashable
+from contextlib import suppress
+from typing import Any
+
+_DEBUG, _INFO, _WARNING, _ERROR = 10, 20, 30, 40
+"""The levels of `logging`."""
+LINES = 10
+"""Lines of one kind that are written in each interval."""
+INTERVAL = 60.0
+"""Seconds."""
+_KINDS = 1000
+"""Kinds that are remembered: those of errors contain the unit and the class of the error."""
+
+
+class _Kind:
+    """The lines of one kind since `since`."""
+
+    def __init__(self, since: float) -> None:
+        self.since = since
+        self.written = 0
+        self.left_out = 0
+        self.level, self.text = 0, ""
+        """Of the latest line that was left out."""
+
+
+class PortLog:
+    """The log of one server, bus or client. `place`, a URL, is the beginning of each line."""
+
+    def __init__(self, name: str, place: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self.name = name
+        self.place = place
+        self._clock = clock
+        self._kinds: dict[Hashable, _Kind] = {}
+
+    def info(self, kind: Hashable, text: str) -> None:
+        """Log a line of level INFO."""
+        if "logging" in sys.modules:
+            self._log(_INFO, kind, text)
+
+    def warning(self, kind: Hashable, text: str) -> None:
+        """Log a line of level WARNING."""
+        self._log(_WARNING, kind, text)
+
+    def error(self, kind: Hashable, text: str, error: BaseException | None = None) -> None:
+        """Log a line of level ERROR, with the traceback of `error`."""
+        self._log(_ERROR, kind, text, error)
+
+    def watch(self, peer: str = "") -> Callable[[Any, Any], Any] | None:
+        """Return a function that logs "sent" or "received", and bytes or a frame; None unless DEBUG is on now."""
+        if "logging" not in sys.modules:
+            return None
+        import logging
+
+        logger = logging.getLogger(self.name)
+        if not logger.isEnabledFor(_DEBUG):
+            return None
+        place = f"{self.place}: {peer}" if peer else self.place
+
+        def show(direction: str, item: Any) -> None:
+            with suppress(Exception):
+                shown = item.hex(" ").upper() if isinstance(item, (bytes, bytearray)) else item
+                logger.debug("%s: %s %s", place, direction, shown)
+
+        return show
+
+    def flush(self) -> None:
+        """Log how many lines were left out. Called when a server, bus or client is closed."""
+        kinds, self._kinds = self._kinds, {}
+        for kind in kinds.values():
+            if kind.left_out:
+                kind.left_out -= 1  # the latest one is written now
+                self._write(kind.level, kind.text, self._more(kind, self._clock()))
+
+    def _log(self, level: int, kind: Hashable, text: str, error: BaseException | None = None) -> None:
+        with suppress(Exception):  # handlers and filters are code of the application
+            import logging
+
+            if not logging.getLogger(self.name).isEnabledFor(level):
+                return
+            now = self._clock()
+            found = self._kinds.get(kind)
+            more = ""
+            if found is None or now - found.since >= INTERVAL:
+                if found is not None:
+                    more = self._more(found, now)
+                elif len(self._kinds) >= _KINDS:
+                    self.flush()
+                found = self._kinds[kind] = _Kind(now)
+            if found.written >= LINES:
+                found.left_out += 1
+                found.level, found.text = level, text
+                return
+            found.written += 1
+            self._write(level, text, more, error)
+
+    @staticmethod
+    def _more(kind: _Kind, now: float) -> str:
+        return f" ({kind.left_out} more like this in the last {now - kind.since:.0f} s)" if kind.left_out else ""
+
+    def _write(self, level: int, text: str, more: str, error: BaseException | None = None) -> None:
+        import logging
+
+        with suppress(Exception):
+            logging.getLogger(self.name).log(level, "%s: %s%s", self.place, text, more, exc_info=error)
+
+
+def watch_both(
+    first: Callable[[Any, Any], Any] | None, second: Callable[[Any, Any], Any] | None
+) -> Callable[[Any, Any], Any] | None:
+    """Return one function that calls both, or the one that there is."""
+    if first is None or second is None:
+        return first or second
+    one, other = first, second
+
+    def both(direction: Any, item: Any) -> None:
+        one(direction, item)
+        other(direction, item)
+
+    return both
