@@ -6,14 +6,10 @@ from typing import Any
 
 import pytest
 
-from barewire import connect
 from barewire.devices import Parameter, load
 from barewire.devices.request_checks import to_write
-from barewire.devices.sim import simulator
 from barewire.devices.value_text import parse_value
 from barewire.errors import EncodeError
-from barewire.io.server.can import CanopenServer
-from barewire.io.server.modbus import ModbusServer
 from tests.helpers import refused
 
 AZ3, ADXL = load("az3"), load("adxl")
@@ -57,16 +53,3 @@ def test_text_for_a_plain_number_is_refused_and_text_stays_text() -> None:
         to_write(AZ3, {"TARGET VELOCITY": "3000"}, False)
     title = Parameter("Title", "text", values={1: "on"})
     assert to_write(AZ3, {title: "on"}, False) == [(title, "on")]
-
-
-def test_a_machine_takes_names_of_values_over_modbus_and_canopen() -> None:
-    starter = simulator("adxl")
-    with ModbusServer("tcp://127.0.0.1:0", {1: starter.modbus}) as server, connect("adxl", server.url) as adxl:
-        adxl.write("Motor start command", "execute")
-        adxl["Motor start command"] = "Execute"
-        with refused(EncodeError, "Motor start command = 'go': expected"):
-            adxl["Motor start command"] = "go"
-    with CanopenServer("can://virtual/names?node=5", device="az3") as can, connect("az3", can.url) as az3:
-        az3.write("MODES OF OPERATION", "profile velocity")
-        reading = az3.read("MODES OF OPERATION")
-        assert "profile velocity" in str(reading).casefold()

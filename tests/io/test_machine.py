@@ -150,3 +150,16 @@ def test_errors_name_the_device_and_the_wire() -> None:
             EncodeError, match=r"unknown option 'wach', .*, timeout, and those of the interface; did you mean 'watch'"
         ):
             kind("az3", "can://virtual/x", wach=print)
+
+
+def test_a_machine_takes_names_of_values_over_modbus_and_canopen() -> None:
+    starter = simulator("adxl")
+    with ModbusServer("tcp://127.0.0.1:0", {1: starter.modbus}) as server, connect("adxl", server.url) as adxl:
+        adxl.write("Motor start command", "execute")
+        adxl["Motor start command"] = "Execute"
+        with refused(EncodeError, "Motor start command = 'go': expected"):
+            adxl["Motor start command"] = "go"
+    with CanopenServer("can://virtual/names?node=5", device="az3") as can, connect("az3", can.url) as az3:
+        az3.write("MODES OF OPERATION", "profile velocity")
+        reading = az3.read("MODES OF OPERATION")
+        assert "profile velocity" in str(reading).casefold()
