@@ -32,6 +32,9 @@ types: $(VENV)/installed-dev ## strict types
 suite: $(VENV)/installed-dev ## layers, unit tests, vectors, doc examples, interop; ARGS= for pytest
 	$(BIN)/pytest -rs $(WORKERS) $(ARGS)
 
+pyodide: $(VENV)/installed-dev ## tests of everything below `io` on CPython 3.14, as Pyodide in node
+	@VENV=$(VENV) tests/pyodide/run $(ARGS)
+
 bench: $(VENV)/installed-bench ## our work beside that of other libraries and hand-written code; writes docs/speed.md
 	@mkdir -p build
 	$(BIN)/python -m pytest bench -W default -rs --benchmark-columns=median,iqr,ops --benchmark-sort=name \
@@ -60,5 +63,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite bench proof format clean
+.PHONY: help demo check test style types suite pyodide bench proof format clean
 .NOTPARALLEL:

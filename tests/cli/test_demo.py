@@ -9,10 +9,13 @@ import re
 import struct
 import subprocess
 import termios
+from io import StringIO
 
 import pytest
+from rich.console import Console
 
 from barewire.canopen import CanFrame
+from barewire.cli.demo import LateFrames
 from barewire.explain import explain
 from tests.cli.helpers import COMMAND, ENVIRONMENT, output_of
 
@@ -147,3 +150,15 @@ def test_json_shows_every_wire() -> None:
     states = [exchange["text"] for exchange in exchanges if exchange["name"] == "Status Word"]
     assert "switch on disabled" in states[0]
     assert "operation enabled" in states[-1]
+
+
+def test_two_frames_in_one_delivery_and_one_in_two_are_shown() -> None:
+    output = StringIO()
+    frames = LateFrames(Console(file=output, width=80))
+    late, probe = bytes.fromhex("01 03 04 00 00 41 C8 CB F5"), bytes.fromhex("01 88 01 87 C0")
+    frames.watch("received", late[:4])
+    frames.watch("received", late[4:] + probe)
+    assert re.findall(r"received  ([0-9A-F ]+[0-9A-F])  ", output.getvalue()) == [
+        late.hex(" ").upper(),
+        "01 88 01 87 C0",
+    ]

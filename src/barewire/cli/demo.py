@@ -228,16 +228,14 @@ def _draw_some(console: Console, unit: str) -> Callable[[DriveStatus], None]:
 
 def _be_late(console: Console, machine: Simulator) -> None:
     """Read a value whose answer is later than the time-out, then another one; print the frames as they come."""
-    faults = {"late": 1.0}
     text = (
         f"The next answer of the drive takes {_DELAY} s, the time-out of the client is {_TIMEOUT} s. The request after "
         "it is for as many registers: the late answer would fit, and SPEED KP be a temperature."
     )
     print_wrapped(console, text, "  ", 2)
     frames = LateFrames(console)
-    options = f"timeout={_TIMEOUT}"
-    late = {"faults": faults, "fault_delay": _DELAY, "on_fault": lambda _: faults.clear()}
-    with connected(machine, f"rtu://pty?{LINE}", frames.watch, options, **late) as (client, _):
+    late = f"late={_DELAY}@nth=1"
+    with connected(machine, f"rtu://pty?{LINE}", frames.watch, f"timeout={_TIMEOUT}", faults=late) as (client, _):
         try:
             _print_reading(console, "read ", client.read("HEATSINK TEMPERATURE"))
         except NoAnswer as error:
@@ -252,18 +250,23 @@ class LateFrames:
         self._console = console
         self._start = time.monotonic()
         self._frames = ExchangeFrames("rtu")
+        self._data = b""
         self._requests = 0
         self._proved = False
 
     def watch(self, direction: Direction, item: bytes) -> None:
-        """Print a frame; the port calls this. A part of a response waits for the rest."""
-        self._frames.watch(direction, item)
-        whole = self._frames.items[-1][1]
-        if not isinstance(whole, bytes) or not self._frames.explained(direction, whole).valid:
-            return
-        self._frames.items.clear()
-        text = f"{time.monotonic() - self._start:.2f} s  {direction:<8}  {_shown(whole, 'rtu')}"
-        print_wrapped(self._console, f"{text:<46}  {self._part(direction, whole[1] & 0x7F)}", "  ", 50, style="cyan")
+        """Print the frames that are complete; the port calls this with a part of one, or with several."""
+        self._data += item
+        end = 0
+        while end < len(self._data):
+            end += 1
+            if self._frames.explained(direction, self._data[:end]).valid:
+                self._print(direction, self._data[:end])
+                self._data, end = self._data[end:], 0
+
+    def _print(self, direction: Direction, frame: bytes) -> None:
+        text = f"{time.monotonic() - self._start:.2f} s  {direction:<8}  {_shown(frame, 'rtu')}"
+        print_wrapped(self._console, f"{text:<46}  {self._part(direction, frame[1] & 0x7F)}", "  ", 50, style="cyan")
 
     def _part(self, direction: Direction, function: int) -> str:
         """Return the part of a frame in the story; function 08 is the probe."""
