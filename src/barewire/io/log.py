@@ -88,6 +88,10 @@ class PortLog:
 
         return show
 
+    def short(self, why: object) -> str:
+        """Return the text of an error without its beginning, which is the place that the line has already."""
+        return str(why).removeprefix(f"{self.place}: ").removeprefix(f"{self.place.partition('://')[2]}: ")
+
     def flush(self) -> None:
         """Log how many lines were left out. Called when a server, bus or client is closed."""
         kinds, self._kinds = self._kinds, {}

@@ -88,12 +88,12 @@ def test_a_served_node_that_was_bus_off_follows_1029h_and_sends_8140h() -> None:
     host.port = port
     with host:
         port.deliver(CanFrame.parse("000#0105"), BUS_OFF)
-        wait(lambda: host.others == 1)
+        wait(lambda: host.statistics.others == 1)
         wait(lambda: node.state is NmtState.PRE_OPERATIONAL)  # 1029h is 0
         port.deliver(RESTARTED)
         wait(lambda: "085#0000000000000000" in map(str, port.sent))
     assert [str(frame) for frame in port.sent] == ["705#00", "085#4081110000000000", "085#0000000000000000"]
-    assert host.others == 2
+    assert host.statistics.others == 2
 
 
 def wait(condition: Callable[[], bool]) -> None:

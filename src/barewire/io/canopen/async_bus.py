@@ -24,7 +24,7 @@ from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
 from barewire.io.canopen.event_stream import STREAM_ROOM, Listener, Report, StreamBase
-from barewire.io.canopen.node_runner import CHECK_INTERVAL, Action, NodeDriver, Speaker, begin
+from barewire.io.canopen.node_runner import CHECK_INTERVAL, Action, NodeDriver, NodeStatistics, Speaker, begin
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.subscriber import (
     LONGEST_PULL,
@@ -35,6 +35,7 @@ from barewire.io.canopen.subscriber import (
     Subscriber,
 )
 from barewire.io.endpoint import check_timeout
+from barewire.io.log import PortLog
 from barewire.io.ports.base import SEND_TIMEOUT, no_room
 
 E = TypeVar("E")
@@ -239,12 +240,20 @@ class AsyncStream(StreamBase[E]):
 class AsyncRunning:
     """A machine in an asyncio task, until it is stopped or the bus is closed.
 
-    `do` changes the machine and sends the resulting frames at once. `refused` counts frames that could not be sent.
+    `do` changes the machine and sends the resulting frames at once. `statistics` counts frames.
     """
 
-    def __init__(self, bus: FrameBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
+    def __init__(
+        self,
+        bus: FrameBus,
+        machine: Speaker,
+        keys: Iterable[Key] | None,
+        statistics: NodeStatistics | None = None,
+        log: PortLog | None = None,
+    ) -> None:
         self.machine = machine
-        self.refused = 0
+        self.statistics = NodeStatistics() if statistics is None else statistics
+        self._log = PortLog("barewire.canopen.client", f"can://{bus.name}") if log is None else log
         self._subscriber = AsyncSubscriber(bus, keys, node=True, reports=True)
         self._task = asyncio.create_task(self._run())
 
@@ -255,6 +264,13 @@ class AsyncRunning:
         self.stop()
 
     async def _run(self) -> None:
+        try:
+            await self._serve()
+        except Exception as error:
+            self._log.error("ended", f"{self.machine}: its code failed: {type(error).__name__}: {error}", error)
+            raise
+
+    async def _serve(self) -> None:
         machine, driver, clock = self.machine, NodeDriver(self.machine), time.monotonic
         with self._subscriber:
             frames = begin(machine, clock())
@@ -267,6 +283,7 @@ class AsyncRunning:
                     arrived = await self._subscriber.pull_async(wait)
                 except PortError:
                     return
+                self.statistics.count(None if arrived is None else arrived.item)
                 frames = driver.feed(None if arrived is None else arrived.item, clock())
                 await asyncio.sleep(0)
 
@@ -274,8 +291,9 @@ class AsyncRunning:
         try:
             self._subscriber.write(frame)
             await self._subscriber.sent()
-        except PortError:
-            self.refused += 1
+            self.statistics.sent += 1
+        except PortError as error:
+            self.statistics.refused(frame, error, self._log)
 
     async def do(self, action: Action) -> None:
         """Call `action(now)`, then send the frames that it returns and those that are due."""

@@ -117,7 +117,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
         self._check_open()
         await wait_until_open(self.bus, self.timeout if operation.timeout is None else operation.timeout)
         async with channels_locked(self.bus, operation.locks):
-            with AsyncSubscriber(self.bus, operation.receives) as subscriber:
+            with AsyncSubscriber(self.bus, operation.receives) as subscriber, self._logged(operation.channel):
                 try:
                     return await run(operation.conversation, subscriber)
                 except BarewireError as error:

@@ -109,7 +109,11 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
         """Wait for the locks of an operation, then carry it out. If the bus is being opened again, wait for it too."""
         self._check_open()
         self.bus.wait_until_open(self.timeout if operation.timeout is None else operation.timeout)
-        with channels_locked(self.bus, operation.locks), Subscriber(self.bus, operation.receives) as subscriber:
+        with (
+            channels_locked(self.bus, operation.locks),
+            Subscriber(self.bus, operation.receives) as subscriber,
+            self._logged(operation.channel),
+        ):
             try:
                 return run(operation.conversation, subscriber)
             except BarewireError as error:

@@ -10,7 +10,8 @@ bus.scan(), bus.emergencies(), bus.frames(), bus.pdos(...), bus.send(frame), bus
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast, overload
 from weakref import WeakSet
@@ -18,7 +19,7 @@ from weakref import WeakSet
 from barewire import canopen
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.conversation import DEFAULT_TIMEOUT
-from barewire.errors import EncodeError, PortError, shown
+from barewire.errors import EncodeError, NoAnswer, PortError, shown
 from barewire.io.canopen.event_stream import FrameListener
 from barewire.io.canopen.methods.nmt import ERROR_CONTROL, NetworkNmtMethods
 from barewire.io.canopen.methods.operations import (
@@ -37,6 +38,7 @@ from barewire.io.canopen.node_runner import Speaker, checked_machine
 from barewire.io.canopen.shared_bus import CanBus, can_endpoint
 from barewire.io.canopen.subscriber import Key, check_key
 from barewire.io.endpoint import check_timeout
+from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
 
 if TYPE_CHECKING:
@@ -78,6 +80,7 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         self._endpoint: Endpoint | None = None
         self._bus: CanBus | None = None
         self._watch = watch
+        self._log: PortLog | None = None
         if isinstance(bus, str):
             endpoint = self._endpoint = can_endpoint(bus, node=node, timeout=timeout, **options)
             node = endpoint.integer("node", 0) or None
@@ -139,9 +142,31 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
             return CanBus.open(self._endpoint, watch=self._watch)
         return self.bus if self._port is None else CanBus(self._port)
 
+    @contextmanager
+    def _logged(self, channel: Channel | None) -> Iterator[None]:
+        """Log an operation without an answer, and the late responses that were discarded on its SDO channel."""
+        before = 0 if channel is None else channel.late_responses
+        try:
+            yield
+        except NoAnswer as error:
+            self._log_of_bus().info(("no answer", None if channel is None else channel.node), str(error))
+            raise
+        finally:
+            if channel is not None and channel.late_responses > before:
+                count = channel.late_responses - before
+                text = f"node {channel.node}: SDO responses to another request discarded: {count}"
+                self._log_of_bus().info("late", text)
+
+    def _log_of_bus(self) -> PortLog:
+        if self._log is None:
+            self._log = PortLog("barewire.canopen.client", self.bus.place)
+        return self._log
+
     def _stop_running(self) -> None:
         """Close the subscribers, streams and background tasks of this client."""
         self._closed = True
+        if self._log is not None:
+            self._log.flush()
         for running in list(self._running):
             running.close()
 

@@ -16,6 +16,7 @@ import asyncio
 import re
 import time
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Self
 
 from barewire.canopen.frame import CanFrame, ErrorFrame
@@ -27,7 +28,8 @@ from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.methods.lss import LSS_LOCK, LSS_RECEIVES
 from barewire.io.canopen.methods.operations import NO_FRAMES, NO_LOCKS, BusOperation, sdo_transfer
 from barewire.io.canopen.subscriber import LONGEST_PULL, FramesLost
-from barewire.io.ports.tcp import reason
+from barewire.io.log import PortLog
+from barewire.io.ports.tcp import place_of, reason
 
 GATEWAY_CONNECTIONS = 64
 UNREAD_LIMIT = 0x10000
@@ -40,6 +42,24 @@ _PASSIVE = 0x30
 """Bits of the second byte of a controller's report: error passive, while receiving or sending."""
 
 
+@dataclass
+class GatewayStatistics:
+    """Counters of a gateway. `opened` is the sum of the open connections, `left`, `refused` and `stopped`."""
+
+    opened: int = 0
+    """Connections of clients."""
+    left: int = 0
+    """Connections that the client or the network ended, or that ended with the bus."""
+    refused: int = 0
+    """Connections closed because there were too many."""
+    stopped: int = 0
+    """Connections closed with the gateway."""
+    commands: int = 0
+    """Lines carried out."""
+    lost: int = 0
+    """Notices that were dropped because the client did not read."""
+
+
 class CanopenGateway:
     """A gateway on a TCP port. The end of its `async with` closes every connection, but not `client`."""
 
@@ -50,7 +70,10 @@ class CanopenGateway:
         self.ended = asyncio.Event()
         """Set when the bus was closed."""
         self.failure: PortError | None = None
+        self.statistics = GatewayStatistics()
+        self.log = PortLog("barewire.canopen.gateway", "gateway")
         self._connections: set[_Connection] = set()
+        self._is_closing = False
         self._server: asyncio.Server | None = None
 
     async def listen(self, host: str, port: int) -> Self:
@@ -64,6 +87,8 @@ class CanopenGateway:
             if not isinstance(error, OSError):
                 raise
             raise PortError(f"{host}:{port}: {reason(error)}") from None
+        self.log.place = place_of(host, self.port)
+        self.log.info("serving", f"serving net {self.net}")
         return self
 
     async def __aenter__(self) -> Self:
@@ -80,12 +105,16 @@ class CanopenGateway:
 
     async def close(self) -> None:
         """Stop listening and close all connections."""
+        self._is_closing = True
         if self._server is not None:
             self._server.close()
         for connection in list(self._connections):
             connection.end()
         while self._connections:
             await asyncio.gather(*(connection.ended.wait() for connection in self._connections))
+        if self._server is not None:
+            self.log.info("closed", "closed")
+            self.log.flush()
 
     def fail(self, why: PortError) -> None:
         """Record that the bus was closed, for this reason, and set `ended`."""
@@ -93,17 +122,27 @@ class CanopenGateway:
         self.ended.set()
 
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        counted, peer = self.statistics, "{}:{}".format(*writer.get_extra_info("peername", ("?", 0))[:2])
+        counted.opened += 1
         connection = _Connection(self, reader, writer)
         if len(self._connections) >= GATEWAY_CONNECTIONS:
             text = f"at most {GATEWAY_CONNECTIONS} connections"
             connection.write([error_line(0, GatewayCode.OUT_OF_MEMORY, text)])
             writer.close()
+            counted.refused += 1
+            self.log.warning("refused", f"{peer}: {text}: closed")
             return
         self._connections.add(connection)
+        self.log.info("connected", f"{peer} connected, {len(self._connections)} in all")
         try:
             await connection.serve()
         finally:
             self._connections.discard(connection)
+            if self._is_closing:
+                counted.stopped += 1
+            else:
+                counted.left += 1
+                self.log.info("left", f"{peer} left, {len(self._connections)} in all")
             connection.ended.set()
 
 
@@ -179,6 +218,7 @@ class _Connection:
         if too_long:
             self.write([error_line(0, GatewayCode.OUT_OF_MEMORY, f"a line of more than {MAX_LINE} bytes")])
         else:
+            self._gateway.statistics.commands += bool(line.strip())  # CR LF ends two lines
             text = line.decode("utf-8", "replace")
             self.write(await self._client.carry_out(self._operation(text)))
             self._feed_notices(None, time.monotonic())
@@ -222,6 +262,7 @@ class _Connection:
         """Send notices, or count them as lost while the client does not read."""
         if self._writer.transport.get_write_buffer_size() > UNREAD_LIMIT:
             self._lost += len(lines)
+            self._gateway.statistics.lost += len(lines)
             return
         if self._lost and lines:
             lines = [f"#{self._lost} notices were lost: they were not read", *lines]

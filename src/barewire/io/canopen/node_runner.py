@@ -8,17 +8,52 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
-from barewire.canopen.frame import CanFrame, ErrorFrame
+from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import EncodeError, PortError, shown
-from barewire.io.canopen.subscriber import BusItem, FrameBus, Key, Subscriber
+from barewire.io.canopen.subscriber import BusDown, BusItem, FrameBus, FramesLost, Key, Subscriber
 from barewire.io.engine.locking import exclusive
+from barewire.io.log import PortLog
 
 _BUS_OFF, _RESTARTED = 0x40, 0x100
 
 CHECK_INTERVAL = 0.1
 """Seconds after which a machine is fed at the latest, because another thread may have changed its values."""
+
+
+@dataclass
+class NodeStatistics:
+    """Counters of a node, or of another machine that runs on a bus."""
+
+    received: int = 0
+    """Frames received."""
+    sent: int = 0
+    unsent: int = 0
+    """Frames that could not be sent, for example because no other node acknowledges them."""
+    others: int = 0
+    """Received items that are not classical CAN frames: reports of the controller, and CAN FD frames."""
+    lost: int = 0
+    """Frames that arrived faster than they were taken."""
+    failures: int = 0
+    """How often the port of the bus failed; each time it was opened again."""
+
+    def count(self, item: BusItem | None) -> None:
+        """Count an item that was received from the bus."""
+        if isinstance(item, CanFrame):
+            self.received += 1
+        elif isinstance(item, FramesLost):
+            self.lost += item.frames
+        elif isinstance(item, BusDown):
+            self.failures += 1
+        elif isinstance(item, (ErrorFrame, FdFrame)):
+            self.others += 1
+
+    def refused(self, frame: CanFrame, error: PortError, log: PortLog) -> None:
+        """Count and log a frame that could not be sent."""
+        self.unsent += 1
+        log.warning("unsent", f"frame {frame} not sent: {log.short(error)}")
 
 
 class Speaker(Protocol):
@@ -117,13 +152,13 @@ class Running:
     """A machine in a thread of its own, until it is stopped or the bus is closed.
 
     `do` changes the machine from another thread, and sends the resulting frames at once. A change without `do` takes
-    effect within 0.1 s. `refused` counts frames that could not be sent, for example because no other node acknowledges
-    them; the machine continues.
+    effect within 0.1 s. `statistics` counts frames, also those that could not be sent; the machine continues.
     """
 
     def __init__(self, bus: FrameBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
         self.machine = machine
-        self.refused = 0
+        self.statistics = NodeStatistics()
+        self._log = PortLog("barewire.canopen.client", f"can://{bus.name}")
         self._sending = threading.RLock()  # frames are sent in the order in which they were made
         self._subscriber = Subscriber(bus, keys, node=True, reports=True)
         self._thread = threading.Thread(target=self._run, name=f"{type(machine).__name__} on {bus.name}", daemon=True)
@@ -147,6 +182,7 @@ class Running:
                     arrived = self._subscriber.pull(wait)
                 except PortError:
                     return
+                self.statistics.count(None if arrived is None else arrived.item)
                 with self._sending:
                     with exclusive(machine):
                         frames = driver.feed(None if arrived is None else arrived.item, clock())
@@ -156,8 +192,9 @@ class Running:
         for frame in frames:
             try:
                 self._subscriber.send(frame)
-            except PortError:
-                self.refused += 1
+                self.statistics.sent += 1
+            except PortError as error:
+                self.statistics.refused(frame, error, self._log)
 
     def do(self, action: Action) -> None:
         """Call `action(now)` with the machine locked, then send the frames that it returns and those that are due."""

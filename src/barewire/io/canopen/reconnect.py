@@ -24,6 +24,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.io.canopen.subscriber import BusItem
 from barewire.io.endpoint import PAUSES
 from barewire.io.engine.backoff import BackOff
+from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
 
 Dial: TypeAlias = Callable[[], Port[CanFrame]]
@@ -51,11 +52,13 @@ class Reopening:
         *,
         pauses: tuple[float, float] = PAUSES,
         jitter: Callable[[], float] = random.random,
+        log: PortLog | None = None,
     ) -> None:
         first, longest = pauses
         self.back_off = BackOff(jitter, first=first, longest=longest)
         self.stop = stop
         self._dial = dial
+        self._log = log
         self._good_from = time.monotonic()
 
     def reopen(self, port: Port[CanFrame], why: str) -> tuple[Port[CanFrame], BusItem | None] | None:
@@ -65,6 +68,10 @@ class Reopening:
             back_off.reset()
         else:
             back_off.failed(clock(), why)
+        since = clock()
+        pause = back_off.wait(since)
+        if self._log is not None:
+            self._log.warning("down", f"down: {self._log.short(why)}; opened again after {pause:.2f} s")
         while True:
             with suppress(Exception):  # the port has failed already: an error of its `close` adds nothing
                 port.close()
@@ -74,7 +81,13 @@ class Reopening:
                 port = self._dial()
                 first = receiver(port)(_FIRST_RECEIVE)
             except Exception as error:
-                back_off.failed(clock(), str(error) or type(error).__name__)
+                failure = str(error) or type(error).__name__
+                back_off.failed(clock(), failure)
+                if self._log is not None:
+                    pause = back_off.wait(clock())
+                    self._log.info("not opened", f"not opened: {self._log.short(failure)}; next after {pause:.2f} s")
                 continue
+            if self._log is not None:
+                self._log.warning("up", f"up again after {clock() - since:.2f} s")
             self._good_from = clock()
             return port, first

@@ -31,6 +31,7 @@ from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.reconnect import Dial, Reopening, receiver
 from barewire.io.canopen.subscriber import BusDown, BusItem, BusUp, Subscriber
 from barewire.io.endpoint import CAN_OPTIONS, PAUSES, Endpoint
+from barewire.io.log import PortLog, watch_both
 from barewire.io.ports.base import Port, send_when_room
 
 if TYPE_CHECKING:
@@ -63,11 +64,14 @@ class CanBus:
     ) -> None:
         self.port = port
         self.name: str = getattr(port, "name", "the bus")
+        self.place = self.name if "/" not in self.name else f"can://{self.name}"
+        """The URL of the bus, without options, in the lines of the log."""
+        self._log = PortLog("barewire.canopen.bus", self.place)
         self.monitor = NodeMonitor(INSIDE_ONE_PROCESS if str(self.name).startswith("virtual/") else "")
         self.failure: str | None = None
         self._receive = receiver(port)
         self._try_send: Callable[[CanFrame], bool] | None = getattr(port, "try_send", None)
-        self._watch = watch
+        self._watch: WatchFrames | None = watch_both(watch, self._log.watch())
         self._subscribers: set[Subscriber] = set()
         # The tuples are replaced, never changed in place: the reader takes no lock.
         self._by_id: dict[bool, dict[int, tuple[Subscriber, ...]]] = {False: {}, True: {}}
@@ -79,9 +83,10 @@ class CanBus:
         self._locking = threading.Lock()
         self._closed = False
         self._has_ended = False  # failed or closed, and not opened again
-        self._reopening = None if dial is None else Reopening(dial, threading.Event(), pauses=pauses)
+        self._reopening = None if dial is None else Reopening(dial, threading.Event(), pauses=pauses, log=self._log)
         self._waiting: set[Callable[[], None]] = set()
         self._reader = threading.Thread(target=self._read, name=f"reader of {self.name}", daemon=True)
+        self._log.info("opened", "opened")
         self._reader.start()
 
     @classmethod
@@ -143,12 +148,19 @@ class CanBus:
     def _report(self, item: BusItem, at: float) -> None:
         if isinstance(item, ErrorFrame):
             self.monitor.report(item, at)
+            self._log.info("controller", f"controller: {item.text}")
         for subscriber in tuple(self._subscribers):
             if subscriber.reports:
                 subscriber.put(item, at)
 
     def _fail(self, why: str) -> None:
         """End this bus: every subscriber raises PortError with this reason."""
+        if not self._has_ended:
+            if self._closed:
+                self._log.info("closed", "closed")
+            else:
+                self._log.warning("failed", f"failed: {self._log.short(why)}")
+            self._log.flush()
         with self._changing:
             self.failure = self.failure or why
             self._has_ended = True

@@ -19,7 +19,6 @@ class ClientLog(PortLog):
 
     def __init__(self, endpoint: Endpoint) -> None:
         super().__init__("barewire.modbus.client", f"{endpoint.scheme}://{endpoint.place}")
-        self._beginning = f"{endpoint.place}: "  # of the texts of ports, which each line has already
 
     def connected(self) -> None:
         """Log that the port is open."""
@@ -27,11 +26,11 @@ class ClientLog(PortLog):
 
     def not_connected(self, error: PortError, pause: float) -> None:
         """Log that the port could not be opened, and the pause before the next attempt."""
-        self.info("not connected", f"not connected: {self._short(error)}; next attempt after {pause:.2f} s")
+        self.info("not connected", f"not connected: {self.short(error)}; next attempt after {pause:.2f} s")
 
     def lost(self, why: str) -> None:
         """Log that the connection ended, and why; without a reason the program closed it."""
-        self.info("closed", f"connection given up: {self._short(why)}" if why else "closed")
+        self.info("closed", f"connection given up: {self.short(why)}" if why else "closed")
 
     def no_answer(self, unit: int | None, error: NoAnswer) -> None:
         """Log a request without an answer."""
@@ -48,6 +47,3 @@ class ClientLog(PortLog):
     def foreign(self, frame: bytes) -> None:
         """Log a frame on a connection with several requests under way that answers none of them: nearly always late."""
         self.info("discarded", f"discarded: no request has this transaction number: {frame[:16].hex(' ').upper()}")
-
-    def _short(self, why: object) -> str:
-        return str(why).removeprefix(self._beginning)

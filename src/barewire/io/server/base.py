@@ -117,6 +117,10 @@ class ThreadedServer(ABC):
         except BarewireError as error:
             self.failure = error
             PortLog(self._logger, self.url.partition("?")[0]).error("ended", f"ended: {error}")
+        except Exception as error:
+            text = f"ended: its code failed: {type(error).__name__}: {error}"
+            PortLog(self._logger, self.url.partition("?")[0]).error("ended", text, error)
+            raise
         finally:
             if self.on_end is not None:
                 self.on_end()

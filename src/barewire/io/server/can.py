@@ -10,7 +10,6 @@ first node that is served there starts one (`io.canopen.socketcand`).
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import socket
 import threading
 import time
@@ -20,12 +19,13 @@ from typing import TYPE_CHECKING, Any, cast
 from barewire.canopen import CanFrame
 from barewire.devices.device import Device
 from barewire.errors import EncodeError, PortError, shown
-from barewire.io.canopen.node_runner import Action, NodeDriver, begin, check_instance
+from barewire.io.canopen.node_runner import Action, NodeDriver, NodeStatistics, begin, check_instance
 from barewire.io.canopen.reconnect import Reopening, receiver
 from barewire.io.canopen.shared_bus import CanBus, can_endpoint
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint, socketcand_address
 from barewire.io.engine.locking import CanopenNode, SharedNode
+from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
 from barewire.io.ports.python_can import CanPort
 from barewire.io.server.base import POLL_INTERVAL, AsyncServer, ThreadedServer
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.devices.sim.core.simulator import Simulator
     from barewire.io.canopen.async_bus import AsyncRunning
+    from barewire.io.canopen.shared_bus import WatchFrames
     from barewire.io.fault_injection.targets import GivenFaults
 
     Served = str | Device | Simulator | CanopenNode | ObjectDictionary | Eds
@@ -66,6 +67,9 @@ class _CanopenServerBase:
         if faults is not None:
             self.dial = _with_faults(self.dial, faults, fault_seed, fault_delay, on_fault)
         self._hub: SocketcandHub | None = None
+        self.statistics = NodeStatistics()
+        """Counters of frames."""
+        self._log = PortLog("barewire.canopen.server", f"can://{endpoint.place}")
         self._prepare()
 
     def _prepare(self) -> None:
@@ -82,8 +86,7 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
     faults, fault_seed, fault_delay, on_fault      as those of `ModbusServer`
     options     those of the URL, which they override
 
-    A port that fails is opened again; meanwhile the node receives nothing. `others` counts the received items that are
-    not classical CAN frames, such as reports of the controller and CAN FD frames.
+    A port that fails is opened again; meanwhile the node receives nothing. `statistics` counts frames.
 
     Raises EncodeError for a wrong URL, option or device, PortError for a bus that cannot be opened.
     """
@@ -91,7 +94,8 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
     _logger = "barewire.canopen.server"
 
     def _prepare(self) -> None:
-        self.others = 0
+        self._bus_log = PortLog("barewire.canopen.bus", self._log.place)
+        self._watch: WatchFrames | None = None
         self._sending = threading.RLock()  # frames are sent in the order in which they were made
         self._hub = _hub(self._endpoint)
         try:
@@ -104,9 +108,11 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
     def _serve(self, stop: threading.Event) -> None:
         clock, reopening, driver = (
             time.monotonic,
-            Reopening(self.dial, stop, pauses=self._endpoint.pauses),
+            Reopening(self.dial, stop, pauses=self._endpoint.pauses, log=self._bus_log),
             NodeDriver(self._node),
         )
+        self._log.info("serving", "serving")
+        watch = self._watch = self._bus_log.watch()
         with self._sending:
             self._send(begin(self._node, clock()))
         while not self.is_over(stop):
@@ -115,16 +121,21 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
             try:
                 item = receiver(self.port)(wait)
             except PortError as error:
+                self.statistics.failures += 1
                 opened = reopening.reopen(self.port, str(error))
                 if opened is None:
                     return
                 self.port, item = opened
-            self.others += not (item is None or isinstance(item, CanFrame))
+            self.statistics.count(item)
+            if watch is not None and isinstance(item, CanFrame):
+                watch("received", item)
             with self._sending:
                 self._send(driver.feed(item, clock()))
 
     def _release(self) -> None:
         self.port.close()
+        self._log.info("closed", "closed")
+        self._log.flush()
         if self._hub is not None:
             self._hub.close()
 
@@ -141,8 +152,14 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
     def _send(self, frames: list[CanFrame]) -> None:
         for frame in frames:
             # Sending fails while no other node acknowledges. The server continues.
-            with contextlib.suppress(PortError):
+            try:
                 self.port.send(frame)
+            except PortError as error:
+                self.statistics.refused(frame, error, self._log)
+                continue
+            self.statistics.sent += 1
+            if self._watch is not None:
+                self._watch("sent", frame)
 
 
 def _with_faults(
@@ -181,7 +198,8 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
         from barewire.io.canopen.async_bus import AsyncRunning, open_in_thread
 
         self._bus = await open_in_thread(self._open_bus)
-        self._running = AsyncRunning(self._bus, self._node, None)
+        self._running = AsyncRunning(self._bus, self._node, None, self.statistics, self._log)
+        self._log.info("serving", "serving")
 
     async def do(self, action: Action) -> None:
         """Call `action(now)`, then send the frames that it returns and those that are due."""
@@ -193,6 +211,9 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
         self._is_released = True
         if self._running is not None:
             self._running.stop()
+            self._running = None
+            self._log.info("closed", "closed")
+            self._log.flush()
         if self._bus is not None:
             await asyncio.to_thread(self._bus.close)
         if self._hub is not None:

@@ -227,6 +227,11 @@ class Channel:
         self._mark = None if self.node_monitor is None else self.node_monitor.mark(self.response_id)
         self.busy = True
 
+    @property
+    def late_responses(self) -> int:
+        """How many responses to another request were discarded, in all transfers."""
+        return self.total.late + self.counters.late
+
     def explain(self, now: float) -> str:
         """Return a sentence on the received frames, which explains why there was no response."""
         if self.node_monitor is None or self._mark is None:

@@ -59,12 +59,14 @@ class BusOperation(NamedTuple, Generic[T]):
     locks       the channels that it locks, None for the whole bus
     receives    the (identifier, extended) of the frames that it receives, None for all
     timeout     seconds to wait for a bus that is being opened again, None for the client's
+    channel     the SDO channel of a transfer
     """
 
     conversation: Conversation[CanFrame, T]
     locks: LockKeys | None
     receives: frozenset[Key] | None
     timeout: float | None = None
+    channel: Channel | None = None
 
 
 class Subscription(NamedTuple, Generic[E]):
@@ -221,4 +223,4 @@ def sdo_transfer(channel: Channel, conversation: Conversation[CanFrame, T], time
     receives = {key}
     if not channel.own_frames:
         receives.add((channel.request_id, channel.request_extended))  # a request of another client; see `Channel`
-    return BusOperation(conversation, frozenset({("SDO", *key)}), frozenset(receives), timeout)
+    return BusOperation(conversation, frozenset({("SDO", *key)}), frozenset(receives), timeout, channel)
