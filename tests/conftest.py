@@ -22,8 +22,9 @@ from typing import NamedTuple
 import pytest
 from hypothesis import settings
 
-# The same examples in every run and on every machine, so that failures are reproducible.
-settings.register_profile("steady", derandomize=True, database=None)
+# The same examples in every run and on every machine, so that failures are reproducible. Of 44 planted mistakes that
+# 100 examples of the property tests found, 10 examples found 42 and 30 found 43; a direct test finds the last one.
+settings.register_profile("steady", max_examples=30, derandomize=True, database=None)
 settings.load_profile("steady")
 
 # A shell that starts the tests in the background makes them ignore SIGINT, and nohup makes them ignore SIGHUP. Child

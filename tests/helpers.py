@@ -23,7 +23,7 @@ Chunk = tuple[bytes | None, float]
 Peer = Callable[[bytes, float], Iterable[tuple[float, bytes]]]
 """The other end of the line, as `play` takes it."""
 
-modest = settings(max_examples=60, deadline=None, derandomize=True, database=None)
+modest = settings(max_examples=30, deadline=None, derandomize=True, database=None)
 """For property tests: 60 examples, the same in every run."""
 
 

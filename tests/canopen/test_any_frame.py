@@ -83,7 +83,7 @@ def az3_device() -> LocalNode:
     )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(SDO_FRAMES, st.floats(0, 0.5)), max_size=40))
 def test_a_device_and_nmt_machines_accept_sdo_frames(frames: list[tuple[CanFrame, float]]) -> None:
     node, slave, consumer = az3_device(), NmtSlave(5), HeartbeatConsumer({5: 0.3})
@@ -101,7 +101,7 @@ def test_a_device_and_nmt_machines_accept_sdo_frames(frames: list[tuple[CanFrame
     assert len(node.objects.subs(0x1600)) == 9
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(SDO_FRAMES)
 def test_decoders_raise_nothing_but_decode_error(frame: CanFrame) -> None:
     for decode in (NmtMessage.decode, NodeState.decode, SyncMessage.decode, Emergency.decode):
@@ -112,7 +112,7 @@ def test_decoders_raise_nothing_but_decode_error(frame: CanFrame) -> None:
             read(frame.data)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.lists(SDO_FRAMES, max_size=40))
 def test_an_upload_ends_with_a_value_or_an_error_of_barewire(frames: list[CanFrame]) -> None:
     conversation = upload(Channel(5), 0x6041)
@@ -173,7 +173,7 @@ def local_node(node: int | None) -> LocalNode:
     return LocalNode(node, ObjectDictionary(objects), pdos, lss=LssSlave(LssAddress(0, 0, 0, 1), store=lambda *_: True))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(TIMED_FRAMES, st.sampled_from([5, None]))
 def test_a_local_node_sends_only_frames_of_its_own(
     timed_frames: list[tuple[CanFrame, float]], node: int | None
@@ -200,7 +200,7 @@ def test_a_local_node_sends_only_frames_of_its_own(
     assert len(device.errors.history) <= 8
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(TIMED_FRAMES)
 def test_other_machines_accept_any_frames(timed_frames: list[tuple[CanFrame, float]]) -> None:
     emergencies, guarded, slave = EmcyConsumer(history=10), GuardedNode(5), LssSlave(LssAddress(0, 0, 0, 0))
@@ -214,7 +214,7 @@ def test_other_machines_accept_any_frames(timed_frames: list[tuple[CanFrame, flo
     assert len(emergencies.history) <= 10
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(FRAMES)
 def test_decoded_messages_encode_to_the_same_frame(frame: CanFrame) -> None:
     with suppress(DecodeError):
@@ -237,7 +237,7 @@ CONVERSATIONS = st.sampled_from(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(CONVERSATIONS, st.lists(st.tuples(FRAMES, st.floats(0, 0.05)), max_size=60))
 def test_conversations_end_whatever_arrives(make: object, timed_frames: list[tuple[CanFrame, float]]) -> None:
     conversation: Conversation[CanFrame, object] = make()  # type: ignore[operator]

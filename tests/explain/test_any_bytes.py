@@ -14,7 +14,7 @@ from barewire.explain.modbus.frames import explain_ascii
 from barewire.modbus import decode_request, decode_response
 from barewire.modbus.messages import registry as functions
 
-thorough = settings(max_examples=300, deadline=None, derandomize=True, database=None)
+thorough = settings(max_examples=100, deadline=None, derandomize=True, database=None)
 
 ROLES = st.sampled_from([None, "request", "response"])
 CODES = st.sampled_from([request.function_code for request in functions.known_requests()])

@@ -8,6 +8,8 @@ from barewire.tcp import FanOut
 from tests.model.choices import run_all, run_random
 from tests.model.lanes import Fate, LanesSetup, LanesTally, lanes_scenario
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize(
     "setup",

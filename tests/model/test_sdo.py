@@ -9,6 +9,8 @@ from tests.model.choices import run_all, run_random
 from tests.model.sdo import SdoTally, Transfers, sdo_scenario
 from tests.model.sdo_two import Mode, RestartingServer, TwoClients, TwoTally, two_clients_scenario
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize(
     "setup",

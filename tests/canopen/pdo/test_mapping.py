@@ -160,7 +160,7 @@ def test_data_of_another_length_raises() -> None:
         assert (caught.value.reason, caught.value.at) == (reason, at)
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(st.data())
 def test_unpack_inverts_pack(data: st.DataObject) -> None:
     entries, values, used = [], {}, 0

@@ -19,7 +19,7 @@ from barewire.explain.can_monitor.transfer import HELD_MAX, VALUE_MAX
 from barewire.explain.capture.model import Dropped
 from tests.explain.can_monitor.recorded_run import of
 
-many = settings(max_examples=300, deadline=None, derandomize=True, database=None)
+many = settings(max_examples=100, deadline=None, derandomize=True, database=None)
 
 KNOWN = [of_device(load("az3"), 5)]
 SERVICES = [0x000, 0x080, 0x085, 0x100, 0x185, 0x205, 0x285, 0x485, 0x585, 0x605, 0x705, 0x7E4, 0x7E5, 0x690, 0x6E5]
