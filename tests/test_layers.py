@@ -23,7 +23,7 @@ SRC = ROOT / "src"
 HOME = SRC / "barewire"
 FILES = sorted(HOME.rglob("*.py"))
 
-BASE = {"errors", "conversation", "codecs", "_lazy"}
+BASE = {"errors", "conversation", "codecs", "_lazy", "_html"}
 PROTOCOLS = {"modbus", "rtu", "ascii", "tcp", "canopen"}
 MEANING = BASE | PROTOCOLS | {"devices"}
 
@@ -31,6 +31,7 @@ MEANING = BASE | PROTOCOLS | {"devices"}
 ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "_lazy": set(),
+    "_html": set(),
     "conversation": {"errors"},
     "codecs": {"errors"},
     "modbus": BASE,

@@ -46,6 +46,9 @@ class AsciiLine:
         self._seven = data_bits == 7
         self._delimiters = Delimiters()
 
+    def __repr__(self) -> str:
+        return "<AsciiLine>"
+
     @property
     def quiet_at(self) -> float:
         """0: delimiters mark the frames, so no silence is needed before sending."""

@@ -62,6 +62,9 @@ class Entry:
     object_name: str = ""
     mappable: tuple[Literal["RPDO", "TPDO"], ...] = ("RPDO", "TPDO")
 
+    def __repr__(self) -> str:
+        return f"<Entry {self.index:04X}h:{self.sub:02X} {self.name}: {self.access} {self.type}>"
+
     @property
     def codec(self) -> ObjectCodec:
         """The codec between value and bytes."""
@@ -98,6 +101,9 @@ class ObjectDictionary:
         for index, subs in self._subs.items():
             if subs[0] != 0:
                 self.add(Entry(index, 0, "highest sub-index supported", "u8", "const", subs[-1]))
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self._entries)} entries>"
 
     def add(self, entry: Entry) -> None:
         """Add an entry. Raise EncodeError if its address is in use already, or if its default does not fit its type."""

@@ -13,6 +13,7 @@ from barewire.cli.arguments import json_option, print_json
 from barewire.devices import Device, Parameter, UnknownName, load, names
 from barewire.devices.device import fold
 from barewire.devices.parameter import show
+from barewire.devices.tables import range_text
 
 
 @click.command("devices")
@@ -57,7 +58,7 @@ def _selected(device: Device, text: str) -> list[Parameter]:
     found = [
         parameter
         for parameter in device.parameters
-        if any(fold(text) in fold(field) for field in (parameter.name, parameter.group, *_places(parameter)))
+        if any(fold(text) in fold(field) for field in (parameter.name, parameter.group, *parameter.places))
     ]
     if text and not found:
         raise UnknownName(f"{device.name} has no parameter with {text!r} in its name, group or place")
@@ -114,23 +115,8 @@ _RANGE_WIDTH = 40
 
 def _columns(parameter: Parameter) -> tuple[str, ...]:
     scale = "" if parameter.scale == 1 else f" x {parameter.scale}"
-    limits = " ".join(filter(None, (_range(parameter), parameter.unit)))
-    return (parameter.name, parameter.access, parameter.type + scale, limits, *_places(parameter))
-
-
-def _places(parameter: Parameter) -> tuple[str, str]:
-    """Return the addresses in short: 'holding 154' and '6040h:00'."""
-    place = parameter.modbus
-    if place is None:
-        return "", _object_address(parameter)
-    part = f" {place.half}" if place.half else f" bit {place.bit}" if place.bit is not None else ""
-    return f"{place.table} {place.address}{part}", _object_address(parameter)
-
-
-def _range(parameter: Parameter) -> str:
-    low = "" if parameter.minimum is None else show(parameter.minimum)
-    high = "" if parameter.maximum is None else show(parameter.maximum)
-    return low if low == high else f"{low}..{high}"
+    limits = " ".join(filter(None, (range_text(parameter), parameter.unit)))
+    return (parameter.name, parameter.access, parameter.type + scale, limits, *parameter.places)
 
 
 def _print_long(parameters: list[Parameter]) -> None:
@@ -145,10 +131,10 @@ def _print_long(parameters: list[Parameter]) -> None:
 def _main_fields(parameter: Parameter) -> Iterator[str]:
     yield f"{parameter.access} {parameter.type}" + ("" if parameter.scale == 1 else f" x {parameter.scale}")
     yield parameter.unit
-    yield _range(parameter)
+    yield range_text(parameter)
     yield "" if parameter.default is None else f"default {show(parameter.default)}"
     yield _modbus_address(parameter)
-    yield _object_address(parameter)
+    yield parameter.places[1]
     yield f"firmware {parameter.firmware}" if parameter.firmware else ""
     yield "storable" if parameter.storable else ""
 
@@ -169,11 +155,3 @@ def _modbus_address(parameter: Parameter) -> str:
     words = f" +{place.words - 1}" if place.words > 1 else ""
     part = f" {place.half}" if place.half else f" bit {place.bit}" if place.bit is not None else ""
     return f"{place.table} {place.address} ({place.address:04X}h){words}{part}"
-
-
-def _object_address(parameter: Parameter) -> str:
-    """Return the object, such as '6041h:00', and the bit if it is a single one."""
-    place = parameter.object
-    if place is None:
-        return ""
-    return f"{place.index:04X}h:{place.sub:02X}" + ("" if place.bit is None else f" bit {place.bit}")

@@ -67,6 +67,9 @@ class Layout:
         self._count_index = names.index(count) if count is not None else 0
         self._count_end = ends[self._count_index] if count is not None else 0
 
+    def __repr__(self) -> str:
+        return f"<Layout {self._struct.format!r}: {', '.join(self.names)}>"
+
     def pack(self, *values: int, tail: bytes = b"") -> bytes:
         """Pack the fields and the tail. Raises EncodeError, which names the first value that does not fit its field."""
         try:

@@ -32,6 +32,10 @@ class ModbusSettings(NamedTuple):
     write_functions: Mapping[TableName, tuple[int, ...]] = {"holding": (6, 16), "coil": (5, 15)}
     order: Order = "ABCD"
 
+    def __repr__(self) -> str:
+        limits = f"reads up to {self.read_limit}, writes up to {self.write_limit} registers"
+        return f"<ModbusSettings: unit {self.unit}, order {self.order}, {limits}>"
+
 
 class DevicePdo(NamedTuple):
     """A default PDO: `cob_id` is without the node-ID, `map` holds (index, sub-index, bits)."""
@@ -49,6 +53,10 @@ class CanopenSettings(NamedTuple):
     bitrate: int = 125_000
     dialect: str = "standard"
     pdos: tuple[DevicePdo, ...] = ()
+
+    def __repr__(self) -> str:
+        rate = f"{self.bitrate} bit/s, dialect {self.dialect}"
+        return f"<CanopenSettings: node {self.node}, {rate}, {len(self.pdos)} PDOs>"
 
 
 class DriveRoles(NamedTuple):
@@ -76,6 +84,10 @@ class DriveRoles(NamedTuple):
     stays_in_quick_stop: bool = False
     settle: float = 0.0
 
+    def __repr__(self) -> str:
+        modes = ", ".join(f"{name} {number}" for name, number in self.modes.items()) or "none"
+        return f"<DriveRoles: {self.status_word}, {self.control_word}, modes {modes}>"
+
 
 @dataclass(frozen=True)
 class Device:
@@ -91,7 +103,19 @@ class Device:
     extra: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        return f"<Device {self.name}: {self.title}, {len(self.parameters)} parameters>"
+        buses = " and ".join(name for name, side in (("Modbus", self.modbus), ("CANopen", self.canopen)) if side)
+        return f"<Device {self.name}: {self.title}, {len(self.parameters)} parameters{buses and f', {buses}'}>"
+
+    def _repr_html_(self) -> str:
+        from barewire._html import html_table  # only a notebook needs these two
+        from barewire.devices.tables import range_text
+
+        titles = ("name", "access", "type", "range and unit", "Modbus", "CANopen")
+        rows = (
+            (row.name, row.access, row.type, f"{range_text(row)} {row.unit}".strip(), *row.places)
+            for row in self.parameters
+        )
+        return html_table(titles, rows, f"{self.title}: {len(self.parameters)} parameters")
 
     @cached_property
     def _by_name(self) -> dict[str, Parameter]:

@@ -94,6 +94,20 @@ class Parameter:
     def __hash__(self) -> int:
         return hash((self.name, self.modbus, self.object))
 
+    def __repr__(self) -> str:
+        return f"<Parameter {self.name}: {', '.join(filter(None, (f'{self.access} {self.type}', *self.places)))}>"
+
+    @property
+    def places(self) -> tuple[str, str]:
+        """The addresses on Modbus and on CANopen as text, such as 'input 24' and '6041h:00', or an empty text."""
+        modbus, canopen = "", ""
+        if (place := self.modbus) is not None:
+            part = f" {place.half}" if place.half else f" bit {place.bit}" if place.bit is not None else ""
+            modbus = f"{place.table} {place.address}{part}"
+        if (entry := self.object) is not None:
+            canopen = f"{entry.index:04X}h:{entry.sub:02X}" + ("" if entry.bit is None else f" bit {entry.bit}")
+        return modbus, canopen
+
     # Values in the unit
 
     @property

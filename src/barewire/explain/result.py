@@ -83,6 +83,9 @@ class Explanation:
     error: Problem | None
     summary: str
 
+    def __repr__(self) -> str:
+        return f"<Explanation {self.protocol}: {self.verdict}>"
+
     @property
     def valid(self) -> bool:
         """Whether the frame is complete, intact, and allowed by the standard."""

@@ -175,6 +175,9 @@ class _DriveMethods:
         self._values = values
         self.drive: Drive[Any] = Drive(_Access(), values.device, timeout=timeout, period=period, progress=progress)
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self._values!r}>"
+
     def following(
         self, progress: Callable[[DriveProgress], None] | None, *, timeout: float = 3.0, period: float = 0.02
     ) -> Self:

@@ -49,6 +49,13 @@ def described(device: str | Path | Device) -> Device:
     return device
 
 
+def _in_a_list(readings: list[Reading]) -> list[Reading]:
+    """Return the readings in a list that a notebook shows as a table."""
+    from barewire.devices.tables import Readings
+
+    return Readings(readings)
+
+
 class _Names(ABC):
     """The base class of values by name: the device, and the checks of arguments."""
 
@@ -128,14 +135,14 @@ class NamedValues(_Names):
         if not names:
             raise EncodeError("read(): expected a name; every readable parameter is read_all()")
         readings = self._read(self._names(names))
-        return readings[0] if len(names) == 1 else readings
+        return readings[0] if len(names) == 1 else _in_a_list(readings)
 
     def read_all(self, names: Iterable[str] | None = None) -> list[Reading]:
         """Read the parameters with these names, in their order. Without names, read every readable parameter, and leave
         out those that the machine refuses."""
         wanted = self._names(names)
         try:
-            return self._read(wanted)
+            return _in_a_list(self._read(wanted))
         except (Refused, DecodeError):
             if names is not None:
                 raise
@@ -143,7 +150,7 @@ class NamedValues(_Names):
         for name in wanted:
             with suppress(Refused, DecodeError):
                 readings += self._read([name])
-        return readings
+        return _in_a_list(readings)
 
     @overload
     def write(self, name: str, value: Value, /, *, force: bool = False) -> None: ...
@@ -195,14 +202,14 @@ class AsyncNamedValues(_Names):
         if not names:
             raise EncodeError("read(): expected a name; every readable parameter is read_all()")
         readings = await self._read(self._names(names))
-        return readings[0] if len(names) == 1 else readings
+        return readings[0] if len(names) == 1 else _in_a_list(readings)
 
     async def read_all(self, names: Iterable[str] | None = None) -> list[Reading]:
         """Read the parameters with these names, in their order. Without names, read every readable parameter, and leave
         out those that the machine refuses."""
         wanted = self._names(names)
         try:
-            return await self._read(wanted)
+            return _in_a_list(await self._read(wanted))
         except (Refused, DecodeError):
             if names is not None:
                 raise
@@ -210,7 +217,7 @@ class AsyncNamedValues(_Names):
         for name in wanted:
             with suppress(Refused, DecodeError):
                 readings += await self._read([name])
-        return readings
+        return _in_a_list(readings)
 
     @overload
     async def write(self, name: str, value: Value, /, *, force: bool = False) -> None: ...

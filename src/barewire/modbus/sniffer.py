@@ -129,6 +129,9 @@ class Sniffer:
         self._pair: tuple[AmbiguousFrame, AmbiguousFrame] | None = None
         self._slowest: dict[int, float] = {}
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.line!r}>"
+
     @property
     def deadline(self) -> float | None:
         """When to feed None if nothing arrived."""

@@ -90,6 +90,9 @@ class RtuLine:
         self._hunted = 0  # up to here no frame ends that begins behind the first byte
         self._unit = 0
 
+    def __repr__(self) -> str:
+        return f"<RtuLine: {self.role}>"
+
     # Sending
 
     @property

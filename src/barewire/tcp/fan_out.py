@@ -39,6 +39,9 @@ class FanOut:
         line_class = DatagramLine if datagrams else TcpLine
         self.lines = [line_class(any_unit=any_unit, number=self._numbering(place)) for place in range(count)]
 
+    def __repr__(self) -> str:
+        return f"<FanOut: {len(self.lines)} lines>"
+
     def _numbering(self, place: int) -> Callable[[], int]:
         return lambda: self._number(place)
 

@@ -44,6 +44,9 @@ class TcpLine:
         self.broken: DecodeError | None = None
         """The error after which no received byte can be trusted; None before."""
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}>"
+
     @property
     def quiet_at(self) -> float:
         """0: TCP needs no silence before sending."""

@@ -228,4 +228,4 @@ access = "ro"
 
 def test_a_device_is_shown_on_one_line() -> None:
     az3 = load("az3")
-    assert repr(az3) == f"<Device az3: {az3.title}, {len(az3.parameters)} parameters>"
+    assert repr(az3) == f"<Device az3: {az3.title}, {len(az3.parameters)} parameters, Modbus and CANopen>"

@@ -72,6 +72,10 @@ class ScanResult:
     extended: int = 0  # frames of another protocol
     unknown: int = 0  # base frames that are not evidence of a node
 
+    def __repr__(self) -> str:
+        nodes = f"node{'s' if len(self.nodes) > 1 else ''} {', '.join(map(str, sorted(self.nodes)))}"
+        return f"<ScanResult: {nodes if self.nodes else 'no nodes'}, {self.frames} frames>"
+
 
 def scan(
     nodes: Iterable[int] = range(NODE_MIN, NODE_MAX + 1),

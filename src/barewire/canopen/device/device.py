@@ -115,6 +115,9 @@ class LocalNode:
         self.errors.allowed = False
         self._make_services(node)
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.node}: {self.state.name.lower().replace('_', '-')}, {self.objects!r}>"
+
     def _make_services(self, node: int | None) -> None:
         """Make the services for a node-ID. Without a node-ID they exist but are not fed."""
         self.node = node

@@ -69,6 +69,10 @@ class EdsObject:
     line: int = 0
     compact: bool = False
 
+    def __repr__(self) -> str:
+        entries = f"{len(self.items)} entr{'y' if len(self.items) == 1 else 'ies'}"
+        return f"<EdsObject {self.index:04X}h {self.name}: {entries}>"
+
     @property
     def is_record(self) -> bool:
         """Whether the object has sub-indices."""

@@ -115,6 +115,9 @@ class GatewaySession:
         self._timeout = _SDO_TIMEOUT
         self._block = False
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: net {self.net}>"
+
     def answer(self, text: str) -> Conversation[CanFrame, list[str]]:
         """Execute one line. Return the lines of the answer: none for an empty line or a comment. Never raises."""
         if not text.partition("#")[0].strip():

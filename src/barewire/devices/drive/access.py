@@ -42,6 +42,9 @@ class ModbusAccess:
     def __init__(self, bus: Bus, unit: int, device: Device, *, timeout: float = DEFAULT_TIMEOUT) -> None:
         self.bus, self.unit, self.device, self.timeout = bus, unit, device, timeout
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.device.name}, unit {self.unit}>"
+
     def read(self, names: Sequence[str]) -> Conversation[bytes, list[Reading]]:
         """Read with as few requests as the device allows."""
         return read_modbus(self.bus, self.unit, self.device, names, timeout=self.timeout)
@@ -64,6 +67,9 @@ class CanopenAccess:
 
     def __init__(self, channel: Channel, device: Device, *, timeout: float = DEFAULT_TIMEOUT) -> None:
         self.channel, self.device, self.timeout = channel, device, timeout
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.device.name}, {self.channel!r}>"
 
     def read(self, names: Sequence[str]) -> Conversation[CanFrame, list[Reading]]:
         """Read with one upload for each object."""

@@ -81,15 +81,15 @@ class Drive(Generic[Item]):
         period: float = 0.02,
         progress: Callable[[DriveProgress], None] | None = None,
     ) -> None:
-        self.access = access
-        self.device = device
-        self.roles = drive_roles(device)
-        self.timeout = check_seconds("timeout", timeout)
-        self.period = check_seconds("period", period)
+        self.access, self.device, self.roles = access, device, drive_roles(device)
+        self.timeout, self.period = check_seconds("timeout", timeout), check_seconds("period", period)
         self.progress = progress
         self.control: int | None = None
         """The last control word that was written."""
         self._names = {role: name for role in _READ_ROLES if (name := getattr(self.roles, role))}
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.device.name}>"
 
     # States
 

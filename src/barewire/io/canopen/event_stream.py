@@ -70,6 +70,9 @@ class StreamBase(Generic[E]):
         self._subscriber = subscriber
         self._open = True
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {type(self.machine).__name__} on {self._subscriber.bus.name}>"
+
     def __enter__(self) -> Self:
         return self
 

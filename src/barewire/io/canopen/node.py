@@ -120,6 +120,9 @@ class ObjectReading(NamedTuple):
         """The name of the object in the dictionary. Entries of several records may share it."""
         return self.entry.name
 
+    def __repr__(self) -> str:
+        return f"<ObjectReading {self.entry.index:04X}h:{self.entry.sub:02X} {self.name} = {self.value!r}>"
+
 
 class EdsNode(Node[R]):
     """A node whose objects have the names and types of an EDS or another dictionary."""

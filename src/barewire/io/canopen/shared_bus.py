@@ -89,6 +89,9 @@ class CanBus:
         self._log.info("opened", "opened")
         self._reader.start()
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.name}>"
+
     @classmethod
     def open(cls, bus: str | Endpoint, *, watch: WatchFrames | None = None, **options: Any) -> Self:
         """Open the bus of a can:// URL, whose options `options` override. If its port fails later, it is opened again.

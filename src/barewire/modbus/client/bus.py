@@ -88,6 +88,9 @@ class Bus:
         self.counters = self.state.counters
         self._nonce = 0
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.line!r}>"
+
     def sibling_bus(self, line: Line) -> Self:
         """Return a bus for another line to the same units, with the same state of the units and counters."""
         sibling = copy(self)

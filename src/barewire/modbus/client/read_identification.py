@@ -18,8 +18,8 @@ from barewire.modbus.messages.base import check_range
 from barewire.modbus.messages.identification import (
     BASIC,
     EXTENDED,
-    OBJECT_NAMES,
     ReadDeviceIdentification,
+    object_texts,
 )
 
 if TYPE_CHECKING:
@@ -38,10 +38,15 @@ class DeviceIdentification(NamedTuple):
         >>> DeviceIdentification(1, {0: b"TEM", 0x80: b"42"}).texts()
         {'VendorName': 'TEM', 'object 80h': '42'}
         """
-        return {
-            OBJECT_NAMES.get(number, f"object {number:02X}h"): value.decode("latin-1")
-            for number, value in self.objects.items()
-        }
+        return object_texts(self.objects)
+
+    def __repr__(self) -> str:
+        return f"<DeviceIdentification: {', '.join(f'{name} {text!r}' for name, text in self.texts().items())}>"
+
+    def _repr_html_(self) -> str:
+        from barewire._html import html_table  # only a notebook needs it
+
+        return html_table(("object", "text"), self.texts().items())
 
 
 def read_device_identification(

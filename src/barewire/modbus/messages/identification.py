@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -29,6 +30,13 @@ OBJECT_NAMES = {
     0x05: "ModelName",
     0x06: "UserApplicationName",
 }
+
+
+def object_texts(objects: Mapping[int, bytes]) -> dict[str, str]:
+    """Return identification objects as text, by name."""
+    return {
+        OBJECT_NAMES.get(number, f"object {number:02X}h"): value.decode("latin-1") for number, value in objects.items()
+    }
 
 
 @dataclass(frozen=True, slots=True)

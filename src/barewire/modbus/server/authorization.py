@@ -68,6 +68,9 @@ class Authorization:
     def __init__(self, roles: Mapping[str, Sequence[Permission]]) -> None:
         self.roles = dict(roles)
 
+    def __repr__(self) -> str:
+        return f"<Authorization: roles {', '.join(self.roles) or 'none'}>"
+
     @classmethod
     def parse(cls, text: str) -> Authorization:
         """Read the table from JSON text. Raises EncodeError, with the reason, if it is not valid."""

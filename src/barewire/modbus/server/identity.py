@@ -21,6 +21,7 @@ from barewire.modbus.messages.identification import (
     SINGLE_ACCESS,
     ReadDeviceIdentification,
     ReadDeviceIdentificationResponse,
+    object_texts,
 )
 
 _LAST = {BASIC: 0x02, REGULAR: 0x06, EXTENDED: 0xFF}
@@ -54,6 +55,9 @@ class Identity:
                 raise EncodeError(text, "objects")
         if not {0, 1, 2} <= set(self.objects):
             raise EncodeError("objects 00h, 01h and 02h (vendor, product, revision) are not optional", "objects")
+
+    def __repr__(self) -> str:
+        return f"<Identity: {', '.join(f'{name} {text!r}' for name, text in object_texts(self.objects).items())}>"
 
     @property
     def conformity(self) -> int:

@@ -174,6 +174,10 @@ class Server:
         self._waiting: Adu | None = None  # answered if at most a glitch follows
         self._sent: Adu | None = None  # the latest response
 
+    def __repr__(self) -> str:
+        units = ", ".join(map(str, self.units)) or "none"
+        return f"<{type(self).__name__}: units {units}, {self.line!r}>"
+
     @property
     def deadline(self) -> float | None:
         """The time at which to feed None if nothing arrived."""

@@ -112,6 +112,10 @@ class Table:
         self.files = {number: _file(number, content) for number, content in (files or {}).items()}
         self.identity = Identity({0: vendor, 1: product, 2: revision, **(objects or {})})
 
+    def __repr__(self) -> str:
+        blocks = (repr(getattr(self, name))[1:-1] for name in _BLOCKS)
+        return f"<{type(self).__name__}: {', '.join(blocks)}>"
+
     def __setattr__(self, name: str, value: Any) -> None:
         if name in _BLOCKS:
             getattr(self, name).fill(value)

@@ -165,6 +165,9 @@ class Channel:
         self.counters = ChannelCounters()
         self.total = ChannelCounters()
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: node {self.node}>"
+
     def receive(self, frame: CanFrame) -> bytes | None:
         """Count a frame, and return its data if it is on the response identifier.
 

@@ -142,6 +142,9 @@ class SdoServer:
         self.blksize = blksize
         self.reset()
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.request_id:X}h, {self.response_id:X}h: {self.objects!r}>"
+
     @property
     def deadline(self) -> float | None:
         """When the present transfer continues or times out; None without one."""

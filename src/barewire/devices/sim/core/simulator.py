@@ -55,6 +55,9 @@ class Simulator:
 
             self.canopen = CanopenAdapter(self, device.canopen)
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.device.title}, simulated>"
+
     @property
     def now(self) -> float:
         """The time of the latest `tick`."""
@@ -111,6 +114,9 @@ class MachineUnits(Mapping[int, ModbusAdapter]):
         if machine.modbus is None:
             raise EncodeError(f"{machine.device.name} has no Modbus: no table [modbus] in its description")
         self._machine, self._adapter, self._also = machine, machine.modbus, also
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {', '.join(map(str, self))}: {self._machine.device.title}>"
 
     def _addresses(self) -> tuple[int, ...]:
         return tuple(dict.fromkeys((self._machine.address, *self._also)))

@@ -126,6 +126,10 @@ class Methods(Generic[R]):
     def __init__(self, runner: R) -> None:
         self.runner = runner
 
+    def __repr__(self) -> str:
+        node = getattr(self, "node", 0)
+        return f"<{type(self).__name__} of {f'node {node} of ' if node else ''}{self.runner!r}>"
+
 
 if TYPE_CHECKING:
 

@@ -1,0 +1,27 @@
+"""Texts and tables for people: the range of a parameter, and the readings of one call as a table of a notebook.
+
+Depends on: Parameter, Reading.  Used by: Device, values by name, the command `barewire devices`.
+"""
+
+from __future__ import annotations
+
+from barewire._html import html_table
+from barewire.devices.parameter import Parameter, Reading, show
+
+
+def range_text(parameter: Parameter) -> str:
+    """Return the range of a parameter, such as '0..300', '5', '0..' or an empty text.
+
+    >>> range_text(Parameter("Set-point", "u16", minimum=0, maximum=100))
+    '0..100'
+    """
+    low, high = ("" if limit is None else show(limit) for limit in (parameter.minimum, parameter.maximum))
+    return low if low == high else f"{low}..{high}"
+
+
+class Readings(list[Reading]):
+    """The readings of one call, in the order of the names."""
+
+    def _repr_html_(self) -> str:
+        rows = ((reading.name, reading.parameter.text(reading.value)) for reading in self)
+        return html_table(("name", "value"), rows)
