@@ -59,7 +59,7 @@ def test_a_word_selects_parameters_by_name_group_or_place() -> None:
     assert len(output_of("devices", "az3", "heartbeat", "--json").splitlines()) == 5
     assert "phasing" in output_of("devices", "az3", "PHASING").lower()
     assert "az3 has no parameter with 'flux capacitor' in its name, group or place" in error_of(
-        "devices", "az3", "flux capacitor"
+        "devices", "az3", "flux capacitor", status=2
     )
 
 
