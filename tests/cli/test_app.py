@@ -102,7 +102,9 @@ def test_output_without_a_degree_sign_in_its_encoding() -> None:
     assert b"Thyristors temperature" in done.stdout
 
 
-@pytest.mark.parametrize(("name", "end"), [("reed", "eds; did you mean 'read'?\n"), ("xyz", "canopen-gateway, eds\n")])
+@pytest.mark.parametrize(
+    ("name", "end"), [("reed", "eds; did you mean 'read' or 'record'?\n"), ("xyz", "canopen-gateway, eds\n")]
+)
 def test_an_unknown_command_is_reported_with_the_nearest_one(name: str, end: str) -> None:
     error = error_of(name, "tcp://127.0.0.1:1", status=2)
     assert error.startswith(f"barewire: unknown command '{name}': expected one of demo, devices")

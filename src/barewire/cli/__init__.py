@@ -9,6 +9,7 @@
     watch, plot       `watch`: named values periodically, as a table, lines, JSON, CSV or a plot
     drive             `drive`: enable, move and stop a drive
     explain, sniff    `explain`: frames and recordings; `sniff`: traffic of a line or bus
+    record            `record`: traffic of a line -> a file that `simulate` serves
     conform           `conform`: a server or a CANopen device against the standard
     canopen_gateway   `canopen-gateway`: a CANopen network as text over TCP
     eds               `eds`: export and check electronic data sheets

@@ -28,6 +28,7 @@ COMMANDS = {
     "drive": ("drive", "Enable, move and stop a CiA 402 drive."),
     "explain": ("explain", "Explain a frame byte by byte and check it."),
     "sniff": ("sniff", "Decode the traffic of a line or bus; send nothing."),
+    "record": ("record", "Make a simulated device of the traffic of a line."),
     "conform": ("conform", "Test a server or device against the standard."),
     "canopen-gateway": ("canopen_gateway", "Serve a CANopen network as text over TCP (CiA 309-3)."),
     "eds": ("eds", "Export or check electronic data sheets (CiA 306)."),

@@ -5,21 +5,24 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import click
 
 from barewire import EncodeError, ModbusServer, Table
 from barewire.cli.arguments import EndpointArgument, Seconds, device_argument
-from barewire.devices.sim import MachineUnits, Simulator, simulator
+from barewire.devices.sim import MachineUnits, Simulator, recorded_units, simulator
+from barewire.devices.sim.recorded.toml import is_recorded
 from barewire.devices.value_text import parse_value
 from barewire.io.canopen.shared_bus import INSIDE_ONE_PROCESS
 from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import LATE, faults_at, faults_on_can
 from barewire.io.fault_injection.targets import Fault, parse_faults
 from barewire.io.server.base import ThreadedServer
+from barewire.modbus import Unit
 
 _TABLE = "table"
 
@@ -50,8 +53,9 @@ def simulate_command(
 ) -> None:
     """Simulate a device on real ports until interrupted.
 
-    DEVICE is a name of `barewire devices`, the directory of your own description, or `table`: 65,536 coils, discrete
-    inputs, holding and input registers. Several endpoints lead to the same machine, with the same values.
+    DEVICE is a name of `barewire devices`, the directory of your own description, a file that `barewire record` wrote,
+    or `table`: 65,536 coils, discrete inputs, holding and input registers. Several endpoints lead to the same machine,
+    with the same values.
 
     A serial ENDPOINT whose path does not exist becomes a new pseudo-terminal with that name, which another program
     opens like a serial port; `rtu://pty` becomes one without a name. can://socketcand/127.0.0.1:29536/can0 becomes a
@@ -65,6 +69,7 @@ def simulate_command(
     barewire simulate az3 rtu:///tmp/az3 --fault late:0.05,drop,flip:0.01 --seed 7 & sleep 1
     barewire read "rtu:///tmp/az3?retries=5" az3 "STATUS WORD"
     barewire simulate table tcp://127.0.0.1:1502 --fault exception=04@20,drop@every=3
+    barewire simulate pump.toml rtu:///tmp/line
 
     --fault disturbs responses, and prints `fault KIND` for each. It works on tcp, tls (before encryption), udp, rtu,
     ascii, rtu+tcp, ascii+tcp and can. KIND hits one response in ten, KIND:P those with the probability P; what follows
@@ -117,18 +122,20 @@ def simulate_command(
     for endpoint in endpoints:
         _check_reachable(endpoint)
     faults = None if fault is None else _checked_faults(fault, late, list(map(Endpoint.parse, endpoints)))
-    machine = None if device == _TABLE else _configured_machine(device, list(map(Endpoint.parse, endpoints)))
+    recorded = _recorded(device)
+    is_machine = device != _TABLE and recorded is None
+    machine = _configured_machine(device, list(map(Endpoint.parse, endpoints))) if is_machine else None
     _set_initial_state(device, machine, values, world)
     disturbed: dict[str, Any] = {}
     if faults is not None:
         disturbed = {"faults": faults, "fault_seed": seed, "fault_delay": late, "on_fault": _print_fault}
-    table = Table()
-    servers = [
-        _table_server(endpoint, table, **disturbed)
-        if machine is None
-        else machine_server(endpoint, machine, **disturbed)
-        for endpoint in endpoints
-    ]
+    if machine is not None:
+        servers = [machine_server(endpoint, machine, **disturbed) for endpoint in endpoints]
+    elif recorded is not None:
+        servers = [_recorded_server(endpoint, recorded, **disturbed) for endpoint in endpoints]
+    else:
+        table = Table()
+        servers = [_table_server(endpoint, table, **disturbed) for endpoint in endpoints]
     # Only now: opening a port may wait, and there Ctrl-C must raise KeyboardInterrupt.
     for number in (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
         signal.signal(number, end)
@@ -197,6 +204,25 @@ def _table_server(url: str, table: Table, **faults: Any) -> ThreadedServer:
     address = endpoint.integer("unit", 1)
     _check_unit(endpoint, address)
     return ModbusServer(url, dict.fromkeys((address, *_tcp_units(endpoint)), table), **faults)
+
+
+def _recorded(device: str) -> Mapping[int, Unit] | None:
+    """Return the units of a file of `barewire record`; None if the device is something else."""
+    path = Path(device)
+    if path.suffix != ".toml" or not path.is_file() or not is_recorded(path.read_text("utf-8", errors="replace")):
+        return None
+    return recorded_units(path)
+
+
+def _recorded_server(url: str, units: Mapping[int, Unit], **faults: Any) -> ThreadedServer:
+    """Return a server for recorded units. One unit alone has the further addresses of a device on TCP."""
+    endpoint = Endpoint.parse(url)
+    if "unit" in endpoint.options:
+        raise EncodeError(f"{url!r}: recorded units have their own addresses: {', '.join(map(str, units))}")
+    if len(units) == 1:
+        (unit,) = units.values()
+        units = {**dict.fromkeys(_tcp_units(endpoint), unit), **units}
+    return ModbusServer(url, units, **faults)
 
 
 def machine_server(url: str, machine: Simulator, **faults: Any) -> ThreadedServer:

@@ -113,7 +113,7 @@ def sniff_command(
 
             hint = suggest(kind, EVENT_KINDS.values())
             raise EncodeError(f"--only {kind}: expected one of {', '.join(EVENT_KINDS.values())}{hint}")
-    data = b"" if endpoint is not None else _recording(source, seconds)
+    data = b"" if endpoint is not None else recording_content(source, seconds)
     if protocol is not None and endpoint is not None:
         raise click.UsageError(f"--protocol {protocol}: for a recording; that of a line is in its endpoint")
     with ExitStack() as stack:
@@ -136,14 +136,15 @@ def sniff_command(
             if given:
                 raise EncodeError(f"{option} is for a CAN bus, which {source} is not")
         if endpoint is None:
-            exchanges = _replayed(source, data, window, ports, protocol)
+            exchanges = replayed(source, data, window, ports, protocol)
         else:
             exchanges = listen(endpoint, threading.Event(), seconds=seconds, window=window)
         file = None if write is None else stack.enter_context(_open_for_writing(write))
         _print_exchanges(exchanges, file, as_json)
 
 
-def _recording(source: str, seconds: float | None) -> bytes:
+def recording_content(source: str, seconds: float | None) -> bytes:
+    """Return the bytes of a recording. Raise EncodeError for an empty one, and for `--seconds`."""
     if seconds is not None:
         raise EncodeError("--seconds is for a line; a recording ends by itself")
     data = file_content(source)
@@ -163,9 +164,10 @@ def _open_for_writing(name: str) -> BinaryIO:
 # Modbus
 
 
-def _replayed(
+def replayed(
     source: str, data: bytes, window: float, ports: tuple[int, ...], protocol: SerialProtocol | None
 ) -> Iterator[SnifferEvent]:
+    """Yield the events of a recording of Modbus. Raise BarewireError if it is none."""
     try:
         yield from replay(data, window=window, ports=MODBUS_PORTS | set(ports), protocol=protocol)
     except DecodeError as error:
@@ -207,13 +209,13 @@ def _packet(packets: PacketBuilder, event: SnifferEvent) -> bytes | None:
 def _live_frames(endpoint: Endpoint, seconds: float | None) -> Iterator[Recorded | float]:
     """Yield frames from a bus until Ctrl-C; a time alone when no frame was received."""
     stop = threading.Event()
-    with _stopped_by_interrupt(stop):
+    with stopped_by_interrupt(stop):
         for now, frame in listen_can(endpoint, stop, seconds=seconds):
             yield now if frame is None else Recorded(now, _LIVE_BUS, frame)
 
 
 @contextmanager
-def _stopped_by_interrupt(stop: threading.Event) -> Iterator[None]:
+def stopped_by_interrupt(stop: threading.Event) -> Iterator[None]:
     """Let the first Ctrl-C end the reception, so that the summary is printed; the second one ends the program."""
 
     def end_reception(number: int, frame: object) -> None:

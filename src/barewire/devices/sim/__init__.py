@@ -22,6 +22,7 @@ In reading order:
     adxl      the soft starter
     az3       the servo drive
     csd_mt    the stepper drive
+    recorded  machines that repeat what they said on a recorded line: `recorded_units("pump.toml")`
 
 Depends on: device descriptions, messages, the CANopen node.  Used by: cli, tests.
 """
@@ -38,6 +39,7 @@ from barewire.devices.sim.adxl.machine import Adxl
 from barewire.devices.sim.az3.machine import Az3
 from barewire.devices.sim.core.simulator import MachineUnits, Simulator
 from barewire.devices.sim.csd_mt.machine import CsdMt
+from barewire.devices.sim.recorded.replay import recorded_units
 
 _SIMULATORS: dict[str, type[Simulator]] = {"adxl": Adxl, "az3": Az3, "csd-mt": CsdMt}
 """The machines with behaviour, by the name of their description."""
@@ -109,4 +111,4 @@ def simulator(
     return machine
 
 
-__all__ = ["simulator", "Simulator", "MachineUnits", "Adxl", "Az3", "CsdMt"]
+__all__ = ["simulator", "recorded_units", "Simulator", "MachineUnits", "Adxl", "Az3", "CsdMt"]

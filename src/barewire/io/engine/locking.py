@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from barewire.canopen import CanFrame
-    from barewire.modbus import Response, Unit
+    from barewire.modbus import Delayed, Response, Unit
 
 
 class CanopenNode(Protocol):
@@ -77,7 +77,7 @@ class SharedUnit:
         if (supports := getattr(unit, "supports", None)) is not None:
             self.supports = supports  # called with every request, so it is not looked up each time
 
-    def handle(self, request: Any, now: float) -> Response | None:
+    def handle(self, request: Any, now: float) -> Response | Delayed | None:
         """Return the response of the unit."""
         with self._lock:
             return self._unit.handle(request, now)

@@ -18,7 +18,7 @@ from barewire.io.server.asyncio_ports import SerialServer
 from barewire.io.server.asyncio_stream import server_at
 from barewire.io.server.base import AsyncServer
 from barewire.io.server.connection_limits import ConnectionTable, Inject
-from barewire.io.server.modbus import port_number, server_endpoint
+from barewire.io.server.modbus import may_delay, port_number, server_endpoint
 from barewire.modbus.server.server import ServerStatistics
 
 if TYPE_CHECKING:
@@ -69,6 +69,8 @@ class AsyncModbusServer(AsyncServer):
         self._units = units
         self._listener = listener
         self._inject: Inject | None = None
+        if faults is None and may_delay(units):
+            faults = ()  # the part of the server that delays answers is the fault injector
         if faults is not None:
             from barewire.io.fault_injection.faults import faults_at
             from barewire.io.fault_injection.ports import LoopFaultInjector

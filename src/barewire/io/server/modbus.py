@@ -94,6 +94,8 @@ class ModbusServer(ThreadedServer):
         super().__init__()
         endpoint = server_endpoint(url, units, set_direction, options)
         model = None
+        if faults is None and may_delay(units):
+            faults = ()  # the part of the server that delays answers is the fault injector
         if faults is not None:
             from barewire.io.fault_injection.faults import faults_at
 
@@ -186,6 +188,11 @@ def _check_units(units: Mapping[int, Unit], *, has_broadcasts: bool) -> None:
             raise EncodeError(
                 f"units: unit {address}: its method handle is a coroutine: expected one that returns the response"
             )
+
+
+def may_delay(units: Mapping[int, Unit]) -> bool:
+    """Whether a unit may return `Delayed` responses."""
+    return any(getattr(units.get(address), "delays", False) for address in units.keys())  # noqa: SIM118 - see `_check_units`
 
 
 def port_number(url: str) -> int:

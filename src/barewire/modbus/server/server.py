@@ -65,9 +65,17 @@ class Unit(Protocol):
 
         supports(request_class) -> bool    False makes a malformed request of that function exception 01, not 03
         diagnostics                        False for a device that declines functions 08, 0B and 0C on purpose
+        delays                             True if `handle` may return a `Delayed` response
     """
 
-    def handle(self, request: Any, now: float) -> Response | None: ...
+    def handle(self, request: Any, now: float) -> Response | Delayed | None: ...
+
+
+class Delayed(NamedTuple):
+    """A response, or an exception to decline with, that is sent `seconds` after the request was received."""
+
+    response: Response | ModbusException
+    seconds: float
 
 
 class Reply(NamedTuple):
@@ -173,6 +181,7 @@ class Server:
         self._on_refusal = on_refusal
         self._waiting: Adu | None = None  # answered if at most a glitch follows
         self._sent: Adu | None = None  # the latest response
+        self._delay = 0.0  # seconds that the response to the present request is delayed
 
     def __repr__(self) -> str:
         units = ", ".join(map(str, self.units)) or "none"
@@ -199,7 +208,8 @@ class Server:
             room -= 1
             if pdu is not None:
                 self.statistics.replies += 1
-                replies.append(Reply(line.response(event, pdu), 0.0, event.pdu))
+                at = now + self._delay if self._delay else 0.0
+                replies.append(Reply(line.response(event, pdu), at, event.pdu))
         return replies
 
     def overrun(self) -> None:
@@ -265,7 +275,7 @@ class Server:
             return []
         self.statistics.replies += 1
         self._sent = Adu(adu.unit, pdu)
-        return [Reply(self.line.response(adu, pdu), self.line.quiet_at, adu.pdu)]
+        return [Reply(self.line.response(adu, pdu), max(self.line.quiet_at, now + self._delay), adu.pdu)]
 
     def _overload(self, pdu: bytes) -> bytes | None:
         """Return the response to a request beyond the limit of transactions."""
@@ -278,6 +288,7 @@ class Server:
     def answer(self, adu: Adu, now: float) -> bytes | None:
         """Carry out a request, and return the PDU of the response, or None for silence."""
         number, pdu, _ = adu
+        self._delay = 0.0
         if pdu[0] & EXCEPTION_BIT:
             self.statistics.not_requests += 1
             return None
@@ -323,6 +334,8 @@ class Server:
                     response = unit.handle(request, now)
                 else:
                     response = self._handle(unit, counters, request, now)
+                if isinstance(response, Delayed):
+                    response = self._delayed(response)
                 # Checked here, so that an invalid response is a failure of the unit and not of the line.
                 answer = None if response is None else checked(response.encode())
             except ModbusException as declined:
@@ -338,8 +351,15 @@ class Server:
             counters.finished(request, code, answered=answered and answer is not None)
         return answer if answered else None
 
+    def _delayed(self, delayed: Delayed) -> Response:
+        """Keep the delay for the reply and return the response. Raises the exception that is in its place."""
+        response, self._delay = delayed
+        if isinstance(response, ModbusException):
+            raise response
+        return response
+
     @staticmethod
-    def _handle(unit: Unit, counters: SerialCounters, request: AnyRequest, now: float) -> Response | None:
+    def _handle(unit: Unit, counters: SerialCounters, request: AnyRequest, now: float) -> Response | Delayed | None:
         """Handle a request on a serial line: 08, 0B and 0C are answered from `counters` if the unit cannot."""
         try:
             return unit.handle(request, now)
