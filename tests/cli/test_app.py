@@ -9,8 +9,9 @@ from pathlib import Path
 import can
 import pytest
 
-from barewire import CanopenClient
+from barewire import CanopenClient, ModbusServer
 from barewire.cli.app import COMMANDS
+from barewire.devices.sim import simulator
 from barewire.errors import PortError
 from tests.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, run_command, simulated_at
 from tests.helpers import free_port
@@ -29,6 +30,23 @@ def test_the_help_of_a_command_begins_with_its_line_of_the_list(name: str) -> No
     usage, empty, first, *_ = output_of(name, "--help").splitlines()
     assert usage.startswith(f"Usage: barewire {name} ")
     assert (empty, first.strip()) == ("", COMMANDS[name][1])
+
+
+def test_verbose_writes_the_log_to_stderr() -> None:
+    place = f"tcp://127.0.0.1:{free_port()}"
+    command = "read", f"{place}?timeout=0.1", "adxl", "Status"
+    quiet, verbose = run_command(*command), run_command("-v", *command)
+    assert (quiet.returncode, verbose.returncode) == (1, 1)
+    assert len(quiet.stderr.splitlines()) == 1
+    assert f" INFO barewire.modbus.client: {place}: not connected: connection refused; next" in verbose.stderr
+    assert verbose.stderr.splitlines()[-1] == quiet.stderr.strip()
+
+
+def test_more_verbose_writes_all_bytes() -> None:
+    with ModbusServer("tcp://127.0.0.1:0", {1: simulator("adxl").modbus}) as server:
+        run = run_command("-vv", "read", server.url, "adxl", "Status")
+    assert " DEBUG barewire.modbus.client: " in run.stderr
+    assert ": sent 00 01 00 00 00 06 01 04 " in run.stderr
 
 
 @pytest.mark.parametrize("group", [(), ("eds",), ("drive",)])

@@ -102,7 +102,10 @@ def _print_error(text: str, status: int) -> int:
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="barewire")
-def barewire_command() -> None:
+@click.option(
+    "-v", "--verbose", count=True, help="Log connections, time-outs and refusals to stderr; -vv: all bytes and frames."
+)
+def barewire_command(verbose: int) -> None:
     """Read, write, simulate, monitor and test Modbus (RTU, ASCII, TCP) and CANopen devices.
 
     `barewire COMMAND --help` explains a command.
@@ -120,3 +123,8 @@ def barewire_command() -> None:
                                  late_window=3        seconds in which a late response is expected
     All of them are in docs/endpoints.md.
     """
+    if verbose:
+        import logging  # not at the top: commands without this option do not need it
+
+        logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+        logging.getLogger("barewire").setLevel(logging.INFO if verbose == 1 else logging.DEBUG)

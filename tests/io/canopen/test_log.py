@@ -143,7 +143,7 @@ def test_frames_that_nothing_acknowledges(log: pytest.LogCaptureFixture) -> None
             server.do(lambda now: [CanFrame(0x185, b"\x01")])
     assert server.statistics.unsent >= 31  # with the boot-up, and what else the drive sends
     found = [line for line in lines(log, "server") if "not sent" in line]
-    assert found[1] == "WARNING can://virtual/log-unsent: frame 185#01 not sent: can://test/can0: no acknowledgement"
+    assert "WARNING can://virtual/log-unsent: frame 185#01 not sent: can://test/can0: no acknowledgement" in found
     assert len(found) == 11
     assert f"({server.statistics.unsent - 11} more like this in the last" in found[-1]
 
