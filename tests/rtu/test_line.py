@@ -6,14 +6,12 @@ Where equality matters, times are powers of two: one character takes 1/2048 s, s
 from __future__ import annotations
 
 from itertools import product
-from random import Random
 
 import pytest
 from hypothesis import given, strategies as st
 
 from barewire.errors import EncodeError
 from barewire.modbus import Adu, Noise
-from barewire.modbus.framing import LineEvent
 from barewire.modbus.messages.registry import measure_request
 from barewire.rtu import RtuLine, Timing, crc16, decode, encode
 from barewire.rtu.shape import Role
@@ -363,119 +361,6 @@ def test_query_data_of_any_length_is_received(role: Role, length: int) -> None:
 def test_the_longest_frame_of_an_unknown_function() -> None:
     line, frame = line_of("server"), encode(1, b"\x41" + bytes(range(252)))
     assert feed_all(line, spaced([frame[:128], frame[128:]], 0.002)) + silence(line) == [decode(frame)]
-
-
-# Resynchronisation -----------------------------------------------------------------------------------------------
-
-
-def damaged(frame: bytes) -> bytes:
-    return frame[:-1] + bytes([frame[-1] ^ 1])
-
-
-def test_a_good_frame_directly_behind_a_damaged_one_is_found_at_once() -> None:
-    line = line_of()
-    events = line.feed(damaged(REPLY) + RESPONSES["exception"], 1.0)
-    assert events == [
-        Noise(damaged(REPLY), "checksum", f"{len(REPLY)} bytes that are not a frame before a good one"),
-        decode(RESPONSES["exception"]),
-    ]
-
-
-def test_a_damaged_frame_is_reported_with_the_expected_crc() -> None:
-    line = line_of()
-    assert line.feed(damaged(REPLY), 1.0) == []
-    right, wrong = (frame[-2:].hex(" ").upper() for frame in (REPLY, damaged(REPLY)))
-    assert silence(line) == [Noise(damaged(REPLY), "checksum", f"CRC is {wrong}, should be {right}")]
-
-
-@pytest.mark.parametrize("length", range(1, len(REPLY)))
-def test_half_a_frame_and_then_a_whole_one(length: int) -> None:
-    """With silence between them, and without (a unit that began its response again)."""
-    for pause in (0.002, 2 * PATIENCE):
-        line = line_of()
-        events = feed_all(line, [(REPLY[:length], 1.0), (REPLY, 1.0 + pause)]) + silence(line)
-        assert frames_of(events) == [decode(REPLY)]
-        assert b"".join(event.data for event in noise_of(events)) == REPLY[:length]
-
-
-@pytest.mark.parametrize("noise", ["FF 41", "FF 03 FA", "01 10 00 00 00 7B F6"])
-def test_silence_finds_every_frame_behind_a_wrong_count(noise: str) -> None:
-    """The noise announces a long frame (or one without an end), so nothing is decided before the silence."""
-    first, second, third = RESPONSES["registers"], RESPONSES["exception"], RESPONSES["coils"]
-    line = line_of("listener")
-    events = line.feed(unhex(noise) + first + second, 1.0) + line.feed(third + b"\xff", 1.001) + silence(line)
-    assert frames_of(events) == [decode(first), decode(second), decode(third)]
-    assert [event.data for event in noise_of(events)] == [unhex(noise), b"\xff"]
-
-
-def test_behind_noise_and_a_good_frame_silence_ends_an_unknown_function() -> None:
-    line = line_of("listener")
-    events = line.feed(unhex("FF 41") + REPLY + CUSTOM, 1.0) + silence(line)
-    assert frames_of(events) == [decode(REPLY), decode(CUSTOM)]
-
-
-def test_a_frame_is_found_behind_more_noise_than_a_frame_is_long() -> None:
-    for noise in (bytes(1000), b"\xff" * 1000, b"\x01\x41" * 500):
-        line = line_of()
-        events = line.feed(noise, 1.0) + line.feed(REPLY, 1.001) + silence(line)
-        assert frames_of(events) == [decode(REPLY)]
-
-
-def test_endless_noise_is_reported_in_parts() -> None:
-    line = line_of()
-    events = [event for place in range(100) for event in line.feed(b"\x01\x41" * 8, 1.0 + place / 1000)]
-    assert {event.reason for event in noise_of(events)} == {"long"}
-    assert {event.text for event in noise_of(events)} == {"more than 256 bytes and no frame in them"}
-    assert len(line.held) == 256
-
-
-def frames_and_rest(events: list[LineEvent], held: bytes) -> list[Adu | bytes]:
-    """Return the frames, and the bytes between them, joined across events."""
-    parts: list[Adu | bytes] = [b""]
-    for event in [*events, Noise(held, "short")]:
-        if isinstance(event, Adu):
-            parts += [event, b""]
-        else:
-            last = parts.pop()
-            assert isinstance(last, bytes)
-            parts.append(last + event.data)
-    return parts
-
-
-@modest
-@given(st.lists(st.one_of(WHOLE, DAMAGED, st.binary(max_size=300)), max_size=5), st.sampled_from(ROLES), st.randoms())
-def test_the_same_frames_whatever_the_chunks(parts: list[bytes], role: Role, dice: Random) -> None:
-    """Only the bytes and the silence decide where frames are, not the batches in which an adapter delivers them."""
-    data = b"".join(parts)
-    received = []
-    for longest in (1, 3, 40):
-        line, events, start, now = line_of(role, units=(1,)), list[LineEvent](), 0, 1.0
-        while start < len(data):
-            size = dice.randint(1, longest)
-            now += CHARACTER * size
-            events += line.feed(data[start : start + size], now)
-            start += size
-        received.append(frames_and_rest(events + silence(line), line.held))
-    assert received[0] == received[1] == received[2]
-
-
-def test_noise_byte_by_byte_costs_linear_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also with a full buffer. The test counts how often a place is checked; it does not measure time."""
-    checks = 0
-    original = RtuLine._check
-
-    def counted(line: RtuLine, at: int) -> tuple[int | None, int]:
-        nonlocal checks
-        checks += 1
-        return original(line, at)
-
-    monkeypatch.setattr(RtuLine, "_check", counted)
-    for role in ROLES:
-        line, dice, checks = line_of(role, units=(1,)), Random(1), 0
-        for place in range(3000):
-            line.feed(dice.randbytes(1), 1.0 + place * CHARACTER)
-            assert len(line._places) <= 2 * 256
-        assert checks < 6 * 3000
 
 
 # Traffic of other units ------------------------------------------------------------------------------------------

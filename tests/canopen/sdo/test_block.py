@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from binascii import crc_hqx
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -12,16 +12,13 @@ from barewire.canopen import (
     BlockSettings,
     CanFrame,
     Channel,
+    CobEntry,
     SdoAbort,
     SdoServer,
     download,
     upload,
     upload_to,
 )
-from barewire.canopen.abort_codes import ProtocolViolation
-from barewire.canopen.sdo import BlockAck, BlockEnded
-from barewire.canopen.sdo.block_transfer import FUTILE_MAX, STRAYS_MAX, BlockReceiver, BlockSender
-from barewire.canopen.sdo.stream import Incoming, Outgoing
 from barewire.conversation import Conversation, Heard, Listen, abort_frames, play
 from barewire.errors import EncodeError, NoAnswer
 from tests.canopen.sdo.sdo_bus import Bus, Store
@@ -217,121 +214,6 @@ def test_a_client_that_is_closed_at_any_step_aborts_the_transfer(block: bool, do
         assert bus.run(upload(channel, 0x2101)) == b"other"
 
 
-# Sender and receiver alone.
-
-
-def sender(length: int, blksize: int, burst: int = 99) -> BlockSender:
-    return BlockSender(Outgoing([counting(length)], length), blksize, crc=True, timeout=1.0, burst=burst, now=0.0)
-
-
-def numbers(frames: list[bytes]) -> list[str]:
-    """Return command byte and first byte of data of each frame."""
-    return [frame[:2].hex() for frame in frames]
-
-
-def test_a_sender_listens_after_each_burst() -> None:
-    half = sender(50, 6, burst=4)
-    assert numbers(half.feed(None, 0.0)) == ["0100", "0207", "030e", "0415"]
-    assert half.deadline == 0.0
-    assert numbers(half.feed(None, 0.1)) == ["051c", "0623"]
-    assert half.deadline == 1.1
-    assert half.feed(None, 0.5) == []
-    assert numbers(half.feed(BlockAck(6, 6), 0.6)) == ["012a", "8231"]
-    assert numbers(half.feed(BlockAck(2, 6), 0.7)) == ["d9" + f"{crc_hqx(counting(50), 0) & 0xFF:02x}"]
-    assert half.feed(BlockAck(2, 6), 0.8) == []  # a repeated acknowledgement
-    assert half.feed(BlockEnded(), 0.9) == []
-    assert half.over
-
-
-def test_a_sender_accepts_an_early_acknowledgement() -> None:
-    half = sender(50, 6, burst=1)
-    assert numbers(half.feed(None, 0.0) + half.feed(None, 0.0) + half.feed(None, 0.0)) == ["0100", "0207", "030e"]
-    assert numbers(half.feed(BlockAck(1, 2), 0.0) + half.feed(None, 0.0)) == ["0107", "020e"]
-    assert numbers(half.feed(BlockAck(2, 127), 0.0) + half.feed(None, 0.0)) == ["0115", "021c"]
-
-
-def test_a_sender_recognises_a_repeated_acknowledgement() -> None:
-    half = sender(50, 6)
-    half.feed(None, 0.0)
-    half.feed(BlockAck(6, 6), 0.0)
-    assert numbers(half.feed(BlockAck(6, 6), 0.7)) == ["012a", "8231"]
-    with pytest.raises(ProtocolViolation, match="segment 5 was acknowledged, but only 2 were sent"):
-        half.feed(BlockAck(5, 6), 0.8)
-
-
-def test_a_sender_limits_how_often_it_starts_over() -> None:
-    half = sender(50, 6)
-    half.feed(None, 0.0)
-    for _ in range(FUTILE_MAX):
-        assert len(half.feed(BlockAck(0, 6), 0.5)) == 6
-    with pytest.raises(ProtocolViolation, match="5 times no segment of a block was acknowledged"):
-        half.feed(BlockAck(0, 6), 0.5)
-
-
-def test_a_sender_times_out() -> None:
-    half = sender(5, 6)
-    half.feed(None, 0.0)
-    assert half.feed(None, 0.9) == []
-    with pytest.raises(ProtocolViolation) as caught:
-        half.feed(None, 1.0)
-    assert caught.value.code == AbortCode.TIMED_OUT
-
-
-def receiver(blksize: int = 4) -> tuple[BlockReceiver, bytearray]:
-    parts = bytearray()
-    return BlockReceiver(Incoming(parts.extend, None), blksize, crc=True, timeout=1.0, now=0.0), parts
-
-
-def segment(number: int, fill: int) -> bytes:
-    return bytes([number]) + bytes([fill]) * 7
-
-
-def test_a_receiver_ignores_segments_out_of_order() -> None:
-    half, parts = receiver()
-    for frame in (segment(2, 9), segment(4, 9), segment(1, 1), segment(1, 1), segment(3, 9), segment(2, 2)):
-        assert half.feed(frame, 0.0) == []
-    assert half.feed(segment(4, 9), 0.0) == [bytes.fromhex("A202040000000000")]
-    assert parts == b"\1" * 7 + b"\2" * 7
-
-
-def test_a_receiver_refuses_a_repeated_segment_with_different_data() -> None:
-    half, _ = receiver()
-    half.feed(segment(1, 1), 0.0)
-    with pytest.raises(ProtocolViolation, match="segment 1 came again with different data"):
-        half.feed(segment(1, 2), 0.0)
-
-
-def test_a_receiver_acknowledges_after_silence() -> None:
-    half, _ = receiver(2)
-    half.feed(segment(1, 1), 0.0)
-    half.feed(segment(2, 2), 1.0)  # acknowledged; nothing of the next block arrives: the acknowledgement may be lost
-    assert half.deadline == pytest.approx(1.7)
-    assert half.feed(None, 1.6) == []
-    assert half.feed(None, 1.7) == [bytes.fromhex("A202020000000000")]
-    assert half.feed(segment(2, 4), 2.0) == []  # its first segment was lost
-    assert half.feed(None, 2.7) == [bytes.fromhex("A200020000000000")]
-    assert half.feed(segment(1, 3), 2.8) == []
-    assert half.feed(None, 3.5) == [bytes.fromhex("A201020000000000")]
-    with pytest.raises(ProtocolViolation, match="no segment and no end within 1 s"):
-        half.feed(None, 3.8)
-
-
-def test_a_receiver_does_not_repeat_an_ambiguous_acknowledgement() -> None:
-    """With one segment in a block, the acknowledgement or the next block may have been lost."""
-    half, _ = receiver(1)
-    assert half.feed(segment(1, 1), 0.0) == [bytes.fromhex("A201010000000000")]
-    assert half.feed(None, 0.7) == []
-    assert half.deadline == 1.0
-
-
-def test_a_receiver_limits_segments_out_of_order() -> None:
-    half, _ = receiver()
-    for _ in range(STRAYS_MAX):
-        assert half.feed(segment(3, 3), 0.0) == []
-    with pytest.raises(ProtocolViolation, match="segments came out of order"):
-        half.feed(segment(3, 3), 0.0)
-
-
 # Several channels, and a server that disappears.
 
 
@@ -354,3 +236,40 @@ def test_a_server_that_disappears_during_a_transfer(block: bool) -> None:
         bus.run(upload(5, 0x2100, block=block))
     with pytest.raises(NoAnswer, match="no frame was received"):
         play(download(5, 0x2100, 0, bytes(10), block=block), lambda frame, now: [])
+
+
+# Ports that return the frames which they send.
+
+
+def returning(server: SdoServer, sent: list[CanFrame]) -> Callable[[CanFrame, float], list[tuple[float, CanFrame]]]:
+    """Return a peer that delivers each frame back, then the response of the server. `sent` records the frames."""
+
+    def peer(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
+        sent.append(frame)
+        return [(now, frame), *((now, response) for response in server.feed(frame, now))]
+
+    return peer
+
+
+def test_the_own_segments_that_a_port_returns_are_not_those_of_another_client() -> None:
+    for own_frames in (None, True):
+        store, channel, sent = Store(), Channel(5, own_frames=own_frames), list[CanFrame]()
+        play(download(channel, 0x2100, 0, counting(3000), block=True), returning(SdoServer(5, store), sent))
+        assert store.objects[0x2100, 0] == counting(3000)
+        assert (channel.own_frames, channel.counters.rivals) == (own_frames, 0)
+        assert len(channel.sent) == 0
+
+
+def test_every_frame_of_a_block_download_has_the_identifier_of_its_channel() -> None:
+    request, response = CobEntry(0x10605, True), CobEntry(0x10585, True)
+    store, sent = Store(), list[CanFrame]()
+    server = SdoServer(5, store)
+
+    def peer(frame: CanFrame, now: float) -> list[tuple[float, CanFrame]]:
+        sent.append(frame)
+        answers = server.feed(CanFrame(0x605, frame.data), now)
+        return [(now, CanFrame(0x10585, answer.data, True)) for answer in answers]
+
+    play(download(Channel(5, cob_ids=(request, response)), 0x2100, 0, counting(300), block=True), peer)
+    assert store.objects[0x2100, 0] == counting(300)
+    assert {(frame.id, frame.extended) for frame in sent} == {(0x10605, True)}

@@ -82,6 +82,11 @@ def test_a_late_exception_to_listen_only_is_not_taken_for_the_restarts() -> None
     assert bus.counters.late == 1
 
 
+def test_a_restart_without_listen_only_mode_before_it_must_be_answered() -> None:
+    with pytest.raises(NoAnswer, match="did not answer"):
+        Clock(lambda data, now: []).play(rtu_bus().ask(1, RESTART))
+
+
 def test_the_silence_after_listen_only_is_no_lost_answer() -> None:
     bus, clock = rtu_bus(), Clock(lambda data, now: [])
     for lost in (1, 2):

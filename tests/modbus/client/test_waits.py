@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from barewire.conversation import Heard, Listen, Send, Wire, play
 from barewire.errors import NoAnswer
-from barewire.modbus import Bus, ReadHoldingRegisters, ReadInputRegisters, WriteSingleRegister
+from barewire.modbus import Bus, EchoLine, Line, ReadHoldingRegisters, ReadInputRegisters, WriteSingleRegister
 from barewire.rtu import RtuLine, Timing, encode
 from barewire.tcp import TcpLine, encode as tcp_frame
 from tests.helpers import answering
@@ -94,3 +96,33 @@ def test_a_dead_unit_is_asked_again_exactly_when_its_pause_is_over() -> None:
 
 def test_the_turnaround_of_a_broadcast_is_a_tenth_of_a_second_by_default() -> None:
     assert play(Bus(RtuLine(EXACT)).broadcast(WriteSingleRegister(1, 2)), answering(), start=1.0) == (None, 1.1)
+
+
+def test_a_request_gives_up_exactly_when_its_time_out_has_passed_on_a_busy_line() -> None:
+    waiting = Bus(RtuLine(EXACT, patience=0.0)).wait_until_idle(0.125)
+    assert next(waiting) == Listen(float("-inf"))
+    assert waiting.send(Heard(b"\xff", 0.0)) == Listen(3.5 * CHARACTER)
+    with pytest.raises(NoAnswer, match=r"another station has been sending for 0\.125 s"):
+        waiting.send(Heard(b"\xff", 0.125))
+
+
+@pytest.mark.parametrize("line", ["rtu", "echo", "tcp"])
+def test_where_units_or_numbers_are_compared_a_pending_answer_of_one_unit_does_not_delay_another(line: str) -> None:
+    lines: dict[str, Callable[[], Line]] = {
+        "rtu": lambda: RtuLine(EXACT),
+        "echo": lambda: EchoLine(RtuLine(EXACT), echoes=False),
+        "tcp": lambda: TcpLine(any_unit=True),
+    }
+    bus = Bus(lines[line]())
+    frame: Callable[[bytes], bytes] = (
+        (lambda item: tcp_frame(item[6], b"\x03\x02\x00\x14", item[1]))
+        if (line == "tcp")
+        else (lambda item: encode(item[0], b"\x03\x02\x00\x14"))
+    )
+    clock = Wire[bytes](lambda item, now: [] if now < 0.5 else [(now + 0.01, frame(item))])
+    with pytest.raises(NoAnswer):
+        clock.play(read(bus, 10))
+    before = clock.now
+    assert clock.play(read(bus, 20, unit=2)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
+    assert (bus.counters.probes, bus.counters.strays) == (0, 0)
+    assert clock.now - before < 0.1

@@ -186,7 +186,7 @@ class Bus:
         give_up = heard.now + timeout
         while True:
             now = self._pass_over(heard)
-            quiet = max(line.quiet_at, line.deadline or line.quiet_at) if line.held else line.quiet_at
+            quiet = max(line.quiet_at, line.deadline or line.quiet_at)
             if heard.item is None and now >= quiet:
                 return now
             if now >= give_up:
