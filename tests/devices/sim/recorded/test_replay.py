@@ -187,6 +187,24 @@ answers = [{ at = 0.5, until = 1.5, times = 2, wrote = [1] }]
     assert values == [2, 3, 3, 3, 3]
 
 
+def test_a_row_of_equal_writes_is_taken_one_by_one() -> None:
+    replayed = unit("""
+[[unit.request]]
+read = "holding:0"
+quantity = 1
+answers = [{ at = 0.0, values = [1] }, { at = 1.0, values = [2] }, { at = 2.0, values = [3] }]
+[[unit.request]]
+write = "holding:9"
+function = 6
+answers = [{ at = 0.5, until = 1.5, times = 2, wrote = [1] }, { at = 5.0, wrote = [0] }]
+""")
+    values = []
+    for _ in range(2):
+        answer(replayed, WriteSingleRegister(9, 1))
+        values.append(answer(replayed, STATE)[0])
+    assert values == [2, 3]
+
+
 def test_a_recorded_write_ends_what_another_one_changed() -> None:
     replayed = unit(PUMP + '[[unit.request]]\nread = "holding:5"\nquantity = 1\nanswers = [{ values = [4] }]\n')
     asked = ReadHoldingRegisters(5, 1)
