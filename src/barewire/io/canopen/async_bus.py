@@ -22,7 +22,7 @@ from typing import Self, TypeVar
 
 from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.frame import CanFrame
-from barewire.errors import PortError
+from barewire.errors import BarewireError, PortError
 from barewire.io.canopen.event_stream import STREAM_ROOM, Listener, Report, StreamBase
 from barewire.io.canopen.node_runner import CHECK_INTERVAL, Action, NodeDriver, NodeStatistics, Speaker, begin
 from barewire.io.canopen.shared_bus import CanBus
@@ -255,6 +255,8 @@ class AsyncRunning:
         self.statistics = NodeStatistics() if statistics is None else statistics
         self._log = PortLog("barewire.canopen.client", f"can://{bus.name}") if log is None else log
         self._subscriber = AsyncSubscriber(bus, keys, node=True, reports=True)
+        self.failure: BarewireError | None = None
+        """The error that ended the machine, if it was one of barewire."""
         self._task = asyncio.create_task(self._run())
 
     def __enter__(self) -> Self:
@@ -267,6 +269,7 @@ class AsyncRunning:
         try:
             await self._serve()
         except Exception as error:
+            self.failure = error if isinstance(error, BarewireError) else None
             self._log.error("ended", f"{self.machine}: its code failed: {type(error).__name__}: {error}", error)
             raise
 

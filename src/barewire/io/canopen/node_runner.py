@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
-from barewire.errors import EncodeError, PortError, shown
+from barewire.errors import BarewireError, EncodeError, PortError, shown
 from barewire.io.canopen.subscriber import BusDown, BusItem, FrameBus, FramesLost, Key, Subscriber
 from barewire.io.engine.locking import exclusive
 from barewire.io.log import PortLog
@@ -161,6 +161,8 @@ class Running:
         self._log = PortLog("barewire.canopen.client", f"can://{bus.name}")
         self._sending = threading.RLock()  # frames are sent in the order in which they were made
         self._subscriber = Subscriber(bus, keys, node=True, reports=True)
+        self.failure: BarewireError | None = None
+        """The error that ended the machine, if it was one of barewire."""
         self._thread = threading.Thread(target=self._run, name=f"{type(machine).__name__} on {bus.name}", daemon=True)
         self._thread.start()
 
@@ -171,6 +173,13 @@ class Running:
         self.stop()
 
     def _run(self) -> None:
+        try:
+            self._serve()
+        except BarewireError as error:
+            self.failure = error
+            raise
+
+    def _serve(self) -> None:
         machine, driver, clock = self.machine, NodeDriver(self.machine), time.monotonic
         with self._subscriber:
             with self._sending:

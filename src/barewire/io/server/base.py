@@ -144,6 +144,11 @@ class AsyncServer(ABC):
     async def __aexit__(self, *_: object) -> None:
         await self.close()
 
+    @property
+    def failure(self) -> BarewireError | None:
+        """The error that ended the server, or None."""
+        return None
+
     async def start(self) -> None:
         """Open the port and begin to serve. Raises PortError if that fails, or if the server has run or was closed.
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from barewire.canopen import CanFrame
 from barewire.devices.device import Device
-from barewire.errors import EncodeError, PortError, shown
+from barewire.errors import BarewireError, EncodeError, PortError, shown
 from barewire.io.canopen.node_runner import Action, NodeDriver, NodeStatistics, begin, check_instance
 from barewire.io.canopen.reconnect import Reopening, receiver
 from barewire.io.canopen.shared_bus import CanBus, can_endpoint
@@ -200,6 +200,11 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
         self._bus = await open_in_thread(self._open_bus)
         self._running = AsyncRunning(self._bus, self._node, None, self.statistics, self._log)
         self._log.info("serving", "serving")
+
+    @property
+    def failure(self) -> BarewireError | None:
+        """The error that ended the server, or None."""
+        return None if self._running is None else self._running.failure
 
     async def do(self, action: Action) -> None:
         """Call `action(now)`, then send the frames that it returns and those that are due."""
