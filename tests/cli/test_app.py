@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 import socket
 import subprocess
+import sys
+import time
 from pathlib import Path
 
 import can
@@ -118,6 +121,46 @@ def test_output_without_a_degree_sign_in_its_encoding() -> None:
     done = subprocess.run([*COMMAND, "devices", "adxl"], capture_output=True, env=environment, check=False)
     assert done.returncode == 0
     assert b"Thyristors temperature" in done.stdout
+
+
+@pytest.mark.parametrize("module", ["click", "barewire.cli.app", "barewire.cli.read_write", "barewire.io.machine"])
+def test_ctrl_c_while_the_command_is_being_loaded_ends_it_quietly(module: str) -> None:
+    """The interrupt comes in the middle of an import, also where Python reports exceptions and goes on."""
+    code = f"""
+import os, signal, sys
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            class Ignored:
+                def __del__(self):
+                    os.kill(os.getpid(), signal.SIGINT)
+                    sum(range(1000))
+            Ignored()
+            os.kill(os.getpid(), signal.SIGINT)
+            sum(range(1000))
+sys.meta_path.insert(0, Interrupting())
+from barewire.cli import main
+sys.argv = ["barewire", "read", "tcp://127.0.0.1:1", "adxl", "Status"]
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+def test_ctrl_c_at_any_time_of_the_start_ends_the_command_quietly() -> None:
+    """Before `main`, while the interpreter starts, Python itself prints a traceback."""
+    code = "from barewire.cli import main; print(flush=True); main()"
+    command = [sys.executable, "-c", code, "explain", "rtu", "01"]
+    for place in range(8):
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            process.stdout.readline()
+            time.sleep(0.01 * place)
+            process.send_signal(signal.SIGINT)
+            error = process.stderr.read()
+            assert "Traceback" not in error
+            assert process.wait(30) in (0, 130)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -109,6 +110,38 @@ def test_the_protocol_of_a_recording_can_be_stated(tmp_path: Path) -> None:
     assert "for a recording" in error_of("sniff", "rtu:///dev/null", "--protocol", "rtu", status=2)
     log.write_text(EXCHANGE)
     assert "is a recording of CAN" in error_of("sniff", str(log), "--protocol", "rtu", status=2)
+
+
+@pytest.mark.parametrize("kind", ["modbus", "can"])
+def test_a_full_disk_is_reported_with_the_file_which_keeps_what_was_written(kind: str, tmp_path: Path) -> None:
+    log = tmp_path / "bus.log"
+    if kind == "modbus":
+        log.write_text(
+            "".join(
+                f"{at}.0 {rtu_frame(1, READ).hex(' ')}\n{at}.1 {rtu_frame(1, VALUES).hex(' ')}\n" for at in range(9)
+            )
+        )
+    else:
+        log.write_text("".join(f"({at}.000000) can0 705#05\n" for at in range(30)))
+    done = run_command("sniff", str(log), "--write", "/dev/full")
+    assert done.returncode == 1
+    assert done.stderr == "barewire: /dev/full: no space left on device; nothing was written\n"
+    file = tmp_path / "bus.pcapng"
+    limit = (
+        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (700, 700)); from barewire.cli import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", limit, "sniff", str(log), "--write", str(file)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"barewire: {file}: file too large; it has the ")
+    assert done.stderr.endswith(" frames before\n")
+    kept = len(list(read_packets(file.read_bytes())))
+    assert f" {kept} frames" in done.stderr
+    assert 3 < kept < 18
 
 
 # CAN -------------------------------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -111,7 +112,7 @@ def test_the_other_names_are_read_if_one_is_refused() -> None:
             assert row["values"] == {"holding:0": 0, "coil:0": False}
             assert list(row["refused"]) == ["holding:100"]
         done = run_command(*watch, "--csv")
-        assert [row[1:] for row in csv.reader(done.stdout.splitlines()[1:])] == [["0", "", "0"]] * 3
+        assert [row[2:] for row in csv.reader(done.stdout.splitlines()[1:])] == [["0", "", "0"]] * 3
         assert len(done.stderr.splitlines()) == 1
         assert "holding:100: unit 1, address 100: exception 02" in done.stderr
         done = run_command("watch", server.url, "raw", "holding:100", "coil:99", "--count", "2", "--period", "0.05")
@@ -144,7 +145,7 @@ def test_a_refused_name_is_read_alone_as_long_as_it_is_refused() -> None:
 
 def test_lines_json_and_csv() -> None:
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
-        watch = ("watch", endpoint, "csd-mt", *NAMES, "--period", "0.1", "--count", "3")
+        watch, before = ("watch", endpoint, "csd-mt", *NAMES, "--period", "0.1", "--count", "3"), datetime.now(UTC)
         plain = output_of(*watch).splitlines()
         assert len(plain) == 3
         assert re.match(r" +\d+\.\d{3} s  Position Actual Value = 0 step; Status Word = 624 \(voltage", plain[0])
@@ -153,8 +154,14 @@ def test_lines_json_and_csv() -> None:
         assert 0.0 <= rows[0]["time"] < rows[1]["time"] < rows[2]["time"]
         assert rows[2]["time"] >= 0.2
         table = list(csv.reader(output_of(*watch, "--csv").splitlines()))
-    assert table[0] == ["time", *NAMES]
-    assert [row[1:] for row in table[1:]] == [["0", "624"]] * 3
+        after = datetime.now(UTC)
+    assert table[0] == ["time", "utc", *NAMES]
+    assert [row[2:] for row in table[1:]] == [["0", "624"]] * 3
+    for row, seconds in ((rows[0]["utc"], rows[0]["time"]), *((row[1], float(row[0])) for row in table[1:])):
+        assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z", row)
+        assert before <= datetime.fromisoformat(row) + timedelta(seconds=0.001) <= after + timedelta(seconds=seconds)
+    utc = [datetime.fromisoformat(row[1]) for row in table[1:]]
+    assert utc == sorted(utc)
 
 
 def test_failed_polls_are_shown_and_polling_continues() -> None:
@@ -234,9 +241,9 @@ def test_a_plot(suffix: str, tmp_path: Path) -> None:
     assert len(drawn) > 5000
 
 
-def test_a_plot_is_drawn_after_ctrl_c_and_after_a_closed_pipe(tmp_path: Path) -> None:
+def test_a_plot_is_drawn_after_ctrl_c_sigterm_and_a_closed_pipe(tmp_path: Path) -> None:
     """The values read so far are drawn."""
-    for ended_by in ("Ctrl-C", "a closed pipe"):
+    for ended_by, status in {"Ctrl-C": 130, "a closed pipe": 1, "SIGTERM": 143}.items():
         file = tmp_path / f"{ended_by}.svg"
         with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
             command = [
@@ -258,10 +265,12 @@ def test_a_plot_is_drawn_after_ctrl_c_and_after_a_closed_pipe(tmp_path: Path) ->
                     assert process.stdout.readline()
                 if ended_by == "Ctrl-C":
                     process.send_signal(signal.SIGINT)
+                elif ended_by == "SIGTERM":
+                    process.terminate()
                 else:
                     process.stdout.close()
                 assert process.stderr.read().strip() == b""
-                assert process.wait(30) == (130 if ended_by == "Ctrl-C" else 1)
+                assert process.wait(30) == status
         assert file.stat().st_size > 5000
 
 

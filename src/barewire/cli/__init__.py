@@ -1,7 +1,7 @@
 """The command `barewire`. Files in reading order:
 
     app               the main command: loads a command when it is used; errors and exit statuses
-    arguments         arguments, options and output that several commands share
+    arguments         arguments, options, output and signals that several commands share
     demo, demo_frames `demo`: simulated machines read and written on every wire; `--all`: every frame
     devices           `devices`: the catalogue, and every parameter of a device
     simulate          `simulate`: a machine or a table on real ports
@@ -21,11 +21,14 @@ Depends on: every other room, click and rich.  Used by: nothing; what a command 
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 
 
 def main() -> None:
     """Run the command. Without the extra `cli`, print one line that names it."""
+    end_at_interrupt(True)
     try:
         import click  # noqa: F401
         import rich  # noqa: F401
@@ -34,4 +37,21 @@ def main() -> None:
         sys.exit(1)
     from barewire.cli.app import run_command_line
 
-    sys.exit(run_command_line(sys.argv[1:]))
+    status = run_command_line(sys.argv[1:])
+    end_at_interrupt(True)
+    sys.exit(status)
+
+
+def end_at_interrupt(at_once: bool) -> None:
+    """Let Ctrl-C end the process `at_once`, or raise KeyboardInterrupt again.
+
+    While modules are loaded, KeyboardInterrupt would be printed as a traceback: Python does not let it pass everywhere.
+    A signal that is ignored, as in background jobs of a shell, stays ignored.
+    """
+    handlers = signal.default_int_handler, _end
+    if signal.getsignal(signal.SIGINT) is handlers[not at_once]:
+        signal.signal(signal.SIGINT, handlers[at_once])
+
+
+def _end(number: int, frame: object) -> None:
+    os._exit(128 + number)

@@ -15,6 +15,7 @@ from importlib import import_module
 import click
 
 from barewire import __version__
+from barewire.cli import end_at_interrupt
 from barewire.cli.arguments import CommandGroup, text_with_notes
 from barewire.errors import BarewireError, EncodeError
 
@@ -51,9 +52,11 @@ class LazyGroup(CommandGroup):
         """Return the command of that name, from its file."""
         if cmd_name not in COMMANDS:
             return None
+        end_at_interrupt(True)
         module = import_module(f"barewire.cli.{COMMANDS[cmd_name][0]}")
         command = getattr(module, f"{cmd_name.replace('-', '_')}_command")
         assert isinstance(command, click.Command)
+        end_at_interrupt(False)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -1,4 +1,4 @@
-"""Arguments, options and output that several commands share.
+"""Arguments, options, output and signals that several commands share.
 
 The bodies import what they need: `barewire read` must not load the EDS parser or the CAN monitor.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -177,3 +178,39 @@ def _known_node(name: str, node: int | None) -> KnownNode:
     if node is None:
         raise EncodeError(f"{name}: an EDS has no node-ID: give it with --node")
     return of_dictionary(document.dictionary(node), node, name)
+
+
+# Signals
+
+
+class EndedBySignal(KeyboardInterrupt):
+    """A signal ends this process, with the exit status `status`."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.status = 128 + number
+
+
+_ENDING_SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+@contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """Within the block, a signal that would end the process raises `EndedBySignal`; later ones are ignored."""
+
+    def end(number: int, _: object) -> None:
+        for handled_signal in previous:
+            signal.signal(handled_signal, signal.SIG_IGN)  # only another Ctrl-C interrupts what follows
+        raise EndedBySignal(number)
+
+    # SIGHUP stays ignored under nohup.
+    handlers = {ending: signal.getsignal(ending) for ending in _ENDING_SIGNALS}
+    previous = {ending: handler for ending, handler in handlers.items() if handler is not signal.SIG_IGN}
+    for number in previous:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        if all(signal.getsignal(number) is end for number in previous):
+            for number, before in previous.items():
+                signal.signal(number, before)

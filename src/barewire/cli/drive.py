@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +15,15 @@ from rich.console import Console
 from rich.progress import Progress as Bar, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from barewire import BarewireError, NoAnswer, PortError, connect, load
-from barewire.cli.arguments import CommandGroup, Seconds, device_argument, endpoint_argument, json_option, print_json
+from barewire.cli.arguments import (
+    CommandGroup,
+    Seconds,
+    device_argument,
+    ended_by_signals,
+    endpoint_argument,
+    json_option,
+    print_json,
+)
 from barewire.devices.device import Device, drive_roles
 from barewire.devices.drive.cia402 import State
 from barewire.devices.drive.report import DriveProgress, DriveStatus, bit_names
@@ -91,7 +98,7 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
             with connect(device, endpoint) as machine, _progress_output(as_json) as show_progress:
                 client = machine.drive.following(show_progress, timeout=timeout)
                 try:
-                    with _ended_by_signals():
+                    with ended_by_signals():
                         status = action(client, **arguments)
                 except (NoAnswer, PortError) as error:
                     if moves and client.drive.control is not None:
@@ -115,39 +122,6 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
         return drive_command.command(name, context_settings=settings)(command)
 
     return make_command
-
-
-class _EndedBySignal(KeyboardInterrupt):
-    """A signal ends this process, with the exit status `status`."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__()
-        self.status = 128 + number
-
-
-_ENDING_SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
-
-
-@contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """Within the block, a signal that would end the process raises `_EndedBySignal`; later ones are ignored."""
-
-    def end(number: int, _: object) -> None:
-        for handled_signal in previous:
-            signal.signal(handled_signal, signal.SIG_IGN)  # only another Ctrl-C interrupts the quick stop that follows
-        raise _EndedBySignal(number)
-
-    # SIGHUP stays ignored under nohup.
-    handlers = {ending: signal.getsignal(ending) for ending in _ENDING_SIGNALS}
-    previous = {ending: handler for ending, handler in handlers.items() if handler is not signal.SIG_IGN}
-    for number in previous:
-        signal.signal(number, end)
-    try:
-        yield
-    finally:
-        if all(signal.getsignal(number) is end for number in previous):
-            for number, before in previous.items():
-                signal.signal(number, before)
 
 
 _CURRENT_ON = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Self
 
 import click
 
@@ -31,6 +31,7 @@ from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_lin
 from barewire.io.canopen.capture import listen_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
+from barewire.io.ports.tcp import reason
 from barewire.modbus.sniffer import (
     WINDOW,
     AmbiguousFrame,
@@ -120,7 +121,7 @@ def sniff_command(
         if (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data):
             known = known_nodes(devices, nodes)
             items = read_recording(data) if endpoint is None else _live_frames(endpoint, seconds)
-            file = None if write is None else stack.enter_context(_open_for_writing(write))
+            file = None if write is None else stack.enter_context(_RecordingFile(write))
             if protocol is not None:
                 raise click.UsageError(f"--protocol {protocol}: for Modbus, but {source} is a recording of CAN")
             events = _can_events(items, known, bus, file, write or "")
@@ -139,7 +140,7 @@ def sniff_command(
             exchanges = replayed(source, data, window, ports, protocol)
         else:
             exchanges = listen(endpoint, threading.Event(), seconds=seconds, window=window)
-        file = None if write is None else stack.enter_context(_open_for_writing(write))
+        file = None if write is None else stack.enter_context(_RecordingFile(write))
         _print_exchanges(exchanges, file, as_json)
 
 
@@ -153,12 +154,38 @@ def recording_content(source: str, seconds: float | None) -> bytes:
     return data
 
 
-def _open_for_writing(name: str) -> BinaryIO:
-    """Open the file, unbuffered: it is complete after every frame, however the command ends."""
-    try:
-        return Path(name).open("wb", buffering=0)
-    except OSError as error:
-        raise PortError(f"{name}: {error.strerror}") from None
+class _RecordingFile:
+    """A file for `--write`, complete after every frame, however the command ends: it has no buffer, and a frame for which
+    the disk has no room is removed again."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._frames = 0
+        self._size = 0
+        try:
+            self._file = Path(name).open("wb", buffering=0)
+        except OSError as error:
+            raise PortError(f"{name}: {error.strerror}") from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def write(self, data: bytes, *, frame: bool = True) -> None:
+        """Write a frame, or what precedes the frames. Raises PortError if that fails, and keeps what was written before."""
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            with suppress(OSError):
+                self._file.truncate(self._size)
+            kept = f"it has the {self._frames} frames before" if self._frames else "nothing was written"
+            raise PortError(f"{self.name}: {reason(error)}; {kept}") from None
+        self._size += len(data)
+        self._frames += frame
 
 
 # Modbus
@@ -174,11 +201,11 @@ def replayed(
         raise BarewireError(f"{source}: {error.text}; expected {_FORMATS}") from None
 
 
-def _print_exchanges(events: Iterator[SnifferEvent], file: BinaryIO | None, as_json: bool) -> None:
+def _print_exchanges(events: Iterator[SnifferEvent], file: _RecordingFile | None, as_json: bool) -> None:
     """Print each event, and write its frame to the file. Ctrl-C ends it."""
     packets = PacketBuilder()
     if file is not None:
-        file.write(file_header())
+        file.write(file_header(), frame=False)
     with suppress(KeyboardInterrupt):
         for event in events:
             packet = None if file is None else _packet(packets, event)
@@ -231,13 +258,17 @@ def stopped_by_interrupt(stop: threading.Event) -> Iterator[None]:
 
 
 def _can_events(
-    items: Iterable[RecordedItem | float], known: Iterable[KnownNode], bus: str | None, file: BinaryIO | None, name: str
+    items: Iterable[RecordedItem | float],
+    known: Iterable[KnownNode],
+    bus: str | None,
+    file: _RecordingFile | None,
+    name: str,
 ) -> Iterator[tuple[str, MonitorEvent]]:
     """Yield the events of the frames, each with its bus. The file gets each frame in the format that its `name`
     selects."""
     monitors, writer, buses = BusMonitors(known, bus), CanRecordingWriter(name), dict[str, None]()
     if file is not None:
-        file.write(writer.start)
+        file.write(writer.start, frame=False)
     for item in items:
         if isinstance(item, float):
             # Nothing was received up to now: a message that is due is missing.

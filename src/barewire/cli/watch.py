@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple, Protocol
@@ -24,7 +25,15 @@ from rich.table import Table
 from rich.text import Text
 
 from barewire import connect
-from barewire.cli.arguments import Seconds, device_argument, endpoint_argument, print_json, text_with_notes
+from barewire.cli.arguments import (
+    EndedBySignal,
+    Seconds,
+    device_argument,
+    ended_by_signals,
+    endpoint_argument,
+    print_json,
+    text_with_notes,
+)
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
@@ -75,17 +84,21 @@ def watch_command(
     succeeded = False
     poller = Poller(partial(connect, description, endpoint), description, names)
     with ExitStack() as stack:
-        # The plot is drawn however the command ends: also after Ctrl-C or a closed pipe.
+        # The plot is drawn however the command ends: also after Ctrl-C, SIGTERM or a closed pipe.
         keep = stack.enter_context(_plotted(plot, description.title, parameters))
         stack.callback(poller.close)
         if count is None:
             stack.enter_context(suppress(KeyboardInterrupt))
         output = stack.enter_context(_poll_output(parameters, as_json, as_csv))
-        for poll in polls(poller, period, count):
-            if poll.readings:
-                succeeded = True
-                keep(poll)
-            output.show(poll)
+        try:
+            with ended_by_signals():
+                for poll in polls(poller, period, count):
+                    if poll.readings:
+                        succeeded = True
+                        keep(poll)
+                    output.show(poll)
+        except EndedBySignal as error:
+            return error.status
     return 0 if succeeded else 1
 
 
@@ -95,7 +108,7 @@ _NONE_REFUSED: Mapping[str, str] = MappingProxyType({})
 
 
 class Poll(NamedTuple):
-    """One reading of all names. `time` is in seconds after the first poll.
+    """One reading of all names. `time` is in seconds after the first poll, `utc` is the time of day in UTC (ISO 8601).
 
     `refused` holds the names that the device refused, each with the reason. Without any reading, `error` is the reason.
     """
@@ -104,6 +117,7 @@ class Poll(NamedTuple):
     readings: tuple[Reading, ...]
     error: str = ""
     refused: Mapping[str, str] = _NONE_REFUSED
+    utc: str = ""
 
 
 class PolledMachine(Protocol):
@@ -187,7 +201,8 @@ def polls(poller: Poller, period: float, count: int | None) -> Iterator[Poll]:
     start, number, made = time.monotonic(), 0, 0
     while count is None or made < count:
         time.sleep(max(0.0, start + number * period - time.monotonic()))
-        yield poller.poll(time.monotonic() - start)
+        utc = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        yield poller.poll(time.monotonic() - start)._replace(utc=utc)
         made += 1
         number = next_poll(number, period, time.monotonic() - start)
 
@@ -242,7 +257,7 @@ def _poll_output(parameters: list[Parameter], as_json: bool, as_csv: bool) -> It
 
 
 class _JsonLines:
-    """{"time": 0.5, "values": {...}}, or "error" instead of "values"; refused names are in "refused"."""
+    """{"time": 0.5, "utc": "...", "values": {...}}, or "error" instead of "values"; refused names are in "refused"."""
 
     def show(self, poll: Poll) -> None:
         fields: dict[str, object] = {"values": {reading.name: reading.value for reading in poll.readings}}
@@ -250,17 +265,17 @@ class _JsonLines:
             fields = {"error": poll.error}
         elif poll.refused:
             fields["refused"] = dict(poll.refused)
-        print_json({"time": round(poll.time, 3), **fields})
+        print_json({"time": round(poll.time, 3), "utc": poll.utc, **fields})
 
 
 class _Csv:
-    """A header of time and names, then numbers, empty for a refused name. stderr gets each refusal when it begins."""
+    """A header of times and names, then numbers, empty for a refused name. stderr gets each refusal when it begins."""
 
     def __init__(self, parameters: list[Parameter]) -> None:
         self._parameters = parameters
         self._refused: set[str] = set()
         self._writer = csv.writer(sys.stdout, lineterminator="\n")
-        self._writer.writerow(["time", *(parameter.name for parameter in parameters)])
+        self._writer.writerow(["time", "utc", *(parameter.name for parameter in parameters)])
 
     def show(self, poll: Poll) -> None:
         if poll.error:
@@ -270,7 +285,9 @@ class _Csv:
             if name not in self._refused:
                 print(f"{poll.time:.3f} s: {name}: {reason}", file=sys.stderr, flush=True)
         self._refused = set(poll.refused)
-        self._writer.writerow([f"{poll.time:.3f}", *(_number(value) for value in _values(poll, self._parameters))])
+        self._writer.writerow(
+            [f"{poll.time:.3f}", poll.utc, *(_number(value) for value in _values(poll, self._parameters))]
+        )
         sys.stdout.flush()
 
 

@@ -46,9 +46,9 @@ class SerialLink:
         except BlockingIOError:
             return
         except OSError as error:
-            return self._fail(reason(error))
+            return self._fail(self._port.failure(error))
         if not data:
-            return self._fail("the device is gone")
+            return self._fail(self._port.failure())
         self._receive(data)
 
     def _fail(self, why: str) -> None:
@@ -74,7 +74,7 @@ class SerialLink:
         except BlockingIOError:
             pass
         except OSError as error:
-            return self._fail(reason(error))
+            return self._fail(self._port.failure(error))
         if self._unsent:
             self._loop.add_writer(self._fd, self._write_some)
         else:
@@ -90,7 +90,7 @@ class SerialLink:
             try:
                 self._port.set_direction(sending=False)
             except OSError as error:
-                self._fail(reason(error))
+                self._fail(self._port.failure(error))
             except PortError as error:
                 self._fail(str(error))
         self._out.set()

@@ -21,7 +21,7 @@ from barewire.canopen.frame import EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import EncodeError, PortError, shown
 from barewire.io.endpoint import CAN_OPTIONS, DEFAULT_BITRATE, Endpoint, socketcand_address, unknown_option
 from barewire.io.ports.base import send_when_room
-from barewire.io.ports.tcp import reason
+from barewire.io.ports.tcp import UNPLUGGED, reason
 
 try:
     import can
@@ -66,6 +66,9 @@ class CanPort:
         elif interface == "slcan":
             channel = _slcan_options(channel, extra)
         self._gone: str | None = None
+        self._bring_up = f"ip link set {channel} up"
+        if not channel.startswith("vcan"):
+            self._bring_up += f" type can bitrate {endpoint.integer('bitrate', DEFAULT_BITRATE)}"
         try:
             if interface == "socketcand":
                 _check_greeting(extra["host"], extra["port"])
@@ -74,7 +77,9 @@ class CanPort:
             )
         except Exception as error:
             # Each interface of python-can has its own errors; all of them mean that the bus cannot be opened.
-            raise PortError(f"can://{self.name}: {_first_line(error)}") from None
+            raise PortError(
+                f"can://{self.name}: {_first_line(error)}{_how_to_make(self.name, self._bring_up, error)}"
+            ) from None
         _do_not_block(self._bus)
 
     def send(self, item: CanFrame) -> None:
@@ -91,7 +96,7 @@ class CanPort:
         except (can.CanError, OSError, ValueError) as error:
             if _is_full(error):
                 return False
-            why = f"can://{self.name}: {_first_line(error)}"
+            why = f"can://{self.name}: {self._failure(error)}"
             if _errors(error) & _GONE:
                 self._gone = why
             raise PortError(why) from None
@@ -126,7 +131,7 @@ class CanPort:
                         return None
                     continue
                 if isinstance(cause, (can.CanError, OSError)) or self._garbled_in_a_row >= GARBLED_LIMIT:
-                    raise PortError(f"can://{self.name}: {_first_line(error)}") from None
+                    raise PortError(f"can://{self.name}: {self._failure(error)}") from None
                 self.garbled += 1
                 self._garbled_in_a_row += 1
                 _drop_slcan_line(self._bus)
@@ -139,6 +144,16 @@ class CanPort:
         if message.is_remote_frame:
             return CanFrame(message.arbitration_id, b"", message.is_extended_id, True, message.dlc)
         return CanFrame(message.arbitration_id, bytes(message.data), message.is_extended_id)
+
+    def _failure(self, error: Exception) -> str:
+        """Why an open bus failed: the interface is down, gone, or the first line of the error."""
+        numbers = _errors(error) | (_errors(error.__cause__) if error.__cause__ is not None else set())
+        on_socketcan = self.name.startswith("socketcan/")
+        if on_socketcan and errno.ENETDOWN in numbers:
+            return f"the interface is down: {self._bring_up}"
+        if numbers & UNPLUGGED or "readiness to read" in str(error):
+            return f"the {'interface' if on_socketcan else 'device'} is gone: was the adapter unplugged?"
+        return _first_line(error)
 
     def close(self) -> None:
         """Leave the bus."""
@@ -221,6 +236,20 @@ def check_interface(endpoint: Endpoint) -> None:
     known = known - {"self", "args", "kwargs", "channel"} | CAN_OPTIONS
     for option in sorted(options - known):
         raise unknown_option(str(endpoint), option, known)
+
+
+def _how_to_make(name: str, bring_up: str, error: Exception) -> str:
+    """What to do about a SocketCAN interface that does not exist, for the end of the error."""
+    interface, _, channel = name.partition("/")
+    numbers = _errors(error) if interface == "socketcan" else set()
+    if errno.EAFNOSUPPORT in numbers:
+        return "; the kernel has no SocketCAN: modprobe can_raw"
+    if errno.ENODEV not in numbers:
+        return ""
+    virtual = f"ip link add dev {channel} type vcan && ip link set {channel} up"
+    if channel.startswith("vcan"):
+        return f"; {virtual}"
+    return f"; plug the adapter in, then {bring_up}; a virtual one: {virtual}"
 
 
 def _socketcand_options(channel: str, extra: dict[str, Any]) -> str:

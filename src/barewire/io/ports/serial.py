@@ -15,7 +15,7 @@ from typing import NamedTuple
 from barewire.errors import PortError
 from barewire.io.endpoint import DEFAULT_BAUDRATE, Endpoint, SetDirection
 from barewire.io.ports.pty import check_not_served, is_pseudo_terminal
-from barewire.io.ports.tcp import CHUNK, LONGEST_WAIT, reason
+from barewire.io.ports.tcp import CHUNK, LONGEST_WAIT, UNPLUGGED, reason
 from barewire.rtu.timing import Timing, character_bits
 
 try:
@@ -82,7 +82,8 @@ class SerialPort:
         set_direction: SetDirection | None = None,
     ) -> None:
         self.name = path
-        self._timed = pace or not is_pseudo_terminal(path)
+        self._is_pseudo_terminal = is_pseudo_terminal(path)
+        self._timed = pace or not self._is_pseudo_terminal
         self._pace = settings.timing if pace else None
         self._character = settings.timing.character
         self._rts = rs485 == "rts"
@@ -143,7 +144,7 @@ class SerialPort:
         except PortError:
             raise
         except _FAILURES as error:
-            raise PortError(f"{self.name}: {_text(error)}") from None
+            raise PortError(f"{self.name}: {self.failure(error)}") from None
         time.sleep(max(0.0, ends - time.monotonic()))
 
     def set_direction(self, *, sending: bool) -> None:
@@ -179,7 +180,7 @@ class SerialPort:
                     return None
                 data = self._serial.read(CHUNK)
                 if not data:
-                    raise PortError(f"{self.name}: the device is gone")
+                    raise PortError(f"{self.name}: {self.failure()}")
                 return bytes(data)
             self._serial.timeout = min(timeout, LONGEST_WAIT)
             data = self._serial.read(1)
@@ -187,7 +188,15 @@ class SerialPort:
         except _FAILURES as error:
             if isinstance(error, PortError):
                 raise
-            raise PortError(f"{self.name}: {_text(error)}") from None
+            raise PortError(f"{self.name}: {self.failure(error)}") from None
+
+    def failure(self, error: Exception | None = None) -> str:
+        """Return why the open port failed. Without an error, it is at its end."""
+        if error is None or "readiness to read" in str(error) or getattr(error, "errno", None) in UNPLUGGED:
+            if self._is_pseudo_terminal:
+                return "the device is gone: the program at the other end of the pseudo-terminal has ended"
+            return "the device is gone: was the adapter unplugged?"
+        return _text(error)
 
     def close(self) -> None:
         """Close the port. If it was sending, the line is set to receiving first."""
@@ -222,8 +231,6 @@ def _text(error: Exception) -> str:
     if isinstance(error, OSError) and error.errno is not None:
         return reason(OSError(error.errno, os.strerror(error.errno)))
     text = str(error)
-    if "readiness to read" in text:
-        return "the device is gone"
     # "Could not configure port: (25, 'Inappropriate ioctl for device')", or termios's own (5, 'Input/output error').
     system = re.search(r"\((\d+), '([^']+)'\)", text)
     if system and int(system[1]) == errno.ENOTTY:

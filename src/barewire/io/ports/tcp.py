@@ -163,6 +163,10 @@ def set_socket_options(connection: socket.socket) -> None:
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNACKNOWLEDGED)
 
 
+UNPLUGGED = {errno.EIO, errno.ENODEV, errno.ENXIO}
+"""The errors of the system for a device that was open and is not there any more."""
+
+
 def reason(error: Exception) -> str:
     """Return the system's text of an error, in lower case and without its number: 'connection refused'."""
     if isinstance(error, ValueError):

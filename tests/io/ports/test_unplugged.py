@@ -1,0 +1,129 @@
+"""Ports that are not there, or gone in the middle: the error says so, and what to do."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+from typing import Any
+
+import can
+import pytest
+
+from barewire import AsyncModbusClient, CanopenClient
+from barewire.canopen import CanFrame
+from barewire.errors import PortError
+from barewire.io.endpoint import Endpoint
+from barewire.io.ports.pty import PseudoTerminal
+from barewire.io.ports.python_can import CanPort
+from barewire.io.ports.serial import SerialPort
+from tests.helpers import refused
+
+
+def failing(number: int, *, doubled: bool = False) -> Any:
+    """A function that raises the error of the system as pyserial and python-can pass it on."""
+
+    def fail(*_: object, **__: object) -> None:
+        error = OSError(number, os.strerror(number))
+        if not doubled:
+            raise error
+        raise can.CanOperationError(f"could not read: {error}", number) from error
+
+    return fail
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ENODEV, errno.ENXIO])
+@pytest.mark.parametrize("method", ["read", "write"])
+def test_an_adapter_that_was_unplugged_is_called_that(
+    number: int, method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terminal = PseudoTerminal()
+    try:
+        port = SerialPort.of(Endpoint.parse(f"rtu://{terminal.path}"))
+        port._is_pseudo_terminal = False
+        monkeypatch.setattr(port._serial, method, failing(number))
+        terminal.send(b"x")
+        with refused(PortError, f"{terminal.path}: the device is gone: was the adapter unplugged?"):
+            if method == "read":
+                port.receive(5.0)
+            else:
+                port.send(b"x")
+        port.close()
+    finally:
+        terminal.close()
+
+
+def test_a_pseudo_terminal_whose_program_ended_is_called_that() -> None:
+    gone = "the device is gone: the program at the other end of the pseudo-terminal has ended"
+    terminal = PseudoTerminal()
+    port = SerialPort.of(Endpoint.parse(f"rtu://{terminal.path}"))
+    terminal.close()
+    with refused(PortError, f"{terminal.path}: {gone}"):
+        port.receive(5.0)
+    port.close()
+
+    async def main() -> None:
+        terminal = PseudoTerminal()
+        async with AsyncModbusClient(f"rtu://{terminal.path}?timeout=5") as client:
+            waiting = asyncio.ensure_future(client.read_holding_registers(0, 1))
+            await asyncio.sleep(0)
+            terminal.close()
+            with refused(PortError, gone):
+                await waiting
+
+    asyncio.run(main())
+
+
+MAKE = "ip link add dev {0} type vcan && ip link set {0} up"
+BRING_UP = "ip link set {0} up type can bitrate 500000"
+
+
+@pytest.mark.parametrize(
+    ("channel", "number", "advice"),
+    [
+        ("vcan0", errno.ENODEV, MAKE.format("vcan0")),
+        (
+            "can0",
+            errno.ENODEV,
+            f"plug the adapter in, then {BRING_UP.format('can0')}; a virtual one: {MAKE.format('can0')}",
+        ),
+        ("can0", errno.EAFNOSUPPORT, "the kernel has no SocketCAN: modprobe can_raw"),
+    ],
+)
+def test_an_interface_that_does_not_exist_says_how_to_make_one(
+    channel: str, number: int, advice: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(can, "Bus", failing(number))
+    with refused(PortError, f"can://socketcan/{channel}: {os.strerror(number).lower()}; {advice}"):
+        CanopenClient(f"can://socketcan/{channel}?bitrate=500000")
+
+
+class GoneBus:
+    """A bus of python-can whose interface is gone."""
+
+    def __init__(self, number: int, doubled: bool) -> None:
+        self.send = self.recv = failing(number, doubled=doubled)
+
+    def shutdown(self) -> None: ...
+
+
+@pytest.mark.parametrize("doubled", [False, True])
+@pytest.mark.parametrize(
+    ("place", "number", "text"),
+    [
+        ("socketcan/can0", errno.ENETDOWN, f"the interface is down: {BRING_UP.format('can0')}"),
+        ("socketcan/vcan0", errno.ENETDOWN, "the interface is down: ip link set vcan0 up"),
+        ("socketcan/can0", errno.ENODEV, "the interface is gone: was the adapter unplugged?"),
+        ("slcan//dev/ttyACM0", errno.EIO, "the device is gone: was the adapter unplugged?"),
+        ("slcan//dev/ttyACM0", errno.ENXIO, "the device is gone: was the adapter unplugged?"),
+    ],
+)
+def test_an_interface_that_is_down_or_removed_is_called_that(
+    place: str, number: int, text: str, doubled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(can, "Bus", lambda **_: GoneBus(number, doubled))
+    port = CanPort(Endpoint.parse(f"can://{place}?bitrate=500000"))
+    with refused(PortError, f"can://{place}: {text}"):
+        port.receive(1.0)
+    with refused(PortError, f"can://{place}: {text}"):
+        port.send(CanFrame(0x80, b""))
