@@ -148,8 +148,17 @@ main()
 
 
 def test_ctrl_c_at_any_time_of_the_start_ends_the_command_quietly() -> None:
-    """Before `main`, while the interpreter starts, Python itself prints a traceback."""
-    code = "from barewire.cli import main; print(flush=True); main()"
+    """From the first import of `main` on; before, while the interpreter starts, Python itself prints a traceback."""
+    code = """
+import sys
+class Ready:
+    def find_spec(self, name, path=None, target=None):
+        if name == "click":
+            print(flush=True)
+sys.meta_path.insert(0, Ready())
+from barewire.cli import main
+main()
+"""
     command = [sys.executable, "-c", code, "explain", "rtu", "01"]
     for place in range(8):
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

@@ -28,7 +28,7 @@ import sys
 
 def main() -> None:
     """Run the command. Without the extra `cli`, print one line that names it."""
-    end_at_interrupt(True)
+    _end_at_interrupt(True)
     try:
         import click  # noqa: F401
         import rich  # noqa: F401
@@ -37,12 +37,12 @@ def main() -> None:
         sys.exit(1)
     from barewire.cli.app import run_command_line
 
-    status = run_command_line(sys.argv[1:])
-    end_at_interrupt(True)
+    status = run_command_line(sys.argv[1:], loaded=lambda: _end_at_interrupt(False))
+    _end_at_interrupt(True)
     sys.exit(status)
 
 
-def end_at_interrupt(at_once: bool) -> None:
+def _end_at_interrupt(at_once: bool) -> None:
     """Let Ctrl-C end the process `at_once`, or raise KeyboardInterrupt again.
 
     While modules are loaded, KeyboardInterrupt would be printed as a traceback: Python does not let it pass everywhere.

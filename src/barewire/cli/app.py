@@ -10,12 +10,12 @@ from __future__ import annotations
 import io
 import os
 import sys
+from collections.abc import Callable
 from importlib import import_module
 
 import click
 
 from barewire import __version__
-from barewire.cli import end_at_interrupt
 from barewire.cli.arguments import CommandGroup, text_with_notes
 from barewire.errors import BarewireError, EncodeError
 
@@ -52,11 +52,11 @@ class LazyGroup(CommandGroup):
         """Return the command of that name, from its file."""
         if cmd_name not in COMMANDS:
             return None
-        end_at_interrupt(True)
         module = import_module(f"barewire.cli.{COMMANDS[cmd_name][0]}")
         command = getattr(module, f"{cmd_name.replace('-', '_')}_command")
         assert isinstance(command, click.Command)
-        end_at_interrupt(False)
+        if callable(loaded := ctx.find_root().obj):
+            loaded()
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -65,14 +65,15 @@ class LazyGroup(CommandGroup):
             formatter.write_dl([(name, summary) for name, (_, summary) in COMMANDS.items()])
 
 
-def run_command_line(arguments: list[str]) -> int:
-    """Run a command and return its exit status: 0 done, 1 failed, 2 wrong usage, 130 after Ctrl-C."""
+def run_command_line(arguments: list[str], loaded: Callable[[], None] | None = None) -> int:
+    """Run a command and return its exit status: 0 done, 1 failed, 2 wrong usage, 130 after Ctrl-C. `loaded` is called
+    when the file of the command is loaded."""
     # A character that the terminal cannot show, such as a degree sign, is replaced; the value is still printed.
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
-        status = barewire_command.main(arguments, prog_name="barewire", standalone_mode=False)
+        status = barewire_command.main(arguments, prog_name="barewire", standalone_mode=False, obj=loaded)
         sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except click.ClickException as error:

@@ -155,15 +155,15 @@ def recording_content(source: str, seconds: float | None) -> bytes:
 
 
 class _RecordingFile:
-    """A file for `--write`, complete after every frame, however the command ends: it has no buffer, and a frame for which
-    the disk has no room is removed again."""
+    """A file for `--write`, complete after every frame, however the command ends: it has no buffer, and the part of a
+    frame for which the disk had no room is removed."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self._frames = 0
         self._size = 0
         try:
-            self._file = Path(name).open("wb", buffering=0)
+            self._file = Path(name).open("wb", buffering=0)  # noqa: SIM115 - closed in `__exit__`
         except OSError as error:
             raise PortError(f"{name}: {error.strerror}") from None
 
@@ -174,7 +174,7 @@ class _RecordingFile:
         self._file.close()
 
     def write(self, data: bytes, *, frame: bool = True) -> None:
-        """Write a frame, or what precedes the frames. Raises PortError if that fails, and keeps what was written before."""
+        """Write a frame, or the head of the file. Raises PortError if that fails, and keeps the frames before."""
         left = memoryview(data)
         try:
             while left:

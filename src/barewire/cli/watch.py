@@ -68,6 +68,9 @@ def watch_command(
     a name, the refusal is shown in its place and the other names are still read; in CSV its column is empty, in JSON it
     is in "refused".
 
+    In CSV and JSON, "time" is in seconds after the first poll, "utc" the time of day in UTC (ISO 8601).
+    The plot is drawn however the command ends, also by Ctrl-C or SIGTERM.
+
     \b
     barewire watch tcp://192.168.1.10 csd-mt "Position Actual Value" "Velocity Actual Value" --period 0.1
     barewire watch rtu:///dev/ttyUSB0 adxl "L1 current" --count 100 --csv --plot current.svg
