@@ -23,7 +23,7 @@ MOVE = ("drive", TCP, "az3", "move", "100")
 
 WRONG: list[tuple[tuple[str, ...], str]] = [
     # Endpoints, devices, names and values, which many commands have
-    (("reed", TCP), "did you mean 'read'?"),
+    (("reed", TCP), "did you mean 'read'"),
     (("read", "tpc://127.0.0.1", "adxl", "Status"), "did you mean 'tcp'?"),
     (("read", "127.0.0.1", "adxl", "Status"), "expected tcp://HOST:PORT"),
     (("read", "tcp://127.0.0.1?unti=1", "adxl", "Status"), "did you mean 'unit'?"),
@@ -101,6 +101,15 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("sniff", CAN, "--only", "emyc"), "did you mean 'emcy'?"),
     (("sniff", CAN, "--device", "az4"), "did you mean 'az3'?"),
     *((("sniff", CAN, "--device", "az3", "--node", text), "--node") for text in ("0", "128", "x")),
+    # record
+    (("record", "tpc://127.0.0.1"), "did you mean 'tcp'?"),
+    (("record", TCP), "listening in needs a line"),
+    *((("record", "rtu:///dev/null", "--unit", text), "--unit") for text in ("-1", "256", "x")),
+    *((("record", "rtu:///dev/null", "--limit", text), "--limit") for text in ("0", "x")),
+    *((("record", "rtu:///dev/null", "--seconds", text), "--seconds") for text in ("0", "nan", "x")),
+    *((("record", "rtu:///dev/null", "--window", text), "--window") for text in ("0", "nan", "x")),
+    *((("record", "rtu:///dev/null", "--port", text), "--port") for text in ("0", "65536", "x")),
+    (("record", "rtu:///dev/null", "--protocol", "asci"), "did you mean 'ascii'?"),
     # conform
     *(
         (("conform", TCP, *option), "are for can://")
@@ -170,7 +179,7 @@ def commands(group: click.Group, name: tuple[str, ...] = ()) -> Iterator[tuple[t
             yield from commands(command, (*name, word))
 
 
-ANY_TEXT = {"--write", "--bus"}
+ANY_TEXT = {"--write", "--to", "--bus"}
 """Options whose values have no form: names of files and buses."""
 
 
