@@ -44,6 +44,27 @@ class Seven:
     def __index__(self) -> int:
         return 7
 
+    def __hash__(self) -> int:
+        return hash(7)
+
+    def __eq__(self, other: object) -> bool:
+        return other == 7
+
+    def __le__(self, other: int) -> bool:
+        return other >= 7
+
+    def __ge__(self, other: int) -> bool:
+        return other <= 7
+
+
+def test_a_unit_of_a_server_may_be_a_whole_number_of_any_type() -> None:
+    units: Any = {Seven(): barewire.Table(holding_registers=[42])}
+    with (
+        barewire.ModbusServer("tcp://127.0.0.1:0", units) as server,
+        barewire.ModbusClient(server.url, unit=7, timeout=20) as client,
+    ):
+        assert client.read_holding_registers(0, 1) == (42,)
+
 
 @pytest.mark.parametrize("client", CLIENTS)
 def test_a_unit_may_be_a_whole_number_of_any_type(client: Any) -> None:

@@ -154,3 +154,22 @@ def test_a_block_is_shown_in_one_line() -> None:
     assert repr(Table().coils) == "<coils 0..65535>"
     assert repr(Table(0).input_registers) == "<input registers, none>"
     assert repr(Table(holding_registers={7: [1], 100: [1, 2]}).holding_registers) == "<holding registers 7, 100..101>"
+
+
+class Truth:
+    """A bit that is no index, as the bool of numpy: it is equal to True, and has its hash."""
+
+    def __hash__(self) -> int:
+        return hash(True)
+
+    def __eq__(self, other: object) -> bool:
+        return other == 1
+
+
+def test_bits_and_registers_may_be_of_another_type() -> None:
+    table = Table(coils=[Truth(), 0])  # type: ignore[list-item]
+    table.discrete_inputs[1] = Truth()
+    table.discrete_inputs[2:4] = [Truth(), False]
+    assert (list(table.coils), list(table.discrete_inputs[:4])) == ([1, 0], [0, 1, 1, 0])
+    table.coils = [0, Truth()]  # type: ignore[assignment]
+    assert list(table.coils) == [0, 1]

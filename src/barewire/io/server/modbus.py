@@ -171,7 +171,8 @@ def _check_units(units: Mapping[int, Unit], *, has_broadcasts: bool) -> None:
             f"units: expected a dict of unit address and unit, such as {{1: Table()}}, got {shown(units)}"
         )
     for address in units.keys():  # noqa: SIM118 - an object with `get` and `keys` need not be iterable
-        if isinstance(address, bool) or not isinstance(address, int) or not 0 <= address <= 255:
+        # A number of numpy is equal to the plain one, and so finds its unit.
+        if isinstance(address, bool) or not hasattr(address, "__index__") or not 0 <= address <= 255:
             raise EncodeError(f"units: address {shown(address)}: expected 0..255")
         if has_broadcasts and not address:
             why = "a serial line has no unit 0, its requests are broadcasts"

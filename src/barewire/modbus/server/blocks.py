@@ -145,18 +145,21 @@ class BitBlock(_Block, bytearray):
         block = cls(spans[-1][1] if spans else 0)
         block._describe(name, spans)
         for first, row in placed:
-            block.store(slice(first, first + len(row)), bytes(row))
+            block.store(slice(first, first + len(row)), bytes(map(bool, row)))
         return block
 
     @staticmethod
     def holds(value: Any) -> bool:
         """Whether the value can be a bit: True, False, 1 or 0."""
-        return is_whole(value, 0, 1)
+        try:
+            return value in _BITS and not isinstance(value, float)  # a bool of numpy is equal to one of them
+        except TypeError:
+            return False
 
     def fill(self, values: Any) -> None:
         """Set the values from the first address on; the others become 0. Raises EncodeError for several spans."""
         if (span := _only_span(self)) is not None:
-            self.store(span, bytes(_filling(self, values, span)))
+            self.store(span, bytes(map(bool, _filling(self, values, span))))
 
     def __getitem__(self, place: Any) -> Any:
         if self.has_holes and (missing := self.missing(place)):
@@ -168,10 +171,11 @@ class BitBlock(_Block, bytearray):
             raise EncodeError(missing)
         if not isinstance(place, slice):
             _check(self, index(place), value)
+            value = bool(value)
         elif isinstance(value, bytes) and _BITS.issuperset(value):
             _check_length(self, place, value)
         else:
-            value = bytes(_checked_row(self, place, value))
+            value = bytes(map(bool, _checked_row(self, place, value)))
         self.store(place, value)
 
 
