@@ -76,6 +76,26 @@ def test_a_role_that_may_only_read_gets_exception_01_for_a_write(host: ModbusSer
         assert client.read_holding_registers(5, 1) == (0,)
 
 
+def test_refusals_are_logged_and_counted(
+    host: ModbusServer, certificates: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    for name, who in (("viewer", "role 'Viewer'"), ("norole", "a client without a role")):
+        with ModbusClient(tls_url(certificates, name, place(host))) as client, pytest.raises(ModbusException):
+            client.write_single_register(5, 1)
+        request = "WriteSingleRegister(address=5, value=1)"
+        assert caplog.messages[-1].endswith(f": unit 1: {who} may not send {request}, exception 01")
+    with socket.create_connection(("127.0.0.1", host.port)) as plain:
+        plain.sendall(b"GET / HTTP/1.0\r\n\r\n")
+        why = closed_because(host)
+    assert f"{host.url.partition('?')[0]}: {why}: closed" in caplog.messages
+    counted = host.statistics
+    assert (counted.denied, counted.exceptions, counted.opened, counted.broken) == (2, 2, 3, 0)
+    until = time.monotonic() + 30
+    while not counted.refused and time.monotonic() < until:
+        time.sleep(0.01)
+    assert counted.refused == 1
+
+
 def test_a_certificate_without_a_role_is_refused_by_a_table_of_roles(host: ModbusServer, certificates: Path) -> None:
     with (
         ModbusClient(tls_url(certificates, "norole", place(host))) as client,

@@ -53,7 +53,7 @@ class ServerLog(PortLog):
         if request is None:
             self.info("unit", f"{peer}: unit {unit} is not served, exception 0B")
         else:
-            who = "a client without a role" if role is None else f"role {role!r}"
+            who = f"role {role!r}" if role else "a client without a role"
             self.warning("denied", f"{peer}: unit {unit}: {who} may not send {request}, exception 01")
 
 
