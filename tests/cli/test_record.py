@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import selectors
 import signal
 import subprocess
@@ -94,13 +95,16 @@ def test_a_live_line_is_recorded_until_it_is_interrupted(tmp_path: Path) -> None
         assert process.stderr is not None
         assert process.stdout is not None
         give_up = time.monotonic() + 20
-        # Frames sent before the port is open are lost. The command prints each exchange that it received.
-        with selectors.DefaultSelector() as printed:
-            printed.register(process.stdout, selectors.EVENT_READ)
-            while not printed.select(0.1) and time.monotonic() < give_up:
+        # Frames sent before the port is open are lost, and the first may be a response. Each exchange is printed.
+        printed = b""
+        with selectors.DefaultSelector() as output:
+            output.register(process.stdout, selectors.EVENT_READ)
+            while b"-> 23 7" not in printed and time.monotonic() < give_up:
                 terminal.send(encode(1, READ))
                 time.sleep(0.05)
                 terminal.send(encode(1, VALUES))
+                if output.select(0.1):
+                    printed += os.read(process.stdout.fileno(), 4096)
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 0, process.stderr.read()
     assert terminal.receive(0.0) is None
