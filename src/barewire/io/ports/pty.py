@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import stat
 import struct
 import sys
 import time
@@ -23,6 +24,10 @@ from barewire.rtu.timing import Timing
 
 _SLAVE_MAJORS = range(136, 144)
 """The device numbers of /dev/pts on Linux."""
+_NEW_MODES = (0o600, 0o620)
+"""The permissions of a terminal that was not changed by chmod."""
+_SAME_TIME = 1.0
+"""Seconds by which a link may be older than its terminal although one program made both."""
 
 
 class PseudoTerminal:
@@ -31,14 +36,16 @@ class PseudoTerminal:
     def __init__(self, link: str | None = None, pace: Timing | None = None) -> None:
         self._link = Path(link) if link else None
         self._pace = pace
+        if self._link is not None and self._link.is_symlink() and not self._link.exists():
+            # Left over from a program that was killed. It would exist again if the new terminal got its number.
+            with contextlib.suppress(OSError):
+                self._link.unlink()
         # The other end stays open here too: otherwise the line fails whenever a client closes it.
         self._ours, self._kept = os.openpty()
         tty.setraw(self._kept)
         self.path = os.ttyname(self._kept)
         if self._link is not None:
             try:
-                if self._link.is_symlink() and not self._link.exists():
-                    self._link.unlink()  # left over from a program that could not remove it
                 self._link.symlink_to(self.path)
             except OSError as error:
                 self._link = None
@@ -109,6 +116,56 @@ def check_not_served(path: str, end: int) -> None:
     if held[:2] != struct.pack("h", fcntl.F_UNLCK):
         what = "another barewire server has this pseudo-terminal"
         raise PortError(f"{path}: {what}; stop it, or give this server another path")
+
+
+def check_not_foreign(path: str) -> None:
+    """Raise PortError before a pseudo-terminal is opened that is certainly not the intended line.
+
+        link older than its terminal      its program was killed and left it; the number now belongs to another program
+        link without a terminal           the same, and no program has got the number yet
+        terminal of a session             a program runs in it, such as a shell, which would get the bytes as its input
+
+    A terminal is as old as the latest change of its inode: when it was made, or got other permissions than a new one.
+    """
+    if os.path.islink(path):
+        link, terminal = os.lstat(path), os.path.realpath(path)
+        if not os.path.exists(terminal):
+            why = (
+                "the program that made this link has ended"
+                if terminal.startswith("/dev/pts/")
+                else "the link is broken"
+            )
+            raise PortError(f"{path}: {why}: there is no {terminal}")
+        if not is_pseudo_terminal(path):
+            return
+        state = os.stat(terminal)
+        if state.st_ctime > link.st_mtime + _SAME_TIME and stat.S_IMODE(state.st_mode) in _NEW_MODES:
+            import shlex
+
+            made = f"{terminal} was made after this link, by another program"
+            raise PortError(
+                f"{path}: left over from a program that has ended: {made}; remove the link: rm {shlex.quote(path)}"
+            )
+    process = _process_in(path) if is_pseudo_terminal(path) else None
+    if process is not None:
+        raise PortError(f"{path}: the terminal in which process {process} runs; expected a serial line")
+
+
+def _process_in(path: str) -> str | None:
+    """Return the number of a process whose terminal this is, if there is one (Linux)."""
+    device = os.stat(path).st_rdev
+    number = os.minor(device) & 0xFF | os.major(device) << 8 | (os.minor(device) & ~0xFF) << 12
+    try:
+        processes = list(filter(str.isdecimal, os.listdir("/proc")))
+    except OSError:
+        return None  # no /proc is mounted here
+    for process in processes:
+        with contextlib.suppress(OSError, IndexError):  # it has ended meanwhile
+            # "12 (name) S parent group session terminal ...", and a name may have blanks and brackets
+            fields = Path("/proc", process, "stat").read_bytes().rpartition(b")")[2].split()
+            if int(fields[4]) == number:
+                return process
+    return None
 
 
 def _file_lock() -> bytes:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from barewire.errors import PortError
 from barewire.io.endpoint import DEFAULT_BAUDRATE, Endpoint, SetDirection
-from barewire.io.ports.pty import check_not_served, is_pseudo_terminal
+from barewire.io.ports.pty import check_not_foreign, check_not_served, is_pseudo_terminal
 from barewire.io.ports.tcp import CHUNK, LONGEST_WAIT, UNPLUGGED, reason
 from barewire.rtu.timing import Timing, character_bits
 
@@ -81,6 +81,7 @@ class SerialPort:
         rs485: str = "off",
         set_direction: SetDirection | None = None,
     ) -> None:
+        check_not_foreign(path)
         self.name = path
         self._is_pseudo_terminal = is_pseudo_terminal(path)
         self._timed = pace or not self._is_pseudo_terminal
