@@ -2,9 +2,11 @@
 
     exhaustive    every sequence of choices of a few small alphabets
     random        QUESTIONS questions (default 10,000,000) of a large alphabet
-    peers         clients of other libraries on the same serial line (default 1,000,000 questions, or a tenth)
+    peers         clients of other libraries on the same serial line (default 1,000,000 questions, or a tenth), and on
+                  the same CAN bus (a hundredth)
 
-The work is divided among the processors. It ends with status 1 if one answer of ours was delivered to another question.
+Libraries that are not installed are left out, and named with what they need. The work is divided among the
+processors. It ends with status 1 if one answer of ours was delivered to another question.
 """
 
 from __future__ import annotations
@@ -20,11 +22,15 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
-from tests.model.choices import run_all, run_random  # noqa: E402
-from tests.model.lanes import Fate as LaneFate, LanesSetup, LanesTally, lanes_scenario  # noqa: E402
+from barewire.canopen import SdoServer  # noqa: E402
+from tests.model.async_client import ON_RTU, ON_TCP, tasks_scenario  # noqa: E402
+from tests.model.choices import Scenario, run_all, run_random  # noqa: E402
+from tests.model.lanes import MANY_LANES, Fate as LaneFate, LanesSetup, LanesTally, lanes_scenario  # noqa: E402
 from tests.model.one_line import Framing, Tally, scenario  # noqa: E402
-from tests.model.peers import PEERS, peer_scenario, peer_version  # noqa: E402
+from tests.model.peers import PEERS, package_version, peer_scenario  # noqa: E402
 from tests.model.sdo import SdoTally, Transfers, sdo_scenario  # noqa: E402
+from tests.model.sdo_peers import CLIENTS, LATE, SHARED, SdoFaults, SdoPeerTally, sdo_peer_scenario  # noqa: E402
+from tests.model.sdo_two import Mode, RestartingServer, TwoClients, TwoTally, two_clients_scenario  # noqa: E402
 from tests.model.setups import DEEP, EVERYTHING, FEW_FAULTS, SMALL, for_framing  # noqa: E402
 
 PAGE = ROOT / "docs" / "late-answers.md"
@@ -34,6 +40,14 @@ COMPARISON = (
     "four answers one is lost; half of the others are prompt, a quarter comes after 0.35 s, a quarter after 0.8 s. The",
     "libraries are played unchanged, in the same virtual time. None of them claims to exclude late answers on serial",
     "lines.",
+)
+SDO_LATE = (
+    "Uploads and downloads of 4 and 10 bytes, one after the other, time-out 0.3 s. An eighth of the frames is lost, an",
+    "eighth is 0.25 s late.",
+)
+SDO_SHARED = (
+    "The same without losses and delays, but an eighth of the frames is followed by a request of another client on the",
+    "same channel, which reads or writes.",
 )
 PARTS = 16
 """Random runs are divided into so many parts, each with a seed of its own."""
@@ -49,19 +63,58 @@ def exhaustive(name: str, framing: Framing) -> Row:
     return f"{framing.upper()}: {name}", runs, *_counts(tally)
 
 
-def exhaustive_lanes() -> Row:
-    """Run every order of events of three questions on two lanes."""
+LANES = {
+    "cancelled at any time": LanesSetup(),
+    "every fate of an answer": LanesSetup(questions=2, fates=tuple(LaneFate)),
+    "the numbers wrap": LanesSetup(questions=4, fates=tuple(LaneFate)[:2], may_cancel=False, may_wrap=True),
+    "writes and retries": LanesSetup(questions=2, writes=(False, True), retries=(0, 1)),
+}
+
+
+def exhaustive_lanes(name: str) -> Row:
+    """Run every order of events of a few questions on two lanes."""
     tally = LanesTally()
-    runs = run_all(lanes_scenario(LanesSetup(lanes=2, questions=3), tally))
-    return "TCP: two requests under way, cancelled at any time", runs, *_lanes_counts(tally)
+    runs = run_all(lanes_scenario(LANES[name], tally))
+    return f"TCP: two requests under way, {name}", runs, *_lanes_counts(tally)
 
 
 def exhaustive_sdo() -> Row:
     """Run every pair of SDO transfers with a fault at every frame."""
     tally = SdoTally()
     runs = run_all(sdo_scenario(Transfers(), tally))
-    counts = tally.transfers, tally.right, tally.errors, len(tally.wrong)
-    return "SDO: two transfers, a fault at any frame", runs, *counts
+    return "SDO: two transfers, a fault at any frame", runs, *_sdo_counts(tally)
+
+
+def exhaustive_two(mode: Mode) -> Row:
+    """Run every order of the frames of two SDO clients on one channel, with both kinds of servers."""
+    tally, runs = TwoTally(), 0
+    for server in (SdoServer, RestartingServer):
+        runs += run_all(two_clients_scenario(TwoClients(modes=(mode,), server=server), tally))
+    return f"SDO: two clients on one channel, {mode}", runs, *_sdo_counts(tally)
+
+
+def random_sdo(questions: int, seed: int) -> Row:
+    """Run random SDO transfers with many faults."""
+    tally = SdoTally()
+    setup = Transfers(length=6, faults=8, outcomes=("arrives", "arrives", "arrives", "is lost", "is late"))
+    runs = run_random(sdo_scenario(setup, tally), questions // 7, seed=seed)
+    return "SDO: random", runs, *_sdo_counts(tally)
+
+
+def random_two(questions: int, seed: int) -> Row:
+    """Run random orders of the frames of two SDO clients on one channel."""
+    tally, runs = TwoTally(), 0
+    for server in (SdoServer, RestartingServer):
+        setup = TwoClients(transfers=4, modes=("expedited", "segments", "blocks"), server=server)
+        runs += run_random(two_clients_scenario(setup, tally), questions // 16, seed=seed)
+    return "SDO: two clients on one channel, random", runs, *_sdo_counts(tally)
+
+
+def random_tasks(framing: Framing, questions: int, seed: int) -> Row:
+    """Run the asyncio client with random tasks and cancellations."""
+    tally, setup = Tally(), ON_TCP if framing == "tcp" else ON_RTU
+    runs = run_random(tasks_scenario(setup, tally), questions // setup.line.length, seed=seed)
+    return f"{framing.upper()}: tasks of the asyncio client, random", runs, *_counts(tally)
 
 
 def random_part(framing: Framing, questions: int, seed: int) -> Row:
@@ -74,17 +127,29 @@ def random_part(framing: Framing, questions: int, seed: int) -> Row:
 def random_lanes(questions: int, seed: int) -> Row:
     """Run random orders of events on four lanes."""
     tally = LanesTally()
-    setup = LanesSetup(lanes=4, questions=20, fates=tuple(LaneFate))
-    runs = run_random(lanes_scenario(setup, tally), questions // setup.questions, seed=seed)
+    runs = run_random(lanes_scenario(MANY_LANES, tally), questions // MANY_LANES.questions, seed=seed)
     return "TCP: four requests under way, random", runs, *_lanes_counts(tally)
 
 
 def peer_part(name: str, questions: int, seed: int) -> Row:
     """Run random sequences of a client; "barewire" is ours."""
     tally = Tally()
-    play = scenario(FEW_FAULTS, tally) if name == "barewire" else peer_scenario(PEERS[name][1], FEW_FAULTS, tally)
+    play: Scenario = scenario(FEW_FAULTS, tally)
+    if name != "barewire":
+        play = peer_scenario(PEERS[name].connect, FEW_FAULTS, tally)
     runs = run_random(play, questions // FEW_FAULTS.length, seed=seed)
     return name, runs, *_counts(tally)
+
+
+def sdo_peer_part(setup: SdoFaults, name: str, questions: int, seed: int) -> Row:
+    """Run random SDO transfers of a client; "barewire" is ours."""
+    tally = SdoPeerTally()
+    runs = run_random(sdo_peer_scenario(CLIENTS[name], setup, tally), questions // setup.transfers, seed=seed)
+    return name, runs, *_sdo_counts(tally)
+
+
+def _sdo_counts(tally: SdoTally | TwoTally | SdoPeerTally) -> tuple[int, int, int, int]:
+    return tally.transfers, tally.right, tally.errors, len(tally.wrong)
 
 
 def _counts(tally: Tally) -> tuple[int, int, int, int]:
@@ -98,7 +163,9 @@ def _lanes_counts(tally: LanesTally) -> tuple[int, int, int, int]:
 
 def named(row: Row) -> Row:
     """Return a row with the version of its library."""
-    return f"{row[0]} {peer_version(PEERS[row[0]][0])}" if row[0] in PEERS else row[0], *row[1:]
+    if row[0] == "canopen":
+        return f"canopen {package_version('canopen')}", *row[1:]
+    return f"{row[0]} {PEERS[row[0]].version()}" if row[0] in PEERS else row[0], *row[1:]
 
 
 def total(rows: Iterable[Row]) -> Row:
@@ -117,30 +184,48 @@ def table(head: str, rows: Iterable[Row]) -> list[str]:
 def measure(questions: int) -> tuple[list[str], bool]:
     """Return the tables, and whether no answer of ours was wrong."""
     framings: tuple[Framing, ...] = ("rtu", "ascii", "tcp")
-    per_part = questions // (PARTS * 4)
-    peers = ["barewire", *(name for name, (distribution, _) in PEERS.items() if peer_version(distribution))]
-    missing = [name for name, (distribution, _) in PEERS.items() if not peer_version(distribution)]
+    modes: tuple[Mode, ...] = ("expedited", "segments", "blocks")
+    per_part, seeds = questions // (PARTS * 4), range(PARTS)
+    peers = ["barewire", *(name for name, peer in PEERS.items() if peer.version())]
+    missing = [f"{name} ({peer.needs})" for name, peer in PEERS.items() if not peer.version()]
+    sdo_peers = [name for name in CLIENTS if name == "barewire" or package_version(name)]
+    if len(sdo_peers) < len(CLIENTS):
+        missing.append("canopen (pip install canopen)")
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         small = [pool.submit(exhaustive, name, framing) for framing in framings for name in SMALL | DEEP]
-        small += [pool.submit(exhaustive_lanes), pool.submit(exhaustive_sdo)]
-        large = [pool.map(random_part, repeat(framing), repeat(per_part), range(PARTS)) for framing in framings]
-        large.append(pool.map(random_lanes, repeat(per_part), range(PARTS)))
-        others = [pool.map(peer_part, repeat(name), repeat(questions // 10 // PARTS), range(PARTS)) for name in peers]
+        small += [pool.submit(exhaustive_lanes, name) for name in LANES]
+        small += [pool.submit(exhaustive_sdo), *(pool.submit(exhaustive_two, mode) for mode in modes)]
+        large = [pool.map(random_part, repeat(framing), repeat(per_part), seeds) for framing in framings]
+        large.append(pool.map(random_lanes, repeat(per_part), seeds))
+        large += [pool.map(random_tasks, repeat(way), repeat(per_part // 10), seeds) for way in ("rtu", "tcp")]
+        large += [pool.map(part, repeat(per_part // 10), seeds) for part in (random_sdo, random_two)]
+        others = [pool.map(peer_part, repeat(name), repeat(questions // 10 // PARTS), seeds) for name in peers]
+        can = {
+            setup: [
+                pool.map(sdo_peer_part, repeat(setup), repeat(name), repeat(questions // 100 // PARTS), seeds)
+                for name in sdo_peers
+            ]
+            for setup in (LATE, SHARED)
+        }
         exhausted = [job.result() for job in small]
         randoms = [total(part) for part in large]
         compared = [total(part) for part in others]
+        late, shared = ([total(part) for part in can[setup]] for setup in (LATE, SHARED))
+    if missing:
+        sys.stdout.write(f"Not installed, so not in the tables: {', '.join(missing)}.\n")
     lines = [
         *("### Every sequence", "", *table("alphabet", exhausted)),
         *("### Random sequences", "", *table("alphabet", randoms)),
-        "An error is an exception response, `NoAnswer`, or a cancellation: the alphabet is made of trouble.",
+        "An error is an exception response, an abort, `NoAnswer`, or a cancellation: the alphabet is made of trouble.",
         "",
-        *("### Other clients, the same line", "", *COMPARISON),
+        *("### Other clients, the same line", "", *COMPARISON, "", *table("client", map(named, compared))),
+        *("### Other clients, the same CAN bus", "", *SDO_LATE, "", *table("client", map(named, late))),
+        *(*SDO_SHARED, "", *table("client", map(named, shared))),
         *([f"Not installed in this run: {', '.join(missing)}."] if missing else []),
-        "",
-        *table("client", map(named, compared)),
         f"CPython {sys.version.split()[0]}, {time.strftime('%Y-%m-%d')}.",
     ]
-    return lines, all(row[-1] == 0 for row in (*exhausted, *randoms, compared[0]))
+    ours = (*exhausted, *randoms, compared[0], late[0], shared[0])
+    return lines, all(row[-1] == 0 for row in ours)
 
 
 def main() -> None:

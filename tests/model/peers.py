@@ -8,23 +8,33 @@ again; a value is wrong if it is the number of another question.
     pymodbus         its blocking serial client, over a serial port
     modbus-tk        its RtuMaster, over a serial port
     uModbus          its function for RTU, over a serial port
+    tmodbus          its asyncio client for RTU, in an event loop whose time is the checker's
+    libmodbus        its client for RTU; an adapter in C takes the place of the serial port (`libmodbus_adapter.c`)
 
-Libraries that need sockets, threads or an event loop of their own cannot be driven like this.
+Libraries that need sockets or threads of their own cannot be driven like this.
 """
 
 from __future__ import annotations
 
+import asyncio
+import ctypes
 import logging
+import os
+import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import version
-from typing import TypeAlias
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple, TypeAlias
 from unittest.mock import patch
 
 from tests.model.choices import Choices
 from tests.model.one_line import Setup, Tally, UnitsOnLine
+from tests.model.virtual_loop import VirtualLoop, VirtualSelector
 
 Ask: TypeAlias = Callable[[], int | None]
 """Asks for register 7 of unit 1 and returns its value; None or any exception: no answer."""
@@ -152,20 +162,121 @@ def umodbus(line: UnitsOnLine, timeout: float, patches: ExitStack) -> Ask:
     return lambda: int(rtu.send_message(rtu.read_holding_registers(1, 7, 1), port)[0])
 
 
-PEERS: dict[str, tuple[str, Callable[[UnitsOnLine, float, ExitStack], Ask]]] = {
-    "minimalmodbus": ("minimalmodbus", minimalmodbus),
-    "pymodbus": ("pymodbus", pymodbus),
-    "modbus-tk": ("modbus_tk", modbus_tk),
-    "uModbus": ("uModbus", umodbus),
-}
+class VirtualTransport(asyncio.WriteTransport):
+    """The transport of a serial port, on the line of the checker."""
+
+    def __init__(self, line: UnitsOnLine) -> None:
+        super().__init__()
+        self._line = line
+
+    def write(self, data: Any) -> None:
+        """Send a request."""
+        self._line.transmit(bytes(data))
+
+    def is_closing(self) -> bool:
+        """Return False: it is open."""
+        return False
 
 
-def peer_version(distribution: str) -> str | None:
-    """Return the version of an installed library, None if it is not installed."""
+def tmodbus(line: UnitsOnLine, timeout: float, patches: ExitStack) -> Ask:
+    """The asyncio client of tmodbus, with its transport for RTU."""
+    rtu = import_module("tmodbus.transport.async_rtu")
+    patches.enter_context(patch.object(rtu, "time", VirtualTime(line)))
+    selector = VirtualSelector(line)
+    loop = VirtualLoop(selector)
+    patches.callback(loop.close)
+    transport = rtu.AsyncRtuTransport("virtual", timeout=timeout, baudrate=19200)
+    transport._transport = VirtualTransport(line)
+    transport._protocol = rtu.ModbusRtuProtocol(
+        on_connection_lost=transport._on_connection_lost, timeout=timeout, interframe_delay=transport._interframe_delay
+    )
+    transport._protocol.connection_made(transport._transport)
+    selector.received = lambda data: loop.call_soon(transport._protocol.data_received, data)
+    client = import_module("tmodbus.client").AsyncModbusClient(transport, unit_id=1)
+
+    async def read() -> int:
+        return int((await client.read_holding_registers(7, 1))[0])
+
+    return lambda: loop.run_until_complete(read())
+
+
+_ON_TRANSMIT = ctypes.CFUNCTYPE(None, ctypes.POINTER(ctypes.c_uint8), ctypes.c_int)
+_ON_WAIT = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double)
+_ON_RECEIVE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_uint8), ctypes.c_int)
+
+
+@cache
+def libmodbus_adapter() -> ctypes.CDLL | None:
+    """Compile and load the adapter; None without libmodbus or a C compiler."""
+    source = Path(__file__).with_name("libmodbus_adapter.c")
+    with TemporaryDirectory() as folder:
+        library = Path(folder) / "adapter.so"
+        command = ["cc", "-shared", "-fPIC", "-O1", "-o", str(library), str(source), "-lmodbus"]
+        try:
+            subprocess.run(command, check=True, capture_output=True)
+        except (OSError, subprocess.CalledProcessError):
+            return None
+        return ctypes.CDLL(str(library), mode=os.RTLD_LOCAL | os.RTLD_DEEPBIND)
+
+
+def libmodbus(line: UnitsOnLine, timeout: float, patches: ExitStack) -> Ask:
+    """The client of libmodbus for RTU."""
+    adapter = libmodbus_adapter()
+    assert adapter is not None
+    serial = VirtualSerial(line, timeout)
+
+    def wait(seconds: float) -> int:
+        if not serial.in_waiting:
+            until = line.now + seconds
+            line.now = max(line.now, min(until, line.coming[0].at)) if line.coming else until
+        return int(serial.in_waiting > 0)
+
+    def receive(target: Any, count: int) -> int:
+        data = serial.read(min(count, serial.in_waiting))
+        ctypes.memmove(target, data, len(data))
+        return len(data)
+
+    on_transmit = _ON_TRANSMIT(lambda data, count: line.transmit(ctypes.string_at(data, count)))
+    functions = on_transmit, _ON_WAIT(wait), _ON_RECEIVE(receive)
+    assert adapter.adapter_open(*functions, round(timeout * 1_000_000))
+
+    def ask(alive: object = functions) -> int | None:  # the functions must live as long as the adapter calls them
+        value = int(adapter.adapter_ask())
+        return None if value < 0 else value
+
+    return ask
+
+
+def libmodbus_version() -> str | None:
+    """Return the version of the installed libmodbus."""
+    adapter = libmodbus_adapter()
+    return None if adapter is None else ".".join(map(str, adapter.adapter_version().to_bytes(3, "big")))
+
+
+def package_version(distribution: str) -> str | None:
+    """Return the version of an installed package, None if it is not installed."""
     try:
         return version(distribution)
     except ModuleNotFoundError:
         return None
+
+
+class Peer(NamedTuple):
+    """A library: how it is driven, its version (None if it is not installed), and what it needs."""
+
+    connect: Callable[[UnitsOnLine, float, ExitStack], Ask]
+    version: Callable[[], str | None]
+    needs: str
+
+
+PEERS = {
+    "minimalmodbus": Peer(minimalmodbus, partial(package_version, "minimalmodbus"), "pip install minimalmodbus"),
+    "pymodbus": Peer(pymodbus, partial(package_version, "pymodbus"), "pip install pymodbus"),
+    "modbus-tk": Peer(modbus_tk, partial(package_version, "modbus_tk"), "pip install modbus-tk"),
+    "uModbus": Peer(umodbus, partial(package_version, "uModbus"), "pip install uModbus"),
+    "tmodbus": Peer(tmodbus, partial(package_version, "tmodbus"), "pip install tmodbus, with Python 3.12 or later"),
+    "libmodbus": Peer(libmodbus, libmodbus_version, "the Debian package libmodbus-dev and a C compiler"),
+}
 
 
 def peer_scenario(
@@ -188,7 +299,9 @@ def peer_scenario(
                 except Exception:
                     tally.no_answer += 1
                     continue
-                if value == number:
+                if value is None:
+                    tally.no_answer += 1
+                elif value == number:
                     tally.right += 1
                 else:
                     tally.wrong.append(f"question {number} of {choices.script}: {value}")
@@ -198,12 +311,12 @@ def peer_scenario(
 
 if __name__ == "__main__":
     from tests.model.choices import run_random
+    from tests.model.setups import FEW_FAULTS
 
-    for name, (distribution, connect) in PEERS.items():
-        if peer_version(distribution) is None:
-            print(name, "is not installed")
+    for name, peer in PEERS.items():
+        if peer.version() is None:
+            print(f"{name} is not installed: {peer.needs}")
             continue
         tally = Tally()
-        setup = Setup(length=12, delays=(0.002, 0.002, 0.35, 0.8), probing=("declines",), recovery=("probe",))
-        run_random(peer_scenario(connect, setup, tally), int(sys.argv[1]) // 12)
-        print(name, peer_version(distribution), tally.questions, tally.right, tally.no_answer, len(tally.wrong))
+        run_random(peer_scenario(peer.connect, FEW_FAULTS, tally), int(sys.argv[1]) // FEW_FAULTS.length)
+        print(name, peer.version(), tally.questions, tally.right, tally.no_answer, len(tally.wrong))

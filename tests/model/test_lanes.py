@@ -6,7 +6,7 @@ import pytest
 
 from barewire.tcp import FanOut
 from tests.model.choices import run_all, run_random
-from tests.model.lanes import Fate, LanesSetup, LanesTally, lanes_scenario
+from tests.model.lanes import MANY_LANES, Fate, LanesSetup, LanesTally, lanes_scenario
 
 pytestmark = pytest.mark.long
 
@@ -17,8 +17,10 @@ pytestmark = pytest.mark.long
         LanesSetup(lanes=2, questions=3, fates=(Fate.PROMPT, Fate.LATE), may_cancel=False),
         LanesSetup(lanes=2, questions=3),
         LanesSetup(lanes=2, questions=2, fates=tuple(Fate)),
+        LanesSetup(lanes=2, questions=3, fates=(Fate.PROMPT, Fate.SLOW, Fate.LOST), may_cancel=False, may_wrap=True),
+        LanesSetup(questions=2, fates=(Fate.PROMPT, Fate.LATE), writes=(False, True), retries=(0, 1)),
     ],
-    ids=["three questions", "three, cancelled at any time", "two, with every fate"],
+    ids=["three questions", "three, cancelled at any time", "two, with every fate", "wrapped", "writes and retries"],
 )
 def test_no_answer_is_delivered_to_another_lane_in_any_order_of_events(setup: LanesSetup) -> None:
     tally = LanesTally()
@@ -30,7 +32,7 @@ def test_no_answer_is_delivered_to_another_lane_in_any_order_of_events(setup: La
 
 def test_no_answer_is_delivered_to_another_lane_in_random_orders() -> None:
     tally = LanesTally()
-    run_random(lanes_scenario(LanesSetup(lanes=4, questions=20, fates=tuple(Fate)), tally), 300)
+    run_random(lanes_scenario(MANY_LANES, tally), 300)
     assert not tally.wrong, tally.wrong[0]
     assert min(tally.right, tally.no_answer, tally.cancelled) > 100
 
@@ -43,4 +45,17 @@ def test_the_checker_finds_lanes_that_share_one_transaction_number() -> None:
 
     tally = LanesTally()
     run_all(lanes_scenario(LanesSetup(questions=2, fan_out=Careless), tally))
+    assert tally.wrong
+
+
+def test_the_checker_finds_a_number_that_is_used_again_while_its_question_is_open() -> None:
+    class Forgetful(FanOut):
+        def _number(self, place: int) -> int:
+            self._last = number = self._last + 1 & 0xFFFF
+            self._numbers[place], self._asked[number] = number, place
+            return number
+
+    tally = LanesTally()
+    setup = LanesSetup(questions=3, fates=(Fate.PROMPT, Fate.SLOW), may_cancel=False, may_wrap=True, fan_out=Forgetful)
+    run_all(lanes_scenario(setup, tally))
     assert tally.wrong

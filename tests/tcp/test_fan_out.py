@@ -116,3 +116,13 @@ def test_lines_take_answers_of_any_unit_on_request() -> None:
     by_default = FanOut(1)
     by_default.lines[0].request(1, b"\x07")
     assert not by_default.lines[0].answers(Adu(2, b"\x07\x00", 1))
+
+
+def test_the_first_request_of_a_line_leaves_number_0_to_the_line_that_has_it() -> None:
+    fan = FanOut(2)
+    for _ in range(65536):
+        last = fan.lines[0].request(1, b"\x07")
+    assert last[:2] == b"\0\0"
+    fan.lines[1].request(1, b"\x07")
+    answer = encode(1, b"\x07\x6d", 0)
+    assert fan.feed(answer) == [(0, answer)]

@@ -111,8 +111,8 @@ def write_command(
 
 @contextmanager
 def _connected(device: Device, endpoint: str, no_wait: bool) -> Iterator[MachineClient]:
-    """Yield the connected machine. After a time-out on a serial line, wait until the late answer cannot reach the next
-    command, unless `no_wait`."""
+    """Yield the connected machine. After a time-out on a serial line, wait until its late answer is not expected any
+    more, because the next command has no memory of it, unless `no_wait`."""
     with connect(device, endpoint) as machine:
         try:
             yield machine

@@ -10,7 +10,7 @@ Received bytes are compared, not counted. Where they differ from the sent ones, 
 **Whether a line echoes** can be detected (`echoes=None`) with the first request whose response never has the same bytes
 as the request, such as a read of registers. If its own bytes are received, the line echoes; if its response is received
 first, it does not. Until then the first copy of any other request is taken for an echo, although the response to a
-write of one register has the same bytes: on a line without echo such a write gets no response, but never a wrong one.
+write of one register has the same bytes: on a line without echo such a write gets no response, and not a wrong one.
 A caller that relies on the detection should therefore read a register first.
 
 Depends on: adu, framing. Used by: io.modbus, where a URL has `echo`.

@@ -35,7 +35,7 @@ class FanOut:
         self._held = b""
         self._last = 0
         self._asked: dict[int, int] = {}  # transaction -> place
-        self._numbers = [0] * count  # place -> its transaction
+        self._numbers = [-1] * count  # place -> its transaction, -1 before the first
         line_class = DatagramLine if datagrams else TcpLine
         self.lines = [line_class(any_unit=any_unit, number=self._numbering(place)) for place in range(count)]
 

@@ -11,7 +11,7 @@
 A frame that does not answer the request, comes from another unit or is damaged does not end the wait: the standard
 keeps the timer running [MB-SERIAL 2.4.1], because the right response may still come.
 
-    bus                    `Bus`: many requests on one line; a late response is never taken for that of another request
+    bus                    `Bus`: many requests on one line; late responses are told apart from those of later requests
     line_state             the state of the bus: pending answers, late replies, the state of each unit
     fair_queue             which of several waiting requests is next
     read_identification    2B/0E until all identification objects are read

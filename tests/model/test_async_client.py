@@ -1,0 +1,26 @@
+"""The asyncio client in the model checker (`async_client`)."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.io.modbus import async_connection
+from tests.model.async_client import ON_RTU, ON_TCP, Tasks, tasks_scenario
+from tests.model.choices import run_random
+from tests.model.one_line import Tally
+from tests.model.test_one_line import Forgetful
+
+
+@pytest.mark.parametrize("setup", [ON_TCP, ON_RTU], ids=["TCP", "RTU"])
+def test_no_answer_is_delivered_to_another_task(setup: Tasks) -> None:
+    tally = Tally()
+    run_random(tasks_scenario(setup, tally), 200)
+    assert not tally.wrong, tally.wrong[0]
+    assert min(tally.right, tally.exceptions, tally.no_answer, tally.cancelled) > 50
+
+
+def test_the_checker_finds_a_client_whose_bus_remembers_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(async_connection, "Bus", Forgetful)
+    tally = Tally()
+    run_random(tasks_scenario(ON_RTU, tally), 50)
+    assert tally.wrong
