@@ -285,7 +285,7 @@ def test_an_abandoned_transfer_sends_an_abort() -> None:
     assert isinstance(conversation.send(Heard(None, 0.0)), Send)
     conversation.send(Heard(None, 0.0))
     assert [str(frame) for frame in abort_frames(conversation)] == ["605#8041600000000008"]
-    assert next(upload(channel, 0x6041)) == Listen(1.0)  # its response may still arrive
+    assert next(upload(channel, 0x6041)) == Listen(2.0)  # its response may still arrive
 
 
 def test_a_transfer_abandoned_before_its_request_sends_nothing() -> None:
@@ -328,7 +328,7 @@ def test_a_request_of_another_client_ends_the_transfer_without_an_abort() -> Non
     with pytest.raises(NoAnswer, match="another client sent 40 64 60 00 00 00 00 00 on 605h") as caught:
         conversation.send(Heard(OTHER_READS, 0.25))
     assert "whether the upload of 6041h:00 was carried out is unknown" in str(caught.value)
-    assert (channel.counters.rivals, channel.quiet_until, channel.busy) == (1, 1.25, False)
+    assert (channel.counters.rivals, channel.quiet_until, channel.busy) == (1, 2.0, False)
 
 
 @pytest.mark.parametrize("text", ["605#R8", "605#4064", "606#4064600000000000", "00000605#4064600000000000"])
@@ -372,3 +372,14 @@ def test_an_adapter_that_returns_what_it_sends_is_no_other_client() -> None:
     assert channel.own_frames is False  # a response came, and the request did not
     with pytest.raises(NoAnswer, match="another client"):
         play(upload(channel, 0x6041), lambda frame, now: [(now, request), (now, response)])
+
+
+def test_a_transfer_that_ends_early_leaves_its_response_as_much_time_as_one_that_times_out() -> None:
+    """The abort is a late one of the transfer before. The request may be late too, and so may its confirmation."""
+    channel = Channel(5)
+    conversation = download(channel, 0x6040, 0, b"\x0f\0", timeout=1.0)
+    for heard in (None, Heard(None, 0.0), Heard(None, 0.0)):
+        conversation.send(heard) if heard else next(conversation)
+    with pytest.raises(SdoAbort, match="timed out"):
+        conversation.send(Heard(CanFrame.parse("585#8000210000000405"), 0.1))
+    assert channel.quiet_until == 2.0

@@ -8,8 +8,8 @@ A device may have further servers with their own channels; objects 1201h to 127F
 Frames that are not the response to the present request are normal, and counted in `ChannelCounters`. A bus that passes
 a channel only its own frames gives it a `node_monitor`, which explains a time-out by what the node sent before.
 
-After a time-out the channel waits for one more time-out, until `quiet_until`, before the next request, so that a late
-response is not mistaken for the response to that request.
+After a transfer that ended without its response the channel waits until `quiet_until`, two time-outs after the last
+request was sent, so that a late response is not mistaken for the response to the next request.
 
 A channel has one client. If a second one sends on it, both receive its responses, and the server takes the frames of
 both for one transfer. A frame on the request identifier that this client did not send reveals the other one: during a

@@ -143,7 +143,7 @@ def _in_blocks(
             data = None if heard.item is None else transfer.receive(heard.item)
         except SdoAbort:
             # The server may mistake the segments still in transit for requests, and respond to them.
-            transfer.channel.quiet_until = heard.now + transfer.timeout
+            transfer.stay_quiet()
             raise
         message = None if data is None else transfer.channel.decode(data, RECEIVER_MESSAGES)
         frames = sender.feed(message, heard.now)

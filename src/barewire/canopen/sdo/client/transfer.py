@@ -66,12 +66,12 @@ class ClientTransfer:
         except OtherClient as other:
             outcome = "nothing was sent"
             if self.until is not None:
-                channel.quiet_until = self.now + self.timeout
+                self.stay_quiet()
                 outcome = f"whether the {self.verb} of {self} was carried out is unknown"
             raise NoAnswer(f"{other}, and a response may be the one to it: {outcome}") from None
         except SdoAbort as refusal:
             if refusal.code in _OUT_OF_STEP:
-                channel.quiet_until = self.now + self.timeout
+                self.stay_quiet()
             raise
         except ProtocolViolation as breach:
             yield from self._abort(breach.code)
@@ -87,10 +87,14 @@ class ClientTransfer:
         finally:
             channel.busy = False
 
+    def stay_quiet(self) -> None:
+        """Set `quiet_until`: the last request and its response may each be late by one time-out."""
+        self.channel.quiet_until = max(self.now, self.until or self.now) + self.timeout
+
     def _abort(self, code: AbortCode) -> Conversation[CanFrame, None]:
         """Send an abort, and set `quiet_until` so that late responses do not reach the next transfer."""
         if self.until is not None:
-            self.channel.quiet_until = self.now + self.timeout
+            self.stay_quiet()
             yield self.send(Abort(self.index, self.sub, code).encode())
 
     def _explain(self) -> str:
