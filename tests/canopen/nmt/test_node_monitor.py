@@ -89,6 +89,8 @@ def test_an_unanswered_request_of_another_client_is_known() -> None:
     assert monitor.unanswered(0x605, 0x585) is None
     monitor.feed(CanFrame.parse("605#4064600000000000"), 1.0)
     assert monitor.unanswered(0x605, 0x585) == 1.0
+    monitor.feed(CanFrame.parse("585#8064600000000206"), 1.5)
+    assert monitor.unanswered(0x605, 0x585) == 1.0  # the abort may respond to an earlier frame
     monitor.feed(CanFrame.parse("585#4364600000000000"), 2.0)
     assert monitor.unanswered(0x605, 0x585) is None
     monitor.feed(CanFrame.parse("605#8064600000000405"), 3.0)

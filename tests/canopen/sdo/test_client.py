@@ -383,3 +383,12 @@ def test_a_transfer_that_ends_early_leaves_its_response_as_much_time_as_one_that
     with pytest.raises(SdoAbort, match="timed out"):
         conversation.send(Heard(CanFrame.parse("585#8000210000000405"), 0.1))
     assert channel.quiet_until == 2.0
+
+
+def test_an_abort_is_not_the_response_to_the_other_client_that_ends_the_wait() -> None:
+    """Its frame before the request may be the one that the server did not understand."""
+    conversation = upload(Channel(5), 0x6041, timeout=1.0)
+    next(conversation)
+    conversation.send(Heard(CanFrame.parse("605#A100000000000000"), 0.0))
+    conversation.send(Heard(OTHER_READS, 0.0))
+    assert conversation.send(Heard(CanFrame.parse("585#8000000001000405"), 0.0)) == Listen(1.0)

@@ -106,9 +106,13 @@ class NodeMonitor:
             return None
 
     def unanswered(self, request_id: int, response_id: int) -> float | None:
-        """Return when the last SDO request was received, None if a response came after it, or if it needs none."""
+        """Return when the last SDO request was received, None if a response came after it, or if it needs none.
+
+        An abort does not count as the response, because it may respond to an earlier frame."""
         request, response = self._base.get(request_id), self._base.get(response_id)
-        if request is None or (response is not None and response[1] >= request[1]):
+        if request is None:
+            return None
+        if response is not None and response[1] >= request[1] and response[2].data[:1] != b"\x80":
             return None
         return None if request[2].data[:1] in (b"\x80", b"\xa1") else request[1]
 

@@ -39,6 +39,7 @@ _BACKLOG = 0.1
 
 _PAST = float("-inf")
 
+_ABORT = b"\x80"
 _LAST_FRAMES = b"\x80\xa1"  # the commands of a client that no response follows: an abort, the end of a block upload
 
 
@@ -262,9 +263,11 @@ class Channel:
                 give_up = max(end, heard.now + 2 * timeout)
             if heard.item is not None:
                 try:
-                    if self.receive(heard.item) is not None:
+                    response = self.receive(heard.item)
+                    if response is not None:
                         self.counters.late += 1
-                        taken = _PAST
+                        if response[:1] != _ABORT:  # which may also respond to an earlier frame of the other client
+                            taken = _PAST
                 except OtherClient:
                     taken = _PAST if heard.item.data[:1] in _LAST_FRAMES else heard.now + timeout
                     if heard.now >= give_up:
