@@ -31,11 +31,14 @@ def test_each_response_reaches_its_line_in_any_order_and_chunks(seed: int, cut: 
             assert adu.pdu[3] == place
 
 
-def test_a_response_without_request_is_counted_and_dropped() -> None:
-    fan = FanOut(2)
+def test_a_response_without_request_is_counted_reported_and_dropped() -> None:
+    fan, reported = FanOut(2), list[bytes]()
     fan.lines[0].request(1, b"\x07")
     assert fan.feed(encode(1, b"\x07\x00", 99)) == []
-    assert fan.strays == 1
+    fan.on_stray = reported.append
+    assert fan.feed(encode(1, b"\x07\x00", 98)) == []
+    assert fan.strays == 2
+    assert reported == [encode(1, b"\x07\x00", 98)]
 
 
 def test_a_transaction_number_in_use_is_not_used_again() -> None:

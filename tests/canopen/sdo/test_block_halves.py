@@ -124,8 +124,9 @@ def test_a_receiver_limits_segments_out_of_order() -> None:
     half, _ = receiver()
     for _ in range(STRAYS_MAX):
         assert half.feed(segment(3, 3), 0.0) == []
-    with pytest.raises(ProtocolViolation, match="segments came out of order"):
+    with pytest.raises(ProtocolViolation, match="segments came out of order") as caught:
         half.feed(segment(3, 3), 0.0)
+    assert caught.value.code == AbortCode.SEQUENCE_NUMBER
 
 
 # The rules, one by one.

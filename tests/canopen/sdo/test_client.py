@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable
 import pytest
 
 from barewire.canopen import AbortCode, BlockSettings, CanFrame, Channel, SdoAbort, download, fit, upload
-from barewire.canopen.nmt.node_monitor import NodeMonitor
 from barewire.conversation import Conversation, Heard, Listen, Send, abort_frames, play
 from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import EncodeError, NoAnswer
@@ -107,21 +106,6 @@ def test_every_abort_code_of_a_server_raises_sdo_abort(code: AbortCode) -> None:
             play(conversation, lambda frame, now: [(now, CanFrame.parse(abort))])
         assert caught.value.code == code
         assert (caught.value.index, caught.value.sub) == (0x6041, 0)
-
-
-def test_aborts_that_cannot_be_decoded_are_counted_and_an_abort_names_the_node() -> None:
-    channel = Channel(5)
-    with pytest.raises(SdoAbort) as caught:
-        play(upload(channel, 0x6041), Script(("605#4041600000000000", "585#80", "585#8041", "585#8041600000000206")))
-    assert (channel.counters.garbled, caught.value.node) == (2, 5)
-
-
-def test_the_time_out_text_reports_how_long_ago_the_node_was_heard() -> None:
-    monitor = NodeMonitor()
-    monitor.feed(CanFrame.parse("705#05"), 1.0)
-    text, sent = no_answer(upload(Channel(5, node_monitor=monitor), 0x6041, timeout=4.0))
-    assert "node 5 last sent a frame 3 s ago, operational" in text
-    assert len(sent) == 2
 
 
 def test_an_abort_ends_the_transfer_whatever_object_it_names() -> None:
@@ -249,7 +233,8 @@ def test_a_channel_carries_one_transfer_at_a_time() -> None:
     channel = Channel(5)
     first, second = upload(channel, 0x6041), upload(channel, 0x6040)
     next(first)
-    with pytest.raises(EncodeError, match="one transfer at a time"):
+    text = "6040h:00 must wait: the SDO channel to node 5 carries one transfer at a time"
+    with pytest.raises(EncodeError, match=text):
         next(second)
     first.close()
     assert isinstance(next(upload(channel, 0x6040)), Listen)

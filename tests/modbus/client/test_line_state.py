@@ -104,6 +104,15 @@ def test_where_units_are_not_compared_a_late_reply_settles_only_what_is_certain(
     assert list(state.counters.replies) == [LateReply(1, READ, unhex("03 02 000A"), 5.0)] * is_certain
 
 
+def test_every_stray_is_reported_with_the_request_that_it_answers_late() -> None:
+    state, reported = state_of((1, READ), (1, INPUT)), list[tuple[Any, PendingAnswer | None]]()
+    late, noise = state.pending[0], Noise(b"\xff", "short", "noise")
+    state.on_stray = lambda event, pending: reported.append((event, pending))
+    for event in (noise, Adu(1, unhex("03 02 000A")), Adu(2, unhex("04 02 000A"))):
+        state.stray(event, 5.0)
+    assert reported == [(noise, None), (Adu(1, unhex("03 02 000A")), late), (Adu(2, unhex("04 02 000A")), None)]
+
+
 def test_the_latest_late_replies_are_kept() -> None:
     state = state_of()
     for address in range(20):

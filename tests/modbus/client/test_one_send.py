@@ -99,3 +99,14 @@ def test_a_write_abandoned_after_it_was_sent_is_outcome_unknown() -> None:
     )
     assert isinstance(caught.value.__cause__, Abandoned)
     assert bus.counters.lost == 1
+
+
+def test_a_sibling_shares_units_and_counters_and_has_its_own_line() -> None:
+    bus, line = known(Bus(TcpLine(), dead_after=5)), TcpLine(number=lambda: 0x1234)
+    sibling = bus.sibling_bus(line)
+    assert (sibling.line, sibling is bus) == (line, False)
+    assert repr(sibling) == f"<Bus: {line!r}>"
+    assert sibling.begin(1, READ) == encode(1, READ.encode(), 0x1234)
+    assert bus.begin(1, READ) == encode(1, READ.encode(), 2)
+    sibling.answered(1, 1.0)
+    assert (bus.counters.asked, bus.counters.answered) == (3, 2)

@@ -126,3 +126,16 @@ def test_where_units_or_numbers_are_compared_a_pending_answer_of_one_unit_does_n
     assert clock.play(read(bus, 20, unit=2)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
     assert (bus.counters.probes, bus.counters.strays) == (0, 0)
     assert clock.now - before < 0.1
+
+
+@pytest.mark.parametrize(("unit", "ends"), [(1, 1.0), (2, 0.25)])
+def test_a_wrong_response_ends_the_wait_unless_another_answer_of_the_unit_may_come(unit: int, ends: float) -> None:
+    bus = Bus(RtuLine(EXACT), late_window=60.0)
+    for asked in (1, 2):  # both units have answered before
+        play(read(bus, 10, unit=asked), answering((0.25, encode(asked, b"\x03\x02\x00\x0a"))))
+    with pytest.raises(NoAnswer):
+        play(bus.ask(1, ReadInputRegisters(10, 1)), answering(), start=1.0)
+    wire = Wire(answering((0.25, encode(unit, b"\x03\x04\x00\x0a\x00\x0b"))), start=3.0)
+    with pytest.raises(NoAnswer, match="byte_count 4"):
+        wire.play(read(bus, 10, unit=unit))
+    assert wire.now == 3.0 + ends
