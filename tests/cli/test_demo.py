@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 
 from barewire.canopen import CanFrame
-from barewire.cli.demo import LateFrames
+from barewire.cli.demo.story import LateFrames
 from barewire.explain import explain
 from tests.cli.helpers import COMMAND, ENVIRONMENT, output_of
 

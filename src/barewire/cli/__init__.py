@@ -2,7 +2,7 @@
 
     app               the main command: loads a command when it is used; errors and exit statuses
     arguments         arguments, options, output and signals that several commands share
-    demo, demo_frames `demo`: simulated machines read and written on every wire; `--all`: every frame
+    demo              `demo`: simulated machines read and written on every wire (a folder)
     devices           `devices`: the catalogue, and every parameter of a device
     simulate          `simulate`: a machine or a table on real ports
     read_write        `read`, `write`: named values

@@ -20,7 +20,7 @@ from barewire.cli.arguments import CommandGroup, text_with_notes
 from barewire.errors import BarewireError, EncodeError
 
 COMMANDS = {
-    "demo": ("demo", "Read and write three simulated machines on every wire."),
+    "demo": ("demo.story", "Read and write three simulated machines on every wire."),
     "devices": ("devices", "List the devices, or all parameters of one."),
     "simulate": ("simulate", "Simulate a device on real ports until interrupted."),
     "read": ("read_write", "Read named values of a device."),

@@ -101,18 +101,18 @@ def test_the_command() -> None:
         assert (line["case"], line["ok"], line["left_out"]) == ("SDO-05", True, None)
         assert line["received"] == [["585#4300100092010200"]] * 5
         done = run_command("conform", f"{url}&timeout=0.2", "--only", "XYZ")
-        assert (done.returncode, done.stderr) == (1, "barewire: --only 'XYZ': no case has a name that begins so\n")
+        assert (done.returncode, done.stderr) == (2, "barewire: --only 'XYZ': no case has a name that begins so\n")
 
 
 def test_the_command_refuses_wrong_options() -> None:
-    for arguments, message in (
-        (("can://virtual/empty?node=5&timeout=0.05",), "node 5"),
-        (("can://virtual/empty", "--large", "1000:00"), "--large '1000:00': expected INDEX:SUB from 2000:00 on"),
-        (("can://virtual/empty", "--large", "here"), "--large 'here': expected INDEX:SUB"),
-        (("tcp://127.0.0.1:1", "--gentle"), "--gentle, --large and --only are for can://"),
+    for status, arguments, message in (
+        (1, ("can://virtual/empty?node=5&timeout=0.05",), "node 5"),
+        (2, ("can://virtual/empty", "--large", "1000:00"), "--large '1000:00': expected INDEX:SUB from 2000:00 on"),
+        (2, ("can://virtual/empty", "--large", "here"), "--large 'here': expected INDEX:SUB"),
+        (2, ("tcp://127.0.0.1:1", "--gentle"), "--gentle, --large and --only are for can://"),
     ):
         done = run_command("conform", *arguments)
-        assert done.returncode == 1
+        assert done.returncode == status
         assert len(done.stderr.splitlines()) == 1
         assert message in done.stderr
 

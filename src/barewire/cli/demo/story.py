@@ -18,7 +18,7 @@ from rich.console import Console
 from barewire import NoAnswer
 from barewire.canopen import CanFrame
 from barewire.cli.arguments import json_option
-from barewire.cli.demo_frames import (
+from barewire.cli.demo.frames import (
     LINE,
     ExchangeFrames,
     connected,
