@@ -187,8 +187,10 @@ def test_patience_is_at_least_t35() -> None:
 
 @pytest.mark.parametrize("patience", [-1.0, -0.001])
 def test_a_negative_patience_is_refused(patience: float) -> None:
-    with refused(EncodeError, "expected seconds, 0 or more, or None to be strict"):
+    with refused(EncodeError, "expected seconds, 0 or more, or None to be strict") as refusal:
         RtuLine(EXACT, patience=patience)
+    assert isinstance(refusal.value, EncodeError)
+    assert refusal.value.field == "patience"
 
 
 def test_half_a_frame_ends_exactly_at_the_deadline() -> None:
@@ -286,7 +288,21 @@ def test_strict_does_not_search_behind_noise() -> None:
 def test_strict_reports_that_a_frame_was_too_long() -> None:
     line = line_of("server", strict=True)
     events = line.feed(bytes(300), 1.0) + silence(line)
-    assert [(len(event.data), event.reason) for event in noise_of(events)] == [(44, "long"), (256, "long")]
+    assert [(len(event.data), event.reason, event.text) for event in noise_of(events)] == [
+        (44, "long", "more than 256 bytes without silence"),
+        (256, "long", "more than 256 bytes without silence"),
+    ]
+
+
+@pytest.mark.parametrize("strict", [True, False])
+@pytest.mark.parametrize("pdu", [b"\x41" + bytes(252), b"\x03\xfb" + bytes(251)])
+def test_a_frame_of_256_bytes_is_received(pdu: bytes, strict: bool) -> None:
+    """By silence, or at once if its count is known and the line is not strict."""
+    line, frame = line_of(strict=strict), encode(1, pdu)
+    at_once = pdu[0] == 3 and not strict
+    assert line.feed(frame, 1.0) == [decode(frame)] * at_once
+    assert silence(line) == [decode(frame)] * (not at_once)
+    assert line.role == "client"
 
 
 # Sending ---------------------------------------------------------------------------------------------------------

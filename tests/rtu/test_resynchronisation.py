@@ -156,3 +156,28 @@ def test_a_strict_line_takes_two_frames_without_silence_between_them_for_noise()
     line = line_of(strict=True)
     assert line.feed(REPLY + REPLY, 1.0) == []
     assert [event.data for event in noise_of(silence(line))] == [REPLY + REPLY]
+
+
+@pytest.mark.parametrize(("count", "at_once"), [(255, False), (256, True)])
+def test_no_frame_is_longer_than_256_bytes_so_a_full_line_is_searched(count: int, at_once: bool) -> None:
+    """The first two bytes are a function without a known length, which otherwise only silence ends."""
+    line = line_of()
+    data = unhex("01 41") + bytes(count - 2 - len(REPLY)) + REPLY
+    assert frames_of(line.feed(data, 1.0)) == [decode(REPLY)] * at_once
+    assert frames_of(silence(line)) == [decode(REPLY)] * (not at_once)
+
+
+def test_a_line_searches_as_soon_as_the_count_of_the_first_message_is_too_long() -> None:
+    """55 10 looks like a request to write registers, whose seventh byte is its byte count."""
+    inside = encode(0x10, b"\x07")
+    data = b"\x55" + inside + b"\x00\xff\x00\x00"
+    line = line_of("server", units=(0x55,))
+    found = [number for number in range(len(data)) if frames_of(line.feed(data[number : number + 1], 1.0))]
+    assert found == [6]
+
+
+def test_a_response_is_counted_even_if_as_a_request_it_would_be_too_long() -> None:
+    """The first byte of its CRC stands where a request has its byte count."""
+    frames = (encode(2, b"\x10" + address.to_bytes(2, "big") + b"\x00\x02") for address in range(0x10000))
+    frame = next(frame for frame in frames if frame[6] == 0xFF)
+    assert line_of("listener").feed(frame, 1.0) == [decode(frame)]

@@ -73,3 +73,14 @@ def test_a_request_that_was_not_sent_costs_no_retry() -> None:
     assert answer == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
     assert clock.now < 3.1
     assert [data[1] for data in slow.asked] == [3, 8, 3]
+
+
+@pytest.mark.parametrize(("of_bus", "given", "asked"), [(0, None, 1), (2, None, 3), (2, 0, 1), (2, 1, 2), (0, 2, 3)])
+def test_a_request_has_the_retries_of_the_bus_unless_it_is_given_others(
+    of_bus: int, given: int | None, asked: int
+) -> None:
+    slow = Slow([None] * 10)
+    bus = rtu_bus(recovery="wait", retries=of_bus)
+    with pytest.raises(NoAnswer):
+        Clock(slow).play(bus.ask(1, ReadHoldingRegisters(9, 1), retries=given))
+    assert len(slow.asked) == asked

@@ -113,9 +113,7 @@ class BusCounters:
 class LineState:
     """The state of a bus. `gap`, `gaps` and `dead_after` are the options of `Bus`."""
 
-    def __init__(
-        self, *, gap: float, gaps: Mapping[int, float] | None, dead_after: int | None, any_unit: bool = False
-    ) -> None:
+    def __init__(self, *, gap: float, gaps: Mapping[int, float] | None, dead_after: int | None, any_unit: bool) -> None:
         self.counters = BusCounters()
         self.units: defaultdict[int, UnitState] = defaultdict(UnitState)
         self.pending: list[PendingAnswer] = []
