@@ -1,4 +1,4 @@
-"""Which room may import which, checked against every import in src/barewire.
+"""Which room may import which, checked against every import in src/barewire, and the size of files and folders.
 
 An import counts wherever it stands: at the top, inside a function, under `TYPE_CHECKING`, or as a string given to
 `import_module`. To allow a new arrow, change ALLOWED and give the reason in docs/decisions.md.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from fnmatch import fnmatch
 from pathlib import Path
@@ -128,10 +129,38 @@ def test_every_import_is_allowed() -> None:
     assert not found, "src/barewire/" + "\nsrc/barewire/".join(found)
 
 
-def test_no_file_has_more_than_400_lines() -> None:
-    counts = {file: len(file.read_text(encoding="utf-8").splitlines()) for file in FILES}
-    long = [f"{file.relative_to(SRC.parent)}: {lines} lines" for file, lines in counts.items() if lines > 400]
-    assert not long, "more than 400 lines:\n" + "\n".join(long)
+def oversized(root: Path) -> list[str]:
+    """Return the Python files with more than 400 lines, and the folders of `src` with more than 16 of them."""
+    found = []
+    for top in ("src", "tests", "tools", "bench"):
+        files = sorted((root / top).rglob("*.py"))
+        for file in files:
+            lines = len(file.read_text(encoding="utf-8").splitlines())
+            if lines > 400:
+                found.append(f"{file.relative_to(root).as_posix()}: {lines} lines, at most 400")
+        for folder, count in Counter(file.parent for file in files).items():
+            if top == "src" and count > 16:
+                found.append(f"{folder.relative_to(root).as_posix()}: {count} files, at most 16")
+    return found
+
+
+def test_files_have_at_most_400_lines_and_folders_of_src_16_files() -> None:
+    assert oversized(ROOT) == []
+
+
+def test_a_long_file_and_a_full_folder_are_found(tmp_path: Path) -> None:
+    for top in ("src", "tests", "tools", "bench"):
+        folder = tmp_path / top / "room"
+        folder.mkdir(parents=True)
+        (folder / "whole.py").write_text("\n" * 400)
+        (folder / "long.py").write_text("\n" * 401)
+        for number in range(14):
+            (folder / f"file_{number}.py").touch()
+    long = [f"{top}/room/long.py: 401 lines, at most 400" for top in ("src", "tests", "tools", "bench")]
+    assert oversized(tmp_path) == long
+    for top in ("src", "tests"):
+        (tmp_path / top / "room" / "one_more.py").touch()
+    assert oversized(tmp_path) == [long[0], "src/room: 17 files, at most 16", *long[1:]]
 
 
 HEAVY = [

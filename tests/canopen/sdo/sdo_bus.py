@@ -15,11 +15,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from barewire.canopen import AbortCode, CanFrame, SdoAbort
+from barewire.canopen import AbortCode, CanFrame, Entry, ObjectDictionary, SdoAbort
 from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
 
 FRAME_TIME = 0.0001
 EVENTS_MAX = 200_000
+NAME = "CANopenDemoPIC32"
 
 Fault = Callable[[int, CanFrame], list[tuple[float, CanFrame]]]
 
@@ -178,3 +179,15 @@ class Store:
         self.read(index, sub)
         self.objects[index, sub] = data
         self.writes += 1
+
+
+def objects() -> ObjectDictionary:
+    """Return the objects of the device under test."""
+    return ObjectDictionary(
+        [
+            Entry(0x1000, 0, "device type", "u32", "ro", 0x000F0191),
+            Entry(0x1008, 0, "device name", "string", "const", NAME),
+            Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000),
+            Entry(0x2100, 0, "anything", "domain", "rw", b"", maximum=100),
+        ]
+    )

@@ -15,16 +15,7 @@ from typing import Any
 import pytest
 
 from barewire import CanopenClient, CanopenServer
-from barewire.canopen import (
-    CanFrame,
-    LocalNode,
-    LssState,
-    NmtCommand,
-    NmtState,
-    PdoConfig,
-    SdoAbort,
-    scan,
-)
+from barewire.canopen import CanFrame, LocalNode, LssState, NmtCommand, NmtState, PdoConfig, SdoAbort, scan
 from barewire.canopen.emcy.consumer import EmcyEvent
 from barewire.canopen.nmt.heartbeat import HeartbeatEvent
 from barewire.canopen.nmt.node_guarding import Guard, GuardEvent
@@ -32,11 +23,11 @@ from barewire.canopen.pdo.named_values import PdoReceived
 from barewire.canopen.sync import SyncEvent
 from barewire.canopen.time_stamp import TimeReceived
 from barewire.devices import load
-from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.errors import EncodeError, NoAnswer
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.node_runner import Running
 from barewire.io.canopen.shared_bus import CanBus
-from tests.io.canopen.memory_bus import IDENTITY, MemoryPort, device, memory_bus
+from tests.io.canopen.memory_bus import IDENTITY, MemoryPort, device
 
 pytest.importorskip("can")
 
@@ -352,150 +343,6 @@ def test_lss(kind: str, request: pytest.FixtureRequest) -> None:
     with CanopenServer(channel, device=bare):
         run_with(calls, kind, channel)
     assert bare.node == 12
-
-
-def test_clients_of_both_kinds_share_a_bus_and_leave_it_open() -> None:
-    async def main(bus: CanBus) -> None:
-        async with AsyncCanopenClient(bus, node=5) as one, AsyncCanopenClient(bus, node=6) as two:
-            assert await one.node().sdo.upload(0x6041) == await two.node().sdo.upload(0x6041)
-            running = one.sync.start(60.0)
-            stream = one.frames()
-        await asyncio.sleep(0)
-        assert running._task.done()
-        with pytest.raises(PortError):
-            await stream.get(0.0)
-
-    with memory_bus() as bus, CanopenClient(bus, node=5) as client:
-        threads = threading.active_count()
-        with CanopenClient(bus, node=6) as other, client.host(device(5)):
-            other.host(device(6))
-            asyncio.run(main(bus))
-            assert client.node().sdo.upload(0x6041) == other.node().sdo.upload(0x6041) == bytes.fromhex("3706")
-            assert client.channel() is CanopenClient(bus, node=5).channel()
-        assert threading.active_count() == threads
-        assert bus.failure is None
-
-
-def test_a_silent_node_does_not_keep_another_one_waiting() -> None:
-    with memory_bus() as bus, CanopenClient(bus, node=6) as client, client.host(device(6)):
-        silent = CanopenClient(bus, node=5, timeout=60.0)
-
-        def ask() -> None:
-            with pytest.raises(PortError, match="closed"):
-                silent.node().sdo.upload(0x1000)
-
-        waiting = threading.Thread(target=ask)
-        with client.frames((0x605, False)) as requests:
-            waiting.start()
-            assert requests.get(10.0) is not None
-        assert client.node().sdo.upload(0x6041) == bytes.fromhex("3706")
-
-        async def main() -> bytes:
-            asynchronous = AsyncCanopenClient(bus, node=6)
-            blocked = asyncio.create_task(AsyncCanopenClient(bus).node(5).sdo.upload(0x1000))  # behind the thread
-            await asyncio.sleep(0)
-            value = await asynchronous.node().sdo.upload(0x6041)
-            assert not blocked.done()
-            blocked.cancel()
-            return value
-
-        assert asyncio.run(main()) == bytes.fromhex("3706")
-        assert waiting.is_alive()
-        bus.close()
-        waiting.join(10.0)
-
-
-@pytest.mark.parametrize("block", [False, True])
-@pytest.mark.parametrize("downloads", [False, True])
-def test_cancelled_at_every_await_and_the_next_transfer_works(block: bool, downloads: bool) -> None:
-    """A task is cancelled at its first step, at its second ... until one comes to its end before that."""
-    value = bytes(place % 256 for place in range(60))
-
-    async def main(bus: CanBus) -> int:
-        client = AsyncCanopenClient(bus, node=5, timeout=0.02)
-        node = device()
-        client.host(node)
-        await asyncio.sleep(0)
-        for steps in range(10_000):
-            await client.node().sdo.download(0x2100, 0, value)
-            task: asyncio.Task[Any] = asyncio.create_task(
-                client.node().sdo.download(0x2100, 0, value[::-1], block=block)
-                if downloads
-                else client.node().sdo.upload(0x2100, block=block)
-            )
-            for _ in range(steps):
-                await asyncio.sleep(0)
-            ended = task.done()
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
-            assert await client.node().sdo.upload(0x2100) in ((value, value[::-1]) if downloads else (value,))
-            assert await client.node().sdo.upload(0x6041) == bytes.fromhex("3706")
-            if ended:
-                return steps
-        raise AssertionError("it did not end")
-
-    with memory_bus() as bus:
-        assert asyncio.run(main(bus)) >= 5
-
-
-@pytest.mark.parametrize("block", [False, True])
-def test_a_transfer_ended_by_its_progress_function_leaves_the_channel_usable(block: bool) -> None:
-    with memory_bus() as bus, CanopenClient(bus, node=5, timeout=30.0) as client, client.host(device()):
-        client.node().sdo.download(0x2100, 0, bytes(2000))
-        for moment in range(3):
-            left = moment
-
-            def stop(done: int, size: int | None) -> None:
-                nonlocal left
-                left -= 1
-                if left < 0:
-                    raise KeyboardInterrupt
-
-            with pytest.raises(KeyboardInterrupt):
-                client.node().sdo.upload(0x2100, block=block, progress=stop, timeout=0.5)
-            assert client.node().sdo.upload(0x2100, block=block) == bytes(2000)
-
-
-class Cramped(MemoryPort):
-    """A controller with room for so many frames."""
-
-    def __init__(self, room: int) -> None:
-        super().__init__()
-        self.room = room
-
-    def try_send(self, item: CanFrame) -> bool:
-        if self.room <= 0:
-            return False
-        self.room -= 1
-        self.send(item)
-        return True
-
-
-def test_a_task_cancelled_within_a_burst_sends_its_abort_when_there_is_room() -> None:
-    """The controller takes five frames of a burst of sixteen. The abort follows after the rest of them."""
-
-    async def main(bus: CanBus, port: Cramped) -> list[CanFrame]:
-        client = AsyncCanopenClient(bus, node=5, timeout=30.0)
-        task: asyncio.Task[Any] = asyncio.create_task(client.node().sdo.download(0x2100, 0, bytes(2000), block=True))
-        while not port.sent:
-            await asyncio.sleep(0.001)
-        port.deliver(CanFrame.parse("585#A40021007F000000"))
-        while port.room:
-            await asyncio.sleep(0.001)
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-        assert len(port.sent) == 6
-        port.room = 100
-        async with asyncio.timeout(10):
-            while port.room > 100 - 12:
-                await asyncio.sleep(0.001)
-        return list(port.sent)
-
-    port = Cramped(6)
-    with CanBus(port) as bus:
-        sent_texts = [str(frame) for frame in asyncio.run(main(bus, port))]
-    assert [text[:6] for text in sent_texts[1:17]] == [f"605#{number:02X}" for number in range(1, 17)]
-    assert sent_texts[17:] == ["605#8000210000000008"]
 
 
 def test_receive_gives_the_frames_since_its_first_call() -> None:

@@ -12,6 +12,7 @@ from barewire import CanopenClient
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame, upload
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.canopen.async_bus import AsyncStream, AsyncSubscriber
+from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.event_stream import FrameListener, Stream
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.subscriber import FramesLost, Subscriber
@@ -298,3 +299,54 @@ def test_a_port_given_to_a_client_is_closed_with_it() -> None:
     assert port.closed
     with pytest.raises(EncodeError, match="SDO dialect 'french'"):
         CanopenClient(MemoryPort(), dialect="french")
+
+
+def test_clients_of_both_kinds_share_a_bus_and_leave_it_open() -> None:
+    async def main(bus: CanBus) -> None:
+        async with AsyncCanopenClient(bus, node=5) as one, AsyncCanopenClient(bus, node=6) as two:
+            assert await one.node().sdo.upload(0x6041) == await two.node().sdo.upload(0x6041)
+            running = one.sync.start(60.0)
+            stream = one.frames()
+        await asyncio.sleep(0)
+        assert running._task.done()
+        with pytest.raises(PortError):
+            await stream.get(0.0)
+
+    with memory_bus() as bus, CanopenClient(bus, node=5) as client:
+        threads = threading.active_count()
+        with CanopenClient(bus, node=6) as other, client.host(device(5)):
+            other.host(device(6))
+            asyncio.run(main(bus))
+            assert client.node().sdo.upload(0x6041) == other.node().sdo.upload(0x6041) == bytes.fromhex("3706")
+            assert client.channel() is CanopenClient(bus, node=5).channel()
+        assert threading.active_count() == threads
+        assert bus.failure is None
+
+
+def test_a_silent_node_does_not_keep_another_one_waiting() -> None:
+    with memory_bus() as bus, CanopenClient(bus, node=6) as client, client.host(device(6)):
+        silent = CanopenClient(bus, node=5, timeout=60.0)
+
+        def ask() -> None:
+            with pytest.raises(PortError, match="closed"):
+                silent.node().sdo.upload(0x1000)
+
+        waiting = threading.Thread(target=ask)
+        with client.frames((0x605, False)) as requests:
+            waiting.start()
+            assert requests.get(10.0) is not None
+        assert client.node().sdo.upload(0x6041) == bytes.fromhex("3706")
+
+        async def main() -> bytes:
+            asynchronous = AsyncCanopenClient(bus, node=6)
+            blocked = asyncio.create_task(AsyncCanopenClient(bus).node(5).sdo.upload(0x1000))  # behind the thread
+            await asyncio.sleep(0)
+            value = await asynchronous.node().sdo.upload(0x6041)
+            assert not blocked.done()
+            blocked.cancel()
+            return value
+
+        assert asyncio.run(main()) == bytes.fromhex("3706")
+        assert waiting.is_alive()
+        bus.close()
+        waiting.join(10.0)
