@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import inspect
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 import barewire
 import barewire.modbus
+from barewire.canopen.lss import fastscan as lss_scan, master as lss_master
+from barewire.io.canopen.methods.lss import LssMethods
 from barewire.io.canopen.methods.nmt import NodeNmtMethods
+from barewire.io.canopen.methods.operations import Methods
 from barewire.io.canopen.methods.sdo import SdoMethods
 from barewire.io.canopen.methods.sync_time import SyncMethods
 from barewire.io.drive import DriveClient
@@ -49,6 +52,39 @@ def test_help_has_the_streams_and_tasks(method: Any, blocking: str, awaited: str
     text = inspect.getdoc(method)
     assert text is not None
     assert text.endswith(f"\n\nReturns {blocking}; with asyncio {awaited}, without await.")
+
+
+def subclasses(kind: type[Any]) -> set[type[Any]]:
+    return {kind}.union(*(subclasses(found) for found in kind.__subclasses__()))
+
+
+CLASSES = sorted(
+    {
+        *(getattr(barewire, name) for name in barewire.__all__ if name.endswith(("Client", "Server"))),
+        *(found for found in subclasses(Methods) if found.__module__.startswith("barewire.")),
+        *(found for found in subclasses(DriveClient) if found.__module__.startswith("barewire.")),
+    },
+    key=lambda found: f"{found.__module__}.{found.__qualname__}",
+)
+
+
+@pytest.mark.parametrize("owner", CLASSES, ids=lambda owner: owner.__qualname__)
+def test_the_first_parameter_of_a_method_is_the_object(owner: type[Any]) -> None:
+    """If it were not, the signature of the bound method would lack a parameter of the caller."""
+    for name, function in inspect.getmembers(owner, inspect.isfunction):
+        if not name.startswith("_") and not isinstance(inspect.getattr_static(owner, name), staticmethod):
+            assert next(iter(inspect.signature(function).parameters), None) == "self", name
+
+
+LSS_METHODS = [name for name in vars(LssMethods) if not name.startswith("_")]
+
+
+@pytest.mark.parametrize("name", LSS_METHODS)
+def test_a_method_of_lss_has_the_parameters_of_its_function(name: str) -> None:
+    function = inspect.signature(getattr(lss_master, name, None) or getattr(lss_scan, name))
+    method = inspect.signature(getattr(LssMethods(cast("Any", None)), name))
+    assert list(method.parameters.values()) == list(function.parameters.values())
+    assert f"Conversation[CanFrame, {method.return_annotation}]" == function.return_annotation
 
 
 @pytest.mark.parametrize("call", ["read_coils", "read", "write", "settle"])

@@ -8,8 +8,9 @@ A bus has one LSS master, so the LSS operations of all clients are carried out o
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Callable
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
 from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.lss import fastscan as lss_scan, master as lss_master
@@ -35,7 +36,12 @@ def _lss(make: Callable[P, Conversation[CanFrame, T]]) -> operation[P, T]:
         return BusOperation(make(*args, **kwargs), LSS_LOCK, LSS_RECEIVES)
 
     functools.update_wrapper(method, make)
-    return operation(method)
+    made = operation(method)
+    # `make` has no `self`. Without one in the signature, `help` and `inspect` would drop its first parameter.
+    shown = inspect.signature(cast("Callable[..., T]", made))
+    itself = inspect.Parameter("self", inspect.Parameter.POSITIONAL_ONLY)
+    vars(made)["__signature__"] = shown.replace(parameters=[itself, *shown.parameters.values()])
+    return made
 
 
 class LssMethods(Methods[R]):
