@@ -55,6 +55,16 @@ class SerialLink:
         self.close()
         self._lose(why)
 
+    def pause_reading(self) -> None:
+        """Leave received bytes in the buffer of the system."""
+        if self._fd >= 0:
+            self._loop.remove_reader(self._fd)
+
+    def resume_reading(self) -> None:
+        """Receive again, after `pause_reading`."""
+        if self._fd >= 0:
+            self._loop.add_reader(self._fd, self._read)
+
     def write(self, item: bytes) -> None:
         """Send bytes, as fast as the system takes them."""
         if self._fd < 0:

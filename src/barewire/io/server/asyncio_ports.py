@@ -101,7 +101,10 @@ class DatagramServer(asyncio.DatagramProtocol):
 
 
 class SerialServer:
-    """A server on a serial port, read and written by the running event loop. It counts in `statistics`."""
+    """A server on a serial port, read and written by the running event loop. It counts in `statistics`.
+
+    As the server in a thread, it does not read while it sends a reply, or waits until a `Delayed` one is due.
+    """
 
     def __init__(
         self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None, statistics: ServerStatistics
@@ -116,7 +119,7 @@ class SerialServer:
         self._server = Server(self._line, units, serial=True, statistics=statistics, on_failure=self._log.failed)
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
-        self._sending: set[asyncio.Task[None]] = set()
+        self._sending: asyncio.Task[None] | None = None
         self.failure: PortError | None = None
         """The error of the port that ended the server, or None."""
         self._link = SerialLink(SerialPort.of_server(endpoint), self._feed, self._fail)
@@ -126,25 +129,34 @@ class SerialServer:
     def _feed(self, data: bytes | None) -> None:
         if self._watch is not None and data is not None:
             self._watch("received", data)
-        replies = self._server.feed(data, self._loop.time())
-        if replies:
-            task = self._loop.create_task(self._send(replies))
-            self._sending.add(task)
-            task.add_done_callback(self._sending.discard)
         if self._timer is not None:
             self._timer.cancel()
+            self._timer = None
+        replies = self._server.feed(data, self._loop.time())
+        if replies:
+            # The server answers one request after the other: until the reply is sent, requests wait in the port.
+            self._link.pause_reading()
+            self._sending = self._loop.create_task(self._send(replies))
+        else:
+            self._set_timer()
+
+    def _set_timer(self) -> None:
         deadline = self._server.deadline
         self._timer = None if deadline is None else self._loop.call_at(deadline, self._feed, None)
 
     async def _send(self, replies: list[Reply]) -> None:
-        await asyncio.sleep(replies[0].at - self._loop.time())
-        for reply in replies:
-            if self._inject is None:
-                self._write(reply.data)
-            else:
-                self._inject(reply, self._write)
-        await self._link.sent()
-        self._line.sent(self._loop.time())
+        try:
+            for reply in replies:
+                await asyncio.sleep(reply.at - self._loop.time())
+                if self._inject is None:
+                    self._write(reply.data)
+                else:
+                    self._inject(reply, self._write)
+            await self._link.sent()
+            self._line.sent(self._loop.time())
+        finally:
+            self._link.resume_reading()
+            self._set_timer()
 
     def _write(self, frame: bytes) -> None:
         if self._watch is not None:
@@ -158,7 +170,10 @@ class SerialServer:
 
     async def close(self) -> None:
         """Release the port."""
+        self._link.close()
+        if self._sending is not None:
+            self._sending.cancel()
+            await asyncio.wait([self._sending])
         if self._timer is not None:
             self._timer.cancel()
-        self._link.close()
         self._log.stopped()
