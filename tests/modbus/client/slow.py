@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Literal
 
-from barewire.conversation import Conversation, Wire
+from barewire.conversation import Conversation, Heard, Send, Wire
 from barewire.modbus import Line, ReadHoldingRegisters, Server, Table
 from barewire.modbus.client.bus import Bus
 from barewire.rtu import RtuLine, Timing
@@ -76,3 +76,13 @@ class Clock(Wire[bytes]):
 
 def read(bus: Bus, address: int, unit: int = 1, timeout: float = 1.0) -> Conversation[bytes, object]:
     return bus.ask(unit, ReadHoldingRegisters(address, 1), timeout=timeout)
+
+
+def sending(conversation: Conversation[bytes, object], now: float) -> Send[bytes]:
+    """Run a conversation to the point where it sends, in which no time passes, and return this step."""
+    step = next(conversation)
+    for _ in range(10):
+        if isinstance(step, Send):
+            return step
+        step = conversation.send(Heard(None, now))
+    raise AssertionError("it waits before it sends")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.conversation import Abandoned, Heard, Send, Wire
+from barewire.conversation import Abandoned, Wire
 from barewire.errors import NoAnswer
 from barewire.modbus import Diagnostics, ReadHoldingRegisters
-from tests.modbus.client.slow import Clock, InTime, Slow, read, rtu_bus
+from tests.modbus.client.slow import Clock, InTime, Slow, read, rtu_bus, sending
 
 
 def test_exception_88_to_a_probe_proves_as_much_as_its_echo() -> None:
@@ -59,9 +59,7 @@ def test_a_probe_abandoned_while_being_sent_leaves_a_pending_answer() -> None:
     with pytest.raises(NoAnswer):
         clock.play(read(bus, 10))
     conversation = read(bus, 20)
-    step = next(conversation)
-    while not isinstance(step, Send):
-        step = conversation.send(Heard(None, clock.now))
+    sending(conversation, clock.now)
     with pytest.raises(Abandoned):
         conversation.throw(Abandoned())
     assert bus.counters.probes == 1
