@@ -109,7 +109,8 @@ def test_the_protocol_of_a_recording_can_be_stated(tmp_path: Path) -> None:
     assert "unit 1  Read Holding Registers" not in output_of("sniff", str(log), "--protocol", "rtu")
     assert "for a recording" in error_of("sniff", "rtu:///dev/null", "--protocol", "rtu", status=2)
     log.write_text(EXCHANGE)
-    assert "is a recording of CAN" in error_of("sniff", str(log), "--protocol", "rtu", status=2)
+    for option in (("--protocol", "rtu"), ("--window", "1"), ("--port", "1502")):
+        assert f"{option[0]} is for Modbus, which {log} is not" in error_of("sniff", str(log), *option, status=2)
 
 
 @pytest.mark.parametrize("kind", ["modbus", "can"])

@@ -98,6 +98,12 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     *(((*SNIFF, *option), "is for a CAN bus") for option in (("--device", "az3"), ("--bus", "can0"), ("--all",))),
     ((*SNIFF, "--protocol", "asci"), "did you mean 'ascii'?"),
     ((*SNIFF, "--only", "sdo"), "--only is for a CAN bus"),
+    ((*SNIFF, "--protocol", "rtu"), "--protocol is for a recording, which rtu:///dev/null is not"),
+    ((*SNIFF, "--port", "1502"), "--port is for a recording, which rtu:///dev/null is not"),
+    *(
+        (("sniff", CAN, *option), f"{option[0]} is for Modbus, which {CAN} is not")
+        for option in (("--window", "1"), ("--port", "1502"), ("--protocol", "rtu"))
+    ),
     (("sniff", CAN, "--only", "emyc"), "did you mean 'emcy'?"),
     (("sniff", CAN, "--device", "az4"), "did you mean 'az3'?"),
     *((("sniff", CAN, "--device", "az3", "--node", text), "--node") for text in ("0", "128", "x")),
@@ -110,7 +116,11 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     *((("record", "rtu:///dev/null", "--window", text), "--window") for text in ("0", "nan", "x")),
     *((("record", "rtu:///dev/null", "--port", text), "--port") for text in ("0", "65536", "x")),
     (("record", "rtu:///dev/null", "--protocol", "asci"), "did you mean 'ascii'?"),
+    (("record", "rtu:///dev/null", "--port", "1502"), "--port is for a recording, which rtu:///dev/null is not"),
+    (("record", "rtu:///dev/null", "--protocol", "rtu"), "--protocol is for a recording, which rtu:///dev/null is not"),
     # conform
+    (("conform", CAN, "--only", "NOPE"), "--only NOPE: no case has a name that begins so; expected BLK-"),
+    (("conform", CAN, "--only", "sdo-0,sdo-9"), "--only SDO-9: no case has a name that begins so"),
     *(
         (("conform", TCP, *option), "are for can://")
         for option in (("--gentle",), ("--only", "SDO"), ("--large", "2000:0"))

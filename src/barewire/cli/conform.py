@@ -114,8 +114,8 @@ def _test_node(endpoint: str, *, as_json: bool, gentle: bool, large: str | None,
     from barewire.io.canopen.conformance import conform_can
 
     count, failed, left_out = 0, 0, 0
-    names = tuple(name.strip().upper() for name in only.split(","))
-    for result in conform_can(Endpoint.parse(endpoint), gentle=gentle, large=_object_address(large), only=names):
+    where, address, names = Endpoint.parse(endpoint), _object_address(large), _beginnings(only)
+    for result in conform_can(where, gentle=gentle, large=address, only=names):
         count += result.outcome is not None
         failed += result.failure is not None
         left_out += result.outcome is None
@@ -124,10 +124,22 @@ def _test_node(endpoint: str, *, as_json: bool, gentle: bool, large: str | None,
         else:
             print(_node_case_line(result), flush=True)
     if not count + left_out:
-        raise EncodeError(f"--only {only!r}: no case has a name that begins so")
+        raise EncodeError(f"--only {only}: this device has no case with a name that begins so")
     if not as_json:
         print(f"{count - failed} of {count} passed" + (f", {left_out} left out" if left_out else ""))
     return int(failed > 0)
+
+
+def _beginnings(only: str) -> tuple[str, ...]:
+    """Return the beginnings of names of cases that `--only` gives. Raises EncodeError for one that no case has."""
+    from barewire.canopen.conformance.battery import case_names
+
+    wanted, names = tuple(name.strip().upper() for name in only.split(",")), case_names()
+    for beginning in wanted:
+        if not any(name.startswith(beginning) for name in names):
+            groups = ", ".join(sorted({f"{name.partition('-')[0]}-" for name in names}))
+            raise EncodeError(f"--only {beginning}: no case has a name that begins so; expected {groups} and a number")
+    return wanted
 
 
 def _object_address(text: str | None) -> tuple[int, int] | None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from barewire.cli.arguments import Choice, Seconds
-from barewire.cli.sniff import recording_content, replayed, stopped_by_interrupt
+from barewire.cli.sniff import recording_content, refuse_for_line, replayed, stopped_by_interrupt
 from barewire.devices.sim.recorded.learn import ANSWERS_LIMIT, learn_line
 from barewire.devices.sim.recorded.model import READS, RecordedLine, RecordedRequest
 from barewire.devices.sim.recorded.toml import to_toml
@@ -83,7 +83,8 @@ def record_command(
     barewire simulate pump.toml rtu:///tmp/line
     """
     if "://" in source:
-        events = _live(source, seconds, window, protocol, shown=target is not None)
+        refuse_for_line(source, ports, protocol)
+        events = _live(source, seconds, window, shown=target is not None)
     else:
         events = _replayed(source, seconds, window, protocol, ports)
     line = learn_line(events, limit=limit)
@@ -109,15 +110,11 @@ def record_command(
     print(f"{target} written; to serve it: barewire simulate {target} ENDPOINT")
 
 
-def _live(
-    source: str, seconds: float | None, window: float, protocol: SerialProtocol | None, *, shown: bool
-) -> Iterator[SnifferEvent]:
+def _live(source: str, seconds: float | None, window: float, *, shown: bool) -> Iterator[SnifferEvent]:
     """Yield the events of a line, and print its exchanges if they are `shown`."""
     endpoint = Endpoint.parse(source)
     if endpoint.scheme == "can":
         raise EncodeError(f"{source}: a CAN bus; `record` is for Modbus")
-    if protocol is not None:
-        raise click.UsageError(f"--protocol {protocol}: for a recording; that of a line is in its endpoint")
     stop = threading.Event()
     with stopped_by_interrupt(stop):
         for event in listen(endpoint, stop, seconds=seconds, window=window):

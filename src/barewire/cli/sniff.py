@@ -58,9 +58,7 @@ _LIVE_BUS = "can0"
     "--window",
     type=Seconds(),
     metavar="S",
-    default=WINDOW,
-    show_default=True,
-    help="Longest time from a request to its response, in seconds.",
+    help=f"Modbus: longest time from a request to its response, in seconds; by default {WINDOW:g}.",
 )
 @click.option(
     "--protocol",
@@ -86,7 +84,7 @@ def sniff_command(
     as_json: bool,
     write: str | None,
     seconds: float | None,
-    window: float,
+    window: float | None,
     protocol: SerialProtocol | None,
     ports: tuple[int, ...],
     devices: tuple[str, ...],
@@ -115,33 +113,36 @@ def sniff_command(
             hint = suggest(kind, EVENT_KINDS.values())
             raise EncodeError(f"--only {kind}: expected one of {', '.join(EVENT_KINDS.values())}{hint}")
     data = b"" if endpoint is not None else recording_content(source, seconds)
-    if protocol is not None and endpoint is not None:
-        raise click.UsageError(f"--protocol {protocol}: for a recording; that of a line is in its endpoint")
+    is_can = (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data)
+    for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol}
+    for_can = {"--device": devices, "--node": nodes, "--bus": bus, "--only": only, "--all": everything}
+    for option, given in (for_modbus if is_can else for_can).items():
+        if given:
+            raise EncodeError(f"{option} is for {'Modbus' if is_can else 'a CAN bus'}, which {source} is not")
+    if endpoint is not None:
+        refuse_for_line(source, ports, protocol)
     with ExitStack() as stack:
-        if (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data):
+        if is_can:
             known = known_nodes(devices, nodes)
             items = read_recording(data) if endpoint is None else _live_frames(endpoint, seconds)
             file = None if write is None else stack.enter_context(_RecordingFile(write))
-            if protocol is not None:
-                raise click.UsageError(f"--protocol {protocol}: for Modbus, but {source} is a recording of CAN")
             events = _can_events(items, known, bus, file, write or "")
             _print_can_events(events, as_json=as_json, everything=everything, only=only)
             return
-        for option, given in {
-            "--device": devices,
-            "--node": nodes,
-            "--bus": bus,
-            "--only": only,
-            "--all": everything,
-        }.items():
-            if given:
-                raise EncodeError(f"{option} is for a CAN bus, which {source} is not")
+        window = WINDOW if window is None else window
         if endpoint is None:
             exchanges = replayed(source, data, window, ports, protocol)
         else:
             exchanges = listen(endpoint, threading.Event(), seconds=seconds, window=window)
         file = None if write is None else stack.enter_context(_RecordingFile(write))
         _print_exchanges(exchanges, file, as_json)
+
+
+def refuse_for_line(source: str, ports: tuple[int, ...], protocol: SerialProtocol | None) -> None:
+    """Raise EncodeError for the options that only a recording has: a line has no ports, and its URL the protocol."""
+    for option, given in (("--port", ports), ("--protocol", protocol)):
+        if given:
+            raise EncodeError(f"{option} is for a recording, which {source} is not")
 
 
 def recording_content(source: str, seconds: float | None) -> bytes:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from barewire.canopen import CanFrame, LocalNode, NmtState
-from barewire.canopen.conformance.battery import FLOOD, cases, run_case
+from barewire.canopen.conformance.battery import FLOOD, case_names, cases, run_case
 from barewire.canopen.conformance.frames import Sdo
 from barewire.canopen.conformance.model import NodeCase, NodeStep, Subject
 from barewire.canopen.conformance.probe import probe
@@ -72,6 +72,19 @@ def test_case_names_are_unique_and_every_frame_can_be_parsed() -> None:
         for step in case.steps:
             assert step.accepts
             assert [str(CanFrame.parse(text)) for text in step.sends] == list(step.sends), case.name
+
+
+def test_every_device_has_the_same_case_names_but_one() -> None:
+    """RPD-33 sends more bytes than the RPDO maps, and a frame has at most 8."""
+    whole = {
+        (0x1400, 1): (0x205).to_bytes(4, "little"),
+        (0x1600, 0): b"\x01",
+        (0x1600, 1): (0x6062_0040).to_bytes(4, "little"),
+    }
+    names = list(case_names())
+    for found in (PLAIN, AZ3, cases(Subject(NODE, {}))):
+        assert [case.name for case in found] == names
+    assert [case.name for case in cases(Subject(NODE, whole))] == [name for name in names if name != "RPD-33"]
 
 
 def test_cases_that_only_read_send_nothing_that_changes_a_device() -> None:

@@ -1,6 +1,6 @@
 """The conformance battery of CANopen devices: all cases in their order, and how one is run.   [CiA 301, CiA 305]
 
-    cases         all cases for one device
+    cases         all cases for one device; case_names: their names
     prepare       resets the communication of the device, before and after a case that changes it
     run_case      sends the steps of a case, compares received frames with the accepted patterns, stops at a difference
 
@@ -38,6 +38,11 @@ def cases(subject: Subject) -> tuple[NodeCase, ...]:
     """Return all cases for one device, in order. A case that needs something the device lacks names it in `lacks`."""
     services = (expedited_cases, segmented_cases, block_cases, nmt_cases, emcy_sync_time_cases, pdo_cases, lss_cases)
     return tuple(case for service in services for case in service(subject))
+
+
+def case_names() -> tuple[str, ...]:
+    """Return the names of all cases, in order. Every device has them, except RPD-33 if its RPDO has 8 bytes."""
+    return tuple(case.name for case in cases(Subject(1, {})))
 
 
 def needs_reset(case: NodeCase, previous: NodeCase | None) -> bool:
