@@ -30,7 +30,7 @@ from barewire.devices.description.export_eds import export
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.explain import explain
 from barewire.io import CanBus
-from barewire.io.canopen.node import ObjectReading
+from barewire.io.canopen.node import ObjectReading, ObjectReadings
 from barewire.modbus import Authorization, Bus, DeviceIdentification, Identity, ReadHoldingRegisters, Server
 from barewire.modbus.sniffer import Sniffer
 from barewire.rtu import RtuLine, Timing
@@ -191,5 +191,10 @@ def test_readings_and_an_identification_are_tables_in_a_notebook() -> None:
     readings = Readings([Reading(AZ3.find("STATUS WORD"), 0x0637), Reading(AZ3.find("TARGET TORQUE"), 5)])
     assert readings == list(readings)
     assert "<td>TARGET TORQUE</td><td>5 ‰ of rated torque</td>" in readings._repr_html_()
+    speed, position = ObjectReading(OBJECTS.entry(0x2000, 1), -5), ObjectReading(OBJECTS.entry(0x2000, 1), True)
+    html = ObjectReadings([speed, position])._repr_html_()
+    assert html.startswith("<table><tr><th>object</th><th>name</th><th>value</th></tr>")
+    assert "<tr><td>2000h:01</td><td>speed</td><td>-5</td></tr>" in html
+    assert "<td>True</td>" in html
     html = DeviceIdentification(1, {0: b"TEM & <Co>"})._repr_html_()
     assert "<td>VendorName</td><td>TEM &amp; &lt;Co&gt;</td>" in html

@@ -1,6 +1,6 @@
 """A table in HTML, for the rich display of a notebook: `_repr_html_` of devices, readings and identifications.
 
-Depends on: nothing.  Used by: `devices`, `modbus`.
+Depends on: nothing.  Used by: `devices`, `modbus`, `io`.
 """
 
 from __future__ import annotations

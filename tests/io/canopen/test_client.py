@@ -302,6 +302,18 @@ def test_the_pdos_of_a_described_machine_by_its_names(kind: str, request: pytest
 
 
 @KINDS
+def test_the_objects_of_a_dictionary_are_read_as_a_table(kind: str, thing: tuple[str, LocalNode]) -> None:
+    url, node = thing
+
+    async def calls(client: Any) -> None:
+        readings = await get(client.node(eds=node.objects).read_all([0x6041, (0x1018, 1)]))
+        assert [(reading.entry.index, reading.value) for reading in readings] == [(0x6041, 0x0637), (0x1018, 0x360)]
+        assert "<tr><td>6041h:00</td><td>statusword</td><td>1591</td></tr>" in readings._repr_html_()
+
+    run_with(calls, kind, url)
+
+
+@KINDS
 def test_scan_run_frames_and_host(kind: str, thing: tuple[str, LocalNode]) -> None:
     async def calls(client: Any) -> None:
         requests: list[int] = []

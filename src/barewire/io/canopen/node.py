@@ -15,6 +15,7 @@ from os import fspath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barewire import canopen
+from barewire._html import html_table
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import DecodeError, EncodeError, Refused, shown
 from barewire.io.canopen.methods.nmt import NodeNmtMethods
@@ -124,6 +125,14 @@ class ObjectReading(NamedTuple):
         return f"<ObjectReading {self.entry.index:04X}h:{self.entry.sub:02X} {self.name} = {self.value!r}>"
 
 
+class ObjectReadings(list[ObjectReading]):
+    """The readings of one call, in their order. A notebook shows them as a table."""
+
+    def _repr_html_(self) -> str:
+        rows = ((f"{entry.index:04X}h:{entry.sub:02X}", entry.name, value) for entry, value in self)
+        return html_table(("object", "name", "value"), rows)
+
+
 class EdsNode(Node[R]):
     """A node whose objects have the names and types of an EDS or another dictionary."""
 
@@ -158,7 +167,7 @@ class EdsNode(Node[R]):
     def _read_entries(
         self, entries: Iterable[Entry], *, skip_refused: bool
     ) -> Conversation[canopen.CanFrame, list[ObjectReading]]:
-        readings = []
+        readings = ObjectReadings()
         for entry in entries:
             place = entry.index, entry.sub
             try:
