@@ -44,12 +44,15 @@ bench: $(VENV)/installed-bench ## our work beside that of other libraries and ha
 proof: $(VENV)/installed-bench ## every order of late answers, ours and those of other clients; writes docs/late-answers.md
 	@$(BIN)/python tools/late_answers.py $(ARGS)
 
+mutants: $(VENV)/installed-mutants ## which changes of the core no test notices; writes docs/mutation.md
+	@$(BIN)/python tools/mutants.py $(ARGS)
+
 format: $(VENV)/installed-dev ## put the code in its form
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
 clean: ## remove what was built or installed here
-	rm -rf .venv .venv-* build dist src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .benchmarks
+	rm -rf .venv .venv-* build dist mutants src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .benchmarks
 	find src tests bench -name __pycache__ -prune -exec rm -rf {} +
 
 # One stamp file for each extra: $(VENV)/installed-dev says that barewire[dev] is installed there.

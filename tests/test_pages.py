@@ -1,4 +1,4 @@
-"""The generated pages are up to date and complete: conformance cases of CANopen, devices, interoperability.
+"""The generated pages are up to date and complete: conformance cases of CANopen, devices, interoperability, mutation.
 
 The marks of interop tests are compared with the services that were exchanged. `tests/test_vectors.py` and
 `tests/test_layers.py` compare what their tools write; `tests/io/modbus/test_conformance.py` compares docs/conform.md.
@@ -6,6 +6,7 @@ The marks of interop tests are compared with the services that were exchanged. `
 
 from __future__ import annotations
 
+import tomllib
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -15,7 +16,7 @@ from barewire.canopen.conformance.battery import cases
 from barewire.devices import load, names
 from tests.interop.conftest import pytest_runtest_call
 from tests.interop.services import PUBLIC
-from tools import conform_can, devices, interop
+from tools import conform_can, devices, interop, mutants
 
 pytestmark = pytest.mark.long
 
@@ -117,3 +118,23 @@ def test_a_test_fails_whose_mark_differs_from_the_exchanged_services(seen: set[s
     next(running)
     with pytest.raises(AssertionError):
         next(running)
+
+
+# docs/mutation.md
+
+
+def test_every_survivor_on_the_page_is_a_change_of_a_line_that_exists() -> None:
+    with (mutants.ROOT / "pyproject.toml").open("rb") as file:
+        files = tomllib.load(file)["tool"]["mutmut"]["only_mutate"]
+    texts = [(mutants.ROOT / name).read_text(encoding="utf-8") for name in files]
+    code = " ".join(line.strip() for text in texts for line in text.splitlines())
+    rows = mutants.explained(mutants.PAGE.read_text(encoding="utf-8"))
+    assert [change for change in rows if change.before not in code] == []
+    assert len(rows) == mutants.PAGE.read_text(encoding="utf-8").count("\n| `") - len(files)
+
+
+def test_the_row_of_a_mutant_can_be_read_back() -> None:
+    change = mutants.Change("Bus.ask", 'limit = first | "`"', 'limit = first & "`"')
+    assert mutants.explained(mutants.row(change, "no reason")) == {change: "no reason"}
+    assert mutants.name_of("barewire.rtu.line.xǁRtuLineǁ_take__mutmut_10") == ("barewire.rtu.line", "RtuLine._take")
+    assert mutants.name_of("barewire.rtu.crc.x_crc16__mutmut_1") == ("barewire.rtu.crc", "crc16")
