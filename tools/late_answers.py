@@ -23,7 +23,7 @@ ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
 from barewire.canopen import SdoServer  # noqa: E402
-from tests.model.async_client import ON_RTU, ON_TCP, tasks_scenario  # noqa: E402
+from tests.model.async_client import ON_RTU, ON_TCP, WITH_ECHO, tasks_scenario  # noqa: E402
 from tests.model.choices import Scenario, run_all, run_random  # noqa: E402
 from tests.model.lanes import MANY_LANES, Fate as LaneFate, LanesSetup, LanesTally, lanes_scenario  # noqa: E402
 from tests.model.one_line import Framing, Tally, scenario  # noqa: E402
@@ -31,7 +31,7 @@ from tests.model.peers import PEERS, package_version, peer_scenario  # noqa: E40
 from tests.model.sdo import SdoTally, Transfers, sdo_scenario  # noqa: E402
 from tests.model.sdo_peers import CLIENTS, LATE, SHARED, SdoFaults, SdoPeerTally, sdo_peer_scenario  # noqa: E402
 from tests.model.sdo_two import Mode, RestartingServer, TwoClients, TwoTally, two_clients_scenario  # noqa: E402
-from tests.model.setups import DEEP, EVERYTHING, FEW_FAULTS, SMALL, for_framing  # noqa: E402
+from tests.model.setups import DEEP, EVERYTHING, FEW_FAULTS, SERIAL, SMALL, WITH_OTHERS, for_framing  # noqa: E402
 
 PAGE = ROOT / "docs" / "late-answers.md"
 BEGIN, END = "<!-- made by tools/late_answers.py -->\n", "<!-- end -->\n"
@@ -59,7 +59,7 @@ Row = tuple[str, int, int, int, int, int]
 def exhaustive(name: str, framing: Framing) -> Row:
     """Run every sequence of choices of one small alphabet."""
     tally = Tally()
-    runs = run_all(scenario(for_framing((SMALL | DEEP)[name], framing), tally))
+    runs = run_all(scenario(for_framing((SMALL | DEEP | SERIAL)[name], framing), tally))
     return f"{framing.upper()}: {name}", runs, *_counts(tally)
 
 
@@ -110,11 +110,14 @@ def random_two(questions: int, seed: int) -> Row:
     return "SDO: two clients on one channel, random", runs, *_sdo_counts(tally)
 
 
-def random_tasks(framing: Framing, questions: int, seed: int) -> Row:
+TASKS = {"RTU": ON_RTU, "RTU with echo": WITH_ECHO, "TCP": ON_TCP}
+
+
+def random_tasks(name: str, questions: int, seed: int) -> Row:
     """Run the asyncio client with random tasks and cancellations."""
-    tally, setup = Tally(), ON_TCP if framing == "tcp" else ON_RTU
+    tally, setup = Tally(), TASKS[name]
     runs = run_random(tasks_scenario(setup, tally), questions // setup.line.length, seed=seed)
-    return f"{framing.upper()}: tasks of the asyncio client, random", runs, *_counts(tally)
+    return f"{name}: tasks of the asyncio client, random", runs, *_counts(tally)
 
 
 def random_part(framing: Framing, questions: int, seed: int) -> Row:
@@ -122,6 +125,13 @@ def random_part(framing: Framing, questions: int, seed: int) -> Row:
     tally = Tally()
     runs = run_random(scenario(for_framing(EVERYTHING, framing), tally), questions // EVERYTHING.length, seed=seed)
     return f"{framing.upper()}: random", runs, *_counts(tally)
+
+
+def random_with_others(framing: Framing, questions: int, seed: int) -> Row:
+    """Run random sequences with three units, broadcasts, an echo, and others on the line."""
+    tally = Tally()
+    runs = run_random(scenario(for_framing(WITH_OTHERS, framing), tally), questions // WITH_OTHERS.length, seed=seed)
+    return f"{framing.upper()}: broadcasts, echo, others on the line, random", runs, *_counts(tally)
 
 
 def random_lanes(questions: int, seed: int) -> Row:
@@ -192,12 +202,17 @@ def measure(questions: int) -> tuple[list[str], bool]:
     if len(sdo_peers) < len(CLIENTS):
         missing.append("canopen (pip install canopen)")
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        small = [pool.submit(exhaustive, name, framing) for framing in framings for name in SMALL | DEEP]
+        small = [
+            pool.submit(exhaustive, name, framing)
+            for framing in framings
+            for name in (SMALL | DEEP | SERIAL if framing != "tcp" else SMALL | DEEP)
+        ]
         small += [pool.submit(exhaustive_lanes, name) for name in LANES]
         small += [pool.submit(exhaustive_sdo), *(pool.submit(exhaustive_two, mode) for mode in modes)]
         large = [pool.map(random_part, repeat(framing), repeat(per_part), seeds) for framing in framings]
+        large += [pool.map(random_with_others, repeat(way), repeat(per_part // 4), seeds) for way in framings[:2]]
         large.append(pool.map(random_lanes, repeat(per_part), seeds))
-        large += [pool.map(random_tasks, repeat(way), repeat(per_part // 10), seeds) for way in ("rtu", "tcp")]
+        large += [pool.map(random_tasks, repeat(way), repeat(per_part // 10), seeds) for way in TASKS]
         large += [pool.map(part, repeat(per_part // 10), seeds) for part in (random_sdo, random_two)]
         others = [pool.map(peer_part, repeat(name), repeat(questions // 10 // PARTS), seeds) for name in peers]
         can = {

@@ -7,7 +7,7 @@ import contextlib
 import pytest
 from hypothesis import given, strategies as st
 
-from barewire.ascii import AsciiLine
+from barewire.ascii import AsciiLine, encode as encode_ascii
 from barewire.conversation import play
 from barewire.errors import NoAnswer
 from barewire.modbus import (
@@ -30,6 +30,7 @@ from tests.helpers import answering, bytes_of, modest
 TIMING = Timing.of(19200)
 REQUEST = encode(1, ReadHoldingRegisters(107, 1).encode())
 ANSWER = encode(1, b"\x03\x02\x00\x2a")
+WRITE = encode(1, WriteSingleRegister(1, 2).encode())
 
 
 def line_of(inside: Line | None = None) -> EchoLine:
@@ -97,6 +98,56 @@ def test_an_echo_that_ends_early() -> None:
     assert line.feed(None, 1.0) + rest == [Noise(REQUEST[:5], "checksum", "CRC is 6B 00, should be 20 F0")]
 
 
+# What the adapter had received before it received the echo -------------------------------------------------------
+
+OTHERS = encode(9, b"\x03\x02\x00\x2a")
+
+
+@pytest.mark.parametrize("echoes", [True, None], ids=["echo=1", "echo=auto"])
+@pytest.mark.parametrize("pieces", [[(0.01, OTHERS), (0.02, WRITE)], [(0.01, OTHERS + WRITE)]], ids=["two", "one"])
+def test_an_echo_behind_another_frame_does_not_confirm_a_write(
+    echoes: bool | None, pieces: list[tuple[float, bytes]]
+) -> None:
+    line = EchoLine(RtuLine(TIMING), echoes=echoes)
+    with pytest.raises(WriteOutcomeUnknown):
+        play(Bus(line).ask(1, WriteSingleRegister(1, 2)), answering(*pieces))
+    play(Bus(line).ask(1, WriteSingleRegister(1, 2)), answering(*pieces, (0.1, WRITE)))
+
+
+def test_the_echo_of_a_request_that_was_given_up_is_not_its_late_response() -> None:
+    line = line_of()
+    line.request(1, WriteSingleRegister(1, 2).encode())
+    line.sent(0.0)
+    line.request(1, ReadHoldingRegisters(107, 1).encode())
+    line.sent(0.01)
+    assert [event for event in line.feed(WRITE, 0.02) if isinstance(event, Adu)] == []
+    assert [event for event in line.feed(REQUEST + ANSWER, 0.03) if isinstance(event, Adu)] == [bytes_to_adu(ANSWER)]
+
+
+def test_the_echoes_of_two_equal_requests_are_both_removed() -> None:
+    """And with the first of them not the echo of a request between them."""
+    line, broadcast = line_of(), encode(0, WriteSingleRegister(1, 2).encode())
+    for now, frame in (0.0, broadcast), (0.01, WRITE), (0.02, broadcast):
+        line.request(frame[0], frame[1:-2])
+        line.sent(now)
+    for now, frame in (0.03, broadcast), (0.04, WRITE), (0.05, broadcast):
+        assert line.feed(frame, now) == []
+    assert line.feed(WRITE, 0.06) == [bytes_to_adu(WRITE)]
+    assert line.echoed == 3 * len(WRITE)
+
+
+def test_an_echo_that_does_not_come_within_a_second_is_not_expected_any_more() -> None:
+    line = line_of()
+    for now in range(20):
+        line.request(1, WriteSingleRegister(1, 2).encode())
+        line.sent(now)
+    assert line.feed(WRITE + WRITE, 19.1) == [bytes_to_adu(WRITE)]
+
+
+def bytes_to_adu(frame: bytes) -> Adu:
+    return Adu(frame[0], frame[1:-2])
+
+
 def test_a_server_on_an_echoing_line() -> None:
     line = EchoLine(RtuLine(TIMING, role="server", units=(1,)))
     server = Server(line, {1: Table()}, serial=True)
@@ -130,8 +181,6 @@ def test_every_byte_is_a_frame_noise_held_or_echoed(
 
 # Detecting whether a line echoes ---------------------------------------------------------------------------------
 
-WRITE = encode(1, WriteSingleRegister(1, 2).encode())
-
 
 def unknown() -> EchoLine:
     return EchoLine(RtuLine(TIMING), echoes=None)
@@ -158,6 +207,27 @@ def test_the_absence_of_an_echo_is_detected(cut: int) -> None:
     assert line.echoes is False
     play(Bus(line).ask(1, WriteSingleRegister(1, 2)), answering((0.02, WRITE)))
     assert line.collisions == 0
+
+
+def test_a_late_response_to_another_function_decides_nothing() -> None:
+    line = unknown()
+    line.request(1, ReadHoldingRegisters(107, 1).encode())
+    line.sent(0.0)
+    assert line.feed(WRITE, 0.01) == [bytes_to_adu(WRITE)]
+    assert line.echoes is None
+
+
+@pytest.mark.parametrize("framing", [RtuLine(TIMING), AsciiLine()], ids=["RTU", "ASCII"])
+def test_an_echo_behind_another_echo_is_not_the_absence_of_an_echo(framing: Line) -> None:
+    line = EchoLine(framing, echoes=None)
+    to_wire = encode if isinstance(framing, RtuLine) else encode_ascii
+    for now, frame in (0.0, WRITE), (0.01, REQUEST):
+        line.request(frame[0], frame[1:-2])
+        line.sent(now)
+    for now, frame in (0.02, WRITE), (0.03, REQUEST), (0.04, ANSWER):
+        events = line.feed(to_wire(frame[0], frame[1:-2]), now)
+    assert events[-1] == bytes_to_adu(ANSWER)
+    assert line.echoes is not False
 
 
 def test_an_exception_response_detects_as_well() -> None:

@@ -27,7 +27,7 @@ from barewire.io.modbus import async_connection
 from barewire.io.modbus.async_client import AsyncModbusClient
 from barewire.modbus import ModbusException, ReadHoldingRegisters, Request, WriteSingleRegister
 from tests.model.choices import Choices
-from tests.model.one_line import Fate, Setup, Tally, UnitsOnLine
+from tests.model.one_line import ECHO, SLOW_ECHO, Fate, Setup, Tally, UnitsOnLine
 from tests.model.virtual_loop import VirtualLoop, VirtualSelector
 
 
@@ -60,6 +60,7 @@ ON_TCP = Tasks(
     in_flight=(1, 2, 4),
 )
 ON_RTU = Tasks(replace(ON_TCP.line, framing="rtu", fates=ON_TCP.line.fates[:4], probing=Setup.probing))
+WITH_ECHO = replace(ON_RTU, line=replace(ON_RTU.line, adapters=(ECHO, SLOW_ECHO)))
 
 
 class NumberedUnits(UnitsOnLine):
@@ -124,6 +125,7 @@ async def _play(loop: VirtualLoop, line: NumberedUnits, setup: Tasks, tally: Tal
     take, limits = line.choices.take, setup.line
     in_flight, retries = take(setup.in_flight), take(limits.retries)
     url = "tcp://unit:502" if limits.framing == "tcp" else "rtu:///dev/virtual?baudrate=19200"
+    url += "&echo=1" if line.adapter.expects else ""
     options: dict[str, Any] = {"recovery": take(limits.recovery), "late_window": limits.late_window}
     client = AsyncModbusClient(url, unit=1, timeout=limits.timeout, in_flight=in_flight, retries=retries, **options)
     await client.open()

@@ -11,14 +11,16 @@ answer arrived.
 What is checked, in every run:
 
     own answer      a question returns or raises ModbusException only on its own answer, with its own value
-    no repetition   a question is sent once, and `retries` times more only if it is a read or `repeat_writes` is set
+    no repetition   a question is sent once, and `retries` times more only if it is a read or `repeat_writes` is set; a
+                    broadcast is sent once
     bounded         a question ends after `Setup.longest` seconds at most
     counters        asked = answered + lost
 
 The assumptions on RTU and ASCII: a unit answers in the order of the requests; an answer that comes at all comes within
-`late_window` after its request was sent; it comes once, or all its copies come in one piece. `Fate.DOUBLED_LATER` and
-delays beyond the window break them. On TCP there are none, apart from a transaction number that returns only after
-65,536 requests; answers come in any order.
+`late_window` after its request was sent; it comes once, or all its copies come in one piece; other masters ask other
+units only, and an echo is configured. `Fate.DOUBLED_LATER`, delays beyond the window, `Traffic` of a unit that is asked
+and `UNKNOWN_ECHO` break them. On TCP there are none, apart from a transaction number that returns only after 65,536
+requests; answers come in any order.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from barewire.ascii import AsciiLine, decode as decode_ascii, encode as encode_ascii
 from barewire.conversation import Abandoned, Heard, Listen
@@ -34,6 +36,7 @@ from barewire.errors import NoAnswer
 from barewire.modbus import (
     Bus,
     Diagnostics,
+    EchoLine,
     Line,
     ModbusException,
     ReadHoldingRegisters,
@@ -46,6 +49,7 @@ from barewire.tcp import TcpLine, encode as encode_tcp
 from tests.model.choices import Choices
 
 TIMING = Timing.of(19200)
+NEVER = float("-inf")
 APART = 0.003
 """Seconds between two answers: more than t3.5."""
 
@@ -75,9 +79,40 @@ class Question:
 READ = Question("read", 1, lambda n: ReadHoldingRegisters(7, 1))
 READ_INPUT = Question("read input registers", 1, lambda n: ReadInputRegisters(7, 1))
 READ_OTHER_UNIT = Question("read unit 2", 2, lambda n: ReadHoldingRegisters(7, 1))
+READ_THIRD_UNIT = Question("read unit 3", 3, lambda n: ReadHoldingRegisters(7, 1))
 WRITE = Question("write", 1, lambda n: WriteSingleRegister(7, 7))
 QUERY = b"\x12\x34"
 DIAGNOSE = Question("query data", 1, lambda n: Diagnostics(0, QUERY))
+WRITE_ALL = Question("broadcast", 0, lambda n: WriteSingleRegister(7, 7))
+TURNAROUND = 0.1
+"""Seconds that the bus waits after a broadcast."""
+
+
+class Traffic(NamedTuple):
+    """A frame of others on the line: a request of another master, or what a unit answers to it."""
+
+    after: float
+    """Seconds after a question began."""
+    unit: int
+    pdu: bytes
+
+
+class Adapter(NamedTuple):
+    """Whether the client receives what it sends, and whether its `EchoLine` expects that."""
+
+    echo_after: float | None
+    """Seconds after a request was sent; bytes that the adapter received before come before the echo. None: no echo."""
+    expects: bool | None
+    """The option `echoes` of `EchoLine`; False: there is none."""
+
+
+PLAIN, ECHO, SLOW_ECHO, UNKNOWN_ECHO = (
+    Adapter(None, False),
+    Adapter(0.0, True),
+    Adapter(0.016, True),
+    Adapter(0.0, False),
+)
+ECHO_TO_DETECT, NO_ECHO_TO_DETECT = Adapter(0.016, None), Adapter(None, None)
 
 Probing = Literal["echoes", "declines", "ignores"]
 Framing = Literal["rtu", "ascii", "tcp"]
@@ -97,14 +132,20 @@ class Setup:
     recovery: tuple[Literal["probe", "wait"], ...] = ("probe", "wait")
     cancel_after: tuple[float | None, ...] = (None,)
     retries: tuple[int, ...] = (0,)
+    traffic: tuple[tuple[Traffic, ...], ...] = ()
+    """What others may send during a question."""
+    adapters: tuple[Adapter, ...] = ()
     timeout: float = 0.3
     late_window: float = 0.9
     bus: Callable[..., Any] = Bus
 
     @property
     def longest(self) -> float:
-        """The time that a question may take, in seconds, without its retries."""
-        return self.late_window + 2 * self.timeout + 0.1
+        """The time that a question may take, in seconds, without its retries.
+
+        While others send, the bus waits for silence up to a time-out before a probe, and again after it.
+        """
+        return self.late_window + (4 if self.traffic else 2) * self.timeout + 0.1
 
 
 @dataclass(order=True)
@@ -126,6 +167,7 @@ class UnitsOnLine:
         self.choices = choices
         self.setup = setup
         self.probing = choices.take(setup.probing)
+        self.adapter = choices.take(setup.adapters) if setup.adapters else PLAIN
         self.coming: list[Arrival] = []
         self.number = 0
         """The question being asked."""
@@ -137,6 +179,14 @@ class UnitsOnLine:
         """What passed on the line, one text for each message."""
         self._answered_at: dict[int, float] = {}  # unit -> time of its last answer
 
+    def begin(self, number: int) -> None:
+        """Begin a question: others may send during it."""
+        self.number = number
+        self.now += self.choices.take(self.setup.pauses)
+        for after, unit, pdu in self.choices.take(self.setup.traffic) if self.setup.traffic else ():
+            self.coming.append(Arrival(self.now + after, self._frame(unit, pdu, 0), None))
+        self.coming.sort()
+
     def transmit(self, data: bytes) -> None:
         """Send a request: its unit chooses how it answers."""
         self.now += TIMING.duration(len(data))
@@ -144,6 +194,11 @@ class UnitsOnLine:
         self.log.append(f"{self.now:7.3f}  -> {data.hex(' ')}  {'probe' if is_probe else f'question {self.number}'}")
         if not is_probe:
             self.sent[self.number] = self.sent.get(self.number, 0) + 1
+        echo = Arrival(NEVER, data, None)
+        if self.adapter.echo_after is not None:
+            echo.at = self.now + self.adapter.echo_after
+            self.coming.append(echo)
+            self.coming.sort()
         unit, pdu, transaction = self._decoded(data)
         answer = self._answer(pdu)
         if unit == 0 or answer is None:
@@ -151,7 +206,7 @@ class UnitsOnLine:
         fate = self.choices.take(self.setup.fates)
         if fate in (Fate.LOST, Fate.REQUEST_LOST):
             return
-        ready = self.now + self.choices.take(self.setup.delays)
+        ready = max(self.now + self.choices.take(self.setup.delays), echo.at)
         at = ready
         if self.setup.framing != "tcp":  # in the order of the requests
             at = self._answered_at[unit] = max(ready, self._answered_at.get(unit, 0.0) + APART)
@@ -164,13 +219,20 @@ class UnitsOnLine:
             self.coming.append(Arrival(at, self._frame(unit, answer, transaction ^ 0x100), None))
         if fate is Fate.DOUBLED_AT_ONCE:
             frame += frame
-        self.coming.append(Arrival(at, frame, number))
+        if at == echo.at:  # in one piece with the echo
+            echo.data, echo.number = echo.data + frame, number
+        else:
+            self.coming.append(Arrival(at, frame, number))
         if fate is Fate.DOUBLED_LATER:
             self.coming.append(Arrival(at + 0.1, frame, number))
         self.coming.sort()
 
     def client_line(self) -> Line:
         """A new framing state for the client."""
+        line, expects = self._client_line(), self.adapter.expects
+        return line if expects is False else EchoLine(line, echoes=expects)
+
+    def _client_line(self) -> Line:
         if self.setup.framing == "tcp":
             transaction = [0xFFFF - self.setup.length // 2]  # so that the numbers wrap within the run
 
@@ -263,8 +325,7 @@ def scenario(setup: Setup, tally: Tally) -> Callable[[Choices], UnitsOnLine]:
         recovery = choices.take(setup.recovery)
         bus = setup.bus(line.client_line(), recovery=recovery, late_window=setup.late_window)
         for number in range(1, setup.length + 1):
-            line.number = number
-            line.now += choices.take(setup.pauses)
+            line.begin(number)
             _ask(line, bus, choices.take(setup.questions), setup, tally)
         counters = bus.counters
         assert counters.asked == counters.answered + counters.lost, (choices.script, counters)
@@ -279,28 +340,37 @@ def _ask(line: UnitsOnLine, bus: Bus, question: Question, setup: Setup, tally: T
     cancel_after = choices.take(setup.cancel_after)
     retries = choices.take(setup.retries)
     request = question.make(number)
-    where = f"question {number} ({question.name}) of {choices.script}"
+
+    def where() -> str:
+        return f"question {number} ({question.name}) of {choices.script}"
+
     tally.questions += 1
     line.last = None
     try:
-        asking = bus.ask(question.unit, request, timeout=setup.timeout, retries=retries)
+        asking: Any = (
+            bus.ask(question.unit, request, timeout=setup.timeout, retries=retries)
+            if question.unit
+            else (bus.broadcast(request, turnaround=TURNAROUND))
+        )
         response = run(line, asking, begin + cancel_after if cancel_after is not None else float("inf"))
     except ModbusException:
         tally.exceptions += 1
         if line.last is None or line.last.number != number:
-            tally.wrong.append(f"{where}: an exception that answers question {line.last and line.last.number}")
+            tally.wrong.append(f"{where()}: an exception that answers question {line.last and line.last.number}")
     except NoAnswer:
         tally.no_answer += 1
     except Abandoned:
         tally.cancelled += 1
     else:
         tally.right += 1
-        if line.last is None or line.last.number != number:
-            tally.wrong.append(f"{where}: the answer to question {line.last and line.last.number}")
-        elif question.make is READ.make and response.registers != (number,):
-            tally.wrong.append(f"{where}: {response.registers} instead of ({number},)")
+        if not question.unit:
+            assert line.sent[number] == 1, where()
+        elif line.last is None or line.last.number != number:
+            tally.wrong.append(f"{where()}: the answer to question {line.last and line.last.number}")
+        elif isinstance(request, ReadHoldingRegisters | ReadInputRegisters) and response.registers != (number,):
+            tally.wrong.append(f"{where()}: {response.registers} instead of ({number},)")
     most = 1 + (0 if request.writes else retries)
-    assert line.sent.get(number, 0) <= most, f"{where}: sent {line.sent[number]} times"
+    assert line.sent.get(number, 0) <= most, f"{where()}: sent {line.sent[number]} times"
     took = line.now - begin
     tally.longest = max(tally.longest, took)
-    assert took <= setup.longest * (1 + retries), f"{where}: took {took:.3f} s"
+    assert took <= setup.longest * (1 + retries), f"{where()}: took {took:.3f} s"

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from barewire.modbus import Bus, Request
+from barewire.conversation import Conversation
+from barewire.modbus import Bus, EchoLine, Request
+from barewire.rtu import RtuLine
 from tests.model.choices import Choices, run_all, run_random
-from tests.model.one_line import Fate, Framing, Setup, Tally, scenario
-from tests.model.setups import EVERYTHING, SMALL, for_framing
+from tests.model.one_line import UNKNOWN_ECHO, WRITE, Fate, Framing, Setup, Tally, scenario
+from tests.model.setups import EVERYTHING, SERIAL, SMALL, WITH_OTHERS, for_framing, traffic_of
 
 pytestmark = pytest.mark.long
 
@@ -30,6 +34,24 @@ def test_no_answer_is_delivered_to_another_request_in_random_orders(framing: Fra
     run_random(scenario(for_framing(EVERYTHING, framing), tally), 2000)
     assert not tally.wrong, tally.wrong[0]
     assert min(tally.right, tally.exceptions, tally.no_answer, tally.cancelled) > 500
+
+
+@pytest.mark.parametrize("framing", ["rtu", "ascii"])
+@pytest.mark.parametrize("setup", SERIAL.values(), ids=SERIAL)
+def test_neither_broadcasts_nor_other_units_nor_others_nor_an_echo_change_that(setup: Setup, framing: Framing) -> None:
+    tally = Tally()
+    assert run_all(scenario(for_framing(setup, framing), tally)) > 30
+    assert not tally.wrong, tally.wrong[0]
+    assert tally.right > 0
+    assert tally.no_answer > 0
+
+
+@pytest.mark.parametrize("framing", ["rtu", "ascii"])
+def test_nor_all_of_that_in_random_orders(framing: Framing) -> None:
+    tally = Tally()
+    run_random(scenario(for_framing(WITH_OTHERS, framing), tally), 1000)
+    assert not tally.wrong, tally.wrong[0]
+    assert min(tally.right, tally.exceptions, tally.no_answer, tally.cancelled) > 250
 
 
 def test_the_checker_finds_a_bus_that_takes_any_exception_to_a_probe_for_proof() -> None:
@@ -59,10 +81,73 @@ class Forgetful(Bus):
         self.counters.lost += 1
 
 
+def wrong_of(name: str, framing: Framing = "rtu", bus: type[Bus] = Bus) -> list[str]:
+    """Return the wrong answers in a setup of `SERIAL` with a planted mistake."""
+    tally = Tally()
+    run_all(scenario(replace(for_framing(SERIAL[name], framing), bus=bus), tally))
+    return tally.wrong
+
+
+@pytest.mark.parametrize("name", ["three questions to three units", "two questions, others ask another unit"])
+def test_the_checker_finds_a_line_that_takes_the_answer_of_any_unit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RtuLine, "answers", lambda line, adu: True)
+    assert wrong_of(name)
+
+
+@pytest.mark.parametrize("framing", ["rtu", "ascii"])
+@pytest.mark.parametrize("name", [name for name in SERIAL if "echo" in name])
+def test_the_checker_finds_a_line_that_expects_the_echo_only_as_the_first_bytes(
+    name: str, framing: Framing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mistake of barewire before this checker: behind a late answer, the echo of a write confirmed it."""
+    monkeypatch.setattr(EchoLine, "_is_echo", lambda line, event: False)
+    assert wrong_of(name, framing)
+
+
+def test_the_checker_finds_a_bus_that_forgets_late_answers_at_a_broadcast() -> None:
+    class Forgets(Bus):
+        def _broadcast(self, request: Request[Any], turnaround: float) -> Conversation[bytes, None]:
+            self.state.pending.clear()
+            yield from super()._broadcast(request, turnaround)
+
+    assert wrong_of("three questions, some broadcast", bus=Forgets)
+
+
+def test_the_checker_finds_a_bus_that_repeats_a_broadcast() -> None:
+    class Repeats(Bus):
+        def _broadcast(self, request: Request[Any], turnaround: float) -> Conversation[bytes, None]:
+            yield from super()._broadcast(request, turnaround)
+            yield from super()._broadcast(request, turnaround)
+
+    with pytest.raises(AssertionError, match=r"\(broadcast\)"):
+        wrong_of("three questions, some broadcast", bus=Repeats)
+
+
+def test_the_checker_finds_a_bus_that_waits_for_silence_without_a_bound() -> None:
+    class Patient(Bus):
+        def wait_until_idle(self, timeout: float) -> Conversation[bytes, float]:
+            return super().wait_until_idle(100.0)
+
+    with pytest.raises(AssertionError, match="took"):
+        wrong_of("two questions, others never pause", bus=Patient)
+
+
 @pytest.mark.parametrize(
     "setup",
-    [Setup(delays=(0.002, 1.5)), Setup(fates=(Fate.ARRIVES, Fate.DOUBLED_LATER))],
-    ids=["an answer after the late window", "an answer that comes a second time, later"],
+    [
+        Setup(delays=(0.002, 1.5)),
+        Setup(fates=(Fate.ARRIVES, Fate.DOUBLED_LATER)),
+        Setup(length=1, traffic=traffic_of(1)),
+        Setup(length=1, questions=(WRITE,), traffic=traffic_of(1)),
+        Setup(length=1, questions=(WRITE,), adapters=(UNKNOWN_ECHO,)),
+    ],
+    ids=[
+        "an answer after the late window",
+        "an answer that comes a second time, later",
+        "another master reads from this unit",
+        "another master writes to this unit",
+        "an echo that is not configured",
+    ],
 )
 def test_beyond_its_assumptions_the_bus_can_be_wrong(setup: Setup) -> None:
     tally = Tally()

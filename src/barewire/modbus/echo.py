@@ -5,18 +5,22 @@
     or          01 03 00 6B 01 ...                                another station was sending: a collision
 
 Received bytes are compared, not counted. Where they differ from the sent ones, a Noise without bytes reports the
-`collision`, and all bytes go to the inner line like any others: a good frame among them is still found.
+`collision`, and all bytes go to the inner line like any others: a good frame among them is still found. The echo itself
+may be among them, behind a frame that the adapter had received before, and it may have the bytes of the response: so
+the first copy of a request is removed wherever it comes, within a second and before the echo of a later request.
 
 **Whether a line echoes** can be detected (`echoes=None`) with the first request whose response never has the same bytes
-as the request, such as a read of registers. If its own bytes are received, the line echoes; if its response is received
-first, it does not. Until then the first copy of any other request is taken for an echo, although the response to a
-write of one register has the same bytes: on a line without echo such a write gets no response, and not a wrong one.
-A caller that relies on the detection should therefore read a register first.
+as the request, such as a read of registers. If its own bytes are received, the line echoes; if a response to this
+function is received first, it does not. Until then the first copy of any other request is taken for an echo, although
+the response to a write of one register has the same bytes: on a line without echo such a write gets no response, and
+not a wrong one. A caller that relies on the detection should therefore read a register first.
 
 Depends on: adu, framing. Used by: io.modbus, where a URL has `echo`.
 """
 
 from __future__ import annotations
+
+from collections import deque
 
 from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
@@ -24,6 +28,20 @@ from barewire.modbus.framing import Line, LineEvent
 
 DETECTING = frozenset({0x03, 0x04, 0x07, 0x0B, 0x0C, 0x0F, 0x10, 0x11, 0x18})
 """Functions whose response never has the length of the request, so that an echo is recognised with certainty."""
+
+_ECHO_WITHIN = 1.0
+"""Seconds after a request was sent in which its echo is expected. Adapters need up to 0.02."""
+
+_KEPT = 16
+"""How many requests without their echo are kept, so that a line which does not echo does not fill the memory."""
+
+
+class _Unseen:
+    """A request whose echo has not arrived."""
+
+    def __init__(self, unit: int, pdu: bytes, data: bytes) -> None:
+        self.unit, self.pdu, self.data = unit, pdu, data
+        self.until = float("inf")  # its echo is expected until this time; not known before it was sent
 
 
 class EchoLine:
@@ -45,7 +63,8 @@ class EchoLine:
         self._expected = b""  # sent, and its echo not complete
         self._received = b""  # the part of the echo that has arrived
         self._is_sent = True  # the latest bytes were transmitted
-        self._detects = False  # the latest bytes cannot be their own response
+        self._detects = 0  # the function of the latest request, if its response cannot have the same bytes
+        self._unseen: deque[_Unseen] = deque(maxlen=_KEPT)  # the requests without echo, the oldest first
         self._is_first = False  # the next event is the first one since the latest bytes
         self._last = 0.0
 
@@ -82,14 +101,17 @@ class EchoLine:
 
     def request(self, unit: int, pdu: bytes) -> bytes:
         """Return the bytes of a request, and expect their echo."""
-        return self.expect_echo(self.line.request(unit, pdu), detects=pdu[0] in DETECTING)
+        data = self.expect_echo(self.line.request(unit, pdu), detects=pdu[0] if pdu[0] in DETECTING else 0)
+        if self.echoes is not False:
+            self._unseen.append(_Unseen(unit, pdu, data))
+        return data
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
         """Return the bytes of a response, and expect their echo."""
         return self.expect_echo(self.line.response(to, pdu))
 
-    def expect_echo(self, data: bytes, *, detects: bool = False) -> bytes:
-        """Return the bytes, and expect their echo. `detects`: no response to them has the same bytes."""
+    def expect_echo(self, data: bytes, *, detects: int = 0) -> bytes:
+        """Return the bytes, and expect their echo. `detects`: their function, if no response has the same bytes."""
         if self.echoes is False:
             return data
         self._detects = detects
@@ -103,6 +125,10 @@ class EchoLine:
         """Record that the bytes were transmitted, the last one at `now`."""
         self._is_sent = True
         self.line.sent(now)
+        while self._unseen and self._unseen[0].until <= now:
+            self._unseen.popleft()
+        for request in self._unseen:
+            request.until = min(request.until, now + _ECHO_WITHIN)
 
     def answers(self, adu: Adu) -> bool:
         """Return the answer of the inner line."""
@@ -111,11 +137,36 @@ class EchoLine:
     def feed(self, data: bytes | None, now: float) -> list[LineEvent]:
         """Return the events of the inner line, which receives all bytes except the echo. Never raises."""
         events = self._feed(data, now)
+        if events and self._unseen:
+            events = [event for event in events if not self._is_echo(event)]
         if events and self._is_first:
             self._is_first = False
-            if self.echoes is None and self._detects and isinstance(events[0], Adu) and self.line.answers(events[0]):
+            if self.echoes is None and self._shows_absence(events[0]):
                 self.echoes = False
+                self._unseen.clear()
         return events
+
+    def _shows_absence(self, first: LineEvent) -> bool:
+        """Whether the first event after a request is its response, and not a late one to another function."""
+        if not self._detects or not isinstance(first, Adu) or not self.line.answers(first):
+            return False
+        return first.pdu[0] & 0x7F == self._detects
+
+    def _is_echo(self, event: LineEvent) -> bool:
+        """Whether the frame is the first copy of a request."""
+        if isinstance(event, Adu):
+            for request in self._unseen:
+                if (event.unit, event.pdu) == (request.unit, request.pdu):
+                    self.echoed += len(request.data)
+                    self._is_first = False
+                    self._forget(request.data)
+                    return True
+        return False
+
+    def _forget(self, echo: bytes) -> None:
+        """Expect neither this echo nor those of earlier requests any more."""
+        while self._unseen and self._unseen.popleft().data != echo:
+            pass
 
     def _feed(self, data: bytes | None, now: float) -> list[LineEvent]:
         if not self._expected:
@@ -135,6 +186,7 @@ class EchoLine:
             return []
         self.echoed += len(echo)
         self._expected = self._received = b""
+        self._forget(echo)
         self._is_first = False
         if self._detects:
             self.echoes = True
