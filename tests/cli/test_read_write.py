@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import socket
 import subprocess
 import threading
@@ -200,12 +201,35 @@ def test_a_command_without_a_response_states_all_that_it_waited_for_and_can_wait
         assert error_of("read", url, "adxl", "Status", "--no-wait") == f"barewire: {within}\n"
         assert "waited" not in error_of("write", url, "adxl", "Motor start command=1", "--no-wait")
         assert "waited" in error_of("write", url, "adxl", "Motor start command=1")
+        drive = ("drive", url, "az3", "status")
+        assert re.search(r"within 0\.2 s.*; waited 0\.\d s more for a late response", error_of(*drive))
+        assert "waited" not in error_of(*drive, "--no-wait")
+        watch = ("watch", url, "adxl", "Status", "--count", "1")
+        waited = run_command(*watch)
+        assert waited.returncode == 1
+        assert re.match(r"barewire: waited 0\.\d s more for a late response, which ", waited.stderr)
+        assert run_command(*watch, "--no-wait").stderr == ""
     finally:
         terminal.close()
     # On TCP a late response is recognized by its number: there is nothing to wait for.
     with socket.create_server(("127.0.0.1", 0)) as silent:
         error = error_of("read", f"tcp://127.0.0.1:{silent.getsockname()[1]}?timeout=0.2", "adxl", "Status")
         assert error == f"barewire: {within}\n"
+
+
+def test_ctrl_c_while_a_response_is_missing_waits_for_it_too() -> None:
+    terminal = PseudoTerminal()
+    try:
+        command = [*COMMAND, "watch", f"rtu://{terminal.path}?timeout=0.4", "adxl", "Status"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            while not terminal.receive(0.1):
+                assert process.poll() is None
+            process.send_signal(signal.SIGINT)
+            assert process.wait(20) == 1  # no poll succeeded
+            assert process.stderr is not None
+            assert re.match(r"barewire: waited \d\.\d s more for a late response", process.stderr.read())
+    finally:
+        terminal.close()
 
 
 def test_a_late_response_does_not_reach_the_next_command() -> None:

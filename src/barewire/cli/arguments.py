@@ -9,14 +9,15 @@ import json
 import math
 import signal
 import sys
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from barewire.errors import EncodeError, PortError
+from barewire.errors import BarewireError, EncodeError, PortError
 from barewire.io.endpoint import Endpoint
 
 if TYPE_CHECKING:
@@ -96,6 +97,11 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print one JS
 timing_option = click.option(
     "--timing", is_flag=True, help="Print the silences and pauses of the line on stderr, in ms."
 )
+no_wait_option = click.option(
+    "--no-wait",
+    is_flag=True,
+    help="After a time-out on a serial line, do not wait for a late response; the next command may get it.",
+)
 nodes_option = click.option(
     "--node", "nodes", type=int, multiple=True, help="CAN: the node-ID of that --device, one for each."
 )
@@ -106,6 +112,44 @@ def print_timing(endpoint: str) -> None:
     from barewire.io.modbus.carriers import modbus_endpoint, timing_in_words
 
     print(f"barewire: {endpoint} {timing_in_words(modbus_endpoint(endpoint))}", file=sys.stderr)
+
+
+@contextmanager
+def late_response_awaited(machine: Callable[[], object], no_wait: bool) -> Iterator[None]:
+    """After the block, wait until no late response of a serial line is expected any more, unless `no_wait`: the next
+    command has no memory of the requests of this one. The error of the block, or a line on stderr, says how long that
+    took. Ctrl-C ends the waiting. `machine` returns the MachineClient, which must still be open, or None."""
+    failure: BarewireError | None = None
+    try:
+        yield
+    except BarewireError as error:
+        failure = error
+        raise
+    finally:
+        text = "" if no_wait else _wait_for_late_response(machine())
+        if text and failure is not None:
+            failure.add_context(text)
+        elif text:
+            with suppress(OSError):
+                print(f"barewire: {text}", file=sys.stderr, flush=True)
+
+
+def _wait_for_late_response(machine: object) -> str:
+    """Wait, and return what was done in words; an empty text if no response was pending, or the port has failed."""
+    from barewire import ModbusClient
+
+    client = getattr(machine, "client", None)
+    if not isinstance(client, ModbusClient) or not client.bus.state.pending:
+        return ""
+    start = time.monotonic()
+    try:
+        client.settle()
+    except BarewireError:
+        return ""
+    except KeyboardInterrupt:
+        pass
+    waited = f"waited {time.monotonic() - start:.1f} s more for a late response"
+    return f"{waited}, which the next command could take for its own (--no-wait: do not wait)"
 
 
 def print_json(fields: Any) -> None:

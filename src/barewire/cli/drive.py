@@ -22,6 +22,8 @@ from barewire.cli.arguments import (
     ended_by_signals,
     endpoint_argument,
     json_option,
+    late_response_awaited,
+    no_wait_option,
     print_json,
 )
 from barewire.devices.device import Device, drive_roles
@@ -59,6 +61,8 @@ def drive_command(ctx: click.Context, endpoint: str, device: str) -> None:
 
     move, velocity and home need an enabled drive: none of them switches the current on unless --enable is given.
 
+    After a time-out on a serial line the command waits at its end until no late response is expected (3 time-outs).
+
     `barewire drive COMMAND --help` explains a command.
 
     \b
@@ -89,13 +93,17 @@ class _DriveNumber(click.ParamType[int | float]):
 
 
 def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Command]:
-    """Make a command of an action: add --json and --timeout, and make Ctrl-C a quick stop if the action `moves`."""
+    """Make a command of an action, with --json, --timeout, --no-wait; Ctrl-C is a quick stop if the action `moves`."""
 
     def make_command(action: _Action) -> click.Command:
         @wraps(action)
-        def run_action(ctx: click.Context, /, as_json: bool, timeout: float, **arguments: Any) -> None:
+        def run_action(ctx: click.Context, /, as_json: bool, timeout: float, no_wait: bool, **arguments: Any) -> None:
             endpoint, device = ctx.obj
-            with connect(device, endpoint) as machine, _progress_output(as_json) as show_progress:
+            with (
+                connect(device, endpoint) as machine,
+                late_response_awaited(lambda: machine, no_wait),
+                _progress_output(as_json) as show_progress,
+            ):
                 client = machine.drive.following(show_progress, timeout=timeout)
                 try:
                     with ended_by_signals():
@@ -118,7 +126,7 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
 
         # A negative target such as -1000 begins with a dash and is not an option.
         settings = {"ignore_unknown_options": moves}
-        command = json_option(_timeout_option(click.pass_context(run_action)))
+        command = json_option(_timeout_option(no_wait_option(click.pass_context(run_action))))
         return drive_command.command(name, context_settings=settings)(command)
 
     return make_command

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
 import click
 
-from barewire import BarewireError, ModbusClient, NoAnswer, connect
+from barewire import BarewireError, connect
 from barewire.cli.arguments import (
     device_argument,
     endpoint_argument,
     json_option,
+    late_response_awaited,
+    no_wait_option,
     print_json,
     print_timing,
     timing_option,
@@ -26,12 +27,6 @@ from barewire.devices.request_checks import to_write
 from barewire.devices.value_text import parse_value
 from barewire.io.machine import MachineClient
 
-_no_wait_option = click.option(
-    "--no-wait",
-    is_flag=True,
-    help="After a time-out on a serial line, do not wait for a late response; the next command may get it.",
-)
-
 
 @click.command("read")
 @endpoint_argument
@@ -39,7 +34,7 @@ _no_wait_option = click.option(
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
 @json_option
 @timing_option
-@_no_wait_option
+@no_wait_option
 def read_command(
     endpoint: str, device: str, names: tuple[str, ...], as_json: bool, timing: bool, no_wait: bool
 ) -> None:
@@ -78,7 +73,7 @@ def read_command(
 )
 @json_option
 @timing_option
-@_no_wait_option
+@no_wait_option
 def write_command(
     endpoint: str, device: str, assignments: tuple[str, ...], force: bool, as_json: bool, timing: bool, no_wait: bool
 ) -> None:
@@ -111,20 +106,9 @@ def write_command(
 
 @contextmanager
 def _connected(device: Device, endpoint: str, no_wait: bool) -> Iterator[MachineClient]:
-    """Yield the connected machine. After a time-out on a serial line, wait until its late answer is not expected any
-    more, because the next command has no memory of it, unless `no_wait`."""
-    with connect(device, endpoint) as machine:
-        try:
-            yield machine
-        except NoAnswer as error:
-            if isinstance(machine.client, ModbusClient) and machine.client.bus.state.pending and not no_wait:
-                start = time.monotonic()
-                with suppress(BarewireError, KeyboardInterrupt):  # Ctrl-C ends the waiting
-                    machine.client.settle()
-                waited = f"waited {time.monotonic() - start:.1f} s more for a late response"
-                text = f"{waited}, which the next command could take for its own (--no-wait: do not wait)"
-                error.add_context(text)
-            raise
+    """Yield the connected machine. After a time-out on a serial line, wait for a late response, unless `no_wait`."""
+    with connect(device, endpoint) as machine, late_response_awaited(lambda: machine, no_wait):
+        yield machine
 
 
 def _batches(wanted: list[tuple[str, Value]]) -> Iterator[dict[str, Value]]:

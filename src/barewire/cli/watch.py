@@ -31,6 +31,8 @@ from barewire.cli.arguments import (
     device_argument,
     ended_by_signals,
     endpoint_argument,
+    late_response_awaited,
+    no_wait_option,
     print_json,
     text_with_notes,
 )
@@ -52,6 +54,7 @@ from barewire.errors import BarewireError, EncodeError, PortError, Refused
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object a poll.")
 @click.option("--csv", "as_csv", is_flag=True, help="Print one line of CSV a poll; failed polls go to stderr.")
 @click.option("--plot", metavar="FILE", help="Plot the values into FILE at the end: .svg, .png or .pdf.")
+@no_wait_option
 def watch_command(
     endpoint: str,
     device: str,
@@ -61,6 +64,7 @@ def watch_command(
     as_json: bool,
     as_csv: bool,
     plot: str | None,
+    no_wait: bool,
 ) -> int:
     """Read named values periodically.
 
@@ -69,7 +73,8 @@ def watch_command(
     is in "refused".
 
     In CSV and JSON, "time" is in seconds after the first poll, "utc" the time of day in UTC (ISO 8601).
-    The plot is drawn however the command ends, also by Ctrl-C or SIGTERM.
+    The plot is drawn however the command ends, also by Ctrl-C or SIGTERM. If a response is missing at the end on a
+    serial line, the command waits until it is not expected any more (3 time-outs after its request), or Ctrl-C again.
 
     \b
     barewire watch tcp://192.168.1.10 csd-mt "Position Actual Value" "Velocity Actual Value" --period 0.1
@@ -90,6 +95,7 @@ def watch_command(
         # The plot is drawn however the command ends: also after Ctrl-C, SIGTERM or a closed pipe.
         keep = stack.enter_context(_plotted(plot, description.title, parameters))
         stack.callback(poller.close)
+        stack.enter_context(late_response_awaited(lambda: poller.machine, no_wait))
         if count is None:
             stack.enter_context(suppress(KeyboardInterrupt))
         output = stack.enter_context(_poll_output(parameters, as_json, as_csv))
@@ -142,14 +148,14 @@ class Poller:
         # Names that are read alone: those refused, or all of them if they are refused only together.
         self._alone: set[str] = set()
         # A port that cannot be opened now is an error of the command; later it is the error of a poll.
-        self._machine: PolledMachine | None = connect()
+        self.machine: PolledMachine | None = connect()
 
     def poll(self, time: float) -> Poll:
         """Read every name once."""
         try:
-            if self._machine is None:
-                self._machine = self._connect()
-            return self._read(self._machine, time)
+            if self.machine is None:
+                self.machine = self._connect()
+            return self._read(self.machine, time)
         except EncodeError:
             raise  # a request that cannot be encoded fails in every poll
         except BarewireError as error:
@@ -183,9 +189,9 @@ class Poller:
 
     def close(self) -> None:
         """Close the port."""
-        if self._machine is not None:
-            self._machine.close()
-            self._machine = None
+        if self.machine is not None:
+            self.machine.close()
+            self.machine = None
 
 
 def next_poll(number: int, period: float, elapsed: float) -> int:
