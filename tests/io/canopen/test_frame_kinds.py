@@ -52,7 +52,7 @@ def test_send_and_receive_both_report_an_interface_that_went_down(monkeypatch: p
             lambda: port.receive_any(0.0),
         ]
         for what in ways:
-            with pytest.raises(PortError, match="the interface is down: ip link set can0 up"):
+            with pytest.raises(PortError, match="the interface is down"):
                 what()
     finally:
         port.close()

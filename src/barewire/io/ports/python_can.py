@@ -149,8 +149,8 @@ class CanPort:
         """Why an open bus failed: the interface is down, gone, or the first line of the error."""
         numbers = _errors(error) | (_errors(error.__cause__) if error.__cause__ is not None else set())
         on_socketcan = self.name.startswith("socketcan/")
-        if on_socketcan and errno.ENETDOWN in numbers:
-            return f"the interface is down: {self._bring_up}"
+        if errno.ENETDOWN in numbers:
+            return f"the interface is down: {self._bring_up}" if on_socketcan else "the interface is down"
         if numbers & UNPLUGGED or "readiness to read" in str(error):
             return f"the {'interface' if on_socketcan else 'device'} is gone: was the adapter unplugged?"
         return _first_line(error)
