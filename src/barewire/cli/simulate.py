@@ -82,17 +82,18 @@ def simulate_command(
     wrong-transaction  it has another transaction number            (tcp, tls, udp)
     drop               the response is not sent
     flip               one bit of it is inverted                    (not on CAN)
-    exception=CODE     an exception is sent instead, 06 without CODE; on CAN an SDO abort
+    exception=CODE     an exception is sent instead, 06 without CODE (hexadecimal); on CAN an SDO abort
     split              it is sent in two parts, 20 ms apart         (not on CAN, not over UDP)
     paced=S            it is sent byte by byte, S seconds apart, 0.005 without S   (as split)
 
     \b
     --fault drop:0.05,late                one response in 20 is lost, one in 10 late
-    --fault exception=04@20               requests that touch address 20 of any table get exception 04
+    --fault exception=04@20               requests that touch address 20 (14h) of any table get exception 04
     --fault paced@holding:20-29           those that touch holding registers 20 to 29; coil:, discrete:, input:
     --fault drop@every=3                  each third response is lost
     --fault late=2@nth=5                  the fifth one is late
     --fault wrong-unit@20@every=2         each second one of those that touch address 20
+    --fault drop:0.5@every=2              half of the second, the fourth ..., by dice
 
     --world sets a property of the environment; positions are in steps of the shaft from its first one, 12800 a
     revolution:

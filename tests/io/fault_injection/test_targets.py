@@ -79,12 +79,27 @@ def test_a_fault_hits_requests_that_touch_its_address(
 
 
 def test_an_exception_has_the_code_given() -> None:
-    found = faults("exception=04@20,exception=0x0B@30,exception@40")
+    """A code is hexadecimal, as everywhere in barewire."""
+    found = faults("exception=04@20,exception=0x0B@30,exception@40,exception=0B@50,exception=10@1Fh,exception=10h@0x60")
     codes = {}
-    for address in (20, 30, 40):
+    for address in (20, 30, 40, 50, 0x1F, 0x60):
         ((_, answer),) = found.pass_on(ANSWER, 0.0, ReadHoldingRegisters(address, 1).encode())
         codes[address] = rtu_frame.decode(answer).pdu
-    assert codes == {20: b"\x83\x04", 30: b"\x83\x0b", 40: b"\x83\x06"}
+    assert codes == {
+        20: b"\x83\x04",
+        30: b"\x83\x0b",
+        40: b"\x83\x06",
+        50: b"\x83\x0b",
+        0x1F: b"\x83\x10",
+        0x60: b"\x83\x10",
+    }
+
+
+def test_a_probability_and_a_selection_must_both_hit() -> None:
+    found = faults("drop:0.5@every=2")
+    hits = [not found.pass_on(ANSWER, 0.0) for _ in range(400)]
+    assert not any(hits[0::2])
+    assert 60 < sum(hits[1::2]) < 140
 
 
 # By number ------------------------------------------------------------------------------------------------------------
@@ -193,11 +208,16 @@ def test_a_text_becomes_faults() -> None:
         ("wrong_unit", "; did you mean 'wrong-unit'"),
         ("drop=3", "fault 'drop': 3.0: only exception, late and paced have a value"),
         ("exception=0", "fault 'exception': 0: expected an exception code, 1..255"),
-        ("exception=busy", "fault 'exception=busy': expected a number after the equals sign, such as drop:0.5,"),
+        ("exception=100", "fault 'exception': 256: expected an exception code, 1..255"),
+        (
+            "exception=busy",
+            "fault 'exception=busy': expected an exception code in hexadecimal, 01..FF, such as exception=0B",
+        ),
+        ("late=soon", "fault 'late=soon': expected a number after the equals sign, such as drop:0.5,"),
         ("late=-1", "fault 'late': -1.0: expected seconds, from 0 on and below 3600"),
         ("paced=nan", "fault 'paced': nan: expected seconds"),
         ("drop:2@20", "fault 'drop:2@20': expected a probability, 0..1, after the colon"),
-        ("drop@", "fault 'drop@': '': expected an address, such as 20, 20-29, 0x14 or holding:20, every=N or nth=N"),
+        ("drop@", "fault 'drop@': '': expected an address, such as 20, 20-29, 14h or holding:20, every=N or nth=N"),
         ("drop@70000", "fault 'drop': addresses range(70000, 70001): expected a range of addresses in 0..65535"),
         ("drop@29-20", "fault 'drop': addresses range(29, 21): expected a range of addresses"),
         (

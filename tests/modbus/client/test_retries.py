@@ -29,9 +29,11 @@ def test_a_write_is_repeated_with_repeat_writes() -> None:
 @pytest.mark.parametrize("retries", [0, 1, 3])
 def test_a_read_is_repeated_as_often_as_retries(retries: int) -> None:
     slow = Slow([None] * 10)
-    with pytest.raises(NoAnswer, match="did not answer"):
+    with pytest.raises(NoAnswer, match="did not answer") as caught:
         Clock(slow).play(rtu_bus(recovery="wait").ask(1, ReadHoldingRegisters(9, 1), retries=retries))
     assert len(slow.asked) == 1 + retries
+    attempts = f"; {1 + retries} attempts" if retries else ""
+    assert str(caught.value) == f"unit 1 did not answer Read Holding Registers within 1 s{attempts}"
 
 
 def test_the_last_of_the_retries_may_succeed() -> None:

@@ -7,9 +7,12 @@
     exception=04@20             each answer to a request that touches address 20 of any table
     paced=0.005@holding:20-29   ... that touches holding registers 20 to 29; coil:, discrete:, input:
     wrong-unit@20@every=2       the second, the fourth ... of those that touch address 20
+    drop:0.5@every=2            half of the second, the fourth ...: a probability holds for the selected answers
+
+An address is decimal, or hexadecimal as 0x14 or 14h.
 
     kind                VALUE
-    exception           the exception code, 1..255 (default 06)
+    exception           the exception code in hexadecimal, 01..FF (default 06)
     late                the delay in seconds (default: that of the server, 1.5)
     paced               the pause between two bytes in seconds (default 0.005)
 
@@ -152,8 +155,12 @@ def _parsed(text: str) -> Fault:
     if colon or not which:
         given["probability"] = _number(chance, f"fault {text!r}: expected a probability, 0..1, after the colon", colon)
     if equals:
-        expected = f"fault {text!r}: expected a number after the equals sign, such as {_EXAMPLES}"
-        given["value"] = _whole(value, expected) if kind == "exception" else _number(value, expected)
+        if kind == "exception":
+            expected = f"fault {text!r}: expected an exception code in hexadecimal, 01..FF, such as exception=0B"
+            given["value"] = _whole(value, expected, base=16)
+        else:
+            expected = f"fault {text!r}: expected a number after the equals sign, such as {_EXAMPLES}"
+            given["value"] = _number(value, expected)
     if kind in KINDS:  # otherwise `Fault` reports that first
         for part in which:
             selection = _selection(part, text)
@@ -176,7 +183,7 @@ def _selection(part: str, text: str) -> dict[str, object]:
         expected = f"expected {', '.join(_TABLES)} before the address{_near(table, _TABLES)}"
         raise EncodeError(f"fault {text!r}: {table!r}: {expected}")
     first, dash, last = addresses.partition("-")
-    expected = f"fault {text!r}: {part!r}: expected an address, such as 20, 20-29, 0x14 or holding:20, every=N or nth=N"
+    expected = f"fault {text!r}: {part!r}: expected an address, such as 20, 20-29, 14h or holding:20, every=N or nth=N"
     start = _whole(first, expected)
     return {"addresses": range(start, (_whole(last, expected) if dash else start) + 1), "table": table or None}
 
@@ -193,10 +200,15 @@ def _number(text: str, expected: str, given: str = "=") -> float:
     return number
 
 
-def _whole(text: str, expected: str) -> int:
-    """Return a number in decimal (04 is four) or, after 0x, in hexadecimal."""
+def _whole(text: str, expected: str, base: int = 10) -> int:
+    """Return a number in decimal (04 is four) or, as 0x14, 14h or with base 16, in hexadecimal."""
+    digits = text.lower()
+    if digits.endswith("h"):
+        digits, base = digits[:-1], 16
+    elif digits.startswith("0x"):
+        base = 16
     try:
-        return int(text, 16 if text.lower().startswith("0x") else 10)
+        return int(digits, base)
     except ValueError:
         raise EncodeError(expected) from None
 

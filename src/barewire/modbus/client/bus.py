@@ -123,17 +123,18 @@ class Bus:
         return self._exchange(unit, request, timeout)
 
     def _ask_again(self, unit: int, request: Request[R], timeout: float, retries: int) -> Conversation[bytes, R]:
-        may_probe = True
+        may_probe, attempts = True, 1
         while True:
             try:
                 return (yield from self._exchange(unit, request, timeout, may_probe=may_probe))
             except NotSent:
                 may_probe = False  # a request that was not sent costs no retry: now wait for the window
-            except NoAnswer:
-                if not retries or self.line.broken is not None:
+            except NoAnswer as error:
+                if attempts > retries:
+                    error.add_context(f"{attempts} attempts")
+                if attempts > retries or self.line.broken is not None:
                     raise
-                may_probe = True
-                retries -= 1
+                may_probe, attempts = True, attempts + 1
 
     def begin(self, unit: int, request: Request[Any]) -> bytes | None:
         """Return the frame of a request that may be sent at once; None if it may have to wait, so that `ask` is needed.
@@ -357,10 +358,8 @@ class Bus:
     def _prove_gone(
         self, unit: int, request: Request[Any], timeout: float, now: float, may_probe: bool
     ) -> Conversation[bytes, float]:
-        """Make sure that no pending answer that could pass for the response to `request` can still come.
-
-        Returns the time.
-        """
+        """Make sure that no pending answer that could pass for the response to `request` can still come; return the
+        time."""
         state = self.state
         state.expire(now)
         confusable = state.confusable(unit, request)
