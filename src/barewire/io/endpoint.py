@@ -281,6 +281,9 @@ class Endpoint(NamedTuple):
             _ = self.choice(key, "")
         elif key in _SECONDS and not (key == "patience" and self.framing == "rtu" and self.options[key] == "strict"):
             _ = self.seconds(key, 0.0)
+        elif key == "server_name" and not (self.options[key] and can_be_host(self.options[key])):
+            name = shown(self.options[key])
+            raise EncodeError(f"endpoint {shown(str(self))}: {key}={name}: expected a name or address", key)
 
     def __str__(self) -> str:
         query = "&".join(f"{key}={value}" for key, value in self.options.items())
@@ -288,8 +291,7 @@ class Endpoint(NamedTuple):
 
     def with_direction(self, set_direction: SetDirection | None) -> Endpoint:
         """Return the same endpoint with a function that sets the direction of its two-wire line, for example by a GPIO
-        pin. Raises EncodeError if the endpoint is not a serial port, or has `rs485=` already.
-        """
+        pin. Raises EncodeError if the endpoint is not a serial port, or has `rs485=` already."""
         if set_direction is None:
             return self
         if not self.is_serial_port:
@@ -316,9 +318,8 @@ class Endpoint(NamedTuple):
         if first <= longest:
             return first, longest
         if self.options.keys() >= _PAUSES:
-            text = (
-                f"reconnect_longest={self.options['reconnect_longest']!r}: expected reconnect_first={first:g} or more"
-            )
+            given = self.options["reconnect_longest"]
+            text = f"reconnect_longest={given!r}: expected reconnect_first={first:g} or more"
             raise EncodeError(f"endpoint {str(self)!r}: {text}", "reconnect_longest")
         return (first, first) if "reconnect_first" in self.options else (longest, longest)
 

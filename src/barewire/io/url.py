@@ -54,12 +54,14 @@ def unquote(text: str) -> str:
 
 
 def can_be_host(name: str) -> bool:
-    """Return whether a text can be the name or address of a host.
+    """Return whether a text can be the name or address of a host: its labels have up to 63 letters, all together 253.
+
+    The empty text can: it is any address of this machine.
 
     >>> can_be_host("gateway.local"), can_be_host("a..b"), can_be_host(64 * "a"), can_be_host("zähler")
     (True, False, False, True)
     """
-    if not name.isprintable():
+    if not name.isprintable() or len(name) > 253:
         return False
     if name.isascii():
         *labels, last = name.split(".")

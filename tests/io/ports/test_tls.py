@@ -192,6 +192,17 @@ def test_a_certificate_for_another_host_name_is_an_error(host: ModbusServer, cer
         ModbusClient(tls_url(certificates, "operator", place(host), server_name="pump7"))
 
 
+def test_no_client_connects_without_a_name_to_check(host: ModbusServer, certificates: Path) -> None:
+    """asyncio takes an empty name for none, and would accept the certificate of any server."""
+    for where, query in ((place(host), {"server_name": ""}), (f":{host.port}", {})):
+        url = tls_url(certificates, "operator", where, **query)
+        with refused(EncodeError, "server_name="):
+            ModbusClient(url)
+        with refused(EncodeError, "server_name="):
+            asyncio.run(AsyncModbusClient(url).open())
+    assert not host.connections.closed
+
+
 def test_a_client_without_a_certificate_of_its_own(certificates: Path, tmp_path: Path) -> None:
     """Server-only TLS: the server asks for no certificate, and its clients have the role "", that of no role."""
     (tmp_path / "roles.json").write_text('{"": [{"functions": [3]}]}')

@@ -62,6 +62,16 @@ def client_context(endpoint: Endpoint) -> ssl.SSLContext:
     return _context(endpoint, ssl.PROTOCOL_TLS_CLIENT, ("cert", "key", "ca") if own else ("ca",))
 
 
+def server_name(endpoint: Endpoint) -> str:
+    """Return the name that the certificate of the server must have. Raises EncodeError for an empty one: asyncio would
+    accept the certificate of any server then."""
+    name = endpoint.options.get("server_name", endpoint.host_and_port[0])
+    if not name:
+        text = "expected tls://HOST:PORT, or server_name=: the certificate must have this name"
+        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "server_name")
+    return name
+
+
 def server_context(endpoint: Endpoint) -> ssl.SSLContext:
     """Return the TLS settings of a server, which refuses clients without a certificate [MB-TLS R-06] unless the
     endpoint has `client_cert=none`."""
@@ -104,7 +114,7 @@ def _context(endpoint: Endpoint, side: ssl._SSLMethod, needed: tuple[str, ...]) 
 def dialer(endpoint: Endpoint) -> Callable[[], TlsPort]:
     """Return the function that opens the port of an endpoint. Raises EncodeError for wrong certificates."""
     host, port = endpoint.host_and_port
-    context, name = client_context(endpoint), endpoint.options.get("server_name", host)
+    context, name = client_context(endpoint), server_name(endpoint)
     return lambda: TlsPort(host, port, context, name)
 
 
