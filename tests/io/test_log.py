@@ -73,13 +73,51 @@ def test_what_was_left_out_is_logged_at_the_end(log: PortLog, clock: Clock, capl
     assert caplog.records[-1].levelname == "WARNING"
 
 
-def test_the_number_of_kinds_is_limited_and_no_line_is_lost(log: PortLog, caplog: pytest.LogCaptureFixture) -> None:
+def test_kinds_beyond_the_limit_share_one(log: PortLog, clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
     for _ in range(LINES + 1):
         log.info("first", "x")
     for number in range(3000):
+        for _ in range(2):
+            log.info(number, f"y {number}")
+    assert texts(caplog).count("x") == LINES
+    assert len(caplog.records) <= 2 * 250 + 2 * LINES
+    assert len(log._kinds) <= 251
+    caplog.clear()
+    clock.now += INTERVAL
+    log.info("new", "z")
+    assert [text for text in texts(caplog) if text[0] != "y"] == ["x", "z"]  # no line is lost
+    assert texts(caplog)[-2].startswith("y 2999 (549")
+    assert list(log._kinds) == ["new"]
+
+
+def test_a_kind_in_use_is_not_forgotten_with_the_old_ones(
+    log: PortLog, clock: Clock, caplog: pytest.LogCaptureFixture
+) -> None:
+    log.info("used", "x")
+    for number in range(249):
         log.info(number, "y")
-    assert texts(caplog).count("x") == LINES + 1  # the last one, when the kinds were forgotten
-    assert len(log._kinds) <= 1000
+    clock.now += INTERVAL
+    for _ in range(LINES + 1):
+        log.info("used", "x")
+    log.info("new", "z")
+    assert list(log._kinds) == ["used", "new"]
+    caplog.clear()
+    log.flush()
+    assert texts(caplog) == ["x"]
+
+
+def test_a_long_text_is_cut_also_in_the_traceback(log: PortLog, caplog: pytest.LogCaptureFixture) -> None:
+    def read_sensor() -> None:
+        raise ValueError("9" * 1_000_000)
+
+    try:
+        read_sensor()
+    except ValueError as error:
+        log.error("a", f"failed: {error}", error)
+    assert len(caplog.text) < 5000
+    assert "(1000008 characters)" in texts(caplog)[0]
+    assert "read_sensor" in caplog.text
+    assert "ValueError: 999" in caplog.text
 
 
 def test_a_level_that_is_off_uses_up_no_lines(log: PortLog, caplog: pytest.LogCaptureFixture) -> None:

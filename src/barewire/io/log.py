@@ -11,7 +11,8 @@
     DEBUG      all bytes and frames; a port shows them if DEBUG is on when it is opened
 
 Of each *kind* of line there are at most ten in 60 seconds. The next line of this kind ends with the number of those
-left out: "(490 more like this in the last 60 s)".
+left out: "(490 more like this in the last 60 s)". There are at most 250 kinds in 60 seconds; all others share one
+limit of ten. A line has at most 1000 characters, and the text of an error in a traceback as well.
 
 `logging` takes 5 ms to load. A program that has not imported it has not switched on INFO, so it is loaded only for a
 line of level WARNING or ERROR. docs/logging.md has the lines.
@@ -33,8 +34,12 @@ LINES = 10
 """Lines of one kind that are written in each interval."""
 INTERVAL = 60.0
 """Seconds."""
-_KINDS = 1000
-"""Kinds that are remembered: those of errors contain the unit and the class of the error."""
+_KINDS = 250
+"""Kinds with a limit of their own: those of errors contain the unit and the class of the error."""
+_OTHERS = object()
+"""The kind of all lines whose kind is not among those."""
+_LONGEST = 1000
+"""Characters of a line, without its place."""
 
 
 class _Kind:
@@ -96,9 +101,21 @@ class PortLog:
         """Log how many lines were left out. Called when a server, bus or client is closed."""
         kinds, self._kinds = self._kinds, {}
         for kind in kinds.values():
-            if kind.left_out:
-                kind.left_out -= 1  # the latest one is written now
-                self._write(kind.level, kind.text, self._more(kind, self._clock()))
+            self._finish(kind, self._clock())
+
+    def _forget(self, now: float) -> None:
+        """Forget the kinds whose interval is over."""
+        while self._kinds:
+            kind = next(iter(self._kinds))
+            if now - self._kinds[kind].since < INTERVAL:
+                return
+            self._finish(self._kinds.pop(kind), now)
+
+    def _finish(self, kind: _Kind, now: float) -> None:
+        """Log how many lines of this kind were left out."""
+        if kind.left_out:
+            kind.left_out -= 1  # the latest one is written now
+            self._write(kind.level, kind.text, self._more(kind, now))
 
     def _log(self, level: int, kind: Hashable, text: str, error: BaseException | None = None) -> None:
         with suppress(Exception):  # handlers and filters are code of the application
@@ -106,14 +123,17 @@ class PortLog:
 
             if not logging.getLogger(self.name).isEnabledFor(level):
                 return
-            now = self._clock()
+            now, text = self._clock(), _cut(text)
+            if kind not in self._kinds and len(self._kinds) >= _KINDS:
+                self._forget(now)
+                if len(self._kinds) >= _KINDS:
+                    kind = _OTHERS
             found = self._kinds.get(kind)
             more = ""
             if found is None or now - found.since >= INTERVAL:
                 if found is not None:
                     more = self._more(found, now)
-                elif len(self._kinds) >= _KINDS:
-                    self.flush()
+                    del self._kinds[kind]  # it goes to the end: the kinds are in the order of their times
                 found = self._kinds[kind] = _Kind(now)
             if found.written >= LINES:
                 found.left_out += 1
@@ -130,7 +150,24 @@ class PortLog:
         import logging
 
         with suppress(Exception):
-            logging.getLogger(self.name).log(level, "%s: %s%s", self.place, text, more, exc_info=error)
+            shown = None if error is None else _with_short_text(error)
+            logging.getLogger(self.name).log(level, "%s: %s%s", self.place, text, more, exc_info=shown)
+
+
+def _cut(text: str) -> str:
+    """Return the text, or its beginning and how long it is."""
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}... ({len(text)} characters)"
+
+
+def _with_short_text(error: BaseException) -> BaseException:
+    """Return the error, or one with the same traceback that `logging` can show in a short text."""
+    try:
+        text = str(error)
+    except Exception:
+        return error  # the traceback says that it has no text
+    if len(text) <= _LONGEST:
+        return error
+    return Exception(_cut(f"{type(error).__name__}: {text}")).with_traceback(error.__traceback__)
 
 
 def watch_both(

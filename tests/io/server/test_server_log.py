@@ -76,6 +76,7 @@ def test_all_connections_of_a_server_count_in_the_same_statistics() -> None:
 
 def test_errors_of_each_request_and_kind_have_a_limit_of_their_own(caplog: pytest.LogCaptureFixture) -> None:
     log = server_log(Endpoint.parse("tcp://plc:502"))
+    log.serving("tcp://plc:502", [1, 2])
     request = ReadHoldingRegisters(0, 1)
     for _ in range(50):
         log.failed(1, request, ValueError("a"))
@@ -84,6 +85,14 @@ def test_errors_of_each_request_and_kind_have_a_limit_of_their_own(caplog: pytes
     log.failed(1, ReadCoils(0, 1), ValueError("d"))
     texts = [record.getMessage().rpartition("04: ")[2] for record in caplog.records]
     assert texts == [*["a"] * 10, "b", "c", "d"]
+
+
+def test_the_unit_number_of_a_client_makes_no_further_lines(caplog: pytest.LogCaptureFixture) -> None:
+    with barewire.ModbusServer(THREADED[0], {255: FAILING}) as server, barewire.ModbusClient(server.url) as client:
+        for unit in range(1, 31):
+            with pytest.raises(ModbusException):
+                client.at(unit=unit).read_input_registers(3, 2)
+        assert len(caplog.records) == 10
 
 
 def test_a_log_that_fails_and_an_error_without_text_do_not_stop_the_server(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,12 +10,13 @@ Depends on: `io.log`.  Used by: the Modbus servers.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from barewire.io.log import PortLog
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Collection, Iterable
 
     from barewire.io.endpoint import Endpoint
     from barewire.modbus.messages.registry import AnyRequest
@@ -25,10 +26,11 @@ class ServerLog(PortLog):
     """The log of one server. `failed` is the `on_failure` of `barewire.modbus.Server`."""
 
     _is_serving = False
+    _units: Collection[int] = ()
 
-    def serving(self, url: str, units: Iterable[int]) -> None:
+    def serving(self, url: str, units: Collection[int]) -> None:
         """Log that the server has begun. Each line begins with this URL from now on, without its options."""
-        self._is_serving = True
+        self._is_serving, self._units = True, units
         self.place = url.partition("?")[0]
         self.info("serving", f"serving {units_in_words(units)}")
 
@@ -46,7 +48,11 @@ class ServerLog(PortLog):
         except Exception:
             why = type(error).__name__
         place = f"unit {unit}" if request is None else f"unit {unit}: {request}"
-        self.error((unit, type(request), type(error)), f"{place}: its code failed, exception 04: {why}", error)
+        # On TCP a client may choose any of 256 numbers, and one unit answers for those that are not served.
+        served = None
+        with suppress(Exception):  # the units may be an object of the application
+            served = unit if unit in self._units else None
+        self.error((served, type(request), type(error)), f"{place}: its code failed, exception 04: {why}", error)
 
     def refused(self, unit: int, request: AnyRequest | None, peer: str, role: str | None = None) -> None:
         """Log a request that the client's role does not permit, or that is for a unit which is not served."""
