@@ -28,6 +28,7 @@ from barewire.codecs import Layout
 from barewire.devices import CanopenAccess, Drive, ModbusAccess, Reading, load, names
 from barewire.devices.description.export_eds import export
 from barewire.devices.sim import MachineUnits, simulator
+from barewire.devices.drive.report import DriveStatus
 from barewire.explain import explain
 from barewire.io import CanBus
 from barewire.io.canopen.node import ObjectReading, ObjectReadings
@@ -65,7 +66,31 @@ EXAMPLES: list[tuple[Callable[[], Any], str | re.Pattern[str]]] = [
         lambda: barewire.Table(10),
         "<Table: coils 0..9, discrete inputs 0..9, holding registers 0..9, input registers 0..9>",
     ),
+    (
+        lambda: barewire.Table(0, coils=[True]),
+        "<Table: coils 0, discrete inputs: none, holding registers: none, input registers: none>",
+    ),
+    (lambda: simulator("az3").modbus, "<Az3ModbusAdapter: TEM AZ3 servo drive>"),
+    (lambda: simulator("az3").canopen, "<CanopenAdapter: TEM AZ3 servo drive, node 1>"),
+    (lambda: simulator("az3").store, "<MachineStore: 346 values>"),
+    (
+        lambda: DriveStatus(0.0, 0x0637, 1, 2000, 0),
+        "<DriveStatus: operation enabled, status word 0637h, mode 1, position 2000, velocity 0>",
+    ),
+    (lambda: DriveStatus(0.0, 0x0640), "<DriveStatus: switch on disabled, status word 0640h>"),
     (lambda: barewire.ModbusClient("tcp://127.0.0.1:1", lazy=True), "<ModbusClient tcp://127.0.0.1:1>"),
+    (
+        lambda: barewire.ModbusClient("tcp://127.0.0.1:1", lazy=True).at(unit=3),
+        "<ModbusClient tcp://127.0.0.1:1, unit 3>",
+    ),
+    (
+        lambda: barewire.ModbusClient("tcp://127.0.0.1:1?unit=2", lazy=True).at(unit=3),
+        "<ModbusClient tcp://127.0.0.1:1?unit=2, unit 3>",
+    ),
+    (
+        lambda: barewire.AsyncModbusClient("tcp://127.0.0.1:1?unit=3").at(timeout=2.0),
+        "<AsyncModbusClient tcp://127.0.0.1:1?unit=3>",
+    ),
     (lambda: barewire.AsyncModbusClient("tcp://127.0.0.1:1"), "<AsyncModbusClient tcp://127.0.0.1:1>"),
     (lambda: barewire.AsyncModbusServer("tcp://127.0.0.1:1", {}), "<AsyncModbusServer tcp://127.0.0.1:1>"),
     (lambda: barewire.connect_async("csd-mt", "tcp://127.0.0.1:1"), "<csd-mt by <AsyncModbusClient tcp://127.0.0.1:1>>"),
@@ -154,6 +179,7 @@ def test_no_parameter_of_the_catalogue_is_longer_than_a_line(name: str) -> None:
 def test_a_modbus_server_names_its_address() -> None:
     with barewire.ModbusServer("tcp://127.0.0.1:0", {}) as server:
         assert repr(server) == f"<ModbusServer {server.url}>"
+        assert repr(server.connections) == "<ConnectionTable: none open, 0 closed by the server>"
 
 
 def test_streams_clients_and_nodes_on_a_bus() -> None:

@@ -71,6 +71,11 @@ def test_what_was_left_out_is_logged_at_the_end(log: PortLog, clock: Clock, capl
     log.flush()
     assert texts(caplog)[LINES:] == ["line 12 (2 more like this in the last 5 s)"]
     assert caplog.records[-1].levelname == "WARNING"
+    for number in range(13):
+        log.warning("flood", f"line {number}")
+    clock.now += 0.2
+    log.flush()
+    assert texts(caplog)[-1] == "line 12 (2 more like this in the last second)"
 
 
 def test_kinds_beyond_the_limit_share_one(log: PortLog, clock: Clock, caplog: pytest.LogCaptureFixture) -> None:

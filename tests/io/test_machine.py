@@ -102,9 +102,9 @@ def test_asyncio_values_in_brackets_are_refused_with_the_call_to_write() -> None
                 bus.node(5, device="az3"),
             ]
             for value in values:
-                with pytest.raises(TypeError, match=r"reading takes time: write `await d.read\('Status'\)`"):
+                with pytest.raises(TypeError, match=r"reading takes time: write `await machine.read\('Status'\)`"):
                     value["Status"]
-                with pytest.raises(TypeError, match=r"writing takes time: write `await d.write\('Status', 1\)`"):
+                with pytest.raises(TypeError, match=r"writing takes time: write `await machine.write\('Status', 1\)`"):
                     value["Status"] = 1
                 with pytest.raises(TypeError, match="not iterable"):
                     list(value)

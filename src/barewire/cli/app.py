@@ -88,7 +88,8 @@ def run_command_line(arguments: list[str], loaded: Callable[[], None] | None = N
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        return _print_error(f"output: {error.strerror or error}", 1)
+        text = error.strerror or str(error)
+        return _print_error(f"output: {text[:1].lower()}{text[1:]}", 1)
     except (KeyboardInterrupt, click.Abort):
         return 130
 

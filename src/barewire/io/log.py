@@ -144,7 +144,9 @@ class PortLog:
 
     @staticmethod
     def _more(kind: _Kind, now: float) -> str:
-        return f" ({kind.left_out} more like this in the last {now - kind.since:.0f} s)" if kind.left_out else ""
+        seconds = round(now - kind.since)
+        interval = f"{seconds} s" if seconds > 1 else "second"
+        return f" ({kind.left_out} more like this in the last {interval})" if kind.left_out else ""
 
     def _write(self, level: int, text: str, more: str, error: BaseException | None = None) -> None:
         import logging

@@ -36,7 +36,7 @@ def check(caplog: pytest.LogCaptureFixture, statistics: Any) -> None:
     assert (record.name, record.levelno) == (LOGGER, logging.ERROR)
     message = record.getMessage()
     request = "unit 7: ReadInputRegisters(address=3, quantity=2)"
-    assert message.partition(": ")[2] == f"{request}: its code failed, exception 04: no sensor"
+    assert message.partition(": ")[2] == f"{request}: its code failed, exception 04: ValueError: no sensor"
     assert record.exc_info is not None
     assert record.exc_info[0] is ValueError
     assert "no_sensor" in caplog.text  # the function, from the traceback
@@ -84,7 +84,7 @@ def test_errors_of_each_request_and_kind_have_a_limit_of_their_own(caplog: pytes
     log.failed(1, request, OSError("c"))
     log.failed(1, ReadCoils(0, 1), ValueError("d"))
     texts = [record.getMessage().rpartition("04: ")[2] for record in caplog.records]
-    assert texts == [*["a"] * 10, "b", "c", "d"]
+    assert texts == [*["ValueError: a"] * 10, "ValueError: b", "OSError: c", "ValueError: d"]
 
 
 def test_the_unit_number_of_a_client_makes_no_further_lines(caplog: pytest.LogCaptureFixture) -> None:

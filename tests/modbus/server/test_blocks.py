@@ -152,7 +152,10 @@ def test_a_block_of_another_table_is_copied() -> None:
 
 def test_a_block_is_shown_in_one_line() -> None:
     assert repr(Table().coils) == "<coils 0..65535>"
-    assert repr(Table(0).input_registers) == "<input registers, none>"
+    assert repr(Table().coils[:3]) == repr(Table().holding_registers[:3]) == "[0, 0, 0]"
+    assert str(Table().coils) == "<coils 0..65535>"
+    assert f"{Table(4).holding_registers}" == "<holding registers 0..3>"
+    assert repr(Table(0).input_registers) == "<input registers: none>"
     assert repr(Table(holding_registers={7: [1], 100: [1, 2]}).holding_registers) == "<holding registers 7, 100..101>"
 
 

@@ -51,6 +51,11 @@ class DriveStatus(NamedTuple):
     position: Value | None = None
     velocity: Value | None = None
 
+    def __repr__(self) -> str:
+        values = (("mode", self.mode), ("position", self.position), ("velocity", self.velocity))
+        shown = "".join(f", {name} {show(value)}" for name, value in values if value is not None)
+        return f"<{type(self).__name__}: {self.state_name}, status word {self.status_word:04X}h{shown}>"
+
     @property
     def state(self) -> State | None:
         """The state; None for a word without a state, which a drive shows only during a transition."""

@@ -98,7 +98,8 @@ class ModbusMethods:
     """How often a read that got no response is repeated."""
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.url}>"
+        other = self.unit is not None and f"unit={self.unit}" not in self.url.partition("?")[2].split("&")
+        return f"<{type(self).__name__} {self.url}{f', unit {self.unit}' if other else ''}>"
 
     def _configure(self, url: str, set_direction: SetDirection | None, options: Mapping[str, object]) -> Endpoint:
         """Set the URL, the unit and the time-out, and return the endpoint."""

@@ -88,6 +88,9 @@ class ConnectionTable(Generic[C]):
     def __len__(self) -> int:
         return len(self.open)
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self) or 'none'} open, {len(self.closed)} closed by the server>"
+
     @property
     def unsent(self) -> int:
         """How many bytes of answers the clients have not read yet."""

@@ -1,6 +1,6 @@
 """The lines in the log of a Modbus server: logger `barewire.modbus.server`. Those of connections: `connection_limits`.
 
-    unit 7: ReadInputRegisters(address=3, quantity=2): its code failed, exception 04: no sensor
+    unit 7: ReadInputRegisters(address=3, quantity=2): its code failed, exception 04: ValueError: no sensor
     Traceback (most recent call last): ...
 
 The client gets exception 04 only, the program gets the traceback.
@@ -44,7 +44,7 @@ class ServerLog(PortLog):
     def failed(self, unit: int, request: AnyRequest | None, error: Exception) -> None:
         """Log an error in the code of a unit, with its traceback."""
         try:
-            why = str(error)
+            why = f"{type(error).__name__}: {error}"
         except Exception:
             why = type(error).__name__
         place = f"unit {unit}" if request is None else f"unit {unit}: {request}"

@@ -52,7 +52,7 @@ class _Block:
     def missing(self, place: SupportsIndex | slice) -> str:
         """Return the text of an error if not all these addresses exist, or an empty text."""
         length = len(self)  # type: ignore[arg-type]  # it is an array or a bytearray too
-        expected = f"expected {_rows(self.spans, ' or ')}"
+        expected = f"expected {_rows(self.spans, ' or ')}" if self.spans else f"the table has no {self.name}s"
         if not isinstance(place, slice):
             address = index(place)
             address += length if address < 0 else 0
@@ -63,7 +63,9 @@ class _Block:
         return f"{self.name}s {found[0]}..{found[-1]} do not all exist: {expected}"
 
     def __repr__(self) -> str:
-        return f"<{self.name}s {_rows(self.spans, ', ') or 'none'}>".replace("s none", "s, none")
+        return f"<{self.name}s {_rows(self.spans, ', ')}>" if self.spans else f"<{self.name}s: none>"
+
+    __str__ = __repr__  # a bytearray would print all its values
 
     def _keep_size(self, *_: object) -> NoReturn:
         """Raise EncodeError: every address of a table has one value."""
@@ -107,7 +109,8 @@ class RegisterBlock(_Block, array):  # type: ignore[type-arg]  # it takes [int] 
     def __getitem__(self, place: Any) -> Any:
         if self.has_holes and (missing := self.missing(place)):
             raise IndexError(missing)
-        return self.stored(place)
+        found = self.stored(place)
+        return list(found) if isinstance(place, slice) else found
 
     def __setitem__(self, place: SupportsIndex | slice, value: Any) -> None:
         if self.has_holes and (missing := self.missing(place)):
@@ -164,7 +167,8 @@ class BitBlock(_Block, bytearray):
     def __getitem__(self, place: Any) -> Any:
         if self.has_holes and (missing := self.missing(place)):
             raise IndexError(missing)
-        return self.stored(place)
+        found = self.stored(place)
+        return list(found) if isinstance(place, slice) else found
 
     def __setitem__(self, place: SupportsIndex | slice, value: Any) -> None:
         if self.has_holes and (missing := self.missing(place)):

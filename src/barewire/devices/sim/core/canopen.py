@@ -64,6 +64,9 @@ class CanopenAdapter:
         self._boots_at: float | None = machine.clock.now
         self._pending: list[CanFrame] = []
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.machine.device.title}, node {self.node.node}>"
+
     def _add_missing_records(self) -> None:
         """Add described sub-indices of PDO records that the node does not create: the compatibility entry, 04."""
         for cell in self.machine.store:

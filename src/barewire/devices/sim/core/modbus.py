@@ -46,6 +46,9 @@ class ModbusAdapter:
         self.writes: dict[int, RegisterImage] = {}
         self.images()
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.machine.device.title}>"
+
     def images(self) -> None:
         """Fill `reads` and `writes` from the description."""
         for code in set(self.settings.read_functions.values()):

@@ -156,6 +156,9 @@ class MachineStore:
                 cell.whole.parts.append(cell)
                 cell.set(cell.default)
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self.cells)} values>"
+
     def __iter__(self) -> Iterator[Cell]:
         return iter(self.cells.values())
 
