@@ -27,8 +27,8 @@ from barewire.canopen.gateway import GatewaySession
 from barewire.codecs import Layout
 from barewire.devices import CanopenAccess, Drive, ModbusAccess, Reading, load, names
 from barewire.devices.description.export_eds import export
-from barewire.devices.sim import MachineUnits, simulator
 from barewire.devices.drive.report import DriveStatus
+from barewire.devices.sim import MachineUnits, simulator
 from barewire.explain import explain
 from barewire.io import CanBus
 from barewire.io.canopen.node import ObjectReading, ObjectReadings
@@ -70,8 +70,8 @@ EXAMPLES: list[tuple[Callable[[], Any], str | re.Pattern[str]]] = [
         lambda: barewire.Table(0, coils=[True]),
         "<Table: coils 0, discrete inputs: none, holding registers: none, input registers: none>",
     ),
-    (lambda: simulator("az3").modbus, "<Az3ModbusAdapter: TEM AZ3 servo drive>"),
-    (lambda: simulator("az3").canopen, "<CanopenAdapter: TEM AZ3 servo drive, node 1>"),
+    (lambda: simulator("az3").modbus, "<Az3ModbusAdapter of <Az3: TEM AZ3 servo drive, simulated>>"),
+    (lambda: simulator("az3").canopen, "<CanopenAdapter of <Az3: TEM AZ3 servo drive, simulated>, node 1>"),
     (lambda: simulator("az3").store, "<MachineStore: 346 values>"),
     (
         lambda: DriveStatus(0.0, 0x0637, 1, 2000, 0),

@@ -183,7 +183,9 @@ class AsyncNamedValues(_Names):
             raise TypeError(f"{type(self).__name__}: reading takes time: write `await machine.read({name!r})`")
 
         def __setitem__(self, name: str, value: Value) -> None:
-            raise TypeError(f"{type(self).__name__}: writing takes time: write `await machine.write({name!r}, {value!r})`")
+            raise TypeError(
+                f"{type(self).__name__}: writing takes time: write `await machine.write({name!r}, {value!r})`"
+            )
 
     @abstractmethod
     async def _read(self, names: Sequence[str]) -> list[Reading]:

@@ -65,7 +65,7 @@ class CanopenAdapter:
         self._pending: list[CanFrame] = []
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self.machine.device.title}, node {self.node.node}>"
+        return f"<{type(self).__name__} of {self.machine!r}, node {self.node.node}>"
 
     def _add_missing_records(self) -> None:
         """Add described sub-indices of PDO records that the node does not create: the compatibility entry, 04."""

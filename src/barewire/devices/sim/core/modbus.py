@@ -47,7 +47,7 @@ class ModbusAdapter:
         self.images()
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self.machine.device.title}>"
+        return f"<{type(self).__name__} of {self.machine!r}>"
 
     def images(self) -> None:
         """Fill `reads` and `writes` from the description."""
