@@ -16,6 +16,7 @@ import pytest
 
 from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusServer
 from barewire.errors import PortError
+from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import Table
 from tests.cli.helpers import error_of
 from tests.helpers import refused
@@ -132,3 +133,60 @@ def test_a_link_whose_terminal_is_gone(tmp_path: Path) -> None:
         ModbusClient(f"rtu://{tmp_path}/meter")
     with ModbusServer(f"rtu://{link}", {1: Table()}) as server, ModbusClient(server.url, timeout=5) as client:
         assert client.read_holding_registers(0, 1) == (0,)
+
+
+@pytest.mark.parametrize("target", ["/mnt/disk/photos", "photos", "/dev/pts/x", "/dev/pts/7/8", "/dev/tty-meter"])
+def test_a_broken_link_to_anything_else_is_not_replaced(target: str, tmp_path: Path) -> None:
+    link = tmp_path / "a line"
+    link.symlink_to(target)
+    text = f"the link is broken: there is no {target}; remove it for a new pseudo-terminal: rm '{link}'"
+    with refused(PortError, f"{link}: {text}"):
+        ModbusServer(f"rtu://{link}", {1: Table()})
+    assert os.readlink(link) == target
+
+
+def test_a_server_removes_only_its_own_link(tmp_path: Path) -> None:
+    """A user may have put something else at the path meanwhile; it stays, and closing raises nothing."""
+    link = tmp_path / "line"
+
+    def opened() -> ModbusServer:
+        server = ModbusServer(f"rtu://{link}", {1: Table()})
+        link.unlink()
+        return server
+
+    server = opened()
+    link.write_text("a thesis")
+    server.close()
+    assert link.read_text() == "a thesis"
+    link.unlink()
+
+    server = opened()
+    link.mkdir()
+    server.close()
+    assert link.is_dir()
+    link.rmdir()
+
+    server = opened()
+    with ModbusServer(f"rtu://{link}", {1: Table()}) as second:
+        server.close()
+        with ModbusClient(second.url, timeout=5) as client:
+            assert client.read_holding_registers(0, 1) == (0,)
+    assert not os.path.lexists(link)
+
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    server = ModbusServer(f"rtu://{folder}/line", {1: Table()})
+    (folder / "line").unlink()
+    folder.rmdir()
+    folder.write_text("no folder")
+    server.close()
+
+
+def test_to_close_a_pseudo_terminal_twice_closes_no_file_of_another() -> None:
+    terminal = PseudoTerminal()
+    terminal.close()
+    ours, theirs = os.pipe()  # these get the freed numbers
+    terminal.close()
+    os.fstat(ours)
+    os.close(ours)
+    os.close(theirs)

@@ -31,17 +31,19 @@ _SAME_TIME = 1.0
 
 
 class PseudoTerminal:
-    """One end of a new pseudo-terminal. `path` is the other end; `link` a second name for it, removed on close."""
+    """One end of a new pseudo-terminal. `path` is the other end; `link` a second name for it, removed on close.
+
+    A link that another program left at this path is replaced, if its terminal is gone. Nothing else is.
+    """
 
     def __init__(self, link: str | None = None, pace: Timing | None = None) -> None:
         self._link = Path(link) if link else None
         self._pace = pace
         if self._link is not None and self._link.is_symlink() and not self._link.exists():
-            # Left over from a program that was killed. It would exist again if the new terminal got its number.
-            with contextlib.suppress(OSError):
-                self._link.unlink()
+            _remove_stale(self._link)
         # The other end stays open here too: otherwise the line fails whenever a client closes it.
         self._ours, self._kept = os.openpty()
+        self._ends: tuple[int, ...] = (self._ours, self._kept)
         tty.setraw(self._kept)
         self.path = os.ttyname(self._kept)
         if self._link is not None:
@@ -84,12 +86,16 @@ class PseudoTerminal:
         return self._ours
 
     def close(self) -> None:
-        """Close both ends and remove the link."""
-        for end in (self._ours, self._kept):
+        """Close both ends and remove the link, unless there is something else at its path by now."""
+        # The link first: after `os.close` another program may get the same number.
+        link, self._link = self._link, None
+        with contextlib.suppress(OSError):  # gone, not a link, or its folder is gone
+            if link is not None and os.readlink(link) == self.path:
+                link.unlink()
+        ends, self._ends = self._ends, ()
+        for end in ends:
             with contextlib.suppress(OSError):
                 os.close(end)
-        if self._link is not None:
-            self._link.unlink(missing_ok=True)
 
     def mark_as_served(self) -> None:
         """Mark the terminal as that of a server until it is closed, for `check_not_served` of other servers (Linux)."""
@@ -98,6 +104,19 @@ class PseudoTerminal:
 
             with contextlib.suppress(OSError):  # an emulation of Linux without these locks
                 fcntl.fcntl(self._kept, fcntl.F_OFD_SETLK, _file_lock())
+
+
+def _remove_stale(link: Path) -> None:
+    """Remove a broken link that a program left when it was killed: one to a terminal. It would lead to the new terminal
+    if that got the same number. Raises PortError for another link, which is the user's."""
+    import shlex
+
+    target = os.readlink(link)
+    if target.rstrip("0123456789") not in ("/dev/pts/", "/dev/ttys"):  # as Linux and macOS name them
+        remedy = f"remove it for a new pseudo-terminal: rm {shlex.quote(str(link))}"
+        raise PortError(f"{link}: the link is broken: there is no {target}; {remedy}")
+    with contextlib.suppress(OSError):
+        link.unlink()
 
 
 def check_not_served(path: str, end: int) -> None:
