@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from barewire.devices import load, names
-from tests.cli.helpers import error_of, output_of
+from tests.cli.helpers import ENVIRONMENT, error_of, output_of
 
 
 def test_the_list_of_devices() -> None:
@@ -75,3 +75,16 @@ def test_a_device_without_parameters(tmp_path: Path) -> None:
     (tmp_path / "device.toml").write_text('name = "bare"\ntitle = "Bare"\n')
     assert output_of("devices", str(tmp_path)) == "Bare: 0 parameters\n"
     assert "bare has no Modbus: no table [modbus]" in error_of("simulate", str(tmp_path), "tcp://127.0.0.1:0", status=2)
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_table_fits_a_terminal_of_80_columns(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(ENVIRONMENT, "COLUMNS", "80")
+    lines = output_of("devices", name).splitlines()
+    assert max(map(len, lines)) <= 80
+    for parameter in load(name).parameters:
+        own = f"  {parameter.name}"
+        at = next(place for place, text in enumerate(lines) if text == own or text.startswith(f"{own}  "))
+        assert all(place in f"{lines[at]} {lines[at + 1]}" for place in parameter.places)
+    left_out = "range and unit, type" if name == "az3" else "range and unit"
+    assert lines[-1] == f"Left out on this narrow terminal, see --long: {left_out}"

@@ -47,8 +47,8 @@ def test_enable_move_and_stop(drive_at: tuple[str, str]) -> None:
     assert events[-1]["action"] == "velocity"
     assert "target reached" in events[-1]["bits"]
     assert [event["time"] for event in events] == sorted(event["time"] for event in events)
-    stopped = output_of("drive", *drive_at, "quick-stop").splitlines()[-1]
-    assert stopped.startswith("quick stop active" if drive_at[1] == "csd-mt" else "switch on disabled")
+    stopped = output_of("drive", *drive_at, "quick-stop")
+    assert ("\nquick stop active" if drive_at[1] == "csd-mt" else "\nswitch on disabled") in stopped
     assert output_of("drive", *drive_at, "disable").splitlines()[-1].startswith("switch on disabled")
 
 
@@ -142,7 +142,7 @@ def test_results_that_need_a_remark() -> None:
     csd = simulator("csd-mt").device
     reached = DriveStatus(0.0, 0x0637, 1, 2000, 27506)
     assert list(_remarks("move", csd, reached, {"target": 2000})) == [
-        "the target is reached; Velocity Actual Value still shows 27506: The mean over Velocity Total Sample (1113), "
+        "the target is reached; Velocity Actual Value still shows 27506: the mean over Velocity Total Sample (1113), "
         "100 ms as delivered, so it lags behind"
     ]
     assert list(_remarks("move", csd, reached._replace(velocity=0), {"target": 2000})) == []
@@ -150,18 +150,45 @@ def test_results_that_need_a_remark() -> None:
     assert list(_remarks("velocity", csd, limited, {"target": 900})) == [
         "the drive limits itself at 500, 900 was asked for (internal limit, bit 11)"
     ]
-    assert list(_remarks("velocity", csd, limited._replace(status_word=0x0637), {"target": 500})) == []
+    mean = "Velocity Actual Value still shows 500: the mean over Velocity Total Sample (1113), 100 ms as delivered"
+    mean += ", so it lags behind"
+    held = limited._replace(status_word=0x0637)
+    assert list(_remarks("velocity", csd, held, {"target": 500})) == []
+    assert list(_remarks("velocity", csd, held, {"target": 900})) == [f"the target is reached; {mean}"]
+    assert list(_remarks("velocity", csd, held, {"target": 0})) == [f"the motor stands; {mean}"]
+    assert list(_remarks("quick-stop", csd, held, {})) == [f"the motor stands; {mean}"]
+
+
+def test_a_movement_that_takes_too_long_is_stopped_and_one_line_says_so() -> None:
+    with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
+        slow = ("move", "100000000", "--velocity", "500", "--within", "0.3", "--enable")
+        error = error_after_progress("drive", endpoint, "csd-mt", *slow)
+        assert "interrupted" not in error
+        assert "waiting for target reached" in error
+        assert "; then the command stopped the motor: quick stop, the motor stands at position " in error
+        assert error.endswith("; quick stop active; current on, the motor holds its position\n")
+
+
+def test_a_reset_without_a_fault_says_that_there_is_none() -> None:
+    with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
+        lines = output_of("drive", endpoint, "csd-mt", "reset").splitlines()
+        assert lines[0].startswith("switch on disabled, position 0")
+        assert lines[1:] == ["no fault to reset"]
+
+
+def test_the_list_of_commands_is_not_cut() -> None:
+    assert "..." not in output_of("drive", "--help").partition("Commands:")[2]
 
 
 def test_the_line_of_a_terminal_names_what_is_waited_for() -> None:
     status = DriveStatus(0.0, 0x0237, 1, 5, 100)
     line = _short(DriveProgress("move", "target reached", status))
-    assert line == "move: waiting for target reached, position 5, velocity 100"
+    assert line == "move, position 5, velocity 100; waiting for target reached"
     acknowledged = DriveProgress("move", "bit 12 to rise (set-point acknowledge)", status)
-    assert _short(acknowledged).startswith("move: waiting for bit 12 to rise, position 5")
+    assert _short(acknowledged).endswith("velocity 100; waiting for bit 12 to rise")
     off = DriveStatus(0.0, 0x0233, 1, 0, 0)
     assert _short(DriveProgress("enable", "'operation enabled'", off)) == (
-        "enable: waiting for 'operation enabled', switched on"
+        "enable, switched on; waiting for 'operation enabled'"
     )
 
 

@@ -39,6 +39,20 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("read", TCP, "raw", "objekt:1018:u32"), "did you mean 'object'?"),
     (("read", TCP, "raw", "Status"), "'Status' is not an address"),
     (("read", TCP, "raw", "holding:0G"), "'0G' is not a number in 0..65535"),
+    (("read", TCP, "raw", "holding:3-1"), "'3-1': expected the lower address first"),
+    (("read", TCP, "raw", "holding:0-2:f32"), "'0-2' has 3 registers, a f32 has 2"),
+    (("read", TCP, "raw", "holding:0-9:text4"), "expected a type with a size of its own"),
+    (
+        ("read", "az3", TCP, "STATUS WORD"),
+        "'az3' is a device: expected barewire read [OPTIONS] ENDPOINT DEVICE NAME...",
+    ),
+    (("simulate", TCP, "az3"), "'az3' is a device: expected barewire simulate [OPTIONS] DEVICE ENDPOINT..."),
+    (("read", "can://can0", "az3", "STATUS WORD"), "did you mean 'can://socketcan/can0'?"),
+    (("read", "rtu://dev/ttyUSB0", "adxl", "Status"), "did you mean 'rtu:///dev/ttyUSB0', with three slashes?"),
+    (("read", "rtu://pty", "adxl", "Status"), "rtu://pty is for servers"),
+    (("read", *READ[1:], "Status", "-v"), "'-v' stands before the command: barewire -v read ..."),
+    (("read", *READ[1:], "Status", "--verbose"), "'--verbose' stands before the command: barewire --verbose read ..."),
+    (("read",), "Missing argument 'ENDPOINT'; see barewire read --help"),
     (("read", TCP, "raw", "holding:65536"), "is not a number in 0..65535"),
     (("read", TCP, "raw", "holding:1:f33"), "did you mean 'f32'"),
     (("read", TCP, "raw", "holding:1:u32:ABCE"), "did you mean 'ABCD'"),
@@ -52,7 +66,9 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     ((*WRITE, "Motor start command=700000"), "expected 1"),
     ((*WRITE, "Status=1"), "read only"),
     (("write", CAN, "--timing", "az3", "TARGET VELOCITY=1"), "Modbus goes over tcp://"),
+    ((*WRITE[:2], "raw", "holding:0-1=5"), "a range of addresses can only be read"),
     # watch
+    (("watch",), "Missing argument 'ENDPOINT'; see barewire watch --help"),
     (("watch", TCP, "adxl", "Statsu"), "did you mean 'Status'?"),
     *(((*WATCH, "--period", text), "--period") for text in ("0", "-1", "nan", "inf", "soon")),
     *(((*WATCH, "--count", text), "--count") for text in ("0", "many")),
@@ -61,6 +77,8 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     ((*WATCH, "--json", "--csv"), "expected only one of them"),
     # simulate
     (("simulate", "adlx", "tcp://127.0.0.1:0"), "did you mean 'adxl'?"),
+    (("simulate", "nosuch.toml", "tcp://127.0.0.1:0"), "nosuch.toml: no such file: expected a recording"),
+    (("simulate", __file__, "tcp://127.0.0.1:0"), "expected a file that `barewire record` wrote, or the directory of"),
     (("simulate", "adxl", "can://virtual/x"), "use can://socketcand"),
     (("simulate", "adxl", CAN), "adxl has no CANopen"),
     (("simulate", "table", CAN), "Modbus goes over tcp://"),
@@ -107,7 +125,10 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("sniff", CAN, "--only", "emyc"), "did you mean 'emcy'?"),
     (("sniff", CAN, "--device", "az4"), "did you mean 'az3'?"),
     *((("sniff", CAN, "--device", "az3", "--node", text), "--node") for text in ("0", "128", "x")),
+    ((*SNIFF, "--write", "x.txt"), "--write x.txt: expected a name that ends in .pcapng"),
+    (("sniff", CAN, "--write", "x.asc"), "--write x.asc: expected a name that ends in .pcapng, .log, .txt or .candump"),
     # record
+    (("record",), "Missing argument 'ENDPOINT|FILE'; see barewire record --help"),
     (("record", "tpc://127.0.0.1"), "did you mean 'tcp'?"),
     (("record", TCP), "listening in needs a line"),
     *((("record", "rtu:///dev/null", "--unit", text), "--unit") for text in ("-1", "256", "x")),
@@ -147,6 +168,12 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("drive", TCP, "adxl", "status"), "adxl is not a drive"),
     (("drive", TCP, "az3", "mvoe", "1"), "did you mean 'move'?"),
     (("drive", TCP, "az3", "move", "far"), "expected a number"),
+    (("drive", TCP), "Missing argument 'DEVICE'; see barewire drive --help"),
+    (("drive", TCP, "az3"), "no command given: expected one of status, enable, disable,"),
+    ((*MOVE, "--velocty", "4"), "Did you mean '--velocity'?"),
+    ((*MOVE[:-1], "--velocty=4", "100"), "Did you mean '--velocity'?"),
+    ((*MOVE, "-v"), "'-v' stands before the command: barewire -v drive ..."),
+    (("drive", TCP, "az3", "home"), "home: az3 cannot be homed by this command"),
     *(
         ((*MOVE, option, text), option)
         for option in ("--velocity", "--acceleration", "--deceleration")

@@ -80,7 +80,7 @@ def run_command_line(arguments: list[str], loaded: Callable[[], None] | None = N
         if type(error).__name__ == _HELP_PAGE:
             print(error.format_message(), file=sys.stderr)
             return error.exit_code
-        return _print_error(error.format_message(), error.exit_code)
+        return _print_error(_usage_text(error, arguments), error.exit_code)
     except BarewireError as error:
         return _print_error(text_with_notes(error), 2 if _is_wrong_usage(error) else 1)
     except BrokenPipeError:
@@ -92,6 +92,19 @@ def run_command_line(arguments: list[str], loaded: Callable[[], None] | None = N
         return _print_error(f"output: {text[:1].lower()}{text[1:]}", 1)
     except (KeyboardInterrupt, click.Abort):
         return 130
+
+
+def _usage_text(error: click.ClickException, arguments: list[str]) -> str:
+    """Return the text of wrong usage, with what click leaves out: where -v stands, which help explains the rest."""
+    text = error.format_message()
+    if isinstance(error, click.NoSuchOption) and error.option_name in ("-v", "--verbose"):
+        return f"{error.option_name!r} stands before the command: barewire {error.option_name} {arguments[0]} ..."
+    if isinstance(error, click.MissingParameter) and error.ctx is not None:
+        return f"{text.rstrip('.')}; see {error.ctx.command_path.partition(' ')[0]} {arguments[0]} --help"
+    group = None if not isinstance(error, click.UsageError) or error.ctx is None else error.ctx.command
+    if isinstance(group, click.Group) and text == "Missing command.":
+        return f"no command given: expected one of {', '.join(group.commands)}"
+    return text
 
 
 def _is_wrong_usage(error: BarewireError) -> bool:

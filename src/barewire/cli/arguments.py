@@ -39,8 +39,18 @@ class EndpointArgument(click.ParamType[str]):
 
                     check_interface(endpoint)
         except EncodeError as error:
+            if ctx is not None and "://" not in value and _is_device(value):
+                usage = " ".join([ctx.command_path, *ctx.command.collect_usage_pieces(ctx)])
+                self.fail(f"{value!r} is a device: expected {usage}", param, ctx)
             self.fail(str(error), param, ctx)
         return str(value)
+
+
+def _is_device(name: str) -> bool:
+    """Return whether a text is the name of a device instead of a URL: the arguments are probably swapped."""
+    from barewire.devices import names  # only errors need it
+
+    return name.lower() in (*names(), "raw", "table") or Path(name).is_dir()
 
 
 class CommandGroup(click.Group):

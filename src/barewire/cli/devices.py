@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import textwrap
 from collections.abc import Iterator
 
@@ -88,15 +89,30 @@ def _protocols(device: Device) -> list[str]:
 
 
 def _print_table(parameters: list[Parameter]) -> None:
-    """Print a line for each parameter below a heading for each group; plain text, for grep."""
+    """Print a line for each parameter below a heading for each group; plain text, for grep.
+
+    On a narrow terminal columns are left out, and a name that is too long has a line of its own."""
     rows = [_columns(parameter) for parameter in parameters]
     titles = ("name", "access", "type", "range and unit", "Modbus", "CANopen")
     # A few long entries push the columns behind them to the right: a table of 80 lines is not widened for one of them.
     widths = [max(len(title), *map(len, column)) for title, column in zip(titles, zip(*rows))]
     widths[3] = min(widths[3], _RANGE_WIDTH)
     used = [any(column) for column in zip(*rows)]
+    columns = shutil.get_terminal_size(fallback=(10_000, 24)).columns  # into a pipe: as wide as it is
+
+    def room() -> int:  # for the names
+        return columns - 2 - sum(width + 2 for width, is_used in zip(widths[1:], used[1:]) if is_used)
+
+    left_out = []
+    for place in _LEFT_OUT:
+        if room() < min(widths[0], _NARROWEST_NAME):
+            used[place] = False
+            left_out.append(titles[place])
+    widths[0] = min(widths[0], max(room(), _NARROWEST_NAME))
 
     def line(cells: tuple[str, ...]) -> str:
+        if len(cells[0]) > widths[0]:
+            return f"  {cells[0]}\n{line(('', *cells[1:]))}"
         shown = [f"{cell:<{width}}" for cell, width, is_used in zip(cells, widths, used) if is_used]
         return ("  " + "  ".join(shown)).rstrip()
 
@@ -107,10 +123,15 @@ def _print_table(parameters: list[Parameter]) -> None:
             group = parameter.group
             print(f"\n{group}")
         print(line(row))
-    print("\nAddresses are those on the wire, from 0. Defaults, meanings of values, and notes: --long")
+    print("\nAddresses are those on the wire, from 0. Defaults, values and notes: --long")
+    if left_out:
+        print(f"Left out on this narrow terminal, see --long: {', '.join(left_out)}")
 
 
 _RANGE_WIDTH = 40
+_LEFT_OUT = (3, 2, 1)
+"""The columns that are left out on a narrow terminal, in this order."""
+_NARROWEST_NAME = 34
 
 
 def _columns(parameter: Parameter) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -28,8 +29,9 @@ from barewire.cli.arguments import (
 )
 from barewire.devices.device import Device, drive_roles
 from barewire.devices.drive.cia402 import State
-from barewire.devices.drive.report import DriveProgress, DriveStatus, bit_names
+from barewire.devices.drive.report import DriveProgress, DriveStatus, DriveStuck, bit_names
 from barewire.devices.parameter import show
+from barewire.devices.request_checks import check_mode
 from barewire.io.drive import DriveClient
 
 _Action = Callable[..., DriveStatus]
@@ -76,6 +78,21 @@ def drive_command(ctx: click.Context, endpoint: str, device: str) -> None:
     ctx.obj = (endpoint, description)
 
 
+class _MovingCommand(click.Command):
+    """A command with a TARGET, which may begin with a dash: -1000 is not an option, --velocty is a misspelt one."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the arguments. An option that does not exist is an error with the nearest one."""
+        known = {name for parameter in self.get_params(ctx) for name in parameter.opts if name.startswith("-")}
+        for word in args:
+            name = word.partition("=")[0]
+            if name not in known and re.match(r"--?[a-z]", name):
+                from difflib import get_close_matches  # only errors need it
+
+                raise click.NoSuchOption(name, possibilities=get_close_matches(name, known), ctx=ctx)
+        return super().parse_args(ctx, args)
+
+
 class _DriveNumber(click.ParamType[int | float]):
     """A number; an int if it has no fraction, because most drives count in steps."""
 
@@ -99,6 +116,8 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
         @wraps(action)
         def run_action(ctx: click.Context, /, as_json: bool, timeout: float, no_wait: bool, **arguments: Any) -> None:
             endpoint, device = ctx.obj
+            if moves:
+                check_mode(device, name)  # before a port is opened
             with (
                 connect(device, endpoint) as machine,
                 late_response_awaited(lambda: machine, no_wait),
@@ -112,9 +131,16 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
                     if moves and client.drive.control is not None:
                         error.add_note(f"{name}: the motor may still be turning")
                     raise
+                except DriveStuck as error:
+                    if moves and client.drive.control is not None:
+                        done = _quick_stop(client, f"{name} did not reach its target")
+                        error.add_note(f"then the command stopped the motor: {done}")
+                    raise
                 except (KeyboardInterrupt, OSError) as error:
                     if moves and (isinstance(error, KeyboardInterrupt) or client.drive.control is not None):
-                        _quick_stop(client, name)
+                        done = _quick_stop(client, f"{name} was interrupted")
+                        with suppress(OSError):
+                            print(f"barewire: {name} was interrupted: {done}", file=sys.stderr, flush=True)
                     if isinstance(error, KeyboardInterrupt):
                         raise click.exceptions.Exit(getattr(error, "status", 130)) from None
                     raise
@@ -123,21 +149,26 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
                 print(f"{status.state_name}{_values(status)}; status word {status.status_word:04X}h: {bits}")
                 for line in _remarks(name, device, status, arguments):
                     print(line)
+                if name == "reset" and client.drive.control is None:  # nothing was written
+                    print("no fault to reset")
 
         # A negative target such as -1000 begins with a dash and is not an option.
         settings = {"ignore_unknown_options": moves}
         command = json_option(_timeout_option(no_wait_option(click.pass_context(run_action))))
-        return drive_command.command(name, context_settings=settings)(command)
+        kind = _MovingCommand if moves else click.Command
+        return drive_command.command(name, cls=kind, context_settings=settings)(command)
 
     return make_command
 
 
+_AT_REST = ("move", "home", "velocity", "quick-stop")
+"""The actions that end at a velocity that is known: 0, or the target."""
 _CURRENT_ON = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 
 
-def _quick_stop(client: DriveClient, action: str) -> None:
-    """Stop the drive, also if the progress cannot be printed because the terminal is closed; then print on stderr what
-    was done and the state in which the drive is left."""
+def _quick_stop(client: DriveClient, why: str) -> str:
+    """Stop the drive, also if the progress cannot be printed because the terminal is closed; return what was done and
+    the state in which the drive is left."""
     show_progress = client.drive.progress
 
     def try_to_show(progress: DriveProgress) -> None:
@@ -149,13 +180,11 @@ def _quick_stop(client: DriveClient, action: str) -> None:
     try:
         status = client.quick_stop()
     except BarewireError as error:
-        error.add_note(f"{action} was interrupted, and its quick stop failed: the motor may still be turning")
+        error.add_note(f"{why}, and its quick stop failed: the motor may still be turning")
         raise
     current = "on, the motor holds its position" if status.state in _CURRENT_ON else "off, the motor is free"
     where = "" if status.position is None else f" at position {show(status.position)}"
-    text = f"{action} was interrupted: quick stop, the motor stands{where}; {status.state_name}"
-    with suppress(OSError):
-        print(f"barewire: {text}; current {current}", file=sys.stderr, flush=True)
+    return f"quick stop, the motor stands{where}; {status.state_name}; current {current}"
 
 
 def _remarks(action: str, device: Device, status: DriveStatus, arguments: dict[str, Any]) -> Iterator[str]:
@@ -163,10 +192,22 @@ def _remarks(action: str, device: Device, status: DriveStatus, arguments: dict[s
     if action == "velocity" and status.is_limited:
         held = "" if status.velocity is None else f" at {show(status.velocity)}"
         yield f"the drive limits itself{held}, {show(arguments['target'])} was asked for (internal limit, bit 11)"
-    if action in ("move", "home") and status.velocity:
+        return
+    goal = arguments["target"] if action == "velocity" else 0
+    shown = status.velocity
+    if action in _AT_REST and shown is not None and abs(float(shown) - goal) > _CLOSE * abs(goal):
         parameter = device.find(drive_roles(device).velocity)
         why = parameter.note.partition(". ")[0]
-        yield f"the target is reached; {parameter.name} still shows {show(status.velocity)}{why and f': {why}'}"
+        if why[1:2].islower():
+            why = why[0].lower() + why[1:]
+        stands = not goal and action in ("velocity", "quick-stop")
+        done = "the motor stands" if stands else "the target is reached"
+        if why or not goal:
+            yield f"{done}; {parameter.name} still shows {show(shown)}{why and f': {why}'}"
+
+
+_CLOSE = 0.02
+"""The part of a velocity by which the one that is shown may differ without a remark."""
 
 
 _timeout_option = click.option(
@@ -186,7 +227,7 @@ _within_option = click.option(
     default=60.0,
     show_default=True,
     metavar="S",
-    help="Seconds for the movement.",
+    help="Seconds for the movement; after them, a quick stop.",
 )
 _velocity_option = click.option("--velocity", type=_DriveNumber(), help="Profile velocity, in the drive's unit.")
 _acceleration_option = click.option("--acceleration", type=_DriveNumber(), help="Profile acceleration.")
@@ -230,10 +271,11 @@ def _line_per_change(start: float) -> Callable[[DriveProgress], None]:
 def _short(progress: DriveProgress) -> str:
     """Return the progress in one line of a terminal: the values of a drive that may move, the state of any other."""
     goal = progress.waiting_for.partition(" (")[0]
-    doing = f"{progress.action}: waiting for {goal}" if goal else progress.action
     status = progress.status
     state = "" if status.state is State.OPERATION_ENABLED else f", {status.state_name}"
-    return f"{doing}{state}{_values(status) if status.velocity or not state else ''}"
+    values = _values(status) if status.velocity or not state else ""
+    # The goal is last: a terminal of 80 columns may cut it, and not the velocity.
+    return f"{progress.action}{state}{values}{goal and f'; waiting for {goal}'}"
 
 
 def _values(status: DriveStatus) -> str:
@@ -284,8 +326,9 @@ def reset_command(drive: DriveClient) -> DriveStatus:
 @_within_option
 @_enable_option
 def move_command(drive: DriveClient, target: int | float, **arguments: Any) -> DriveStatus:
-    """Move the enabled drive to the position TARGET, in the drive's unit.
+    """Move the enabled drive to the position TARGET.
 
+    TARGET is in the drive's unit. If it is not reached `--within` S, the command stops the motor by a quick stop.
     Profile values that are not given stay as they are in the drive.
     """
     return drive.move(target, **arguments)
@@ -298,8 +341,9 @@ def move_command(drive: DriveClient, target: int | float, **arguments: Any) -> D
 @_within_option
 @_enable_option
 def velocity_command(drive: DriveClient, target: int | float, **arguments: Any) -> DriveStatus:
-    """Turn the enabled drive at the velocity TARGET, in the drive's unit.
+    """Turn the enabled drive at the velocity TARGET.
 
+    TARGET is in the drive's unit. If it is not reached `--within` S, the command stops the motor by a quick stop.
     The motor keeps turning after the command ends. 0 stops it on its ramp.
     """
     return drive.velocity(target, **arguments)
@@ -312,6 +356,7 @@ def velocity_command(drive: DriveClient, target: int | float, **arguments: Any) 
 def home_command(drive: DriveClient, method: int | None, **arguments: Any) -> DriveStatus:
     """Find the home position with the enabled drive.
 
-    Without METHOD, the method that is set in the drive is used.
+    Without METHOD, the method that is set in the drive is used. If home is not found `--within` S, the command stops
+    the motor by a quick stop.
     """
     return drive.home(method, **arguments)

@@ -22,7 +22,7 @@ from barewire.cli.arguments import (
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
-from barewire.devices.raw_address import device_with
+from barewire.devices.raw_address import device_with, expanded
 from barewire.devices.request_checks import to_write
 from barewire.devices.value_text import parse_value
 from barewire.io.machine import MachineClient
@@ -46,12 +46,13 @@ def read_command(
     barewire read "can://socketcan/can0?node=5" raw object:1018h.1:u32
 
     DEVICE is a name of `barewire devices`, or the directory of your own description. Instead of a NAME, give an
-    address: TABLE:ADDRESS[:TYPE[:ORDER]], counted from 0 as on the wire, or object:INDEX[.SUB]:TYPE. DEVICE `raw` is
-    any device, by addresses only.
+    address: TABLE:ADDRESS[:TYPE[:ORDER]], counted from 0 as on the wire, or object:INDEX[.SUB]:TYPE. holding:0-9 is
+    each register from 0 to 9. DEVICE `raw` is any device, by addresses only.
 
     A request waits `timeout` seconds for its response (1, an option of ENDPOINT). If there is none on a serial line,
     the command waits until `late_window` is over (3 time-outs): a late response must not reach the next command.
     """
+    names = expanded(names)
     description = device_with(device, names)
     for name in names:
         description.find(name)  # an unknown name is reported before a port is opened

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 import time
@@ -14,6 +15,7 @@ import click
 
 from barewire import EncodeError, ModbusServer, Table
 from barewire.cli.arguments import EndpointArgument, Seconds, device_argument
+from barewire.devices.description.load import DEVICE_FILE
 from barewire.devices.sim import MachineUnits, Simulator, recorded_units, simulator
 from barewire.devices.sim.recorded.toml import is_recorded
 from barewire.devices.value_text import parse_value
@@ -210,9 +212,14 @@ def _table_server(url: str, table: Table, **faults: Any) -> ThreadedServer:
 def _recorded(device: str) -> Mapping[int, Unit] | None:
     """Return the units of a file of `barewire record`; None if the device is something else."""
     path = Path(device)
-    if path.suffix != ".toml" or not path.is_file() or not is_recorded(path.read_text("utf-8", errors="replace")):
-        return None
-    return recorded_units(path)
+    if os.path.isfile(path) and path.name != DEVICE_FILE:  # False for a name that is too long
+        if is_recorded(path.read_text("utf-8", errors="replace")):
+            return recorded_units(path)
+        text = "expected a file that `barewire record` wrote, or the directory of a description"
+        raise EncodeError(f"{device}: {text}")
+    if path.suffix == ".toml" and not os.path.exists(path):
+        raise EncodeError(f"{device}: no such file: expected a recording, which `barewire record` writes")
+    return None
 
 
 def _recorded_server(url: str, units: Mapping[int, Unit], **faults: Any) -> ThreadedServer:

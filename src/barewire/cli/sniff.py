@@ -18,6 +18,7 @@ from barewire.explain.can_monitor.event_text import EVENT_KINDS
 from barewire.explain.can_monitor.events import MonitorEvent
 from barewire.explain.can_monitor.recording import (
     BUSES_MAX,
+    LOG_ENDINGS,
     BusMonitors,
     CanRecordingWriter,
     is_can_recording,
@@ -121,6 +122,8 @@ def sniff_command(
             raise EncodeError(f"{option} is for {'Modbus' if is_can else 'a CAN bus'}, which {source} is not")
     if endpoint is not None:
         refuse_for_line(source, ports, protocol)
+    if write is not None:
+        _check_ending(write, is_can)
     with ExitStack() as stack:
         if is_can:
             known = known_nodes(devices, nodes)
@@ -136,6 +139,16 @@ def sniff_command(
             exchanges = listen(endpoint, threading.Event(), seconds=seconds, window=window)
         file = None if write is None else stack.enter_context(_RecordingFile(write))
         _print_exchanges(exchanges, file, as_json)
+
+
+def _check_ending(name: str, is_can: bool) -> None:
+    """Raise EncodeError for a file whose ending promises another format than the one that would be written. A name
+    without an ending, such as that of a pipe, gets pcapng."""
+    endings = (".pcapng", *LOG_ENDINGS) if is_can else (".pcapng",)
+    ending = Path(name).suffix
+    if ending and ending.lower() not in endings:
+        listed = " or ".join(filter(None, (", ".join(endings[:-1]), endings[-1])))
+        raise EncodeError(f"--write {name}: expected a name that ends in {listed}")
 
 
 def refuse_for_line(source: str, ports: tuple[int, ...], protocol: SerialProtocol | None) -> None:

@@ -39,7 +39,7 @@ from barewire.cli.arguments import (
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
-from barewire.devices.raw_address import device_with
+from barewire.devices.raw_address import device_with, expanded
 from barewire.errors import BarewireError, EncodeError, PortError, Refused
 
 
@@ -83,6 +83,7 @@ def watch_command(
     """
     if as_json and as_csv:
         raise click.UsageError("--json and --csv: expected only one of them")
+    names = expanded(names)
     description = device_with(device, names)
     parameters = [description.find(name) for name in names]
     if plot is not None:

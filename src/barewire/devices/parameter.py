@@ -141,7 +141,7 @@ class Parameter:
         # Compared this way round, not-a-number is outside of every range.
         above = self.minimum is None or value >= self.limit(self.minimum, -1)
         if not (above and (self.maximum is None or value <= self.limit(self.maximum, 1))):
-            limits = _range_text(self.minimum, self.maximum)
+            limits = limits_text(self.minimum, self.maximum)
             raise EncodeError(f"{self.name} = {show(value)}: expected {limits} {self.unit}".rstrip(), self.name)
         return value
 
@@ -166,11 +166,10 @@ class Parameter:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the parameter as a dictionary for `json.dumps`: every key is always there, None is "not given".
+        Addresses are those on the wire, from 0.
 
         >>> Parameter("STATUS WORD", "u16", object=ObjectAt(0x6041)).as_dict()["object"]
         {'index': 24641, 'sub': 0, 'bit': None, 'type': 'u16'}
-
-        Addresses are those on the wire, from 0.
         """
         scale, place = self.scale, self.object
         return {
@@ -380,7 +379,8 @@ for _operation in (*_OPERATORS, "__lt__", "__le__", "__gt__", "__ge__"):
     setattr(Reading, _operation, _use_value(_operation))  # not in the class: type checkers report these by themselves
 
 
-def _range_text(low: int | float | None, high: int | float | None) -> str:
+def limits_text(low: int | float | None, high: int | float | None) -> str:
+    """Return a range of which at least one limit is given: '0..300', '5', 'at least 0' or 'at most 7'."""
     if low is None or high is None:
         return f"at least {show(low)}" if low is not None else f"at most {show(high or 0)}"
     return show(low) if low == high else f"{show(low)}..{show(high)}"

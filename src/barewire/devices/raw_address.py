@@ -3,6 +3,7 @@
         holding:100                u16, the type if none is given         TABLE:ADDRESS[:TYPE[:ORDER]]
         input:0x0FB1:u32:ABCD      0FB1h is the same address              holding, input, coil, discrete
         coil:17                    a bit
+        holding:0-9:u32            the five values in registers 0 to 9, for reading: `expanded`
         holding:40:text8           text in eight registers
         object:6041h:u16           index, always hexadecimal              object:INDEX[.SUB]:TYPE
         object:1018h.1:u32         and sub-index
@@ -62,6 +63,38 @@ def device_with(name: str, wanted: Iterable[str]) -> Device:
     return replace(device, parameters=(*device.parameters, *added)) if added else device
 
 
+def expanded(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names with each range of addresses replaced by its addresses, one for each value.
+
+    >>> expanded(["holding:0-1", "input:10-13:f32", "Status"])
+    ('holding:0', 'holding:1', 'input:10:f32', 'input:12:f32', 'Status')
+
+    Raises EncodeError for a range that is wrong.
+    """
+    return tuple(name for text in names for name in _spread(text))
+
+
+def _spread(text: str) -> Iterable[str]:
+    table, _, rest = text.strip().partition(":")
+    addresses, colon, form = rest.partition(":")
+    first, dash, last = addresses.partition("-")
+    if not dash or table not in TABLE_NAMES:
+        return (text,)
+    start, end = (_number(text, number, 0xFFFF) for number in (first, last))
+    if end < start:
+        raise EncodeError(f"{text!r}: {addresses!r}: expected the lower address first")
+    type_name = form.partition(":")[0]
+    if type_name.startswith("text"):
+        raise EncodeError(
+            f"{text!r}: type {type_name!r} in a range: expected a type with a size of its own, such as u32"
+        )
+    place = raw_parameter(f"{table}:{start}{colon}{form}").modbus
+    size, count = place.words if place is not None else 1, end - start + 1
+    if count % size:
+        raise EncodeError(f"{text!r}: {addresses!r} has {count} registers, a {type_name} has {size}")
+    return [f"{table}:{address}{colon}{form}" for address in range(start, end + 1, size)]
+
+
 def is_raw_address(text: str) -> bool:
     """Return whether the text begins like an address; no name of a parameter in the catalogue does."""
     return text.partition(":")[0].strip() in (*TABLE_NAMES, "object") and ":" in text
@@ -71,6 +104,8 @@ def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
     """Return the parameter at an address; `order` is for long values without one. Raises EncodeError if it is wrong."""
     table, _, rest = text.strip().partition(":")
     parts = rest.split(":")
+    if table in TABLE_NAMES and "-" in parts[0].strip()[1:]:
+        raise EncodeError(f"{text!r}: a range of addresses can only be read: give one address for each value")
     if table == "object" and len(parts) == 2:
         index, dot, sub = parts[0].partition(".")
         place = ObjectAt(_number(text, index, 0xFFFF, base=16), _number(text, sub, 0xFF, base=16) if dot else 0)

@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from barewire.codecs import Value, codec
-from barewire.devices.device import Device
+from barewire.devices.device import Device, drive_roles
 from barewire.devices.parameter import Parameter, show
 from barewire.devices.value_text import value_of_name
 from barewire.errors import BarewireError, EncodeError, NoAnswer
@@ -120,3 +120,20 @@ def check_homing_method(parameter: Parameter, method: Value) -> None:
     if parameter.values and method not in parameter.values:
         known = ", ".join(map(str, parameter.values))
         raise EncodeError(f"home: {parameter.name} {show(method)} is not a homing method: expected one of {known}")
+
+
+_MODES = {
+    "move": ("position", "moved to a position"),
+    "velocity": ("velocity", "turned at a velocity"),
+    "home": ("homing", "homed"),
+}
+"""Movement -> its mode in the table [drive] of a description, and its words in an error."""
+
+
+def check_mode(device: Device, action: str) -> str:
+    """Return the mode of a movement. Raise EncodeError if the description of the drive does not have it."""
+    mode, words = _MODES[action]
+    if mode not in drive_roles(device).modes:
+        reason = f"its description has no {mode!r} in modes of [drive] (its manual may describe none)"
+        raise EncodeError(f"{action}: {device.name} cannot be {words} by this command: {reason}")
+    return mode

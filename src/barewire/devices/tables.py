@@ -6,17 +6,19 @@ Depends on: Parameter, Reading.  Used by: Device, values by name, the command `b
 from __future__ import annotations
 
 from barewire._html import html_table
-from barewire.devices.parameter import Parameter, Reading, show
+from barewire.devices.parameter import Parameter, Reading, limits_text
 
 
 def range_text(parameter: Parameter) -> str:
-    """Return the range of a parameter, such as '0..300', '5', '0..' or an empty text.
+    """Return the range of a parameter, such as '0..300', '5', 'at most 7' or an empty text.
 
     >>> range_text(Parameter("Set-point", "u16", minimum=0, maximum=100))
     '0..100'
+    >>> range_text(Parameter("Number of starts", "u16", maximum=7))
+    'at most 7'
     """
-    low, high = ("" if limit is None else show(limit) for limit in (parameter.minimum, parameter.maximum))
-    return low if low == high else f"{low}..{high}"
+    low, high = parameter.minimum, parameter.maximum
+    return "" if low is None and high is None else limits_text(low, high)
 
 
 class Readings(list[Reading]):

@@ -216,12 +216,15 @@ def _checked_place(url: str, scheme: str, place: str) -> str:
     if scheme in ("rtu", "ascii") and place.lower() in (PSEUDO_TERMINAL, f"/{PSEUDO_TERMINAL}"):
         return PSEUDO_TERMINAL
     interface, _, channel = place.partition("/")
-    if scheme == "can" and (not interface or not channel):
-        raise EncodeError(f"endpoint {url!r}: expected can://INTERFACE/CHANNEL, as python-can names them")
+    if scheme == "can":
+        if not interface or not channel:
+            hint = f"; did you mean 'can://socketcan/{interface}'?" if interface.startswith(("can", "vcan")) else ""
+            raise EncodeError(f"endpoint {url!r}: expected can://INTERFACE/CHANNEL, as python-can names them{hint}")
+        socketcand_address(channel)
+    if scheme in ("rtu", "ascii") and place.startswith("dev/"):
+        raise EncodeError(f"endpoint {url!r}: did you mean '{scheme}:///{place}', with three slashes?")
     if not place.strip("/") or "\0" in place:
         raise EncodeError(f"endpoint {url!r}: it names no port")
-    if scheme == "can":
-        socketcand_address(channel)
     return place
 
 
@@ -253,10 +256,9 @@ class Endpoint(NamedTuple):
             raise EncodeError(f"endpoint {shown(url)}: expected a URL as a string, such as 'tcp://10.0.0.5:502'")
         scheme, place, query = split(url)
         if scheme not in CARRIERS and scheme != "can":
-            forms = "tcp://HOST:PORT, rtu:///dev/..., ascii:///dev/..., can://INTERFACE/CHANNEL"
-            forms += " or one of tls, udp, rtu+tcp, ascii+tcp://HOST:PORT"
             from barewire.devices.device import suggest  # only errors need it
 
+            forms = "tcp://HOST:PORT (also tls, udp, rtu+tcp, ascii+tcp), rtu:///dev/..., ascii:///dev/..., can://..."
             raise EncodeError(f"endpoint {url!r}: expected {forms}{suggest(scheme, (*CARRIERS, 'can'))}")
         if "#" in url:
             raise EncodeError(f"endpoint {url!r}: '#' has no meaning in an endpoint; in a name it is %23")
@@ -295,8 +297,7 @@ class Endpoint(NamedTuple):
         if set_direction is None:
             return self
         if not self.is_serial_port:
-            text = "set_direction= is for serial ports, rtu:// and ascii://"
-            raise EncodeError(f"endpoint {str(self)!r}: {text}", "set_direction")
+            raise EncodeError(f"endpoint {str(self)!r}: set_direction= is for rtu:// and ascii://", "set_direction")
         if self.options.get("rs485", "off") != "off":
             text = "rs485= and set_direction= both set the direction of the line, give one of them"
             raise EncodeError(f"endpoint {str(self)!r}: {text}", "set_direction")
@@ -312,8 +313,8 @@ class Endpoint(NamedTuple):
         """Seconds of the pause after the first failed attempt to connect, and of the longest one."""
         for key in _PAUSES & self.options.keys():
             if self.seconds(key, 0.0) < _SHORTEST_PAUSE:
-                text = f"{key}={self.options[key]!r}: expected {_SHORTEST_PAUSE:g} s or more"
-                raise EncodeError(f"endpoint {str(self)!r}: {text}", key)
+                given = f"{key}={self.options[key]!r}"
+                raise EncodeError(f"endpoint {str(self)!r}: {given}: expected {_SHORTEST_PAUSE:g} s or more", key)
         first, longest = (self.seconds(key, pause) for key, pause in zip(sorted(_PAUSES), PAUSES))
         if first <= longest:
             return first, longest
@@ -360,8 +361,7 @@ class Endpoint(NamedTuple):
 
     def integer(self, key: str, default: int) -> int:
         """Return an option that is a whole number."""
-        text = self.options.get(key)
-        if text is None:
+        if (text := self.options.get(key)) is None:
             return default
         smallest, largest = _INTEGERS.get(key, (None, None))
         try:
@@ -390,11 +390,11 @@ class Endpoint(NamedTuple):
 
     def choice(self, key: str, default: str) -> str:
         """Return an option that is one of a few words."""
-        text = self.options.get(key, default)
-        for word in _CHOICES[key]:
+        text, words = self.options.get(key, default), _CHOICES[key]
+        for word in words:
             if text.lower() == word.lower():
                 return word
         from barewire.devices.device import suggest  # only errors need it
 
-        expected = f"expected one of {', '.join(_CHOICES[key])}{suggest(text, _CHOICES[key])}"
+        expected = f"expected one of {', '.join(words)}{suggest(text, words)}"
         raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r}, {expected}")

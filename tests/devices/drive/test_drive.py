@@ -289,7 +289,9 @@ def test_actions_that_the_description_does_not_support(csd: Bench) -> None:
     with refused(EncodeError, "adxl is not a drive: its description has no table [drive]"):
         Drive(csd.drive.access, load("adxl"))
     az3 = Bench(WIRES[2])
-    with refused(EncodeError, "home: the description of az3 has no 'homing' in modes of [drive]"):
+    with refused(
+        EncodeError, "home: az3 cannot be homed by this command: its description has no 'homing' in modes of [drive]"
+    ):
         az3.drive.home()
 
 

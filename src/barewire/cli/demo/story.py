@@ -17,7 +17,6 @@ from rich.console import Console
 
 from barewire import NoAnswer
 from barewire.canopen import CanFrame
-from barewire.cli.arguments import json_option
 from barewire.cli.demo.frames import (
     LINE,
     ExchangeFrames,
@@ -95,7 +94,9 @@ _TIMEOUT, _DELAY = 0.5, 0.7
 
 @click.command("demo")
 @click.option("--all", "every_frame", is_flag=True, help="Show every field of every frame, on six wires.")
-@json_option
+@click.option(
+    "--json", "as_json", is_flag=True, help="As --all, one JSON object a line; without movement and late answer."
+)
 def demo_command(every_frame: bool, as_json: bool) -> None:
     """Read and write three simulated machines on every wire.
 

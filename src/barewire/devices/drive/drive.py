@@ -45,7 +45,7 @@ from barewire.devices.drive.report import (
     stuck_error,
 )
 from barewire.devices.parameter import Reading, show
-from barewire.devices.request_checks import check_encodable, check_homing_method, check_seconds
+from barewire.devices.request_checks import check_encodable, check_homing_method, check_mode, check_seconds
 from barewire.errors import BarewireError, EncodeError, Refused
 
 _ENABLED = int(DriveCommand.ENABLE_OPERATION)
@@ -131,7 +131,7 @@ class Drive(Generic[Item]):
             return status.state not in (*FAULT_STATES, None)
 
         waiting_for = f"{State.SWITCH_ON_DISABLED.value!r}"
-        status = yield from self.status("reset", waiting_for)
+        status = yield from self.status("reset")  # waits for nothing if there is no fault
         began = status.now
         while not is_reset(status):
             if status.now >= began + self.timeout:
@@ -172,7 +172,7 @@ class Drive(Generic[Item]):
         if the drive is not enabled, or the target is not reached in time.
         """
         values = {"profile_velocity": velocity, "acceleration": acceleration, "deceleration": deceleration}
-        motion = self._motion("move", "position", {**values, "target_position": target}, within, enable)
+        motion = self._motion("move", {**values, "target_position": target}, within, enable)
         set_point = _ENABLED | (_RELATIVE if relative else 0) | (_IMMEDIATELY if immediately else 0)
         return self._move(motion, set_point, target)
 
@@ -207,7 +207,7 @@ class Drive(Generic[Item]):
         `target` reports it there, with bit 11 (`DriveStatus.is_limited`). The rest is as for `move`.
         """
         values = {"acceleration": acceleration, "deceleration": deceleration, "target_velocity": target}
-        return self._velocity(self._motion("velocity", "velocity", values, within, enable), target)
+        return self._velocity(self._motion("velocity", values, within, enable), target)
 
     def _velocity(self, motion: _Motion, target: float) -> Conversation[Item, DriveStatus]:
         status = yield from self._prepare("velocity", motion)
@@ -228,7 +228,7 @@ class Drive(Generic[Item]):
         self, method: int | None = None, *, within: float = 60.0, enable: bool = False
     ) -> Conversation[Item, DriveStatus]:
         """Home the enabled drive with `method`, or with the one that is set in it. The rest is as for `move`."""
-        motion = self._motion("home", "homing", {"homing_method": method}, within, enable)
+        motion = self._motion("home", {"homing_method": method}, within, enable)
         if method is not None:
             check_homing_method(self.device.find(self.roles.homing_method), method)
         return self._home(motion)
@@ -315,13 +315,10 @@ class Drive(Generic[Item]):
                 raise (yield from self._stuck(action, waiting_for, None if lost else within, status))
             yield from self.access.wait(min(status.now + self.period, began + within))
 
-    def _motion(
-        self, action: str, mode: str, values: Mapping[str, int | float | None], within: float, enable: bool
-    ) -> _Motion:
+    def _motion(self, action: str, values: Mapping[str, int | float | None], within: float, enable: bool) -> _Motion:
         """Return a movement with its values checked. Raises EncodeError before anything is sent."""
         check_seconds("within", within)
-        if mode not in self.roles.modes:
-            raise EncodeError(f"{action}: the description of {self.device.name} has no {mode!r} in modes of [drive]")
+        mode = check_mode(self.device, action)
         settings: dict[str, Value] = {self.roles.mode: self.roles.modes[mode]}
         for role, value in values.items():
             if value is None:

@@ -138,6 +138,10 @@ def replay_can(
     yield from monitors.end()
 
 
+LOG_ENDINGS = (".log", ".txt", ".candump")
+"""The endings of the names of candump logs."""
+
+
 class CanRecordingWriter:
     """Writes a recording frame by frame, as a candump log or as pcapng: the ending of the file name selects.
 
@@ -147,7 +151,7 @@ class CanRecordingWriter:
     """
 
     def __init__(self, name: str) -> None:
-        self._is_pcapng = not name.lower().endswith((".log", ".txt", ".candump"))
+        self._is_pcapng = not name.lower().endswith(LOG_ENDINGS)
         self._buses: dict[str, int] = {}
         self.start = pcapng.file_header(None) if self._is_pcapng else b""
 

@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from barewire.errors import PortError
-from barewire.io.endpoint import DEFAULT_BAUDRATE, Endpoint, SetDirection
+from barewire.errors import EncodeError, PortError
+from barewire.io.endpoint import DEFAULT_BAUDRATE, PSEUDO_TERMINAL, Endpoint, SetDirection
 from barewire.io.ports.pty import check_not_foreign, check_not_served, is_pseudo_terminal
 from barewire.io.ports.tcp import CHUNK, LONGEST_WAIT, UNPLUGGED, reason
 from barewire.rtu.timing import Timing, character_bits
@@ -108,7 +108,10 @@ class SerialPort:
 
     @classmethod
     def of(cls, endpoint: Endpoint) -> SerialPort:
-        """Open the port of an endpoint."""
+        """Open the port of an endpoint. Raises EncodeError for `pty`: a new pseudo-terminal has a server at once."""
+        if endpoint.place == PSEUDO_TERMINAL:
+            text = "rtu://pty is for servers, which make a new pseudo-terminal; a client opens the path that they print"
+            raise EncodeError(f"endpoint {str(endpoint)!r}: {text}")
         return cls(
             endpoint.place,
             SerialSettings.of(endpoint),

@@ -90,7 +90,12 @@ def _context(endpoint: Endpoint, side: ssl._SSLMethod, needed: tuple[str, ...]) 
     for key in needed:
         if key not in endpoint.options:
             others = "" if len(needed) == 1 else f": {', '.join(needed[:-1])} and {needed[-1]}"
-            raise EncodeError(f"endpoint {str(endpoint)!r}: TLS needs {key}=FILE{others}")
+            without = (
+                "; or client_cert=none, to ask clients for no certificate"
+                if (side, key) == (ssl.PROTOCOL_TLS_SERVER, "ca")
+                else ""
+            )
+            raise EncodeError(f"endpoint {str(endpoint)!r}: TLS needs {key}=FILE{others}{without}")
         files[key] = Path(endpoint.options[key])
         if not files[key].is_file():
             raise EncodeError(f"endpoint {str(endpoint)!r}: {key}: there is no file {files[key]}")
