@@ -133,6 +133,8 @@ def in_a_terminal(columns: int) -> list[str]:
 def test_all_shows_every_field_within_the_width() -> None:
     lines = piped("--all")
     assert max(map(len, lines)) <= 80
+    assert "bold" not in lines[1]  # a pipe has none
+    assert "A line with an arrow is one value" in " ".join(lines[:6])
     assert sum("valid: " in line for line in lines) >= 60
     assert all(line == line.rstrip() for line in lines)
     wide = piped("--all", COLUMNS="200")

@@ -51,9 +51,10 @@ class DemoWire(NamedTuple):
 
 
 _INTRODUCTION = (
-    "Three simulated machines, on pseudo-terminals, on TCP and on a CAN bus inside this process. Each line in bold is "
-    "one value, read or written by its name; under it are the frames on the wire: offset, bytes, name, value and "
-    "meaning of every field. A value smaller than a register (half of one, or a bit) is read, changed and written back."
+    "Three simulated machines, on pseudo-terminals, on TCP and on a CAN bus inside this process. A line with an arrow "
+    "is one value, read (->) or written (<-) by its name; under it are the frames on the wire: offset, bytes, name, "
+    "value and meaning of every field. A value smaller than a register (half of one, or a bit) is read, changed and "
+    "written back."
 )
 
 _WIRES = (
