@@ -164,3 +164,8 @@ def test_two_frames_in_one_delivery_and_one_in_two_are_shown() -> None:
         late.hex(" ").upper(),
         "01 88 01 87 C0",
     ]
+
+
+def test_the_help_says_how_json_differs_from_the_demo() -> None:
+    text = " ".join(output_of("demo", "--help").split())
+    assert "--json As --all, one JSON object a line; without movement and late answer." in text

@@ -262,3 +262,19 @@ def test_a_forced_write_says_what_the_device_has_then() -> None:
             "READY TO SWITCH ON = on, written: its object was read, changed and written back, but the device has off",
             "TARGET TORQUE = 5 ‰ of rated torque, written",
         ]
+
+
+def test_a_range_of_addresses_is_a_value_for_each() -> None:
+    with simulated_at("table", "tcp://127.0.0.1:0") as endpoint:
+        output_of("write", endpoint, "raw", "holding:1=7", "coil:3=on")
+        assert output_of("read", endpoint, "raw", "holding:0-2", "holding:0-3:u32", "coil:3-4").splitlines() == [
+            "holding:0 = 0",
+            "holding:1 = 7",
+            "holding:2 = 0",
+            "holding:0:u32 = 7",
+            "holding:2:u32 = 0",
+            "coil:3 = on",
+            "coil:4 = off",
+        ]
+        lines = output_of("watch", endpoint, "raw", "holding:0-1", "--count", "1")
+        assert "holding:0 = 0; holding:1 = 7" in lines

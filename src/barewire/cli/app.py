@@ -100,10 +100,11 @@ def _usage_text(error: click.ClickException, arguments: list[str]) -> str:
     if isinstance(error, click.NoSuchOption) and error.option_name in ("-v", "--verbose"):
         return f"{error.option_name!r} stands before the command: barewire {error.option_name} {arguments[0]} ..."
     if isinstance(error, click.MissingParameter) and error.ctx is not None:
-        return f"{text.rstrip('.')}; see {error.ctx.command_path.partition(' ')[0]} {arguments[0]} --help"
-    group = None if not isinstance(error, click.UsageError) or error.ctx is None else error.ctx.command
-    if isinstance(group, click.Group) and text == "Missing command.":
-        return f"no command given: expected one of {', '.join(group.commands)}"
+        return f"{text.rstrip('.')}; see {error.ctx.command_path} --help"
+    if isinstance(error, click.UsageError) and error.ctx is not None and text == "Missing command.":
+        group = error.ctx.command
+        names = group.list_commands(error.ctx) if isinstance(group, click.Group) else []
+        return f"no command given: expected one of {', '.join(names)}"
     return text
 
 

@@ -304,6 +304,10 @@ def test_tls_1_1_is_refused(host: ModbusServer, certificates: Path) -> None:
     ("url", "message"),
     [
         ("tls://127.0.0.1:0?key={0}/server.key&ca={0}/ca.crt", "TLS needs cert=FILE"),
+        (
+            "tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key",
+            "TLS needs ca=FILE: cert, key and ca; or client_cert=none, to ask clients for no certificate",
+        ),
         ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/server.key&ca={0}/none", "ca: there is no file"),
         ("tls://127.0.0.1:0?cert={0}/server.crt&key={0}/viewer.key&ca={0}/ca.crt", "they do not belong together"),
         ("tls://127.0.0.1:0?cert={0}/ca.cnf&key={0}/ca.key&ca={0}/ca.crt", "no certificate and key in PEM"),
