@@ -155,7 +155,7 @@ def serving(server: Server, timing: Timing | None = None) -> Peer:
 class FailingUnit:
     """A unit whose code raises `error`."""
 
-    def __init__(self, error: Exception) -> None:
+    def __init__(self, error: BaseException) -> None:
         self.error = error
 
     def handle(self, request: Any, now: float) -> None:

@@ -43,7 +43,7 @@ class ThreadedServer(ABC):
         self._has_started = False
         self._served_by = 0  # the identity of the thread
         self._released = threading.Event()
-        self.failure: BarewireError | None = None
+        self.failure: BaseException | None = None
         """The error that ended a server that runs in its own thread."""
         self.on_end: Callable[[], None] | None = None
         """Called when the thread of the server ends, for whatever reason."""
@@ -117,7 +117,8 @@ class ThreadedServer(ABC):
         except BarewireError as error:
             self.failure = error
             PortLog(self._logger, self.url.partition("?")[0]).error("ended", f"ended: {error}")
-        except Exception as error:
+        except BaseException as error:
+            self.failure = error
             text = f"ended: its code failed: {type(error).__name__}: {error}"
             PortLog(self._logger, self.url.partition("?")[0]).error("ended", text, error)
             raise

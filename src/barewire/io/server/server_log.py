@@ -10,6 +10,7 @@ Depends on: `io.log`.  Used by: the Modbus servers.
 
 from __future__ import annotations
 
+import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -41,8 +42,10 @@ class ServerLog(PortLog):
             self.info("closed", "closed")
             self.flush()
 
-    def failed(self, unit: int, request: AnyRequest | None, error: Exception) -> None:
-        """Log an error in the code of a unit, with its traceback."""
+    def failed(self, unit: int, request: AnyRequest | None, error: BaseException) -> None:
+        """Log an error in the code of a unit, with its traceback. One that `ends_program` is raised again."""
+        if ends_program(error):
+            raise error
         try:
             why = f"{type(error).__name__}: {error}"
         except Exception:
@@ -61,6 +64,16 @@ class ServerLog(PortLog):
         else:
             who = f"role {role!r}" if role else "a client without a role"
             self.warning("denied", f"{peer}: unit {unit}: {who} may not send {request}, exception 01")
+
+
+def ends_program(error: BaseException) -> bool:
+    """Return whether an error in the code of a unit has to end the program.
+
+    Ctrl-C, and `sys.exit` in the handler of a signal, are raised in whatever code the main thread is running. In other
+    threads they, and everywhere `asyncio.CancelledError` and the like, are errors of the unit: its code is not awaited.
+    """
+    is_in_main_thread = threading.current_thread() is threading.main_thread()
+    return is_in_main_thread and isinstance(error, (KeyboardInterrupt, SystemExit))
 
 
 def server_log(endpoint: Endpoint) -> ServerLog:

@@ -22,7 +22,7 @@ from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.tcp import CHUNK, listening_socket, reason, set_socket_options
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable, send_replies
-from barewire.io.server.server_log import server_log
+from barewire.io.server.server_log import ends_program, server_log
 from barewire.modbus.server.server import Server, ServerStatistics
 
 if TYPE_CHECKING:
@@ -71,8 +71,10 @@ class TcpService:
                         elif connection in self.connections.open:  # not closed meanwhile
                             try:
                                 connection.ready(now)
-                            except Exception as error:
+                            except BaseException as error:
                                 # Raised by the caller's code: a look-up of units, a callback for faults.
+                                if ends_program(error):
+                                    raise
                                 self.connections.close(connection, f"{type(error).__name__}: {error}", "broken")
             finally:
                 self.connections.close_all()

@@ -131,7 +131,7 @@ class ServerStatistics:
     failures: list[str] = field(default_factory=list)
     """The latest ten errors raised by the code of units; each was answered with exception 04."""
 
-    def failed(self, error: Exception) -> None:
+    def failed(self, error: BaseException) -> None:
         """Record an error of a unit's code. Its `__str__` belongs to the unit as well, and may raise."""
         try:
             text = str(error)
@@ -151,7 +151,8 @@ class Server:
     permits         permits(unit, request) decides whether a request is carried out; exception 01 if not
     counters        those of another connection to the same units, to share them (default: new ones)
     statistics      those of another connection to the same units, to share them (default: new ones)
-    on_failure      called as on_failure(unit, request or None, error) for each error in the code of a unit
+    on_failure      called as on_failure(unit, request or None, error) for each error in the code of a unit. It may
+                    raise the error again; without it, SystemExit and the like are raised
     on_refusal      called as on_refusal(unit, request or None) for a request that is not permitted, and for one to a
                     unit that is not served (None), except on a serial line
     """
@@ -166,7 +167,7 @@ class Server:
         permits: Callable[[int, AnyRequest], bool] | None = None,
         counters: defaultdict[int, SerialCounters] | None = None,
         statistics: ServerStatistics | None = None,
-        on_failure: Callable[[int, AnyRequest | None, Exception], None] | None = None,
+        on_failure: Callable[[int, AnyRequest | None, BaseException], None] | None = None,
         on_refusal: Callable[[int, AnyRequest | None], None] | None = None,
     ) -> None:
         self.line = line
@@ -193,7 +194,7 @@ class Server:
         return self.line.deadline
 
     def feed(self, data: bytes | None, now: float) -> list[Reply]:
-        """Return the replies to these bytes, or to the time that passed (None). Never raises."""
+        """Return the replies to these bytes, or to the time that passed. Raises only what `on_failure` does."""
         line = self.line
         if self.serial:
             is_early = now < line.quiet_at
@@ -340,11 +341,12 @@ class Server:
                 answer = None if response is None else checked(response.encode())
             except ModbusException as declined:
                 answer, code = self._exception(pdu, declined), declined.code
-        except Exception as error:
-            # The unit's code failed: record the error and answer exception 04.
-            self.statistics.failed(error)
+        except BaseException as error:
             if self._on_failure is not None:
                 self._on_failure(number, request, error)
+            elif not isinstance(error, Exception):
+                raise
+            self.statistics.failed(error)
             code = SERVER_DEVICE_FAILURE
             answer = self._exception(pdu, ModbusException(code))
         if counters is not None:
