@@ -31,6 +31,7 @@ from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.reconnect import Dial, Reopening, receiver
 from barewire.io.canopen.subscriber import BusDown, BusItem, BusUp, Subscriber
 from barewire.io.endpoint import CAN_OPTIONS, PAUSES, Endpoint
+from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
 from barewire.io.log import PortLog, watch_both
 from barewire.io.ports.base import Port, send_when_room
 
@@ -76,18 +77,23 @@ class CanBus:
         # The tuples are replaced, never changed in place: the reader takes no lock.
         self._by_id: dict[bool, dict[int, tuple[Subscriber, ...]]] = {False: {}, True: {}}
         self._of_all: tuple[Subscriber, ...] = ()
-        self._changing = threading.Lock()
-        self._sending = threading.Lock()
         self._channels: dict[tuple[int, SdoDialect], Channel] = {}
         self._locks = ChannelLocks()
-        self._locking = threading.Lock()
+        self._new_locks()
         self._closed = False
+        self._is_inherited = False  # by a forked process, which must not close the port
         self._has_ended = False  # failed or closed, and not opened again
         self._reopening = None if dial is None else Reopening(dial, threading.Event(), pauses=pauses, log=self._log)
         self._waiting: set[Callable[[], None]] = set()
         self._reader = threading.Thread(target=self._read, name=f"reader of {self.name}", daemon=True)
         self._log.info("opened", "opened")
         self._reader.start()
+        end_after_fork(self)
+
+    def _new_locks(self) -> None:
+        self._changing = threading.Lock()
+        self._sending = threading.Lock()
+        self._locking = threading.Lock()
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name}>"
@@ -301,6 +307,8 @@ class CanBus:
 
     def close(self) -> None:
         """End the reader thread and close the port."""
+        if self._is_inherited:
+            return
         self._closed = True
         if self._reopening is not None:
             self._reopening.stop.set()
@@ -309,6 +317,12 @@ class CanBus:
             self._reader.join()
         with suppress(PortError):
             self.port.close()
+
+    def end_in_child(self) -> None:
+        """Refuse to send in a forked process, which has no reader thread; the port is left to its opener."""
+        self._new_locks()  # those of threads that do not exist here
+        self._is_inherited = self._closed = self._has_ended = True
+        self.failure = f"{self.name}: the bus was {OPENED_BEFORE_FORK}"
 
 
 def can_endpoint(url: str, **options: Any) -> Endpoint:

@@ -23,6 +23,7 @@ from barewire.errors import EncodeError, NoAnswer, PortError, shown
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.asyncio import exchange, run
 from barewire.io.engine.backoff import BackOff
+from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
 from barewire.io.log import watch_both
 from barewire.io.modbus.carriers import connect, modbus_line
 from barewire.io.modbus.client_log import ClientLog
@@ -80,11 +81,14 @@ class AsyncConnection:
         self._endpoint = endpoint
         self._watch = watch
         self._link: AsyncLink | None = None
-        self._queue = FairQueue(in_flight)
+        self._closed = ""  # why requests are refused, if they are
+        self._new_queue()
+
+    def _new_queue(self) -> None:
+        self._queue = FairQueue(len(self.lanes))
         self._free = list(self.lanes)
         self._waiters: dict[Ticket, asyncio.Future[None]] = {}
         self._opening = asyncio.Lock()
-        self._closed = False
 
     async def run(self, make: Callable[[Bus], Conversation[bytes, T]], unit: int | None, patience: float) -> T:
         """Carry out a conversation when it is this unit's turn, on a free lane."""
@@ -183,7 +187,7 @@ class AsyncConnection:
                 return box
             self.drop("the connection was given up")
             if self._closed:
-                raise PortError("the client was closed")
+                raise PortError(self._closed)
             if (wait := self.back_off.wait(now)) > patience:
                 raise PortError(f"{self.back_off.why}; tried again in {wait:.1f} s")
             await asyncio.sleep(wait)
@@ -211,6 +215,7 @@ class AsyncConnection:
         receive = traced("received", deliver if fan is not None else lambda data: boxes[0].put(data), watch)
         try:
             link = self._link = await connect(self._endpoint, receive, lose)
+            end_after_fork(self)
         except PortError as error:
             self.back_off.failed(clock(), str(error))
             self._log.not_connected(error, self.back_off.wait(clock()))
@@ -239,6 +244,15 @@ class AsyncConnection:
 
     def close(self) -> None:
         """Close the connection for good."""
-        self._closed = True
+        self._closed = self._closed or "the client was closed"
         self.drop("the client was closed")
         self._log.flush()
+
+    def end_in_child(self) -> None:
+        """Refuse further requests in a forked process, and leave the connection to the process that opened it."""
+        if self._link is not None:
+            self._closed = f"the client was {OPENED_BEFORE_FORK}"
+            self._link = None  # not closed: the selector of its event loop is shared with the parent
+            for lane in self.lanes:
+                lane.box = None
+        self._new_queue()

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from barewire.errors import NoAnswer, PortError
 from barewire.io.engine.blocking import run
 from barewire.io.engine.fast_path import exchange
+from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
 from barewire.io.log import watch_both
 from barewire.io.ports.trace import Trace
 from barewire.modbus.adu import BROADCAST
@@ -62,12 +63,15 @@ class Connection:
         self._watch = watch
         self._dial = dial
         self._new_line = new_line
+        self._closed = ""  # why requests are refused, if they are
+        self._new_queue()
+
+    def _new_queue(self) -> None:
         self._line = threading.Lock()  # held during an exchange
         self._waiting = 0  # threads in the queue: above 0 the line is only taken in turn
         self._queue = FairQueue()
         self._queue_lock = threading.Lock()
         self._changed = threading.Condition(self._queue_lock)
-        self._closed = False
 
     def run(self, conversation: Conversation[bytes, T], unit: int | None, patience: float) -> T:
         """Carry out a conversation when it is this unit's turn, with the line to itself."""
@@ -139,7 +143,7 @@ class Connection:
                 why = str(error)
             self.drop(why)
         if self._closed:
-            raise PortError("the client was closed")
+            raise PortError(self._closed)
         wait = self.back_off.wait(time.monotonic())
         if wait > patience:
             raise PortError(f"{self.back_off.why}; tried again in {wait:.1f} s")
@@ -152,6 +156,7 @@ class Connection:
             raise
         watch = watch_both(self._watch, self._log.watch())
         self.port = port if watch is None else Trace(port, watch)
+        end_after_fork(self)
         self.back_off.reset()
         self._log.connected()
         self.bus.line = self._new_line()
@@ -173,6 +178,13 @@ class Connection:
 
     def close(self) -> None:
         """Close the port for good."""
-        self._closed = True
+        self._closed = self._closed or "the client was closed"
         self.drop("")
         self._log.flush()
+
+    def end_in_child(self) -> None:
+        """Refuse further requests in a forked process, and leave the port to the process that opened it."""
+        if self.port is not None:
+            self._closed = f"the client was {OPENED_BEFORE_FORK}"
+            self.port = None  # not closed: its `close` may set the direction of the line, which the parent still uses
+        self._new_queue()  # locks of threads that do not exist here
