@@ -51,7 +51,8 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
         ("tls://10.0.0.5?server_name=a..b", "server_name='a..b': expected"),
         ("tls://10.0.0.5?server_name=" + 300 * "a", "aaa...: expected a name or address"),
         ("tls://10.0.0.5?server_name=" + 150 * "a." + "a", "a....: expected a name or address"),
-        ("tcp://127.0.0.1:99999", "is not a number in 0..65535"),
+        ("tcp://127.0.0.1:99999", "port '99999' is not a number in 0..65535"),
+        ("tcp://127.0.0.1:" + "9" * 5000, "999...: port '999"),
         ("rtu:///tmp/a%00b", "it names no port"),
         ("rtu:///dev/x?unit=1&unit=2", "an option is given twice"),
         ("rtu:///dev/x?unit=256", "expected 0..255"),
@@ -79,6 +80,7 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
         ("can://socketcan/can0?bitrate=fast", "bitrate='fast' is not a whole number"),
         ("can://slcan//dev/ttyACM0?bitrate=125", "bitrate 125: expected 1000..1000000"),
         ("can://slcan//dev/ttyACM0?bitrate=2000000", "bitrate 2000000: expected 1000..1000000"),
+        ("can://socketcand/127.0.0.1:" + "9" * 5000 + "/can0", "port 999999999 is not a number in 0..65535"),
         ("can://socketcand/127.0.0.1:99999/can0", "is not a number in 0..65535"),
     ],
 )

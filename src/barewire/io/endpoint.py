@@ -150,7 +150,7 @@ def socketcand_address(channel: str) -> tuple[str, int]:
     ('127.0.0.1', 29536)
     """
     host, _, port = channel.partition("/")[0].partition(":")
-    number = int(port) if port.isdecimal() else _SOCKETCAND_PORT
+    number = int(port[:9]) if port.isdecimal() else _SOCKETCAND_PORT
     if number > 0xFFFF:
         raise EncodeError(f"{shown(channel)}: port {number} is not a number in 0..65535")
     return host, number
@@ -353,8 +353,8 @@ class Endpoint(NamedTuple):
         bracketed = host.startswith("[") and host.endswith("]")
         if bracketed != (":" in host) or "[" in host.strip("[]"):
             raise EncodeError(f"endpoint {shown(str(self))}: an IPv6 address stands in brackets, as [::1]:502")
-        if not port.isdecimal() or int(port) > 0xFFFF:
-            raise EncodeError(f"endpoint {shown(str(self))}: port {port!r} is not a number in 0..65535")
+        if not port.isdecimal() or len(port) > 9 or int(port) > 0xFFFF:
+            raise EncodeError(f"endpoint {shown(str(self))}: port {shown(port)} is not a number in 0..65535")
         if not can_be_host(host):
             raise EncodeError(f"endpoint {shown(str(self))}: {shown(host)} cannot be the name of a host")
         return host.strip("[]"), int(port)

@@ -22,6 +22,7 @@ from barewire.io.endpoint import CARRIERS
 from barewire.io.engine.locking import SharedUnits
 from barewire.io.modbus.carriers import modbus_endpoint
 from barewire.io.server.base import ThreadedServer
+from barewire.modbus.server.callbacks import deferred
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
 
 _SERVED = ("tcp", "tls", "udp", "serial")
 """The transports that have a server."""
-_COROUTINE = 0x80 | 0x100 | 0x200
-"""The flags of `async def` functions (of `inspect`, which loads slowly): coroutines, and generators of two kinds."""
 
 
 class Service(Protocol):
@@ -185,9 +184,9 @@ def _check_units(units: Mapping[int, Unit], *, has_broadcasts: bool) -> None:
         if not callable(handle):
             expected = "a Table, Functions, simulator(...).modbus, or an object with handle(request, now)"
             raise EncodeError(f"units: unit {address}: {shown(unit)}: expected {expected}")
-        if getattr(getattr(handle, "__code__", None), "co_flags", 0) & _COROUTINE:
+        if kind := deferred(handle):
             raise EncodeError(
-                f"units: unit {address}: its method handle is a coroutine: expected one that returns the response"
+                f"units: unit {address}: its method handle is {kind}: expected one that returns the response"
             )
 
 

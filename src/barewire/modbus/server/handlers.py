@@ -18,6 +18,7 @@ from barewire.modbus.messages.base import Request, Response
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.messages.fifo import ReadFifoQueue, ReadFifoQueueResponse
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId, ReportServerIdResponse
+from barewire.modbus.server.callbacks import check_function
 from barewire.modbus.server.identity import Identity
 
 ReadBits = Callable[[int, int], Sequence[bool | int]]
@@ -68,8 +69,7 @@ class Functions:
         given = {name: getattr(self, name) for name in _FUNCTIONS if getattr(self, name) is not None}
         given |= {f"own[{getattr(key, '__name__', key)}]": function for key, function in self.own.items()}
         for name, function in given.items():
-            if not callable(function):
-                raise EncodeError(f"Functions: {name} = {shown(function)}: expected a function", name)
+            check_function(f"Functions: {name}", function, name)
 
     def supports(self, request: type[Request[Any]]) -> bool:
         """Whether the functions that this class of requests needs are given."""

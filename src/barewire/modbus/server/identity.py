@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from barewire.errors import EncodeError
+from barewire.codecs.order import is_whole
+from barewire.errors import EncodeError, shown
 from barewire.modbus.adu import PDU_LIMIT
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ModbusException
 from barewire.modbus.messages.identification import (
@@ -41,6 +42,9 @@ class Identity:
 
     def __init__(self, objects: Mapping[int, str | bytes]) -> None:
         for number, value in objects.items():
+            if not is_whole(number, 0, 0xFF):
+                text = "expected a number in 00h..06h or 80h..FFh"
+                raise EncodeError(f"object {shown(number)}: {text}", "objects")
             if not isinstance(value, (str, bytes, bytearray)):
                 raise EncodeError(f"object {number:02X}h is {value!r}: expected text or bytes", "objects")
         self.objects = {

@@ -30,6 +30,7 @@ from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExcept
 from barewire.modbus.messages.fifo import FIFO_LIMIT, ReadFifoQueue, ReadFifoQueueResponse
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId, ReportServerIdResponse
 from barewire.modbus.server.blocks import ADDRESSES, BitBlock, RegisterBlock
+from barewire.modbus.server.callbacks import check_function
 from barewire.modbus.server.identity import Identity
 
 _BLOCKS = ("coils", "discrete_inputs", "holding_registers", "input_registers")
@@ -109,8 +110,9 @@ class Table:
         self.on_read = on_read
         self.exception_status = 0
         self.queues: dict[int, list[int]] = {}
-        self.files = {number: _file(number, content) for number, content in (files or {}).items()}
-        self.identity = Identity({0: vendor, 1: product, 2: revision, **(objects or {})})
+        self.files = {number: _file(number, content) for number, content in _dict("files", files, "{1: [0, 0]}")}
+        others = dict(_dict("objects", objects, "{128: 'serial 42'}"))
+        self.identity = Identity({0: vendor, 1: product, 2: revision} | others)
 
     def __repr__(self) -> str:
         blocks = (repr(getattr(self, name))[1:-1] for name in _BLOCKS)
@@ -120,8 +122,8 @@ class Table:
         if name in _BLOCKS:
             getattr(self, name).fill(value)
             return
-        if name in ("on_write", "on_read") and not (value is None or callable(value)):
-            raise EncodeError(f"{name} = {shown(value)}: expected a function", name)
+        if name in ("on_write", "on_read") and value is not None:
+            check_function(name, value, name)
         object.__setattr__(self, name, value)
 
     def _protected(self, read_only: Mapping[str, Iterable[int]]) -> dict[str, frozenset[int]]:
@@ -301,9 +303,20 @@ _ANSWERS: dict[type[Request[Any]], Callable[[Table, Any], Response]] = {
 """Request class -> the method that answers it."""
 
 
+def _dict(name: str, given: Any, example: str) -> Iterable[tuple[Any, Any]]:
+    """Return the items of a dict; none for None. Raises EncodeError for anything else."""
+    if given is None:
+        return ()
+    if not isinstance(given, Mapping):
+        raise EncodeError(f"{name} = {shown(given)}: expected a dict, such as {example}", name)
+    return given.items()
+
+
 def _file(number: int, content: Sequence[int]) -> array[int]:
     """Return the registers of a file. Raises EncodeError for a wrong file number, size or value."""
     check_range("file", number, 1, 0xFFFF)
+    if not hasattr(content, "__len__") or isinstance(content, (str, bytes, bytearray, Mapping)):
+        raise EncodeError(f"file {number} = {shown(content)}: expected a list of registers", "files")
     limit = files.RECORD_LIMIT + 1
     if len(content) > limit:
         raise EncodeError(f"file {number}: {len(content)} records, a file has at most {limit}", "files")

@@ -1,0 +1,66 @@
+"""Functions of the application: those that a call does not run are refused."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import pytest
+
+from barewire.errors import EncodeError
+from barewire.modbus import Functions, Table
+from tests.helpers import refused
+
+
+async def coroutine(*_: Any) -> None:
+    raise AssertionError
+
+
+async def async_generator(*_: Any) -> Any:
+    yield
+
+
+def generator(*_: Any) -> Any:
+    yield
+
+
+class Callback:
+    async def __call__(self, *_: Any) -> None:
+        raise AssertionError
+
+    async def method(self, *_: Any) -> None:
+        raise AssertionError
+
+
+@pytest.mark.parametrize("name", ["on_write", "on_read"])
+@pytest.mark.parametrize(
+    ("function", "text"),
+    [
+        (coroutine, "a coroutine"),
+        (Callback().method, "a coroutine"),
+        (Callback(), "a coroutine"),
+        (partial(partial(coroutine, 1), 2), "a coroutine"),
+        (generator, "a generator"),
+        (partial(generator), "a generator"),
+        (async_generator, "a generator"),
+    ],
+)
+def test_a_function_that_a_call_does_not_run_is_refused(name: str, function: Any, text: str) -> None:
+    said = f"a call returns {text} and runs nothing; expected def"
+    table = Table(5)
+    with refused(EncodeError, said):
+        Table(5, **{name: function})
+    with refused(EncodeError, said):
+        setattr(table, name, function)
+    assert getattr(table, name) is None
+    with refused(EncodeError, said):
+        Functions(read_coils=function)
+
+
+def test_a_partial_and_an_object_with_call_are_functions() -> None:
+    class Recorder:
+        def __call__(self, *given: Any) -> None:
+            """Record nothing."""
+
+    for function in (Recorder(), partial(Recorder(), 1), partial(print, 1)):
+        Table(5, on_write=function)
