@@ -109,6 +109,54 @@ def test_retries_connect_again() -> None:
         asyncio.run(main(port))
 
 
+def read_one(client: Any) -> object:
+    """Read a register with a client of either world, and close it."""
+    if isinstance(client, ModbusClient):
+        with client:
+            return client.read_holding_registers(0, 1)
+
+    async def main() -> object:
+        async with client:
+            return await client.read_holding_registers(0, 1)
+
+    return asyncio.run(main())
+
+
+@pytest.mark.parametrize("client", CLIENTS)
+@pytest.mark.parametrize(("first", "attempts"), [(0.2, 3), (1000, 1)])
+def test_a_retry_waits_for_the_pause_and_none_is_made_if_that_is_longer_than_the_time_out(
+    client: Any, first: float, attempts: int
+) -> None:
+    """Of the pauses 0.2, 0.4 and 0.8 s the last one is longer than the time-out."""
+    drawn: list[float] = []
+
+    def jitter() -> float:
+        drawn.append(0.5)
+        return 0.5
+
+    url = f"tcp://127.0.0.1:{free_port()}?retries=100000&timeout=0.5&reconnect_first={first}"
+    with refused(PortError, "connection refused") as caught:
+        read_one(client(url, lazy=True, jitter=jitter))
+    assert "tried again" not in str(caught.value)
+    assert len(drawn) == attempts
+
+
+@pytest.mark.parametrize("client", CLIENTS)
+def test_a_closed_client_makes_no_retry(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = client("tcp://127.0.0.1:1?retries=100000", lazy=True)
+    one.connection.close()
+    run, runs = one.connection.run, []
+
+    def counted(*arguments: Any) -> Any:
+        runs.append(arguments)
+        return run(*arguments)
+
+    monkeypatch.setattr(one.connection, "run", counted)
+    with refused(PortError, "the client was closed"):
+        read_one(one)
+    assert len(runs) == 1
+
+
 # The bounds of the pauses
 
 

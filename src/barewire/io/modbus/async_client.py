@@ -165,6 +165,6 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
                 error.add_place(unit, address)
                 raise
             except (PortError, NoAnswer):
-                if self.connection.lanes[0].box is not None or not left:
+                if not left or not self.connection.can_open(self.timeout):
                     raise
                 left -= 1

@@ -193,6 +193,11 @@ class AsyncConnection:
             await asyncio.sleep(wait)
             return await self._connect(lane)
 
+    def can_open(self, patience: float) -> bool:
+        """Return whether the connection is closed and a request could open it again within `patience` seconds."""
+        wait = self.back_off.wait(asyncio.get_running_loop().time())
+        return self.lanes[0].box is None and not self._closed and wait <= patience
+
     async def _connect(self, lane: Lane) -> Mailbox:
         clock = asyncio.get_running_loop().time
         watch = watch_both(self._watch, self._log.watch())

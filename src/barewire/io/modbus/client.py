@@ -142,9 +142,9 @@ class ModbusClient(ModbusMethods, BlockingClient):
         """Send a request message and return its response message.
 
         `retries`, by default that of the client, repeats a read that got no answer, on a new connection if the old one
-        failed; a write is repeated only with `repeat_writes`. Raises ModbusException for an exception response,
-        NoAnswer after the time-out (WriteOutcomeUnknown for a write), PortError if the port fails, TypeError if
-        `request` is not a request message.
+        failed, unless the pause before that is longer than the client's time-out; a write is repeated only with
+        `repeat_writes`. Raises ModbusException for an exception response, NoAnswer after the time-out
+        (WriteOutcomeUnknown for a write), PortError if the port fails, TypeError if `request` is not a request message.
         """
         checked_request(request)
         limit = self.timeout
@@ -165,6 +165,6 @@ class ModbusClient(ModbusMethods, BlockingClient):
                 error.add_place(address, getattr(request, "address", None))
                 raise
             except (PortError, NoAnswer):
-                if connection.port is not None or not left:
+                if not left or not connection.can_open(self.timeout):
                     raise
                 left -= 1

@@ -163,6 +163,10 @@ class Connection:
         self.bus.line.sent(time.monotonic())  # a client waits for a silence of the line before its first request
         return self.port
 
+    def can_open(self, patience: float) -> bool:
+        """Return whether the port is closed and a request could open it again within `patience` seconds."""
+        return self.port is None and not self._closed and self.back_off.wait(time.monotonic()) <= patience
+
     def open_now(self, patience: float) -> None:
         """Open the port if there is none, without a pause after earlier failures."""
         with self._line:
