@@ -133,6 +133,16 @@ def test_a_block_keeps_its_size(resize: Any) -> None:
         assert len(block) == 6
 
 
+@pytest.mark.parametrize("move", ["reverse", "byteswap"])
+def test_values_stay_at_their_addresses(move: str) -> None:
+    table = Table(0, holding_registers={10: [1, 2], 20: [3]}, coils={1: [True]})
+    for block, name in ((table.holding_registers, "holding registers"), (table.coils, "coils")):
+        before = block.stored(slice(None))
+        with refused(EncodeError, f"{name}: values keep their addresses; set them, such as block[0:3] = [1, 0, 1]"):
+            getattr(block, move)()
+        assert block.stored(slice(None)) == before
+
+
 def test_a_block_of_another_table_is_copied() -> None:
     one, other = Table(4), Table(4)
     one.holding_registers[1] = 7

@@ -10,8 +10,10 @@ from hypothesis import given, strategies as st
 from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.modbus import (
     Adu,
+    Delayed,
     ModbusException,
     ReadHoldingRegistersResponse,
+    ReportServerId,
     ReportServerIdResponse,
     Response,
     SdoAborted,
@@ -280,7 +282,10 @@ class Text(ReportServerIdResponse):
         return "1101FF"
 
 
-@pytest.mark.parametrize("response", [TooLong(b""), Text(b""), b"\x03\x02\x00\x00", 7])
+NO_RESPONSES: list[Any] = [b"\x03\x02\x00\x00", 7, "\x11\x00", ReportServerId(), TooLong]
+
+
+@pytest.mark.parametrize("response", [TooLong(b""), Text(b""), *NO_RESPONSES, Delayed(NO_RESPONSES[2], 0.0)])
 def test_an_invalid_response_is_a_failure_of_the_unit(response: object) -> None:
     server = tcp_server(Answering(response))
     (reply,) = server.feed(tcp_frame(1, unhex("11")), 1.0)

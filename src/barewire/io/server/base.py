@@ -12,6 +12,7 @@ Used by: `ModbusServer`, `CanopenServer`, and those for asyncio.
 from __future__ import annotations
 
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Self
@@ -72,6 +73,7 @@ class ThreadedServer(ABC):
     def close(self) -> None:
         """Stop serving and wait until the port is free, 5 s at most. A server that was never started is closed as well.
 
+        While a unit is handling a request the server cannot end; if that takes longer than 5 s, it ends afterwards.
         If a unit calls it, in the serving thread, it does not wait; the server ends after the call of the unit.
         """
         with self._starting:
@@ -81,9 +83,10 @@ class ThreadedServer(ABC):
             self._release()
             self._released.set()
         elif self._served_by != threading.get_ident():
+            until = time.monotonic() + _CLOSING
             self._released.wait(_CLOSING)
             if self._thread is not None:
-                self._thread.join(timeout=_CLOSING)
+                self._thread.join(timeout=max(0.0, until - time.monotonic()))
 
     def is_over(self, stop: threading.Event) -> bool:
         """Return whether the server must stop: the event is set, or the server is closed."""

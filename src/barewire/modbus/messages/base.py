@@ -223,3 +223,11 @@ def checked(pdu: bytes) -> bytes:
         raise EncodeError(f"a PDU is bytes, and this is {type(pdu).__name__}", "pdu")
     check_pdu(pdu)
     return pdu
+
+
+def encoded(response: object) -> bytes:
+    """Return the PDU of a response. Raises EncodeError for anything else: a text and a request have `encode` too."""
+    if not isinstance(response, Response):
+        expected = "a response, such as ReadHoldingRegistersResponse((1,))"
+        raise EncodeError(f"{shown(response)}: expected {expected}", "response")
+    return checked(response.encode())

@@ -72,6 +72,12 @@ class _Block:
         how = "set values in place, such as block[0:3] = [1, 0, 1]"
         raise EncodeError(f"{self.name}s: a block keeps its size; {how}")
 
+    def _keep_places(self, *_: object) -> NoReturn:
+        """Raise EncodeError: a value that moves may get to an address that does not exist."""
+        how = "set them, such as block[0:3] = [1, 0, 1]"
+        raise EncodeError(f"{self.name}s: values keep their addresses; {how}")
+
+    reverse = byteswap = _keep_places
     append = extend = insert = pop = remove = clear = _keep_size
     frombytes = fromfile = fromlist = fromunicode = _keep_size
     __iadd__ = __imul__ = __delitem__ = _keep_size

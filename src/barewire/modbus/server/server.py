@@ -42,7 +42,7 @@ from barewire.modbus.exceptions import (
     ModbusException,
 )
 from barewire.modbus.framing import Line, LineEvent
-from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Response, checked
+from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Response, encoded
 from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse, SdoAborted
 from barewire.modbus.messages.registry import AnyRequest, request_class
 from barewire.modbus.server.serial_counters import ANSWERED, SerialCounters
@@ -338,7 +338,7 @@ class Server:
                 if isinstance(response, Delayed):
                     response = self._delayed(response)
                 # Checked here, so that an invalid response is a failure of the unit and not of the line.
-                answer = None if response is None else checked(response.encode())
+                answer = None if response is None else encoded(response)
             except ModbusException as declined:
                 answer, code = self._exception(pdu, declined), declined.code
         except BaseException as error:
