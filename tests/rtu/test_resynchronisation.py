@@ -111,10 +111,10 @@ def test_noise_byte_by_byte_costs_linear_time(monkeypatch: pytest.MonkeyPatch) -
     checks = 0
     original = RtuLine._check
 
-    def counted(line: RtuLine, at: int) -> tuple[int | None, int]:
+    def counted(line: RtuLine, at: int, may_wait: bool = False) -> tuple[int | None, int]:
         nonlocal checks
         checks += 1
-        return original(line, at)
+        return original(line, at, may_wait)
 
     monkeypatch.setattr(RtuLine, "_check", counted)
     for role in ROLES:

@@ -14,6 +14,9 @@ frame makes it invalid [MB-SERIAL 2.5.1.1].
 
     feed:  | noise | unit ... CRC | unit ... CRC | half a fr        ->  Noise, Adu, Adu, and 9 bytes held
 
+Where both directions are received, the same bytes can be a whole request and a whole response, of different lengths:
+a response whose CRC ends with 00 has a good CRC without that byte too. `Shape.likeliest` decides between them.
+
 After a wrong CRC the line searches, byte by byte, for the next whole frame with a good CRC, and reports the bytes
 before it as one Noise.
 """
@@ -178,7 +181,7 @@ class RtuLine:
             events.append(self._drop(len(self._held), *self._spoiled))
         self._spoiled = None
         while self._held:
-            end = None if self.strict else self._check_first()
+            end = None if self.strict else self._check(0)[0]
             if end is None and self._shape.is_whole(bytes(self._held)):
                 # A function without a known length, which only silence ends.
                 end = len(self._held)
@@ -208,16 +211,21 @@ class RtuLine:
         """Return the end of the frame that begins with the first byte. Checks only when enough bytes have arrived."""
         if self._removed + len(self._held) < self._first_due:
             return None
-        end, self._first_due = self._check(0)
+        end, self._first_due = self._check(0, True)
         return end
 
-    def _check(self, at: int) -> tuple[int | None, int]:
-        """Return the end of the frame that begins at `at`, or None; and the number of bytes at which to check again."""
+    def _check(self, at: int, may_wait: bool = False) -> tuple[int | None, int]:
+        """Return the end of the frame that begins at `at`, or None; and the number of bytes at which to check again.
+
+        `may_wait`: return None also if the bytes are a frame, but a longer one that begins with them is more likely.
+        """
         here, pdu = len(self._held), bytes(self._held[at + 1 : at + LONGEST])
         if not pdu:
             return None, self._removed + at + 2
         due, counted = _NEVER, False
-        for size in self._shape.measured(self._held[at], pdu):
+        whole: list[int] = []
+        sizes = self._shape.measured(self._held[at], pdu)
+        for size in sizes:
             if size is None:
                 continue
             counted = True
@@ -228,7 +236,11 @@ class RtuLine:
                 # The end has not arrived, or more bytes are needed to know the count.
                 due = min(due, self._removed + (end if size <= len(pdu) else at + 1 + size))
             elif self._removed + end > self._hunted and end - at >= SHORTEST and crc16(self._held[at:end]) == 0:
-                return end, due
+                if len(sizes) == 1:
+                    return end, due
+                whole.append(size)
+        if whole and (size := self._shape.likeliest(self._held[at], pdu, sizes, whole, may_wait)) is not None:
+            return at + size + _ENVELOPE, due
         return None, due if counted else _AT_SILENCE
 
     def _hunt(self) -> list[Adu | Noise] | None:

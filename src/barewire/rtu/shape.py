@@ -7,6 +7,15 @@
 
 A frame can lose its last byte and still have a good CRC: if the last byte of the CRC is 00, the bytes before it have
 the remainder 0 as well. Then only the byte count shows that a byte is missing.
+
+For the same reason the bytes from a unit can be a request and a response at once, if the role receives both:
+
+    01 03 04 00 F0 00 00 FA 00      response, two registers: 00F0 0000
+    01 03 04 00 F0 00 00 FA         request, F000h registers from 0400h
+
+The better of the two, in this order: it belongs to the open request (it answers it, or repeats it); its values are
+legal, here 1 to 125 registers; it ends with the bytes that were received; a request, because one without an open
+request is more frequent than a response without one.
 """
 
 from __future__ import annotations
@@ -15,12 +24,21 @@ from collections.abc import Callable, Container
 from contextlib import suppress
 from typing import Literal
 
-from barewire.errors import DecodeError
+from barewire.errors import DecodeError, Refused
+from barewire.modbus.adu import BROADCAST, PDU_LIMIT
+from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.registry import decode_request, decode_response, measure_request, measure_response
 from barewire.rtu.crc import crc16
 from barewire.rtu.frame import LONGEST, SHORTEST
 
 Role = Literal["client", "server", "listener"]
+
+_CRC = 2
+"""Bytes of the CRC. A frame whose CRC ends with 00 has a good CRC without its last byte, or its last two."""
+
+_Rank = tuple[int, bool, bool]
+"""How likely a reading is: 2 it belongs to the open request, 1 it is legal, 0 it is not; whether it ends with the
+received bytes; whether it is a request."""
 
 
 class Shape:
@@ -29,6 +47,7 @@ class Shape:
     def __init__(self, role: Role, units: Container[int]) -> None:
         self.role: Role = role
         self._units = units
+        self._asked: tuple[int, bytes] | None = None  # the unit and PDU of the open request
 
     def measured(self, unit: int, pdu: bytes) -> list[int | None]:
         """Return the length of the PDU that begins with these bytes, for each kind of message that it can be."""
@@ -38,16 +57,67 @@ class Shape:
             return [measure_request(pdu)]
         return [measure_request(pdu), measure_response(pdu)]
 
+    def likeliest(
+        self, unit: int, received: bytes, sizes: list[int | None], whole: list[int], may_wait: bool
+    ) -> int | None:
+        """Return which of `whole` is the length of the PDU, or None if a longer frame is more likely.
+
+        `received` is the PDU and all bytes behind it, `sizes` are the lengths as a request and as a response, and
+        `whole` are those of them at which the CRC is good. Without `may_wait` no longer one is considered. A request
+        that is returned is open until the next frame that is not a request.
+        """
+        request, response = sizes
+        size = whole[0]
+        if request != response:
+            longer = self._longer(unit, received, sizes, size) if may_wait and len(whole) == 1 else None
+            both = [*whole, longer] if longer is not None else whole
+            if len(both) > 1:
+                size = max(both, key=lambda size: self._rank(unit, received, size, size == request))
+            if size == longer:
+                return None
+        pdu = received[:size]
+        is_open = size == request and (size != response or not self._answers(unit, pdu))
+        self._asked = (unit, pdu) if is_open else None
+        return size
+
+    def _longer(self, unit: int, received: bytes, sizes: list[int | None], whole: int) -> int | None:
+        """Return the length of a frame that can have begun with the whole one, if it is worth waiting for."""
+        for size in sizes:
+            if size is None or size <= whole or size > PDU_LIMIT or (unit, received[:whole]) == self._asked:
+                continue
+            # A longer frame with a good CRC is no coincidence if only zeros of its CRC are missing.
+            if size <= whole + _CRC or self._rank(unit, received, size, size == sizes[0])[0] == 2:
+                return size if size + _CRC > len(received) else None
+        return None
+
+    def _rank(self, unit: int, received: bytes, size: int, is_request: bool) -> _Rank:
+        """Return how likely it is that the received bytes begin with a request, or response, of this length."""
+        pdu = received[:size].ljust(size, b"\0")  # the values that are missing can be any; counts come first
+        # A response can begin like a request that is only a function code. Like a longer one it hardly ever begins.
+        if (size > 1 and self._asked == (unit, pdu)) if is_request else self._answers(unit, pdu):
+            level = 2
+        elif is_request:
+            level = int(_can_be(decode_request, pdu))
+        else:
+            level = int(unit != BROADCAST)
+        return level, len(received) <= size + _CRC, is_request
+
+    def _answers(self, unit: int, pdu: bytes) -> bool:
+        """Whether the PDU answers the open request."""
+        if self._asked is None or self._asked[0] != unit or self._asked[1][0] != pdu[0] & ~EXCEPTION_BIT:
+            return False
+        with suppress(DecodeError):
+            with suppress(Refused):  # an exception response answers too
+                decode_request(self._asked[1]).read_response(pdu)
+            return True
+        return False
+
     def reads(self, unit: int, pdu: bytes) -> bool:
         """Whether the PDU can be decoded as a kind of message that is expected from this unit."""
         decoders: list[Callable[[bytes], object]] = [] if self.role == "client" else [decode_request]
         if self.role == "client" or unit not in self._units:
             decoders.append(decode_response)
-        for decode in decoders:
-            with suppress(DecodeError):
-                decode(pdu)
-                return True
-        return False
+        return any(_can_be(decode, pdu) for decode in decoders)
 
     def is_whole(self, held: bytes) -> bool:
         """Whether all of these bytes, followed by silence, are one frame.
@@ -63,3 +133,11 @@ class Shape:
         if not cut or self.reads(unit, pdu):
             return True
         return not any(self.reads(unit, held[1 : 1 + size]) for size in cut)
+
+
+def _can_be(decode: Callable[[bytes], object], pdu: bytes) -> bool:
+    """Whether the PDU can be decoded."""
+    with suppress(DecodeError):
+        decode(pdu)
+        return True
+    return False

@@ -213,6 +213,13 @@ def test_an_unreadable_line_is_reported_with_its_number() -> None:
         replay(b"\xff\xfe\x00")
 
 
+def test_a_response_that_is_a_request_without_its_last_byte() -> None:
+    log = b"16.35 01 03 00 00 00 02 C4 0B\n16.36 01 03 04 00 F0 00 00 FA 00\n"
+    asked, answered = replay(log)
+    assert isinstance(answered, ResponseSeen)
+    assert (answered.request, answered.pdu.hex()) == (asked, "030400f00000")
+
+
 def test_a_log_of_rtu_and_one_of_ascii() -> None:
     log = f"1.0 {FRAME.hex(' ')}\n1.1 {rtu_frame(1, VALUES).hex(' ')}\n5.0 {FRAME.hex(' ')}\n9.0 FF"
     events = list(replay(log.encode()))
