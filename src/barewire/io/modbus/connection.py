@@ -10,12 +10,13 @@ again, at once the first time, then after pauses that grow (`BackOff`).
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from barewire.errors import NoAnswer, PortError
+from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.engine.blocking import run
 from barewire.io.engine.fast_path import exchange
 from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
@@ -102,7 +103,11 @@ class Connection:
                 self._leave(ticket)
 
     def _wait(self, unit: int | None) -> Ticket:
-        """Wait in the queue until it is this unit's turn and the line is free."""
+        """Wait in the queue until it is this unit's turn and the line is free. Raises EncodeError if that would be for
+        ever, because this thread has the line."""
+        if self._is_inside():
+            text = "the client is used inside one of its own callbacks (watch=, a handler of its log, ...)"
+            raise EncodeError(f"{text}, during a request: use it afterwards, or another client")
         with self._queue_lock:
             self._waiting += 1
             ticket = self._queue.join(unit)
@@ -114,6 +119,17 @@ class Connection:
             self._leave(ticket)
             raise
         return ticket
+
+    def _is_inside(self) -> bool:
+        """Return whether this thread has the line: a caller of this call is `run`, `ask` or `open_now`, in which a
+        ticket, or None, means that the line was taken. So a request that does not wait has no owner to record."""
+        frame = sys._getframe(1)
+        holders = (Connection.run.__code__, Connection.ask.__code__, Connection.open_now.__code__)
+        while (caller := frame.f_back) is not None:
+            frame = caller
+            if frame.f_code in holders and frame.f_locals["self"] is self and "ticket" in frame.f_locals:
+                return True
+        return False
 
     def _leave(self, ticket: Ticket) -> None:
         with self._queue_lock:
@@ -169,9 +185,14 @@ class Connection:
 
     def open_now(self, patience: float) -> None:
         """Open the port if there is none, without a pause after earlier failures."""
-        with self._line:
+        ticket = None if not self._waiting and self._line.acquire(False) else self._wait(None)
+        try:
             self.back_off.reset()
             self.open(patience)
+        finally:
+            self._line.release()
+            if ticket is not None:
+                self._leave(ticket)
 
     def drop(self, why: str) -> None:
         """Close a port that failed; the next request opens another one."""
