@@ -15,6 +15,7 @@ Depends on: nothing. Used by: every room.
 
 from __future__ import annotations
 
+import sys
 from typing import Literal
 
 Reason = Literal[
@@ -47,16 +48,19 @@ REASONS: tuple[Reason, ...] = (
 """Why bytes cannot be decoded. `reason` in the vectors has the same words."""
 
 
-def shown(value: object) -> str:
-    """Return the value as error texts show it: its `repr`, cut to 60 characters.
+def shown(value: object, most: int = 60) -> str:
+    """Return the value as error texts show it: its `repr`, cut to 60 characters, or to `most`.
 
     >>> shown("x" * 100), shown(1 << 5000)
     ("'xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx...", 'a number of 5001 bits')
     """
     if isinstance(value, int) and value.bit_length() > 256:
         return f"a number of {value.bit_length()} bits"
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    try:
+        text = repr(value)
+    except ValueError:
+        return f"a {type(value).__name__} with a number of more than {sys.get_int_max_str_digits()} digits"
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 class BarewireError(Exception):

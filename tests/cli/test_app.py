@@ -179,3 +179,24 @@ def test_an_unknown_command_is_reported_with_the_nearest_one(name: str, end: str
     error = error_of(name, "tcp://127.0.0.1:1", status=2)
     assert error.startswith(f"barewire: unknown command '{name}': expected one of demo, devices")
     assert error.endswith(end)
+
+
+@pytest.mark.parametrize(
+    "command", [("--version",), ("devices",), ("devices", "adxl", "--json"), ("explain", "rtu", "01 03")], ids=" ".join
+)
+def test_a_closed_stdout_is_one_line(command: tuple[str, ...]) -> None:
+    shell = ["sh", "-c", '"$@" >&-', "sh", *COMMAND, *command]
+    done = subprocess.run(shell, stderr=subprocess.PIPE, text=True, timeout=60, env=ENVIRONMENT, check=False)
+    assert (done.returncode, done.stderr) == (
+        1,
+        "barewire: output: stdout is closed, what the command printed is lost\n",
+    )
+
+
+def test_a_drive_moves_and_stops_with_a_closed_stdout() -> None:
+    with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
+        for words in (("move", "100", "--enable"), ("quick-stop",)):
+            shell = ["sh", "-c", '"$@" >&-', "sh", *COMMAND, "drive", endpoint, "csd-mt", *words]
+            done = subprocess.run(shell, stderr=subprocess.PIPE, text=True, timeout=60, env=ENVIRONMENT, check=False)
+            assert done.stderr == "barewire: output: stdout is closed, what the command printed is lost\n"
+        assert output_of("drive", endpoint, "csd-mt", "status").startswith("quick stop active, position 100,")

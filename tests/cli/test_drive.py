@@ -12,10 +12,12 @@ from pathlib import Path
 import pytest
 
 from barewire import ModbusServer, connect
+from barewire.cli.app import run_command_line
 from barewire.cli.drive import _remarks, _short
 from barewire.devices.drive.cia402 import State
 from barewire.devices.drive.report import DriveProgress, DriveStatus
 from barewire.devices.sim import CsdMt, simulator
+from barewire.io.drive import DriveClient
 from tests.cli.helpers import COMMAND, error_of, output_of, run_command, simulated_at
 from tests.helpers import free_port
 
@@ -63,7 +65,9 @@ def test_the_help_of_a_command_needs_no_endpoint_and_device(place: tuple[str, ..
     assert "Usage: barewire drive [OPTIONS] ENDPOINT DEVICE COMMAND" in output_of("drive", option)
 
 
-def test_ctrl_c_is_a_quick_stop() -> None:
+@pytest.mark.parametrize("presses", [1, 2, 20])
+def test_ctrl_c_is_a_quick_stop(presses: int) -> None:
+    """Also if it is pressed again before the quick stop is written and confirmed."""
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
         command = [*COMMAND, "drive", endpoint, "csd-mt", "move", "100000000", "--enable", "--json"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -72,7 +76,9 @@ def test_ctrl_c_is_a_quick_stop() -> None:
             for line in process.stdout:
                 if json.loads(line)["velocity"]:
                     break
-            process.send_signal(signal.SIGINT)
+            for _ in range(presses):
+                process.send_signal(signal.SIGINT)
+                time.sleep(0.0002)
             last = process.stdout.read().splitlines()[-1]
             report = process.stderr.read()
             assert process.wait(10) == 130
@@ -99,6 +105,48 @@ def test_the_end_of_the_command_is_a_quick_stop(how: str) -> None:
                 assert json.loads(process.stdout.read().splitlines()[-1])["state"] == "quick stop active"
             assert process.wait(20) == {"SIGTERM": 143, "SIGHUP": 129, "closed": 1}[how]
         assert output_of("read", endpoint, "csd-mt", "Velocity Actual Value").startswith("Velocity Actual Value = 0 ")
+
+
+@pytest.fixture
+def handlers() -> Iterator[None]:
+    """Let the signals that end a command raise KeyboardInterrupt here, and restore their handlers afterwards."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    for number in before:
+        signal.signal(number, signal.default_int_handler)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("second", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("first", ["SIGINT", "SIGTERM", "closed"])
+def test_a_second_signal_does_not_interrupt_the_quick_stop(
+    first: str, second: str, handlers: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    quick_stop = DriveClient.quick_stop
+
+    def interrupted_move(drive: DriveClient, *_: object, **__: object) -> None:
+        drive.velocity(20_000, enable=True)
+        if first == "closed":
+            raise OSError("the output is closed")
+        signal.raise_signal(signal.Signals[first])
+
+    def interrupted_quick_stop(drive: DriveClient) -> DriveStatus:
+        signal.raise_signal(signal.Signals[second])
+        status: DriveStatus = quick_stop(drive)
+        signal.raise_signal(signal.Signals[second])
+        return status
+
+    monkeypatch.setattr(DriveClient, "move", interrupted_move)
+    monkeypatch.setattr(DriveClient, "quick_stop", interrupted_quick_stop)
+    machine = simulator("csd-mt", time.monotonic())
+    assert machine.modbus is not None
+    with ModbusServer("tcp://127.0.0.1:0", units={1: machine.modbus}) as server:
+        status = run_command_line(["drive", server.url, "csd-mt", "move", "1"])
+        assert status == {"SIGINT": 130, "SIGTERM": 143, "closed": 1}[first]
+        assert "move was interrupted: quick stop, the motor stands" in capsys.readouterr().err
+        with connect("csd-mt", server.url) as csd:
+            assert csd.drive.status().state is State.QUICK_STOP_ACTIVE
 
 
 def test_a_device_that_is_no_drive_is_refused_before_the_port_is_opened() -> None:

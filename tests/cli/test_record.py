@@ -35,6 +35,17 @@ def log(tmp_path: Path) -> Path:
     return file
 
 
+def test_the_recording_is_not_overwritten(log: Path, tmp_path: Path) -> None:
+    before = log.read_bytes()
+    link = tmp_path / "link.log"
+    link.symlink_to(log)
+    for command, option in (("record", "--to"), ("sniff", "--write")):
+        for target in (log, link):
+            error = error_of(command, str(log), option, str(target), status=2)
+            assert f"{option} {target}: {log} is the same file, which would be overwritten" in error
+            assert log.read_bytes() == before
+
+
 def test_a_recording_becomes_a_device_and_is_served(log: Path, tmp_path: Path) -> None:
     target = tmp_path / "pump.toml"
     assert output_of("record", str(log), "--to", str(target)).splitlines() == [

@@ -190,6 +190,81 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
 ]
 
 
+LONG = "9" * 5000
+TOO_LONG: list[tuple[str, ...]] = [
+    *(
+        ("read", f"{TCP}?{query}", "adxl", "Status")
+        for query in (
+            f"timeout={LONG}",
+            f"unit={LONG}",
+            f"parity={LONG}",
+            f"{LONG}=1",
+            "?" * 5000,
+            "&".join(f"a{number}=1" for number in range(10_000)),
+            "&".join(f"unit={number}" for number in range(10_000)),
+        )
+    ),
+    *(
+        ("read", url, "az3", "STATUS WORD")
+        for url in (
+            LONG,
+            f"tcp://127.0.0.1:{LONG}",
+            f"rtu:///dev/x?baudrate={LONG}",
+            f"rtu:///dev/x?latency={LONG}",
+            f"can://{LONG}",
+            f"can://{LONG}/x",
+            f"can://socketcand/1:{LONG}/x",
+            f"can://socketcan/can0?node={LONG}",
+        )
+    ),
+    ("read", TCP, LONG, "Status"),
+    (*READ, LONG),
+    *(("read", TCP, "raw", text) for text in (LONG, f"holding:{LONG}", f"holding:1:{LONG}", f"holding:1:u32:{LONG}")),
+    *((*WRITE, text) for text in (LONG, f"{LONG}=1", f"Motor start command={LONG}")),
+    *((*WATCH, option, LONG) for option in ("--period", "--plot")),
+    (*WATCH, "--count", f"-{LONG}"),
+    *(
+        (*SIMULATE, "--fault", text)
+        for text in (
+            LONG,
+            f"drop:{LONG}",
+            f"drop@{LONG}",
+            f"drop@0-{LONG[:4300]}",
+            f"drop@0x{LONG}",
+            f"drop@{LONG}:1",
+            f"drop@{LONG}=1",
+            f"drop@every=x{LONG}",
+            f"exception={LONG[:4300]}",
+            f"late={LONG[:4300]}",
+            ",".join(["drop"] * 5000 + ["drp"]),
+        )
+    ),
+    *((*SIMULATE, option, LONG) for option in ("--late", "--set", "--world")),
+    ("explain", LONG, "01"),
+    ("explain", "can", "605#40", "--device", LONG),
+    (*SNIFF, "--protocol", LONG),
+    (*SNIFF, "--only", LONG),
+    ("record", "rtu:///dev/null", "--unit", LONG),
+    ("conform", CAN, "--only", LONG),
+    ("conform", CAN, "--large", LONG),
+    ("canopen-gateway", CAN, "--listen", LONG),
+    ("eds", "export", LONG),
+    ("devices", "az3", LONG),
+    (LONG,),
+    (*MOVE[:-1], f"x{LONG}"),
+]
+
+
+@pytest.mark.parametrize("arguments", TOO_LONG, ids=range(len(TOO_LONG)))
+def test_a_very_long_argument_is_not_repeated_in_full(
+    arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_command_line(list(arguments)) == 2
+    output = capsys.readouterr().err
+    assert output.count("\n") == 1
+    assert len(output) < 1000
+
+
 @pytest.mark.parametrize(("arguments", "text"), WRONG, ids=[" ".join(arguments) for arguments, _ in WRONG])
 def test_what_cannot_be_understood_is_one_line_and_exit_status_2(
     arguments: tuple[str, ...],

@@ -33,7 +33,7 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
     ("url", "message"),
     [
         ("127.0.0.1:502", "expected tcp://HOST:PORT"),
-        ("tpc://127.0.0.1", "ascii+tcp://HOST:PORT; did you mean 'tcp'"),
+        ("tpc://127.0.0.1", "can://...; did you mean 'tcp'"),
         ("http://127.0.0.1", "expected tcp://HOST:PORT"),
         ("tcp://", "it names no port"),
         ("tcp://127.0.0.1?units=1", "unknown option 'units', expected any_transaction, any_unit"),

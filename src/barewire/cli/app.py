@@ -11,7 +11,9 @@ import io
 import os
 import sys
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from importlib import import_module
+from pathlib import Path
 
 import click
 
@@ -36,6 +38,9 @@ COMMANDS = {
 }
 """Command -> (file, first line of its help). A file is loaded when the command is used: `explain` loads no CAN bus,
 and `--help` none of them. In the file, the click command of `canopen-gateway` is `canopen_gateway_command`."""
+
+_WORD_LONGEST = 250
+"""Characters of a word in the text of an error."""
 
 _HELP_PAGE = "NoArgsIsHelpError"
 """The error that click raises from 8.2 on for a group without a command; its text is the help page."""
@@ -68,6 +73,8 @@ class LazyGroup(CommandGroup):
 def run_command_line(arguments: list[str], loaded: Callable[[], None] | None = None) -> int:
     """Run a command and return its exit status: 0 done, 1 failed, 2 wrong usage, 130 after Ctrl-C. `loaded` is called
     when the file of the command is loaded."""
+    if sys.stdout is None:  # `>&-`
+        return _run_without_output(arguments, loaded)
     # A character that the terminal cannot show, such as a degree sign, is replaced; the value is still printed.
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -108,6 +115,13 @@ def _usage_text(error: click.ClickException, arguments: list[str]) -> str:
     return text
 
 
+def _run_without_output(arguments: list[str], loaded: Callable[[], None] | None) -> int:
+    """Run a command whose stdout is closed: what it prints is lost, which is an error at its end."""
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
+        status = run_command_line(arguments, loaded)
+    return status or _print_error("output: stdout is closed, what the command printed is lost", 1)
+
+
 def _is_wrong_usage(error: BarewireError) -> bool:
     from barewire.devices.device import UnknownName
 
@@ -115,7 +129,9 @@ def _is_wrong_usage(error: BarewireError) -> bool:
 
 
 def _print_error(text: str, status: int) -> int:
-    print(f"barewire: {' '.join(text.split())}", file=sys.stderr)
+    """Print the error as one line, and return the status. click repeats an argument in full: long words are cut."""
+    words = (word if len(word) <= _WORD_LONGEST else f"{word[: _WORD_LONGEST - 3]}..." for word in text.split())
+    print(f"barewire: {' '.join(words)}", file=sys.stderr)
     return status
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import signal
 import sys
 import time
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from barewire.errors import BarewireError, EncodeError, PortError
+from barewire.errors import BarewireError, EncodeError, PortError, shown
 from barewire.io.endpoint import Endpoint
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class EndpointArgument(click.ParamType[str]):
         except EncodeError as error:
             if ctx is not None and "://" not in value and _is_device(value):
                 usage = " ".join([ctx.command_path, *ctx.command.collect_usage_pieces(ctx)])
-                self.fail(f"{value!r} is a device: expected {usage}", param, ctx)
+                self.fail(f"{shown(value)} is a device: expected {usage}", param, ctx)
             self.fail(str(error), param, ctx)
         return str(value)
 
@@ -50,7 +51,7 @@ def _is_device(name: str) -> bool:
     """Return whether a text is the name of a device instead of a URL: the arguments are probably swapped."""
     from barewire.devices import names  # only errors need it
 
-    return name.lower() in (*names(), "raw", "table") or Path(name).is_dir()
+    return name.lower() in (*names(), "raw", "table") or os.path.isdir(name)  # Path.is_dir raises for a long one
 
 
 class CommandGroup(click.Group):
@@ -65,7 +66,7 @@ class CommandGroup(click.Group):
             from barewire.devices.device import suggest  # only errors need it
 
             hint = suggest(args[0], names)
-            ctx.fail(f"unknown command {args[0]!r}: expected one of {', '.join(names)}{hint}")
+            ctx.fail(f"unknown command {shown(args[0])}: expected one of {', '.join(names)}{hint}")
         return super().resolve_command(ctx, args)
 
 
@@ -79,7 +80,7 @@ class Choice(click.Choice[str]):
         from barewire.devices.device import suggest  # only errors need it
 
         hint = suggest(str(value), self.choices)
-        self.fail(f"{value!r}: expected one of {', '.join(self.choices)}{hint}", param, ctx)
+        self.fail(f"{shown(value)}: expected one of {', '.join(self.choices)}{hint}", param, ctx)
 
 
 class Seconds(click.ParamType[float]):
@@ -97,7 +98,7 @@ class Seconds(click.ParamType[float]):
         except ValueError:
             number = math.nan
         if not 0 <= number < 1e6 or not (number or self.may_be_zero):
-            self.fail(f"{value!r}: expected seconds, {'0 or more' if self.may_be_zero else 'above 0'}", param, ctx)
+            self.fail(f"{shown(value)}: expected seconds, {'0 or more' if self.may_be_zero else 'above 0'}", param, ctx)
         return number
 
 
@@ -190,6 +191,13 @@ def file_content(path: str | Path) -> bytes:
         raise PortError(f"{path}: {error.strerror or error}") from None
 
 
+def check_not_overwritten(option: str, target: str | Path, *sources: str) -> None:
+    """Raise EncodeError if the file that an option names for writing is one of those that are read."""
+    for source in sources:
+        if os.path.isfile(target) and os.path.exists(source) and os.path.samefile(source, target):
+            raise EncodeError(f"{option} {target}: {source} is the same file, which would be overwritten")
+
+
 @contextmanager
 def unfinished_as_json(as_json: bool) -> Iterator[None]:
     """With `--json`, print the early end of a conformance run as the last object. The error is raised in any case."""
@@ -249,22 +257,35 @@ _ENDING_SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") 
 
 
 @contextmanager
-def ended_by_signals() -> Iterator[None]:
-    """Within the block, a signal that would end the process raises `EndedBySignal`; later ones are ignored."""
+def ended_by_signals(*, interrupt: bool = False) -> Iterator[Callable[[], None]]:
+    """Within the block, the first signal that would end the process raises `EndedBySignal`; later ones are ignored.
 
+    SIGTERM and SIGHUP are such signals, with `interrupt` SIGINT (Ctrl-C) too. Yield a function that makes the block
+    ignore the first one as well. After a signal, SIGTERM and SIGHUP stay ignored behind the block; Ctrl-C does not.
+    """
+    is_ignored = has_ended = False
+
+    def ignore() -> None:
+        nonlocal is_ignored
+        is_ignored = True
+
+    # The handler stays when the signals are ignored: Python prints a warning if SIG_IGN replaces it just after a
+    # signal was received.
     def end(number: int, _: object) -> None:
-        for handled_signal in previous:
-            signal.signal(handled_signal, signal.SIG_IGN)  # only another Ctrl-C interrupts what follows
-        raise EndedBySignal(number)
+        nonlocal is_ignored, has_ended
+        if not is_ignored:
+            is_ignored = has_ended = True
+            raise EndedBySignal(number)
 
-    # SIGHUP stays ignored under nohup.
-    handlers = {ending: signal.getsignal(ending) for ending in _ENDING_SIGNALS}
+    # SIGHUP stays ignored under nohup, SIGINT in background jobs of a shell.
+    signals = (*_ENDING_SIGNALS, signal.SIGINT) if interrupt else _ENDING_SIGNALS
+    handlers = {ending: signal.getsignal(ending) for ending in signals}
     previous = {ending: handler for ending, handler in handlers.items() if handler is not signal.SIG_IGN}
     for number in previous:
         signal.signal(number, end)
     try:
-        yield
+        yield ignore
     finally:
-        if all(signal.getsignal(number) is end for number in previous):
-            for number, before in previous.items():
+        for number, before in previous.items():
+            if not has_ended or number == signal.SIGINT:
                 signal.signal(number, before)

@@ -9,7 +9,7 @@ import click
 
 from barewire import AsyncCanopenClient, __version__
 from barewire.cli.arguments import endpoint_argument
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 from barewire.io.canopen.gateway_server import serve_gateway
 from barewire.io.endpoint import Endpoint
 
@@ -34,7 +34,7 @@ def canopen_gateway_command(endpoint: str, listen: str, net: int) -> None:
     echo "[1] help" | nc -N 127.0.0.1 4501
     """
     if not endpoint.startswith("can://"):
-        raise EncodeError(f"endpoint {endpoint!r}: the gateway is for CANopen: expected can://")
+        raise EncodeError(f"endpoint {shown(endpoint, 200)}: the gateway is for CANopen: expected can://")
     if not listen.rpartition(":")[2].isdigit():
         raise EncodeError(f"--listen {listen}: expected HOST:PORT, such as {_LOOPBACK}")
     asyncio.run(_serve(endpoint, *Endpoint.parse(f"tcp://{listen}").host_and_port, net))

@@ -14,7 +14,7 @@ from barewire.cli.arguments import (
     timing_option,
     unfinished_as_json,
 )
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 from barewire.io.endpoint import Endpoint
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def conform_command(endpoint: str, as_json: bool, timing: bool, gentle: bool, la
                 print_timing(endpoint)
             return _test_node(endpoint, as_json=as_json, gentle=gentle, large=large, only=only)
         if gentle or only or large is not None:
-            raise EncodeError(f"endpoint {endpoint!r}: --gentle, --large and --only are for can://")
+            raise EncodeError(f"endpoint {shown(endpoint, 200)}: --gentle, --large and --only are for can://")
         if timing:
             print_timing(endpoint)
         return _test_server(endpoint, as_json)
@@ -152,7 +152,7 @@ def _object_address(text: str | None) -> tuple[int, int] | None:
     except ValueError:
         address = -1, -1
     if not (0x2000 <= address[0] <= 0xFFFF and 0 <= address[1] <= 0xFF):
-        raise EncodeError(f"--large {text!r}: expected INDEX:SUB from 2000:00 on, in hexadecimal digits")
+        raise EncodeError(f"--large {shown(text)}: expected INDEX:SUB from 2000:00 on, in hexadecimal digits")
     return address
 
 

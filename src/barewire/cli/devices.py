@@ -15,6 +15,7 @@ from barewire.devices import Device, Parameter, UnknownName, load, names
 from barewire.devices.device import fold
 from barewire.devices.parameter import show
 from barewire.devices.tables import range_text
+from barewire.errors import shown
 
 
 @click.command("devices")
@@ -62,7 +63,7 @@ def _selected(device: Device, text: str) -> list[Parameter]:
         if any(fold(text) in fold(field) for field in (parameter.name, parameter.group, *parameter.places))
     ]
     if text and not found:
-        raise UnknownName(f"{device.name} has no parameter with {text!r} in its name, group or place")
+        raise UnknownName(f"{device.name} has no parameter with {shown(text)} in its name, group or place")
     return found
 
 

@@ -18,6 +18,7 @@ from rich.progress import Progress as Bar, SpinnerColumn, TextColumn, TimeElapse
 from barewire import BarewireError, NoAnswer, PortError, connect, load
 from barewire.cli.arguments import (
     CommandGroup,
+    EndedBySignal,
     Seconds,
     device_argument,
     ended_by_signals,
@@ -32,6 +33,7 @@ from barewire.devices.drive.cia402 import State
 from barewire.devices.drive.report import DriveProgress, DriveStatus, DriveStuck, bit_names
 from barewire.devices.parameter import show
 from barewire.devices.request_checks import check_mode
+from barewire.errors import shown
 from barewire.io.drive import DriveClient
 
 _Action = Callable[..., DriveStatus]
@@ -59,7 +61,8 @@ def drive_command(ctx: click.Context, endpoint: str, device: str) -> None:
 
     DEVICE is one whose description has a table [drive]: az3, csd-mt, or your own. Each command waits until the drive
     reaches the state or position. If it does not, the error names the state in which it is stuck, and why. While a
-    movement is under way, Ctrl-C is a quick stop; so are SIGTERM, a closed terminal and a closed pipe.
+    movement is under way, Ctrl-C is a quick stop; so are SIGTERM, a closed terminal and a closed pipe. Until the quick
+    stop is confirmed or has failed, further signals are ignored.
 
     move, velocity and home need an enabled drive: none of them switches the current on unless --enable is given.
 
@@ -105,7 +108,7 @@ class _DriveNumber(click.ParamType[int | float]):
         except ValueError:
             number = math.nan
         if not math.isfinite(number):
-            self.fail(f"{value!r}: expected a number", param, ctx)
+            self.fail(f"{shown(value)}: expected a number", param, ctx)
         return int(number) if number.is_integer() else number
 
 
@@ -124,26 +127,30 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
                 _progress_output(as_json) as show_progress,
             ):
                 client = machine.drive.following(show_progress, timeout=timeout)
-                try:
-                    with ended_by_signals():
-                        status = action(client, **arguments)
-                except (NoAnswer, PortError) as error:
-                    if moves and client.drive.control is not None:
-                        error.add_note(f"{name}: the motor may still be turning")
-                    raise
-                except DriveStuck as error:
-                    if moves and client.drive.control is not None:
-                        done = _quick_stop(client, f"{name} did not reach its target")
-                        error.add_note(f"then the command stopped the motor: {done}")
-                    raise
-                except (KeyboardInterrupt, OSError) as error:
-                    if moves and (isinstance(error, KeyboardInterrupt) or client.drive.control is not None):
-                        done = _quick_stop(client, f"{name} was interrupted")
-                        with suppress(OSError):
-                            print(f"barewire: {name} was interrupted: {done}", file=sys.stderr, flush=True)
-                    if isinstance(error, KeyboardInterrupt):
-                        raise click.exceptions.Exit(getattr(error, "status", 130)) from None
-                    raise
+                with ended_by_signals(interrupt=True) as ignore_signals:
+                    try:
+                        try:
+                            status = action(client, **arguments)
+                        except Exception:
+                            ignore_signals()  # from here on nothing interrupts a quick stop or the report of an error
+                            raise
+                    except (NoAnswer, PortError) as error:
+                        if moves and client.drive.control is not None:
+                            error.add_note(f"{name}: the motor may still be turning")
+                        raise
+                    except DriveStuck as error:
+                        if moves and client.drive.control is not None:
+                            done = _quick_stop(client, f"{name} did not reach its target")
+                            error.add_note(f"then the command stopped the motor: {done}")
+                        raise
+                    except (EndedBySignal, OSError) as error:
+                        if moves and (isinstance(error, EndedBySignal) or client.drive.control is not None):
+                            done = _quick_stop(client, f"{name} was interrupted")
+                            with suppress(OSError):
+                                print(f"barewire: {name} was interrupted: {done}", file=sys.stderr, flush=True)
+                        if isinstance(error, EndedBySignal):
+                            raise click.exceptions.Exit(error.status) from None
+                        raise
             if not as_json:
                 bits = ", ".join(bit_names(status.status_word)) or "no bit set"
                 print(f"{status.state_name}{_values(status)}; status word {status.status_word:04X}h: {bits}")

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from barewire.canopen.eds import lint, parse
-from barewire.cli.arguments import CommandGroup, file_content, json_option, print_json
+from barewire.cli.arguments import CommandGroup, check_not_overwritten, file_content, json_option, print_json
 from barewire.devices import load
 from barewire.errors import PortError
 
@@ -24,6 +24,8 @@ def export_command(device: str, file: Path | None) -> None:
     """Write DEVICE as an EDS to FILE, or to stdout."""
     from barewire.devices.description.export_eds import export
 
+    if file is not None:
+        check_not_overwritten("FILE", file, device)
     document = export(load(device), "" if file is None else file.name)
     if file is None:
         print(document.encode().decode(document.encoding).replace("\r\n", "\n"), end="")

@@ -25,6 +25,7 @@ from barewire.devices.parameter import show
 from barewire.devices.raw_address import device_with, expanded
 from barewire.devices.request_checks import to_write
 from barewire.devices.value_text import parse_value
+from barewire.errors import shown
 from barewire.io.machine import MachineClient
 
 
@@ -130,7 +131,7 @@ def _batches(wanted: list[tuple[str, Value]]) -> Iterator[dict[str, Value]]:
 def _assignment(device: Device, text: str) -> tuple[str, Value]:
     name, equals, value = text.partition("=")
     if not equals:
-        raise click.UsageError(f"{text!r}: expected NAME=VALUE")
+        raise click.UsageError(f"{shown(text)}: expected NAME=VALUE")
     parameter = device.find(name)
     return parameter.name, parse_value(parameter, value)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from barewire.cli.arguments import Choice, Seconds
+from barewire.cli.arguments import Choice, Seconds, check_not_overwritten
 from barewire.cli.sniff import recording_content, refuse_for_line, replayed, stopped_by_interrupt
 from barewire.devices.sim.recorded.learn import ANSWERS_LIMIT, learn_line
 from barewire.devices.sim.recorded.model import READS, RecordedLine, RecordedRequest
@@ -82,6 +82,8 @@ def record_command(
     barewire record bus.pcapng --to pump.toml
     barewire simulate pump.toml rtu:///tmp/line
     """
+    if target is not None:
+        check_not_overwritten("--to", target, source)
     if "://" in source:
         refuse_for_line(source, ports, protocol)
         events = _live(source, seconds, window, shown=target is not None)

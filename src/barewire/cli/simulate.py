@@ -19,6 +19,7 @@ from barewire.devices.description.load import DEVICE_FILE
 from barewire.devices.sim import MachineUnits, Simulator, recorded_units, simulator
 from barewire.devices.sim.recorded.toml import is_recorded
 from barewire.devices.value_text import parse_value
+from barewire.errors import shown
 from barewire.io.canopen.shared_bus import INSIDE_ONE_PROCESS
 from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import LATE, faults_at, faults_on_can
@@ -121,7 +122,9 @@ def simulate_command(
         stop.set()
 
     if "?order=" in device:
-        raise EncodeError(f"{device!r}: a simulated device has its own byte order; --set its register, if it has one")
+        raise EncodeError(
+            f"{shown(device)}: a simulated device has its own byte order; --set its register, if it has one"
+        )
     for endpoint in endpoints:
         _check_reachable(endpoint)
     faults = None if fault is None else _checked_faults(fault, late, list(map(Endpoint.parse, endpoints)))
@@ -182,17 +185,17 @@ def _set_initial_state(device: str, machine: Simulator | None, values: tuple[str
     """Apply --world and --set."""
     for text in world:
         if machine is None:
-            raise EncodeError(f"--world {text!r}: a {device} has no environment")
+            raise EncodeError(f"--world {shown(text)}: a {device} has no environment")
         machine.set_environment(text)
     for text in values:
         name, equals, value = text.partition("=")
         if not equals:
-            raise click.UsageError(f"--set {text!r}: expected NAME=VALUE")
+            raise click.UsageError(f"--set {shown(text)}: expected NAME=VALUE")
         if machine is None:
-            raise EncodeError(f"--set {text!r}: a {device} has no named values")
+            raise EncodeError(f"--set {shown(text)}: a {device} has no named values")
         cell = machine.store.cell(machine.device.find(name).name)
         if cell.measured is not None:
-            raise EncodeError(f"--set {text!r}: the simulator computes {cell.name} itself")
+            raise EncodeError(f"--set {shown(text)}: the simulator computes {cell.name} itself")
         cell.set(cell.free.check(parse_value(cell.parameter, value)))
 
 
@@ -226,7 +229,7 @@ def _recorded_server(url: str, units: Mapping[int, Unit], **faults: Any) -> Thre
     """Return a server for recorded units. One unit alone has the further addresses of a device on TCP."""
     endpoint = Endpoint.parse(url)
     if "unit" in endpoint.options:
-        raise EncodeError(f"{url!r}: recorded units have their own addresses: {', '.join(map(str, units))}")
+        raise EncodeError(f"{shown(url, 200)}: recorded units have their own addresses: {', '.join(map(str, units))}")
     if len(units) == 1:
         (unit,) = units.values()
         units = {**dict.fromkeys(_tcp_units(endpoint), unit), **units}
@@ -263,7 +266,7 @@ def _check_reachable(url: str) -> None:
     interface, _, channel = Endpoint.parse(url).place.partition("/")
     if url.lower().startswith("can:") and interface == "virtual":
         instead = f"use can://socketcand/127.0.0.1:29536/{channel}"
-        raise click.UsageError(f"{url!r}: {INSIDE_ONE_PROCESS}, no other program reaches it; {instead}")
+        raise click.UsageError(f"{shown(url, 200)}: {INSIDE_ONE_PROCESS}, no other program reaches it; {instead}")
 
 
 def _check_unit(endpoint: Endpoint, address: int) -> None:

@@ -11,7 +11,16 @@ from typing import Self
 
 import click
 
-from barewire.cli.arguments import Choice, Seconds, file_content, json_option, known_nodes, nodes_option, print_json
+from barewire.cli.arguments import (
+    Choice,
+    Seconds,
+    check_not_overwritten,
+    file_content,
+    json_option,
+    known_nodes,
+    nodes_option,
+    print_json,
+)
 from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
 from barewire.explain.can_monitor import KnownNode, event_as_dict, event_kind, event_line, is_repeated
 from barewire.explain.can_monitor.event_text import EVENT_KINDS
@@ -113,6 +122,8 @@ def sniff_command(
 
             hint = suggest(kind, EVENT_KINDS.values())
             raise EncodeError(f"--only {kind}: expected one of {', '.join(EVENT_KINDS.values())}{hint}")
+    if write is not None:
+        check_not_overwritten("--write", write, source, *devices)
     data = b"" if endpoint is not None else recording_content(source, seconds)
     is_can = (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data)
     for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol}

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from barewire.codecs.order import Order
 from barewire.devices.parameter import Parameter, TableName
-from barewire.errors import BarewireError, EncodeError
+from barewire.errors import BarewireError, EncodeError, shown
 
 _UNORDERED = ("bool", "text")
 
@@ -133,7 +133,7 @@ class Device:
         """
         found = self._by_name.get(fold(name))
         if found is None:
-            raise UnknownName(f"{self.name} has no parameter {name!r}{suggest(name, self._by_name, self._named)}")
+            raise UnknownName(f"{self.name} has no parameter {shown(name)}{suggest(name, self._by_name, self._named)}")
         return found
 
     def in_order(self, order: Order) -> Device:

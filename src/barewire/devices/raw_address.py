@@ -33,7 +33,7 @@ from barewire.devices.parameter import (
     Parameter,
     ParameterAccess,
 )
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 
 RAW = Device("raw", "any device", (), modbus=ModbusSettings(), canopen=CanopenSettings())
 
@@ -112,27 +112,26 @@ def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
         return Parameter(text, _type(text, parts[1]), object=place)
     if table not in TABLE_NAMES or not (rest and len(parts) <= 3):
         hint = suggest(table, (*TABLE_NAMES, "object"))
-        raise EncodeError(f"{text!r} is not an address: expected {_FORM}{hint}")
+        raise EncodeError(f"{shown(text)} is not an address: expected {_FORM}{hint}")
     address = _number(text, parts[0], 0xFFFF)
     bits = table in ("coil", "discrete")
     type_name = parts[1] if len(parts) > 1 else "bool" if bits else "u16"
     if bits and type_name != "bool":
-        raise EncodeError(f"{text!r}: a {table} is a bool")
+        raise EncodeError(f"{shown(text)}: a {table} is a bool")
     letters = cast(Order, parts[2].upper()) if len(parts) == 3 else order
     if letters not in ORDERS:
         expected = f"expected one of {', '.join(ORDERS)}{suggest(parts[2], ORDERS)}"
-        raise EncodeError(f"{text!r}: order {parts[2]!r}: {expected}")
+        raise EncodeError(f"{shown(text)}: order {shown(parts[2])}: {expected}")
     string = re.fullmatch(r"text(\d*)", type_name)
     if string is not None:
         type_name, size = "text", int(string[1][:9] or 0)
         if not 1 <= size <= _REGISTERS_MAX:
-            raise EncodeError(
-                f"{text!r}: type {parts[1]!r}: expected text1..text{_REGISTERS_MAX}, text in that number of registers"
-            )
+            expected = f"expected text1..text{_REGISTERS_MAX}, text in that number of registers"
+            raise EncodeError(f"{shown(text)}: type {shown(parts[1])}: {expected}")
     else:
         size = 1 if _type(text, type_name) == "bool" else max(1, codec(type_name).size // 2)
     if address + size > 0x10000:
-        raise EncodeError(f"{text!r}: there are no {size} registers from address {address} on")
+        raise EncodeError(f"{shown(text)}: there are no {size} registers from address {address} on")
     access: ParameterAccess = "ro" if table in ("input", "discrete") else "rw"
     return Parameter(text, type_name, access=access, modbus=ModbusAt(table, address, size, order=letters))
 
@@ -140,7 +139,7 @@ def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
 def _type(text: str, type_name: str) -> str:
     if type_name not in _TYPES:
         expected = f"expected one of {', '.join(_TYPES)}, or textN in registers"
-        raise EncodeError(f"{text!r}: type {type_name!r}: {expected}{suggest(type_name, _TYPES)}")
+        raise EncodeError(f"{shown(text)}: type {shown(type_name)}: {expected}{suggest(type_name, _TYPES)}")
     return type_name
 
 
@@ -156,5 +155,5 @@ def _number(text: str, digits: str, most: int, base: int = 10) -> int:
     except ValueError:
         number = -1
     if not 0 <= number <= most:
-        raise EncodeError(f"{text!r}: {digits!r} is not a number in 0..{most}, such as 100, 0x64 or 64h")
+        raise EncodeError(f"{shown(text)}: {shown(digits)} is not a number in 0..{most}, such as 100, 0x64 or 64h")
     return number

@@ -143,6 +143,10 @@ _CHOICES = {
 _SOCKETCAND_PORT = 29536
 
 
+def _error(url: str, text: str, key: str | None = None) -> EncodeError:
+    return EncodeError(f"endpoint {shown(url, 200)}: {text}", key)
+
+
 def socketcand_address(channel: str) -> tuple[str, int]:
     """Return HOST and PORT of the channel of a socketcand endpoint, HOST:PORT/BUS.
 
@@ -174,7 +178,7 @@ def _text(url: str, key: str, value: object) -> str:
         return str(int(value)) if value.is_integer() else str(value)
     if isinstance(value, int) and value.bit_length() <= 256:
         return str(int(value))
-    raise EncodeError(f"endpoint {url!r}: {key}={shown(value)}: expected a text, a number, a boolean or a path", key)
+    raise _error(url, f"{key}={shown(value)}: expected a text, a number, a boolean or a path", key)
 
 
 def unknown_option(
@@ -191,14 +195,14 @@ def unknown_option(
         hint = f"; did you mean {other!r}?"
     else:
         hint = "" if key in keywords else suggest(key, dict.fromkeys((*sorted(known), *keywords)))
-    return EncodeError(f"endpoint {url!r}: unknown option {key!r}, expected {expected}{further}{hint}", key)
+    return _error(url, f"unknown option {shown(key)}, expected {expected}{further}{hint}", key)
 
 
 def _merged(url: str, scheme: str, in_url: list[tuple[str, str]], options: Mapping[str, object]) -> dict[str, str]:
     """Return the options of a URL, overridden by `options`. Raise EncodeError for one that the scheme does not have."""
     merged = dict(in_url)
     if len(merged) < len(in_url):
-        raise EncodeError(f"endpoint {url!r}: an option is given twice")
+        raise _error(url, "an option is given twice")
     given = {key: value for key, value in options.items() if value is not None}
     if scheme in CARRIERS:
         known = CARRIERS[scheme].options
@@ -219,12 +223,12 @@ def _checked_place(url: str, scheme: str, place: str) -> str:
     if scheme == "can":
         if not interface or not channel:
             hint = f"; did you mean 'can://socketcan/{interface}'?" if interface.startswith(("can", "vcan")) else ""
-            raise EncodeError(f"endpoint {url!r}: expected can://INTERFACE/CHANNEL, as python-can names them{hint}")
+            raise _error(url, f"expected can://INTERFACE/CHANNEL, as python-can names them{hint}")
         socketcand_address(channel)
     if scheme in ("rtu", "ascii") and place.startswith("dev/"):
-        raise EncodeError(f"endpoint {url!r}: did you mean '{scheme}:///{place}', with three slashes?")
+        raise _error(url, f"did you mean '{scheme}:///{place}', with three slashes?")
     if not place.strip("/") or "\0" in place:
-        raise EncodeError(f"endpoint {url!r}: it names no port")
+        raise _error(url, "it names no port")
     return place
 
 
@@ -259,11 +263,11 @@ class Endpoint(NamedTuple):
             from barewire.devices.device import suggest  # only errors need it
 
             forms = "tcp://HOST:PORT (also tls, udp, rtu+tcp, ascii+tcp), rtu:///dev/..., ascii:///dev/..., can://..."
-            raise EncodeError(f"endpoint {url!r}: expected {forms}{suggest(scheme, (*CARRIERS, 'can'))}")
+            raise _error(url, f"expected {forms}{suggest(scheme, (*CARRIERS, 'can'))}")
         if "#" in url:
-            raise EncodeError(f"endpoint {url!r}: '#' has no meaning in an endpoint; in a name it is %23")
+            raise _error(url, "'#' has no meaning in an endpoint; in a name it is %23")
         if "?" in query:
-            raise EncodeError(f"endpoint {url!r}: a second '?': options are joined with '&'; in a name it is %3F")
+            raise _error(url, "a second '?': options are joined with '&'; in a name it is %3F")
         merged = _merged(url, scheme, pairs(query), options or {})
         endpoint = cls(scheme, _checked_place(url, scheme, unquote(place)), merged)
         if scheme != "can" and not endpoint.is_serial_port:
@@ -272,7 +276,7 @@ class Endpoint(NamedTuple):
             endpoint._check(key)
         _ = endpoint.pauses
         if scheme == "rtu" and merged.get("bytesize") == "7":
-            raise EncodeError(f"endpoint {url!r}: bytesize=7: RTU needs 8 data bits, ascii:// may have 7")
+            raise _error(url, "bytesize=7: RTU needs 8 data bits, ascii:// may have 7")
         return endpoint
 
     def _check(self, key: str) -> None:
@@ -284,8 +288,7 @@ class Endpoint(NamedTuple):
         elif key in _SECONDS and not (key == "patience" and self.framing == "rtu" and self.options[key] == "strict"):
             _ = self.seconds(key, 0.0)
         elif key == "server_name" and not (self.options[key] and can_be_host(self.options[key])):
-            name = shown(self.options[key])
-            raise EncodeError(f"endpoint {shown(str(self))}: {key}={name}: expected a name or address", key)
+            raise _error(str(self), f"{key}={shown(self.options[key])}: expected a name or address", key)
 
     def __str__(self) -> str:
         query = "&".join(f"{key}={value}" for key, value in self.options.items())
@@ -297,10 +300,9 @@ class Endpoint(NamedTuple):
         if set_direction is None:
             return self
         if not self.is_serial_port:
-            raise EncodeError(f"endpoint {str(self)!r}: set_direction= is for rtu:// and ascii://", "set_direction")
+            raise _error(str(self), "set_direction= is for rtu:// and ascii://", "set_direction")
         if self.options.get("rs485", "off") != "off":
-            text = "rs485= and set_direction= both set the direction of the line, give one of them"
-            raise EncodeError(f"endpoint {str(self)!r}: {text}", "set_direction")
+            raise _error(str(self), "rs485= and set_direction= set the direction, give one of them", "set_direction")
         return self._replace(set_direction=set_direction)
 
     @property
@@ -313,15 +315,13 @@ class Endpoint(NamedTuple):
         """Seconds of the pause after the first failed attempt to connect, and of the longest one."""
         for key in _PAUSES & self.options.keys():
             if self.seconds(key, 0.0) < _SHORTEST_PAUSE:
-                given = f"{key}={self.options[key]!r}"
-                raise EncodeError(f"endpoint {str(self)!r}: {given}: expected {_SHORTEST_PAUSE:g} s or more", key)
+                raise _error(str(self), f"{key}={shown(self.options[key])}: expected {_SHORTEST_PAUSE} s or more", key)
         first, longest = (self.seconds(key, pause) for key, pause in zip(sorted(_PAUSES), PAUSES))
         if first <= longest:
             return first, longest
         if self.options.keys() >= _PAUSES:
-            given = self.options["reconnect_longest"]
-            text = f"reconnect_longest={given!r}: expected reconnect_first={first:g} or more"
-            raise EncodeError(f"endpoint {str(self)!r}: {text}", "reconnect_longest")
+            key, expected = "reconnect_longest", f"expected reconnect_first={first:g} or more"
+            raise _error(str(self), f"{key}={shown(self.options[key])}: {expected}", key)
         return (first, first) if "reconnect_first" in self.options else (longest, longest)
 
     @property
@@ -352,11 +352,11 @@ class Endpoint(NamedTuple):
             host, port = self.place, str(CARRIERS[self.scheme].default_port)
         bracketed = host.startswith("[") and host.endswith("]")
         if bracketed != (":" in host) or "[" in host.strip("[]"):
-            raise EncodeError(f"endpoint {shown(str(self))}: an IPv6 address stands in brackets, as [::1]:502")
+            raise _error(str(self), "an IPv6 address stands in brackets, as [::1]:502")
         if not port.isdecimal() or len(port) > 9 or int(port) > 0xFFFF:
-            raise EncodeError(f"endpoint {shown(str(self))}: port {shown(port)} is not a number in 0..65535")
+            raise _error(str(self), f"port {shown(port)} is not a number in 0..65535")
         if not can_be_host(host):
-            raise EncodeError(f"endpoint {shown(str(self))}: {shown(host)} cannot be the name of a host")
+            raise _error(str(self), f"{shown(host)} cannot be the name of a host")
         return host.strip("[]"), int(port)
 
     def integer(self, key: str, default: int) -> int:
@@ -367,10 +367,10 @@ class Endpoint(NamedTuple):
         try:
             number = int(text, 0)
         except ValueError:
-            raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r} is not a whole number") from None
+            raise _error(str(self), f"{key}={shown(text)} is not a whole number") from None
         if (smallest is not None and number < smallest) or (largest is not None and number > largest):
-            expected = f"{smallest}..{largest}" if largest else f"{smallest} or more"
-            raise EncodeError(f"endpoint {str(self)!r}: {key} {number}: expected {expected}")
+            limit = f"..{largest}" if largest else " or more"
+            raise _error(str(self), f"{key} {shown(number)}: expected {smallest}{limit}")
         return number
 
     def flag(self, key: str) -> bool:
@@ -385,7 +385,7 @@ class Endpoint(NamedTuple):
         except ValueError:
             number = -1.0
         if not 0 <= number < float("inf"):
-            raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r} is not a number of seconds")
+            raise _error(str(self), f"{key}={shown(text)} is not a number of seconds")
         return number
 
     def choice(self, key: str, default: str) -> str:
@@ -397,4 +397,4 @@ class Endpoint(NamedTuple):
         from barewire.devices.device import suggest  # only errors need it
 
         expected = f"expected one of {', '.join(words)}{suggest(text, words)}"
-        raise EncodeError(f"endpoint {str(self)!r}: {key}={text!r}, {expected}")
+        raise _error(str(self), f"{key}={shown(text)}, {expected}")

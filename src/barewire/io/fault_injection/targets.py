@@ -153,19 +153,23 @@ def _parsed(text: str) -> Fault:
     kind, equals, value = head.partition("=")
     given: dict[str, object] = {}
     if colon or not which:
-        given["probability"] = _number(chance, f"fault {text!r}: expected a probability, 0..1, after the colon", colon)
+        given["probability"] = _number(
+            chance, f"fault {shown(text)}: expected a probability, 0..1, after the colon", colon
+        )
     if equals:
         if kind == "exception":
-            expected = f"fault {text!r}: expected an exception code in hexadecimal, 01..FF, such as exception=0B"
+            expected = f"fault {shown(text)}: expected an exception code in hexadecimal, 01..FF, such as exception=0B"
             given["value"] = _whole(value, expected, base=16)
         else:
-            expected = f"fault {text!r}: expected a number after the equals sign, such as {_EXAMPLES}"
+            expected = f"fault {shown(text)}: expected a number after the equals sign, such as {_EXAMPLES}"
             given["value"] = _number(value, expected)
     if kind in KINDS:  # otherwise `Fault` reports that first
         for part in which:
             selection = _selection(part, text)
             if given.keys() & selection.keys() or ({*selection, *given} >= {"every", "nth"}):
-                raise EncodeError(f"fault {text!r}: {part!r} is one selection too many, expected such as {_EXAMPLES}")
+                raise EncodeError(
+                    f"fault {shown(text)}: {shown(part)} is one selection too many, expected such as {_EXAMPLES}"
+                )
             given |= selection
     return Fault(kind, **given)  # type: ignore[arg-type]  # `Fault` checks them
 
@@ -176,14 +180,15 @@ def _selection(part: str, text: str) -> dict[str, object]:
     if equals:
         if name not in ("every", "nth"):
             hint = _near(name, ("every", "nth"))
-            raise EncodeError(f"fault {text!r}: {name!r}: expected every=N or nth=N after the at sign{hint}")
-        return {name: _whole(number, f"fault {text!r}: {part!r}: expected a whole number, such as {name}=3")}
+            raise EncodeError(f"fault {shown(text)}: {shown(name)}: expected every=N or nth=N after the at sign{hint}")
+        return {name: _whole(number, f"fault {shown(text)}: {shown(part)}: expected a whole number, such as {name}=3")}
     table, colon, addresses = part.rpartition(":")
     if colon and table not in _TABLES:
         expected = f"expected {', '.join(_TABLES)} before the address{_near(table, _TABLES)}"
-        raise EncodeError(f"fault {text!r}: {table!r}: {expected}")
+        raise EncodeError(f"fault {shown(text)}: {shown(table)}: {expected}")
     first, dash, last = addresses.partition("-")
-    expected = f"fault {text!r}: {part!r}: expected an address, such as 20, 20-29, 14h or holding:20, every=N or nth=N"
+    forms = "an address, such as 20, 20-29, 14h or holding:20, every=N or nth=N"
+    expected = f"fault {shown(text)}: {shown(part)}: expected {forms}"
     start = _whole(first, expected)
     return {"addresses": range(start, (_whole(last, expected) if dash else start) + 1), "table": table or None}
 

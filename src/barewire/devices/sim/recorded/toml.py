@@ -44,6 +44,7 @@ from barewire.devices.sim.recorded.model import (
 from barewire.errors import EncodeError, shown
 
 _FUNCTION_OF = {table: function for function, table in READS.items()}
+_SECONDS_MAX = 1e12
 _ANSWER_KEYS = ("at", "until", "times", "latency", "values", "wrote", "exception", "silent", "pdu")
 _REQUEST_KEYS = ("read", "write", "pdu", "function", "quantity", "period", "left_out", "answers")
 
@@ -124,7 +125,9 @@ def from_toml(text: str, name: str) -> RecordedLine:
     """
     try:
         items = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise EncodeError(f"{name}: nested too deeply to be read") from None
+    except ValueError as error:  # tomllib's own error, or Python's for a number of 5000 digits
         raise EncodeError(f"{name}: not TOML: {error}") from None
     _check_keys(items, ("unit",), name)
     line = RecordedLine()
@@ -176,7 +179,7 @@ def _place(item: dict[str, Any], kind: str, where: str) -> RecordedRequest:
     text = item[kind]
     table, _, number = text.partition(":") if isinstance(text, str) else ("", "", "")
     tables = tuple(READS.values()) if kind == "read" else ("coil", "holding")
-    if table not in tables or not number.isdecimal() or int(number) > 0xFFFF:
+    if table not in tables or not number.isdecimal() or len(number) > 5 or int(number) > 0xFFFF:
         expected = f"expected one of {', '.join(tables)}, a colon and an address, such as 'holding:0'"
         raise EncodeError(f"{where}: key {kind!r}: {shown(text)}: {expected}{suggest(table, dict.fromkeys(tables))}")
     if kind == "read":
@@ -231,7 +234,7 @@ def _check_keys(item: Mapping[str, Any], known: tuple[str, ...], where: str) -> 
     for key in item:
         if key not in known:
             hint = suggest(key, dict.fromkeys(known))
-            raise EncodeError(f"{where}: unknown key {key!r}: expected some of {', '.join(known)}{hint}")
+            raise EncodeError(f"{where}: unknown key {shown(key)}: expected some of {', '.join(known)}{hint}")
 
 
 def _tables(item: Mapping[str, Any], key: str, where: str) -> list[dict[str, Any]]:
@@ -258,8 +261,10 @@ def _whole(item: Mapping[str, Any], key: str, where: str, low: int, high: int, d
 
 def _seconds(item: Mapping[str, Any], key: str, where: str) -> float:
     value = item.get(key, 0.0)
-    if type(value) not in (int, float) or not 0 <= value < float("inf"):
-        raise EncodeError(f"{where}: key {key!r}: {shown(value)}: expected seconds, 0 or more")
+    if type(value) not in (int, float) or not 0 <= value < _SECONDS_MAX:
+        raise EncodeError(
+            f"{where}: key {key!r}: {shown(value)}: expected seconds, 0 or more and below {_SECONDS_MAX:g}"
+        )
     return float(value)
 
 
