@@ -69,7 +69,9 @@ def test_the_frame_is_the_same_however_it_is_delivered(before: list[bytes], fram
 def test_a_response_without_request_that_ends_with_the_bytes_received() -> None:
     """In parts it cannot be distinguished from a request."""
     assert delivered([], [LEGAL]) == [decode(LEGAL)]
-    assert delivered([STATUS_ASKED], [STATUS]) == [decode(STATUS_ASKED), decode(STATUS)]
+    for behind in ([], [ONE]):
+        frames = [STATUS_ASKED, STATUS, *behind]
+        assert delivered([STATUS_ASKED], [b"".join(frames[1:])]) == [decode(frame) for frame in frames]
     assert delivered([], [LEGAL[:-1], LEGAL[-1:]]) == [
         decode(LEGAL[:-1]),
         Noise(b"\0", "short", "1 byte, then silence"),
@@ -106,6 +108,14 @@ def test_a_broadcast_has_no_response() -> None:
     """Nor does a 00 behind it make it one."""
     frame = encode(0, unhex("03 0400 0001"))
     assert frames_of(delivered([], [frame + b"\0"])) == [decode(frame)]
+
+
+def test_a_response_with_the_length_of_a_request_is_not_open() -> None:
+    """A request for 24 coils, a response that could be a request for 8 coils, and a request that could answer that."""
+    before = [encode(64, unhex(pdu)) for pdu in ("01 0000 0018", "01 03 000008")]
+    request = unhex("4001010305B50000")
+    for parts in deliveries(request):
+        assert delivered(before, parts) == [decode(frame) for frame in (*before, request)]
 
 
 def test_behind_noise_too() -> None:

@@ -25,7 +25,7 @@ from contextlib import suppress
 from typing import Literal
 
 from barewire.errors import DecodeError, Refused
-from barewire.modbus.adu import BROADCAST, PDU_LIMIT
+from barewire.modbus.adu import BROADCAST
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.registry import decode_request, decode_response, measure_request, measure_response
 from barewire.rtu.crc import crc16
@@ -69,7 +69,7 @@ class Shape:
         request, response = sizes
         size = whole[0]
         if request != response:
-            longer = self._longer(unit, received, sizes, size) if may_wait and len(whole) == 1 else None
+            longer = self._longer(unit, received, sizes, size) if may_wait else None
             both = [*whole, longer] if longer is not None else whole
             if len(both) > 1:
                 size = max(both, key=lambda size: self._rank(unit, received, size, size == request))
@@ -83,7 +83,7 @@ class Shape:
     def _longer(self, unit: int, received: bytes, sizes: list[int | None], whole: int) -> int | None:
         """Return the length of a frame that can have begun with the whole one, if it is worth waiting for."""
         for size in sizes:
-            if size is None or size <= whole or size > PDU_LIMIT or (unit, received[:whole]) == self._asked:
+            if size is None or size <= whole or (unit, received[:whole]) == self._asked:
                 continue
             # A longer frame with a good CRC is no coincidence if only zeros of its CRC are missing.
             if size <= whole + _CRC or self._rank(unit, received, size, size == sizes[0])[0] == 2:
