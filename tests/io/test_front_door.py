@@ -105,7 +105,7 @@ def test_a_wrong_option_is_explained(client: Any) -> None:
         client("tcp://10.0.0.7", gap=[])
     with refused(barewire.EncodeError, "endpoint 502: expected a URL as a string"):
         client(502)
-    with refused(barewire.EncodeError, "expected tcp://HOST:PORT, rtu:///dev/..."):
+    with refused(barewire.EncodeError, "expected tcp://HOST:PORT (also tls, udp, rtu+tcp, ascii+tcp), rtu:///dev/..."):
         client("10.0.0.7")
     with refused(barewire.EncodeError, "Modbus goes over tcp://"):
         client("can://virtual/x")
