@@ -287,3 +287,19 @@ def test_a_homing_without_a_method_and_a_timeout_that_is_no_number() -> None:
         )
         error = error_of("drive", endpoint, "csd-mt", "enable", "--timeout", "nan", status=2)
         assert error == "barewire: Invalid value for '--timeout': 'nan': expected seconds, above 0\n"
+
+
+@pytest.mark.parametrize("action", ["quick-stop", "disable"])
+def test_the_motor_is_stopped_also_if_nothing_can_be_printed(action: str) -> None:
+    with (
+        ModbusServer("tcp://127.0.0.1:0", {1: simulator("csd-mt").modbus}) as server,
+        connect("csd-mt", server.url) as client,
+    ):
+        client.drive.enable()
+        client.drive.velocity(400)
+        with open("/dev/full", "w") as full:
+            command = [*COMMAND, "drive", server.url, "csd-mt", action]
+            done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=30)
+        assert done.stderr == "barewire: output: no space left on device\n"
+        assert done.returncode == 1
+        assert client.drive.status().state is not State.OPERATION_ENABLED

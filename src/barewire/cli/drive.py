@@ -126,6 +126,8 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
                 late_response_awaited(lambda: machine, no_wait),
                 _progress_output(as_json) as show_progress,
             ):
+                if name in _MUST_BE_DONE:
+                    show_progress = _if_possible(show_progress)
                 client = machine.drive.following(show_progress, timeout=timeout)
                 with ended_by_signals(interrupt=True) as ignore_signals:
                     try:
@@ -170,20 +172,25 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
 
 _AT_REST = ("move", "home", "velocity", "quick-stop")
 """The actions that end at a velocity that is known: 0, or the target."""
+_MUST_BE_DONE = ("quick-stop", "disable")
+"""The actions that are carried out also if nothing can be printed."""
 _CURRENT_ON = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
+
+
+def _if_possible(show_progress: Callable[[DriveProgress], object]) -> Callable[[DriveProgress], None]:
+    """Return a function that shows progress, and does nothing if the output is closed or full."""
+
+    def try_to_show(progress: DriveProgress) -> None:
+        with suppress(OSError):
+            show_progress(progress)
+
+    return try_to_show
 
 
 def _quick_stop(client: DriveClient, why: str) -> str:
     """Stop the drive, also if the progress cannot be printed because the terminal is closed; return what was done and
     the state in which the drive is left."""
-    show_progress = client.drive.progress
-
-    def try_to_show(progress: DriveProgress) -> None:
-        with suppress(OSError):
-            if show_progress is not None:
-                show_progress(progress)
-
-    client.drive.progress = try_to_show
+    client.drive.progress = None if client.drive.progress is None else _if_possible(client.drive.progress)
     try:
         status = client.quick_stop()
     except BarewireError as error:
