@@ -35,6 +35,8 @@ for ignored in (signal.SIGINT, signal.SIGHUP):
 
 ROOT = Path(__file__).parent.parent
 PROGRAMS = ROOT / ".ci" / "apt-packages.txt"
+FIRST = {"interop": 0, "io": 1, "cli": 2, "model": 3}
+"""The directories whose tests take longest, in the order in which they are run."""
 NO_SKIPS = "BAREWIRE_NO_SKIPS"
 
 
@@ -54,7 +56,10 @@ def read_programs(text: str) -> dict[str, Program]:
     return {row[0]: Program(*row) for row in rows if row}
 
 
+@pytest.hookimpl(tryfirst=True)  # before --random-order
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    # Files with tests that wait come first: one of them as the last file would keep one process waiting for the other.
+    items.sort(key=lambda item: FIRST.get(item.nodeid.split("/")[1], len(FIRST)))  # tests/io/...
     programs = read_programs(PROGRAMS.read_text(encoding="utf-8"))
     for item in items:
         for name in [name for mark in item.iter_markers("needs") for name in mark.args]:
