@@ -139,3 +139,21 @@ def test_a_wrong_response_ends_the_wait_unless_another_answer_of_the_unit_may_co
     with pytest.raises(NoAnswer, match="byte_count 4"):
         wire.play(read(bus, 10, unit=unit))
     assert wire.now == 3.0 + ends
+
+
+@pytest.mark.parametrize("place", ["sent", "feed"])
+def test_after_a_ctrl_c_inside_the_exchange_its_answer_is_pending(monkeypatch: pytest.MonkeyPatch, place: str) -> None:
+    """Python raises KeyboardInterrupt anywhere, also while no frame is being sent or received."""
+    bus = rtu_bus()
+    conversation = read(bus, 5)
+    step = next(conversation)
+    while not isinstance(step, Send):
+        step = conversation.send(Heard(None, 1.0))
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(type(bus.line), place, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        any(conversation.send(heard) is None for heard in (Heard(None, 1.0), Heard(b"\1", 1.1)))
+    assert len(bus.state.pending) == 1

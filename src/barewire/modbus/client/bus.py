@@ -249,7 +249,7 @@ class Bus:
                     return response
                 if line.broken is not None:
                     break
-        except (Abandoned, GeneratorExit) as end:
+        except (Abandoned, GeneratorExit, KeyboardInterrupt) as end:
             # Abandoned while it was being sent, the request may leave a little later than `now`.
             self._leave_pending(unit, request, now + timeout if sent_at is None else sent_at, timeout)
             if request.writes and isinstance(end, Abandoned):
