@@ -117,6 +117,19 @@ nodes_option = click.option(
     "--node", "nodes", type=int, multiple=True, help="CAN: the node-ID of that --device, one for each."
 )
 
+protocol_option = click.option(
+    "--protocol",
+    type=Choice(["rtu", "ascii"]),
+    help="Of a log or hex dump of a serial line; by default its bytes tell.",
+)
+ports_option = click.option(
+    "--port",
+    "ports",
+    type=click.IntRange(1, 65535),
+    multiple=True,
+    help="TCP port of servers in a capture, besides 502.",
+)
+
 
 def print_timing(endpoint: str) -> None:
     """Print the times of a line on stderr, for `--timing`. Raises EncodeError for a CAN bus."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from barewire.cli.arguments import Choice, Seconds, check_not_overwritten
+from barewire.cli.arguments import Seconds, check_not_overwritten, ports_option, protocol_option
 from barewire.cli.sniff import recording_content, refuse_for_line, replayed, stopped_by_interrupt
 from barewire.devices.sim.recorded.learn import ANSWERS_LIMIT, learn_line
 from barewire.devices.sim.recorded.model import READS, RecordedLine, RecordedRequest
@@ -49,18 +49,8 @@ from barewire.modbus.sniffer import WINDOW, SnifferEvent
     show_default=True,
     help="Longest time from a request to its response, in seconds.",
 )
-@click.option(
-    "--protocol",
-    type=Choice(["rtu", "ascii"]),
-    help="Of a log or hex dump of a serial line; by default its bytes tell.",
-)
-@click.option(
-    "--port",
-    "ports",
-    type=click.IntRange(1, 65535),
-    multiple=True,
-    help="TCP port of servers in a capture, besides 502.",
-)
+@protocol_option
+@ports_option
 def record_command(
     source: str,
     target: str | None,

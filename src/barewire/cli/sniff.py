@@ -12,14 +12,15 @@ from typing import Self
 import click
 
 from barewire.cli.arguments import (
-    Choice,
     Seconds,
     check_not_overwritten,
     file_content,
     json_option,
     known_nodes,
     nodes_option,
+    ports_option,
     print_json,
+    protocol_option,
 )
 from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
 from barewire.explain.can_monitor import KnownNode, event_as_dict, event_kind, event_line, is_repeated
@@ -70,18 +71,8 @@ _LIVE_BUS = "can0"
     metavar="S",
     help=f"Modbus: longest time from a request to its response, in seconds; by default {WINDOW:g}.",
 )
-@click.option(
-    "--protocol",
-    type=Choice(["rtu", "ascii"]),
-    help="Of a log or hex dump of a serial line; by default its bytes tell.",
-)
-@click.option(
-    "--port",
-    "ports",
-    type=click.IntRange(1, 65535),
-    multiple=True,
-    help="TCP port of servers in a capture, besides 502.",
-)
+@protocol_option
+@ports_option
 @click.option(
     "--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: the device of a node, for names and units."
 )
