@@ -168,8 +168,7 @@ def test_a_write_within_a_row_of_equal_answers_keeps_the_rest_of_the_row() -> No
     assert [answer(replayed, STATE) for _ in range(6)] == [(0,)] * 5 + [(1,)]
 
 
-def test_the_last_writes_of_a_recording_may_go_on() -> None:
-    watchdog = """
+WATCHDOG = """
 [[unit.request]]
 read = "holding:0"
 quantity = 1
@@ -179,7 +178,11 @@ write = "holding:9"
 function = 6
 answers = [{ at = 0.5, until = 1.5, times = 2, wrote = [1] }]
 """
-    replayed = unit(watchdog)
+"""A unit that counts up when register 9 is written, twice in the recording."""
+
+
+def test_the_last_writes_of_a_recording_may_go_on() -> None:
+    replayed = unit(WATCHDOG)
     values = []
     for _ in range(5):
         answer(replayed, WriteSingleRegister(9, 1))
@@ -188,16 +191,7 @@ answers = [{ at = 0.5, until = 1.5, times = 2, wrote = [1] }]
 
 
 def test_a_row_of_equal_writes_is_taken_one_by_one() -> None:
-    replayed = unit("""
-[[unit.request]]
-read = "holding:0"
-quantity = 1
-answers = [{ at = 0.0, values = [1] }, { at = 1.0, values = [2] }, { at = 2.0, values = [3] }]
-[[unit.request]]
-write = "holding:9"
-function = 6
-answers = [{ at = 0.5, until = 1.5, times = 2, wrote = [1] }, { at = 5.0, wrote = [0] }]
-""")
+    replayed = unit(WATCHDOG.replace("wrote = [1] }", "wrote = [1] }, { at = 5.0, wrote = [0] }"))
     values = []
     for _ in range(2):
         answer(replayed, WriteSingleRegister(9, 1))
