@@ -161,14 +161,10 @@ def _read_back(machine: MachineClient, written: Reading) -> str:
     if not parameter.readable or not parameter.answered:
         return ""
     try:
-        now = machine.read(parameter.name)
+        present = parameter.text(machine.read(parameter.name).value)
     except BarewireError as error:
         return f"; not read back: {error}"
-    return (
-        ""
-        if parameter.text(now.value) == parameter.text(written.value)
-        else f", but the device has {parameter.text(now.value)}"
-    )
+    return "" if present == parameter.text(written.value) else f", but the device has {present}"
 
 
 def _print_reading(reading: Reading, as_json: bool, how: str = "") -> None:
