@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import socket
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 import pytest
 
 from barewire.canopen import CanFrame
+from barewire.errors import PortError
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.python_can import CanPort
+from tests.helpers import refused
 
 
 @pytest.fixture
@@ -71,3 +75,53 @@ def test_messages_that_are_not_frames_are_not_passed_on(port: int, message: byte
     finally:
         one.close()
         two.close()
+
+
+@contextmanager
+def server_that_answers(*answers: bytes) -> Iterator[int]:
+    """A server that greets two connections (the first only looks for the greeting), and answers the second."""
+
+    def serve() -> None:
+        with listener.accept()[0] as connection:
+            connection.sendall(b"< hi >")
+            connection.recv(100)
+        with listener.accept()[0] as connection, suppress(ConnectionError):
+            connection.sendall(b"< hi >")
+            for answer in answers:
+                if not connection.recv(100):
+                    return
+                connection.sendall(answer)
+            connection.recv(100)  # until the client closes
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield int(listener.getsockname()[1])
+        thread.join(timeout=5.0)
+
+
+def test_a_frame_that_comes_along_with_the_last_ok_is_received() -> None:
+    """As on a bus with traffic: TCP does not separate the answer from the first frame."""
+    with server_that_answers(b"< ok >", b"< ok >< frame 705 1795373683.431301 00 >< frame 181") as port:
+        joined = member(port)
+        assert joined.receive(2.0) == CanFrame(0x705, b"\x00")
+        joined.close()
+
+
+@pytest.mark.parametrize(
+    ("answers", "message"),
+    [
+        ((b"< error could not open bus >",), "expected '< ok >' from the socketcand server, received '< error could"),
+        ((b"< ok >", b"x" * 300), "expected '< ok >' from the socketcand server, received 'xxxx"),
+        ((b"< ok >", b"< o"), "timed out"),
+    ],
+)
+def test_another_answer_is_an_error(answers: tuple[bytes, ...], message: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("barewire.io.ports.socketcand.HANDSHAKE_TIMEOUT", 0.3)
+    with server_that_answers(*answers) as port, refused(PortError, message):
+        member(port)
+
+
+def test_a_server_that_hangs_up_is_an_error() -> None:
+    with server_that_answers() as port, refused(PortError, "received ''"):
+        member(port)

@@ -9,7 +9,6 @@ import contextlib
 import errno
 import logging
 import os
-import select
 import socket
 import time
 from collections import deque
@@ -19,12 +18,14 @@ from typing import Any
 
 from barewire.canopen.frame import EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import EncodeError, PortError, shown
-from barewire.io.endpoint import CAN_OPTIONS, DEFAULT_BITRATE, Endpoint, socketcand_address, unknown_option
+from barewire.io.endpoint import CAN_OPTIONS, DEFAULT_BITRATE, Endpoint, unknown_option
 from barewire.io.ports.base import send_when_room
 from barewire.io.ports.tcp import UNPLUGGED, reason
 
 try:
     import can
+
+    from barewire.io.ports.socketcand import SocketcandBus
 except ModuleNotFoundError as missing:  # pragma: no cover - tried by CI in an environment without it
     raise PortError("CAN buses need python-can: pip install 'barewire[can]'") from missing
 
@@ -61,20 +62,20 @@ class CanPort:
         """Whether `receive` returns the frames that were sent here too. Of an adapter it is not known."""
         if interface == "udp_multicast" or extra.get("receive_own_messages"):
             self.own_frames = True
-        if interface == "socketcand":
-            channel = _socketcand_options(channel, extra)
-        elif interface == "slcan":
+        if interface == "slcan":
             channel = _slcan_options(channel, extra)
         self._gone: str | None = None
         self._bring_up = f"ip link set {channel} up"
         if not channel.startswith("vcan"):
             self._bring_up += f" type can bitrate {endpoint.integer('bitrate', DEFAULT_BITRATE)}"
         try:
+            self._bus: can.BusABC
             if interface == "socketcand":
-                _check_greeting(extra["host"], extra["port"])
-            self._bus = can.Bus(
-                channel=channel, interface=interface, bitrate=endpoint.integer("bitrate", DEFAULT_BITRATE), **extra
-            )
+                self._bus = SocketcandBus(channel, extra)
+            else:
+                self._bus = can.Bus(
+                    channel=channel, interface=interface, bitrate=endpoint.integer("bitrate", DEFAULT_BITRATE), **extra
+                )
         except Exception as error:
             # Each interface of python-can has its own errors; all of them mean that the bus cannot be opened.
             raise PortError(
@@ -136,7 +137,7 @@ class CanPort:
                 self._garbled_in_a_row += 1
                 _drop_slcan_line(self._bus)
         if message is None:
-            _check_socketcand(self._bus, self.name)
+            self._check_connection()
             return None
         self._garbled_in_a_row = 0
         if message.is_error_frame or message.is_fd:
@@ -144,6 +145,15 @@ class CanPort:
         if message.is_remote_frame:
             return CanFrame(message.arbitration_id, b"", message.is_extended_id, True, message.dlc)
         return CanFrame(message.arbitration_id, bytes(message.data), message.is_extended_id)
+
+    def _check_connection(self) -> None:
+        """PortError if the bus is a connection, and the server closed it."""
+        if not isinstance(self._bus, SocketcandBus):
+            return
+        try:
+            self._bus.check()
+        except (can.CanError, OSError, ValueError) as error:
+            raise PortError(f"can://{self.name}: {_first_line(error)}") from None
 
     def _failure(self, error: Exception) -> str:
         """Why an open bus failed: the interface is down, gone, or the first line of the error."""
@@ -250,38 +260,6 @@ def _how_to_make(name: str, bring_up: str, error: Exception) -> str:
     if channel.startswith("vcan"):
         return f"; {virtual}"
     return f"; plug the adapter in, then {bring_up}; a virtual one: {virtual}"
-
-
-def _socketcand_options(channel: str, extra: dict[str, Any]) -> str:
-    """The channel behind HOST:PORT/, which are options of python-can.
-
-    Frames are sent at once, not after up to 40 ms.
-    """
-    if "host" in extra:
-        return channel
-    extra["host"], extra["port"] = socketcand_address(channel)
-    extra.setdefault("tcp_tune", True)
-    return channel.partition("/")[2]
-
-
-def _check_greeting(host: str, port: int) -> None:
-    """PortError unless a socketcand server is there: python-can would try for ten seconds, or wait for ever."""
-    with socket.create_connection((host, port), timeout=3.0) as probe:
-        if b"< hi >" not in probe.recv(64):
-            raise PortError(f"can://socketcand/{host}:{port}: that is no socketcand server")
-
-
-def _check_socketcand(bus: can.BusABC, name: str) -> None:
-    """PortError if the socketcand server closed the connection: python-can would go on reading from it for ever."""
-    connection = getattr(bus, "_SocketCanDaemonBus__socket", None)
-    if connection is None:
-        return
-    try:
-        if not select.select([connection], [], [], 0)[0] or connection.recv(1, socket.MSG_PEEK):
-            return
-    except (OSError, ValueError) as error:
-        raise PortError(f"can://{name}: {_first_line(error)}") from None
-    raise PortError(f"can://{name}: the server hung up")
 
 
 def _do_not_block(bus: can.BusABC) -> None:
