@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import CanFrame, Channel, ErrorFrame, upload
+from barewire.canopen import CanFrame, Channel, ErrorFrame, NmtState, NodeState, upload
 from barewire.canopen.nmt.node_monitor import NodeMonitor
 from barewire.conversation import Heard, Listen, Send, play
 from barewire.errors import NoAnswer
@@ -45,6 +45,22 @@ def test_a_recent_report_of_the_controller_is_included() -> None:
     report = "the controller reported no acknowledgement, bus off 0.5 s ago"
     assert report in monitor.explain_silence(5, 0x585, mark, 10.5, responses=0)
     assert report[:14] not in monitor.explain_silence(5, 0x585, mark, 30.0, responses=0)
+
+
+def test_a_remote_frame_is_neither_a_request_nor_a_frame_of_the_node() -> None:
+    """A master of node guarding sends 705h as a remote frame. On an SDO identifier it is not a request or response."""
+    monitor = monitor_of((7.0, "705#7F"), (8.0, "705#R1"), (8.0, "186#R8"), (9.0, "605#R8"))
+    assert monitor.unanswered(0x605, 0x585) is None
+    assert monitor.state(5) == NodeState(5, NmtState.PRE_OPERATIONAL)
+    assert (monitor.last_sent(5), monitor.nodes()) == (7.0, [5])
+    monitor.feed(CanFrame.parse("605#4000100000000000"), 9.5)
+    monitor.feed(CanFrame.parse("585#R8"), 9.6)
+    assert monitor.unanswered(0x605, 0x585) == 9.5
+    assert monitor.frames == 6
+
+
+def test_a_request_has_eight_bytes() -> None:
+    assert monitor_of((9.0, "605#40001000")).unanswered(0x605, 0x585) is None
 
 
 def test_another_protocol_does_not_fill_the_memory() -> None:

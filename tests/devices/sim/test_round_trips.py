@@ -93,13 +93,13 @@ def test_every_readable_parameter_is_read_by_name(device: str, wire: Callable[[s
 
 @TRANSPORTS
 def test_every_writable_parameter_is_read_back(device: str, wire: Callable[[str], Wire]) -> None:
-    wrong, tried = [], 0
+    wrong, tried, line = [], 0, wire(device)
+    in_records = PDO_RECORDS if isinstance(line, CanopenWire) else ()
     for parameter in load(device).parameters:
-        line = wire(device)
         place = parameter.object
-        in_records = place is not None and place.index in PDO_RECORDS and isinstance(line, CanopenWire)
-        if not parameter.writable or not line.has(parameter) or in_records:
+        if not parameter.writable or not line.has(parameter) or (place is not None and place.index in in_records):
             continue
+        line = wire(device)
         find = line.machine.device.find
         if parameter.name in ("Parameter value", "Sub-menu number selection"):
             line.write({find(name): value for name, value in MENU.items()})

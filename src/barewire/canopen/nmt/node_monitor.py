@@ -63,10 +63,15 @@ class NodeMonitor:
         return None
 
     def feed(self, frame: CanFrame | None, now: float) -> list[None]:
-        """Record a frame. Return an empty list, since there are no events."""
+        """Record a frame. Return an empty list, since there are no events.
+
+        A remote frame only counts: it has no data, and it is sent by the node that wants an answer.
+        """
         if frame is None:
             return []
         self.frames += 1
+        if frame.remote:
+            return []
         identifier = frame.id
         if not frame.extended:
             known = self._base.get(identifier)
@@ -82,7 +87,7 @@ class NodeMonitor:
         self.error, self.error_at = error, now
 
     def count(self, identifier: int) -> int:
-        """Return the number of base frames with this identifier."""
+        """Return the number of base frames with this identifier, without remote frames."""
         known = self._base.get(identifier)
         return 0 if known is None else known[0]
 
@@ -114,7 +119,8 @@ class NodeMonitor:
             return None
         if response is not None and response[1] >= request[1] and response[2].data[:1] != b"\x80":
             return None
-        return None if request[2].data[:1] in (b"\x80", b"\xa1") else request[1]
+        data = request[2].data
+        return None if len(data) < 8 or data[:1] in (b"\x80", b"\xa1") else request[1]
 
     def mark(self, response_id: int) -> TrafficMark:
         """Return the present counts, to be given to `explain_silence` later."""
