@@ -159,6 +159,11 @@ class CobEntry(NamedTuple):
         identifier = word & (0x1FFF_FFFF if extended else 0x7FF)
         return cls(identifier, extended, bool(word >> 30 & 1), bool(word >> 31 & 1))
 
+    @staticmethod
+    def is_well_formed(word: int) -> bool:
+        """Return whether bits 11 to 28 are 0 in a COB-ID of 11 bits, as CiA 301 requires."""
+        return bool(word >> 29 & 1) or not word & 0x1FFF_F800
+
     def pack(self) -> int:
         """Return the 32 bits of the object."""
         return self.identifier | self.extended << 29 | self.bit30 << 30 | self.bit31 << 31

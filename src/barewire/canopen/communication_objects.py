@@ -88,7 +88,8 @@ def validate_cob_id_writes(
         new, old = CobEntry.unpack(word), CobEntry.unpack(integer_value(objects, index, sub))
         same = (new.identifier, new.extended) == (old.identifier, old.extended)
         taken = not new.extended and is_restricted(new.identifier) and (always_received or in_use(new))
-        if (taken and not (same and in_use(old))) or (not same and in_use(old) and in_use(new)):
+        taken = taken and not (same and in_use(old))
+        if taken or not CobEntry.is_well_formed(word) or (not same and in_use(old) and in_use(new)):
             raise SdoAbort(AbortCode.INVALID_VALUE, index, sub)
 
     validate_writes(objects, index, sub, check)

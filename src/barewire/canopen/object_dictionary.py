@@ -33,6 +33,10 @@ ObjectRef = str | int | ObjectAddress
 """How a caller names an object: by name, by index, or by index and sub-index."""
 
 
+_FIRST_APPLICATION = 0x2000
+"""The first index after the communication objects."""
+
+
 @dataclass(frozen=True, slots=True)
 class Entry:
     """The description of one object. Its value is in the dictionary.
@@ -46,7 +50,8 @@ class Entry:
     on_read            returns the value, in place of the stored one
     on_write           called with a value that has passed all checks, before it is stored; raises SdoAbort to refuse
     object_name        the name of the record or array that the entry belongs to
-    mappable           the kinds of PDO into which the entry may be mapped
+    mappable           the kinds of PDO into which the entry may be mapped; if it is not given, both for objects from
+                       2000h on, none for communication objects
     """
 
     index: int
@@ -60,7 +65,11 @@ class Entry:
     on_read: Callable[[], Value] | None = None
     on_write: Callable[[Value], None] | None = None
     object_name: str = ""
-    mappable: tuple[Literal["RPDO", "TPDO"], ...] = ("RPDO", "TPDO")
+    mappable: tuple[Literal["RPDO", "TPDO"], ...] | None = None
+
+    def is_mappable(self, direction: Literal["RPDO", "TPDO"]) -> bool:
+        """Return whether the entry may be mapped into a PDO of this kind."""
+        return self.index >= _FIRST_APPLICATION if self.mappable is None else direction in self.mappable
 
     def __repr__(self) -> str:
         return f"<Entry {self.index:04X}h:{self.sub:02X} {self.name}: {self.access} {self.type}>"

@@ -30,7 +30,7 @@ class DeviceConsumers:
         self.objects = objects
         self.time = TimeConsumer()
         self.emergencies = EmcyConsumer(listed_only=True, history=_HISTORY)
-        validate_cob_id_writes(objects, _TIME, lambda entry: entry.bit30 or entry.bit31)
+        validate_cob_id_writes(objects, _TIME, lambda entry: entry.bit30 or entry.bit31, always_received=True)
 
     def follow(self) -> None:
         """Read the present values of the objects."""

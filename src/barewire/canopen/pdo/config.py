@@ -40,6 +40,8 @@ PdoDirection = Literal["RPDO", "TPDO"]
 
 PDOS_MAX = 512
 """PDOs of each direction."""
+_DUMMY_BITS = {0x0001: 1, 0x0002: 8, 0x0003: 16, 0x0004: 32, 0x0005: 8, 0x0006: 16, 0x0007: 32}
+"""The bits of the data types that fill a mapping: BOOLEAN, INTEGER8 to 32, UNSIGNED8 to 32."""
 LAST_CYCLIC, RTR_AT_SYNC, RTR_AT_ONCE = 240, 252, 253
 
 _DIRECTIONS: tuple[PdoDirection, ...] = ("RPDO", "TPDO")
@@ -130,10 +132,13 @@ class PdoConfig:
         return CobEntry(0, bit31=True) if service is None else CobEntry(cob_id(service, node))
 
 
-def pdos_of(objects: ObjectDictionary, node: int) -> list[PdoConfig]:
+def pdos_of(objects: ObjectDictionary, node: int, *, refused: list[str] | None = None) -> list[PdoConfig]:
     """Return the PDOs whose records a dictionary has, for example one from an EDS. They are an argument of `LocalNode`.
 
     A COB-ID of the predefined connection set is left out, so it follows the node-ID.
+
+    Some descriptions have PDOs that break a rule, which `LocalNode` raises as EncodeError. With a list as `refused`,
+    such a PDO is returned without its mapping and switched off, so that the device works, and the reason is appended.
     """
     found = []
     for direction in _DIRECTIONS:
@@ -151,7 +156,15 @@ def pdos_of(objects: ObjectDictionary, node: int) -> list[PdoConfig]:
             identifier = None if by_default else values[1]
             slots = max(objects.subs(pdo.map))
             times = values[3], values[5], values[6]
-            found.append(PdoConfig(direction, number, words, values[2], identifier, *times, slots, multiplexed))
+            pdo = PdoConfig(direction, number, words, values[2], identifier, *times, slots, multiplexed)
+            if refused is not None:
+                try:
+                    validate_pdo(objects, pdo)
+                except EncodeError as error:
+                    refused.append(str(error))
+                    off = pdo.cob_entry(node)._replace(bit31=True).pack()
+                    pdo = PdoConfig(direction, number, (), 255, off, *times, slots)
+            found.append(pdo)
     return found
 
 
@@ -159,26 +172,35 @@ def _value(objects: ObjectDictionary, index: int, sub: int) -> int:
     return int(objects.get(index, sub)) if (index, sub) in objects else 0
 
 
+def validate_pdo(objects: ObjectDictionary, pdo: PdoConfig) -> None:
+    """Raise EncodeError if the type or the mapping of a PDO breaks a rule."""
+    name = f"{pdo.direction}{pdo.number}"
+    if not (0 <= pdo.type <= 255 and has_type(pdo.direction, pdo.type)):
+        raise EncodeError(f"{name}: transmission type {pdo.type} does not exist")
+    if pdo.multiplexed is not None and pdo.type <= RTR_AT_ONCE:
+        raise EncodeError(f"{name} is multiplexed: expected type 254 or 255, not {pdo.type}")
+    try:
+        resolve(objects, pdo.direction, pdo.mapping)
+    except EncodeError as error:
+        raise EncodeError(f"{name}: {error}") from None
+
+
 def add_records(objects: ObjectDictionary, node: int, pdo: PdoConfig, changed: Callable[[], object]) -> None:
     """Add the two records of a PDO to the dictionary, with the rules for writing them.
 
-    An entry that the dictionary has already (from a device description) keeps its name, but gets a new default and
-    rules; the reserved sub-index 04 is not touched. `changed` is called when a write has been accepted, before it is
-    stored. Raise EncodeError if `pdo` itself breaks a rule.
+    An entry that the dictionary has (from a device description) keeps its name and whether it can be mapped, but
+    gets a new default and rules; the reserved sub-index 04 is not touched. `changed` is called when a write has been
+    accepted, before it is stored. Raise EncodeError if `pdo` itself breaks a rule.
     """
-    if not (0 <= pdo.type <= 255 and has_type(pdo.direction, pdo.type)):
-        raise EncodeError(f"{pdo.direction}{pdo.number}: transmission type {pdo.type} does not exist")
-    if pdo.multiplexed is not None and pdo.type <= RTR_AT_ONCE:
-        raise EncodeError(f"{pdo.direction}{pdo.number} is multiplexed: expected type 254 or 255, not {pdo.type}")
-    resolve(objects, pdo.direction, pdo.mapping)
+    validate_pdo(objects, pdo)
     rules = _Rules(objects, pdo, changed)
     record, name = pdo.communication, f"{pdo.direction}{pdo.number}"
 
     def add(index: int, sub: int, title: str, type: str, default: int, check: Callable[[int], None] | None) -> None:
         access: Literal["const", "rw"] = "const" if check is None else "rw"
         hook = None if check is None else rules.hook(check)
-        own = objects.entry(index, sub).name if (index, sub) in objects else f"{name} {title}"
-        objects.replace(Entry(index, sub, own, type, access, default, on_write=hook))
+        own = objects.entry(index, sub) if (index, sub) in objects else Entry(index, sub, f"{name} {title}", type)
+        objects.replace(Entry(index, sub, own.name, type, access, default, on_write=hook, mappable=own.mappable))
 
     add(record, 0, "highest sub-index", "u8", 6, None)
     add(record, 1, "COB-ID", "u32", pdo.cob_entry(node).pack(), rules.cob_id)
@@ -209,9 +231,13 @@ def resolve(objects: ObjectDictionary, direction: PdoDirection, words: tuple[int
             entry = objects.entry(mapped.index, mapped.sub)
             if entry.access in (("ro", "const") if direction == "RPDO" else ("wo",)):
                 raise EncodeError(f"{mapped.name} is {entry.access} and cannot be mapped to an {direction}")
-            if direction not in entry.mappable:
+            if not entry.is_mappable(direction):
                 raise EncodeError(f"{mapped.name} cannot be mapped to an {direction}")
+            if entry.type == "domain":
+                raise EncodeError(f"{mapped.name} is a domain, which cannot be mapped")
             mapped = MappedObject.of_word(word, entry.type)
+        elif mapped.bits != _DUMMY_BITS[mapped.index]:
+            raise EncodeError(f"dummy {mapped.name} has {mapped.bits} bits: expected {_DUMMY_BITS[mapped.index]}")
         entries.append(mapped)
     return PdoMapping(entries)
 
@@ -239,7 +265,7 @@ class _Rules:
         old = CobEntry.unpack(int(self.objects.get(self.pdo.communication, 1)))
         same = (new.identifier, new.extended) == (old.identifier, old.extended)
         taken = not new.extended and is_restricted(new.identifier)
-        if not new.bit31 and ((not old.bit31 and not same) or taken):
+        if not CobEntry.is_well_formed(word) or (not new.bit31 and ((not old.bit31 and not same) or taken)):
             raise SdoAbort(AbortCode.INVALID_VALUE, self.pdo.communication, 1)
 
     def type(self, value: int) -> None:

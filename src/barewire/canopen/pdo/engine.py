@@ -82,14 +82,15 @@ class PdoEngine:
         return self._refused + sum(pdo.refused for pdo in self._active.values())
 
     @property
-    def active(self) -> Iterable[ActivePdo]:
-        """All PDOs as configured now, in the order of `pdos`."""
+    def active(self) -> tuple[ActivePdo, ...]:
+        """All PDOs as configured now, in the order of `pdos`. A value that an RPDO stores may change the configuration,
+        so this is a copy."""
         if self._pdos_changed:
             self._active = {
                 config: self._active.get(config) or ActivePdo(config, self.objects, self.node) for config in self.pdos
             }
             self._pdos_changed = False
-        return self._active.values()
+        return tuple(self._active.values())
 
     @property
     def deadline(self) -> float | None:

@@ -61,7 +61,9 @@ class _CanopenServerBase:
     ) -> None:
         super().__init__()
         endpoint = self._endpoint = can_endpoint(url, node=node, **options)
-        self._node = SharedNode(_node_of(endpoint, device, eds))
+        self.refused_pdos: list[str] = []
+        """Why PDOs of an EDS are switched off: their description breaks a rule."""
+        self._node = SharedNode(_node_of(endpoint, device, eds, self.refused_pdos))
         self.url = str(endpoint)
         self.dial: Callable[[], Port[CanFrame]] = lambda: CanPort(endpoint)
         if faults is not None:
@@ -70,6 +72,8 @@ class _CanopenServerBase:
         self.statistics = NodeStatistics()
         """Counters of frames."""
         self._log = PortLog("barewire.canopen.server", f"can://{endpoint.place}")
+        for reason in self.refused_pdos:
+            self._log.warning("PDO", f"switched off: {reason}")
         self._prepare()
 
     def _prepare(self) -> None:
@@ -225,8 +229,13 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
             await asyncio.to_thread(self._hub.close)
 
 
-def _node_of(endpoint: Endpoint, device: Served | None, eds: str | Path | Eds | None) -> CanopenNode:
-    """Return the node to serve, which has `feed` and `deadline`. Raises EncodeError for any other device."""
+def _node_of(
+    endpoint: Endpoint, device: Served | None, eds: str | Path | Eds | None, refused: list[str]
+) -> CanopenNode:
+    """Return the node to serve, which has `feed` and `deadline`. Raises EncodeError for any other device.
+
+    The reasons of PDOs that are switched off, because their description breaks a rule, are appended to `refused`.
+    """
     from barewire.canopen.object_dictionary import ObjectDictionary
 
     if (device is None) == (eds is None):
@@ -257,7 +266,7 @@ def _node_of(endpoint: Endpoint, device: Served | None, eds: str | Path | Eds | 
         )
         raise EncodeError(f"device={shown(device)}: expected {expected}", "device")
     objects = dictionary_of(cast("Eds | ObjectDictionary", source), node)
-    return LocalNode(node, objects, pdos_of(objects, node))
+    return LocalNode(node, objects, pdos_of(objects, node, refused=refused))
 
 
 def _check_node_id(endpoint: Endpoint, machine: CanopenNode) -> None:
