@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from barewire.canopen import CanFrame, LocalNode, NmtState
+from barewire.canopen import CanFrame, Entry, LocalNode, NmtState
 from barewire.canopen.conformance.battery import FLOOD, case_names, cases, run_case
 from barewire.canopen.conformance.frames import Sdo
 from barewire.canopen.conformance.model import NodeCase, NodeStep, Subject
@@ -55,6 +55,26 @@ def test_one_device_passes_the_whole_battery() -> None:
     subject = bus.run(probe(NODE, timeout=0.1, large=LARGE))
     assert failures(bus, subject) == {}
     assert device.sdo.counters.timed_out == 0
+
+
+@pytest.mark.parametrize("name", ["", "x", "7 bytes"])
+def test_a_device_with_a_short_name_passes(name: str) -> None:
+    """Its name takes one segment at most, so the cases with a text of several segments are left out."""
+    made = Entry(0x1008, 0, "manufacturer device name", "string", "const", name)
+    device = plain()
+    device.objects.replace(made)
+    bus = bus_with(device)
+    subject = bus.run(probe(NODE, timeout=0.1, large=LARGE))
+    assert failures(bus, subject) == {}
+    assert {case.name for case in cases(subject) if case.lacks == "text of 8 bytes"} >= {"SEG-01", "SEG-10", "BLK-03"}
+
+
+@pytest.mark.parametrize(
+    "place", [(0x1000, 0), (0x1001, 0), (0x1017, 0), (0x1018, 1), (0x1019, 0), (0x1600, 0), (0x1A00, 1)]
+)
+def test_a_device_with_a_value_of_wrong_length_is_judged(place: tuple[int, int]) -> None:
+    values = {**PLAIN_SUBJECT.values, place: bytes(range(1, 13))}
+    assert len(cases(PLAIN_SUBJECT._replace(values=values))) >= len(PLAIN) - 1
 
 
 def test_the_battery_covers_all_services() -> None:

@@ -13,7 +13,7 @@ import re
 from binascii import crc_hqx
 from typing import NamedTuple
 
-from barewire.canopen.conformance.model import SILENCE, Effect, NodeCase, NodeStep, Subject
+from barewire.canopen.conformance.model import SEGMENT, SILENCE, Effect, NodeCase, NodeStep, Subject
 
 NOWHERE = 0x0FFF
 """An index in the reserved range: no device can have it."""
@@ -31,7 +31,6 @@ HEARTBEAT, TEXT, LARGE = ("1017h",), ("text of 8 bytes",), ("large object",)
 
 _DOWNLOADS = {1: 0x2F, 2: 0x2B, 3: 0x27, 4: 0x23}
 _UPLOADS = {1: "4F", 2: "4B", 3: "47", 4: "43"}
-_SEGMENT = 7
 
 
 class Sdo(NamedTuple):
@@ -141,14 +140,14 @@ def little(value: int, size: int) -> str:
     return value.to_bytes(size, "little").hex().upper()
 
 
-def parts(value: bytes, size: int = _SEGMENT) -> list[bytes]:
+def parts(value: bytes, size: int = SEGMENT) -> list[bytes]:
     """Return the segments of a value; an empty value has one empty segment."""
     return [value[start : start + size] for start in range(0, len(value), size)] or [b""]
 
 
 def segment(number: int, data: bytes, last: bool) -> str:
     """Return the download or upload segment of that number, counted from 0, as bytes without padding."""
-    return f"{(number & 1) << 4 | (_SEGMENT - len(data)) << 1 | last:02X}{data.hex().upper()}"
+    return f"{(number & 1) << 4 | (SEGMENT - len(data)) << 1 | last:02X}{data.hex().upper()}"
 
 
 def block_segment(number: int, data: bytes, last: bool) -> str:
@@ -158,7 +157,7 @@ def block_segment(number: int, data: bytes, last: bool) -> str:
 
 def block_end(value: bytes, crc: int | None = None) -> str:
     """Return the end of a block transfer: unused bytes of the last segment, and the CRC (0 if none is agreed on)."""
-    unused = -len(value) % _SEGMENT if value else _SEGMENT
+    unused = -len(value) % SEGMENT if value else SEGMENT
     return f"{0xC1 | unused << 2:02X}{little(crc_hqx(value, 0) if crc is None else crc, 2)}"
 
 
@@ -183,7 +182,7 @@ def _provides(subject: Subject, need: str) -> bool:
     if need == "large object":
         return subject.large is not None
     if need == "text of 8 bytes":
-        return len(subject.text_object[1]) > _SEGMENT and subject.has(subject.text_object[0])
+        return subject.has_text
     if need == "TPDO":
         return subject.pdo(0x1800, 0x1A00) is not None
     if need == "RPDO":

@@ -11,7 +11,7 @@ Depends on: COB-IDs and LSS addresses.  Used by: every file of this room.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Literal, NamedTuple
 
 from barewire.canopen.cob_ids import CobEntry
@@ -22,6 +22,8 @@ Effect = Literal["reads", "writes", "commands"]
 starts, stops and resets it, sends process data, and sends in the name of another node."""
 
 SILENCE = ""
+SEGMENT = 7
+"""Bytes of a value in an SDO segment."""
 NODE_ANSWER_TIMEOUT = 0.5
 """Seconds after which no response is expected any more."""
 BOOT = 3.0
@@ -82,17 +84,27 @@ class Subject(NamedTuple):
         """Return whether the object could be read."""
         return (index, sub) in self.values
 
-    def number(self, index: int, sub: int = 0) -> int:
-        """Return the value of an object as a number, 0 if it could not be read."""
-        return int.from_bytes(self.values.get((index, sub), b""), "little")
+    def number(self, index: int, sub: int = 0, size: int = 4) -> int:
+        """Return the value of an object as a number of at most `size` bytes, 0 if it could not be read."""
+        return int.from_bytes(self.values.get((index, sub), b"")[:size], "little")
 
     @property
     def text_object(self) -> tuple[int, bytes]:
-        """The index and the value of a text of at least two segments: 1008h, 1009h or 100Ah."""
-        for index in (0x1008, 0x1009, 0x100A):
-            if len(value := self.values.get((index, 0), b"")) > 7:
-                return index, value
-        return 0x1008, bytes(14)
+        """The index and the value of a text of at least two segments: 1008h, 1009h or 100Ah.
+
+        A device without one (`has_text`) gets no case with such a text; the value then only serves to make the cases.
+        """
+        return next(self._texts, (0x1008, bytes(14)))
+
+    @property
+    def has_text(self) -> bool:
+        """Whether the device has a text of at least two segments."""
+        return next(self._texts, None) is not None
+
+    @property
+    def _texts(self) -> Iterator[tuple[int, bytes]]:
+        texts = ((index, self.values.get((index, 0), b"")) for index in (0x1008, 0x1009, 0x100A))
+        return ((index, value) for index, value in texts if len(value) > SEGMENT)
 
     @property
     def other_node(self) -> int:
@@ -103,7 +115,7 @@ class Subject(NamedTuple):
         """Return the first of four PDOs, from these records on, that is valid, maps bits and has a base identifier."""
         for number in range(4):
             word = self.number(communication + number, 1)
-            count = self.number(mapping + number)
+            count = self.number(mapping + number, 0, 1)
             cob = CobEntry.unpack(word)
             if not word or cob.bit31 or cob.extended or not 1 <= count <= 64:
                 continue

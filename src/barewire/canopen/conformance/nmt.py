@@ -70,7 +70,7 @@ def _nmt(subject: Subject) -> Iterator[NodeCase]:
     elsewhere = silence(nmt_command(RESET_COMMUNICATION, subject.other_node), wait=0.3)
     yield case("NMT-16", "reset communication, to another node", elsewhere, works)
     write = s.write(0x1017, 0, 12_345, 2)
-    default = s.read(0x1017, 0, subject.number(0x1017).to_bytes(2, "little"))
+    default = s.read(0x1017, 0, subject.number(0x1017, 0, 2).to_bytes(2, "little"))
     yield case("NMT-17", "reset communication restores 1017h", write, boots_communication, default, needs=HEARTBEAT,
                why="1000h to 1FFFh have their power-on values")
     yield case("NMT-18", "reset node restores 1017h", write, boots, default, needs=HEARTBEAT)

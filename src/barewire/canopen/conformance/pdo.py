@@ -79,7 +79,7 @@ def _records(subject: Subject, direction: str, short: str, pdo: SubjectPdo) -> I
                refuse(mapping, 1, 0x0FFF_0008, 4, _NO_OBJECT, _NOT_MAPPABLE), why="06020000 or 06040041")
     yield case(15, "an entry for a sub-index that does not exist", off, empty,
                refuse(mapping, 1, 0x1000_FE20, 4, _NO_OBJECT, _NOT_MAPPABLE, _NO_SUB), why="06040041")
-    count = subject.number(mapping)
+    count = subject.number(mapping, 0, 1)
     restored = [write(mapping, sub, subject.number(mapping, sub), 4) for sub in range(1, count + 1)]
     yield case(16, "the whole mapping rewritten in the safe order", off, empty, *restored, write(mapping, 0, count, 1),
                on, why="off, 0, entries, count, on")

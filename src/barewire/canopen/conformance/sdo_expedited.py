@@ -45,7 +45,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
         ("SDO-03", 0x1018, 0, 1, "entries of the identity"),
         ("SDO-04", 0x1018, 1, 4, "vendor-ID"),
     ):
-        data = bytes.fromhex(little(subject.number(index, sub), size))
+        data = bytes.fromhex(little(subject.number(index, sub, size), size))
         response = s.response(f"4F{multiplexer(index, sub)}") if index == 0x1001 else s.value(index, sub, data)
         yield case(name, f"upload of {index:04X}h:{sub:02X}, {title}", NodeStep((s.upload(index, sub),), (response,)),
                    why="mandatory object")
@@ -116,7 +116,7 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
         return make_case(subject, _CLAUSE, (s.responses,), name, title, *steps, effect=effect, needs=needs, why=why)
 
     for name, index, sub, size in (("SDO-40", 0x1000, 0, 4), ("SDO-41", 0x1001, 0, 1), ("SDO-42", 0x1018, 1, 4)):
-        request = s.download(index, sub, subject.number(index, sub) ^ 1, size)
+        request = s.download(index, sub, subject.number(index, sub, size) ^ 1, size)
         refused = s.refused(index, sub, *READ_ONLY_CODES)
         yield case(name, f"download to {index:04X}h:{sub:02X}, which is read-only", NodeStep((request,), (refused,)),
                    needs=() if index != 0x1018 else ("1018h:01",), why="06010002 or 06010000")
