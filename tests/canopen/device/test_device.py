@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import CanFrame, Entry, LocalNode, NmtCommand, NmtState, ObjectDictionary, PdoConfig
+from barewire.canopen.communication_objects import standard_objects
 from barewire.codecs import Value
 from barewire.errors import EncodeError
 
@@ -365,3 +366,15 @@ def test_a_computed_object_is_read_each_time() -> None:
     times[0] = 500
     assert [str(frame) for frame in device.feed(None, 2.0)] == ["705#05"]
     assert device.deadline == 2.5
+
+
+def test_a_monitored_node_that_boots_is_an_error_until_its_next_heartbeat() -> None:
+    device = LocalNode(5, ObjectDictionary([*standard_objects(watched=1)]))
+    device.start(0.0)
+    feed(device, "605#23161001E8030700")  # node 7 at least every second
+    assert feed(device, "000#0105", 0.1) == []
+    assert feed(device, "707#05", 0.2) == []
+    assert feed(device, "707#00", 0.3) == ["085#3081110700000000"], "its boot-up message: emergency 8130h"
+    assert device.state is NmtState.PRE_OPERATIONAL, "1029h is 0"
+    assert feed(device, None, 9.0) == [], "said once"
+    assert feed(device, "707#7F", 9.1) == ["085#0000000700000000"], "the next heartbeat"

@@ -5,8 +5,8 @@
         1016h  consumer heartbeat time      00 | node | time in ms, one entry for each monitored node
         1029h  error behaviour              of an operational device: 0 pre-operational, 1 no change, 2 stopped
 
-        a monitored node is lost, or the master sends no request in time   ->  emergency 8130h, then behaviour 1029h
-        its heartbeat, or a request, arrives again                         ->  emergency 0000h
+        a monitored node is lost or boots, or the master sends no request in time   ->  emergency 8130h, then behaviour
+        its heartbeat, or a request, arrives again                                  ->  emergency 0000h       1029h
 
 This file combines `nmt.heartbeat` and `nmt.node_guarding` as the objects configure them.
 """
@@ -109,7 +109,7 @@ class ErrorControl:
         events: list[ErrorControlEvent] = []
         if frame is None or frame.id >> 7 == 0x700 >> 7 or self.consumer.deadline is not None:
             for event in self.consumer.feed(frame, now):
-                if event.kind == "lost":
+                if event.kind in ("lost", "rebooted"):  # a boot-up ends the monitoring until the next heartbeat
                     self._missing.add(event.node)
                     events.append(ErrorControlEvent(event.node, resolved=False))
                 elif event.kind == "active" and event.node in self._missing:
