@@ -69,7 +69,7 @@ class PdoConfig:
                       further PDO is switched off
         inhibit       shortest time between two frames, in 100 us
         event_timer   longest time between two frames, in ms
-        sync_start    the SYNC with this counter counts as the first one of a synchronous TPDO, as CiA 301 words it: with
+        sync_start    the SYNC with this counter counts as the first one of a synchronous TPDO (CiA 301): with
                       type 3 and 2 here, the TPDO is sent at counters 4, 7 ...; 0: the counter is not regarded
         slots         sub-indices of the mapping record, if not more are mapped
         multiplexed   the addressing of an MPDO, which has no mapping: each frame names its object
