@@ -225,3 +225,17 @@ def test_changes_counts_everything_that_may_change_a_value() -> None:
     with pytest.raises(SdoAbort):
         objects.write(0x2001, 0, b"")
     assert objects.changes == before
+
+
+def test_types_may_have_the_names_of_the_standard() -> None:
+    objects = ObjectDictionary(
+        [
+            Entry(0x1008, 0, "name", "VISIBLE_STRING", "const", "pump"),
+            Entry(0x2001, 0, "raw", "OCTET_STRING", "rw", b"\1"),
+            Entry(0x2002, 0, "speed", "INTEGER16", "rw", -2),
+        ]
+    )
+    assert [entry.type for entry in objects if entry.sub == 0] == ["string", "octets", "i16"]
+    assert (objects.read(0x1008, 0), objects.read(0x2002, 0)) == (b"pump", b"\xfe\xff")
+    with pytest.raises(EncodeError, match=r"type 'INT16': expected one of bool \(BOOLEAN\), i8 \(INTEGER8\)"):
+        ObjectDictionary([Entry(0x2003, 0, "wrong", "INT16")])

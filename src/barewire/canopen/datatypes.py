@@ -130,6 +130,18 @@ _SINGLE: dict[str, ObjectCodec] = {
 }
 
 
+_BY_STANDARD = {row.standard: row.name for row in DATA_TYPES}
+
+
+def type_name(name: str) -> str:
+    """Return the name in barewire of a type that may be given by its name in the standard; any other as it is.
+
+    >>> type_name("VISIBLE_STRING"), type_name("u16")
+    ('string', 'u16')
+    """
+    return _BY_STANDARD.get(name, name)
+
+
 def object_codec(name: str) -> ObjectCodec:
     """Return the codec of a type name, little-endian as on the wire.
 
@@ -138,8 +150,10 @@ def object_codec(name: str) -> ObjectCodec:
 
     Raise EncodeError for a name that is not in the table.
     """
+    name = type_name(name)
     if name in _SINGLE:
         return _SINGLE[name]
     if name not in BY_NAME:
-        raise EncodeError(f"type {name!r}: expected one of {', '.join(BY_NAME)}")
+        standard = ", ".join(f"{row.name} ({row.standard})" for row in DATA_TYPES)
+        raise EncodeError(f"type {name!r}: expected one of {standard}")
     return codec(name, "DCBA")

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
-from barewire.canopen.datatypes import ObjectCodec, object_codec
+from barewire.canopen.datatypes import ObjectCodec, object_codec, type_name
 from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError, shown
 
@@ -43,7 +43,7 @@ class Entry:
 
     index, sub         the address
     name               the name of the entry
-    type               the name of a data type of `datatypes`
+    type               the name of a data type of `datatypes`; that of the standard (UNSIGNED16) becomes ours (u16)
     access             "ro", "wo", "rw" or "const"
     default            the value after a reset
     minimum, maximum   limits of the value; for strings and domains `maximum` is the greatest length
@@ -66,6 +66,9 @@ class Entry:
     on_write: Callable[[Value], None] | None = None
     object_name: str = ""
     mappable: tuple[Literal["RPDO", "TPDO"], ...] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "type", type_name(self.type))
 
     def is_mappable(self, direction: Literal["RPDO", "TPDO"]) -> bool:
         """Return whether the entry may be mapped into a PDO of this kind."""

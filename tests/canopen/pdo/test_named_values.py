@@ -25,7 +25,7 @@ def test_a_remote_pdo_with_names_of_a_dictionary() -> None:
     assert listener.deadline is None
     (good,) = listener.feed(CanFrame.parse("185#3706FF"), 1.5)
     (bad,) = listener.feed(CanFrame.parse("185#3706"), 2.5)
-    assert (good.values, good.at) == ({"statusword": 0x0637, "mode": -1}, 1.5)
+    assert (good.values, good.node, good.at) == ({"statusword": 0x0637, "mode": -1}, 5, 1.5)
     assert (bad.values, bad.data, bad.why) == (None, bytes.fromhex("3706"), "3 bytes are mapped, got 2")
     assert listener.feed(CanFrame.parse("186#3706FF"), 3.0) == listener.feed(CanFrame.parse("185#R3"), 3.0) == []
 

@@ -13,7 +13,8 @@ import re
 from binascii import crc_hqx
 from typing import NamedTuple
 
-from barewire.canopen.conformance.model import SEGMENT, SILENCE, Effect, NodeCase, NodeStep, Subject
+from barewire.canopen.conformance.model import SILENCE, Effect, NodeCase, NodeStep, Subject
+from barewire.canopen.sdo.messages.segment import SEGMENT
 
 NOWHERE = 0x0FFF
 """An index in the reserved range: no device can have it."""

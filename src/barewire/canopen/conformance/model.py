@@ -6,7 +6,7 @@
     pattern     frames as text with a dot for any digit: "585#6017100..."; a comma separates two frames, a bar two
                 alternatives; {2,5} after a frame allows two to five of it; SILENCE stands for no frame
 
-Depends on: COB-IDs and LSS addresses.  Used by: every file of this room.
+Depends on: COB-IDs, LSS addresses, SDO segments.  Used by: every file of this room.
 """
 
 from __future__ import annotations
@@ -16,14 +16,13 @@ from typing import Literal, NamedTuple
 
 from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.lss.messages import LssAddress
+from barewire.canopen.sdo.messages.segment import SEGMENT
 
 Effect = Literal["reads", "writes", "commands"]
 """What a case does to the device: "reads" changes nothing; "writes" writes objects, which a reset restores; "commands"
 starts, stops and resets it, sends process data, and sends in the name of another node."""
 
 SILENCE = ""
-SEGMENT = 7
-"""Bytes of a value in an SDO segment."""
 NODE_ANSWER_TIMEOUT = 0.5
 """Seconds after which no response is expected any more."""
 BOOT = 3.0

@@ -21,7 +21,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from barewire.canopen.datatypes import BY_NAME, object_codec
+from barewire.canopen.datatypes import BY_NAME, object_codec, type_name
 from barewire.canopen.time_types import TimeCodec
 from barewire.codecs import Number, Value
 from barewire.errors import DecodeError, EncodeError
@@ -48,6 +48,10 @@ class MappedObject:
     bits: int
     type: str | None = None
     given_name: str = ""
+
+    def __post_init__(self) -> None:
+        if self.type is not None:
+            object.__setattr__(self, "type", type_name(self.type))
 
     @property
     def name(self) -> str:

@@ -86,6 +86,11 @@ class PdoReceived(NamedTuple):
     at: float
     why: str = ""
 
+    @property
+    def node(self) -> int:
+        """The node-ID of the device whose PDO it is."""
+        return self.source.node
+
 
 class PdoConsumer:
     """A machine that receives PDOs of other nodes.
