@@ -51,6 +51,11 @@ last case and the number of cases that were not run (with `--json` an object `un
 | `--large 2100:00` | an object for any bytes: it is written in several segments and blocks |
 | `--gentle` | leaves out the cases that change the device |
 
+After each case that changes the device its communication is reset, it is switched to pre-operational (it may start
+itself), and what the case wrote is read back and written if the device kept it. So one departure fails the cases that
+name it, and not all that follow: a device that starts itself fails NMT-19; one that keeps values over a reset of the
+communication fails NMT-17, RPD-19, TPD-19 and SYN-05.
+
 **Not for a machine that is running.** The column *effect* below:
 
 | effect | meaning |

@@ -62,7 +62,7 @@ def subject_of(make: Callable[[], Participant], large: tuple[int, int] | None = 
 def run_after_reset(bus: VirtualBus, subject: Subject, case: NodeCase, before: NodeCase | None = None) -> NodeOutcome:
     """Run one case, after a reset if it needs one."""
     if needs_reset(case, before):
-        bus.run(prepare(subject))
+        bus.run(prepare(subject, after=before))
     return bus.run(run_case(case))
 
 

@@ -4,6 +4,7 @@
     frames          frames as text, of which the cases are made
     probe           which objects a device has
     sdo_expedited, sdo_segmented, sdo_block, nmt, emcy_sync_time, pdo, lss     the cases of each service
+    restore         undoes what a case wrote, on a device that keeps values over a reset
     battery         all cases for one device, and how one is run
 
 Depends on: the messages of canopen.  Used by: `io.canopen.conformance`, `tools/conform_can.py`.

@@ -1,7 +1,8 @@
 """The conformance battery of CANopen devices: all cases in their order, and how one is run.   [CiA 301, CiA 305]
 
     cases         all cases for one device; case_names: their names
-    prepare       resets the communication of the device, before and after a case that changes it
+    prepare       resets the communication of the device, before and after a case that changes it, and enters
+                  PRE-OPERATIONAL; undoes what the case before has written
     run_case      sends the steps of a case, compares received frames with the accepted patterns, stops at a difference
 
 Frames that a case does not listen for (heartbeats, process data of other nodes) are ignored.
@@ -19,6 +20,7 @@ from barewire.canopen.conformance.lss import lss_cases
 from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, NodeStep, Subject
 from barewire.canopen.conformance.nmt import nmt_cases
 from barewire.canopen.conformance.pdo import pdo_cases
+from barewire.canopen.conformance.restore import restore_values
 from barewire.canopen.conformance.sdo_block import block_cases
 from barewire.canopen.conformance.sdo_expedited import expedited_cases
 from barewire.canopen.conformance.sdo_segmented import segmented_cases
@@ -50,20 +52,29 @@ def needs_reset(case: NodeCase, previous: NodeCase | None) -> bool:
     return case.effect != "reads" or (previous is not None and previous.effect != "reads")
 
 
-def prepare(subject: Subject, *, boot: float = BOOT) -> Conversation[CanFrame, bool]:
-    """Reset the communication of the device; return whether its boot-up message was received within `boot` seconds.
+def prepare(
+    subject: Subject, *, after: NodeCase | None = None, boot: float = BOOT, timeout: float = NODE_ANSWER_TIMEOUT
+) -> Conversation[CanFrame, bool]:
+    """Reset the communication of the device, enter PRE-OPERATIONAL, and undo what the case `after` wrote.
 
-    A device without a boot-up message is switched to pre-operational, so that it responds to further requests.
+        000#8205  ->            reset communication
+                  <-  705#00    its boot-up message, within `boot` seconds
+        000#8005  ->            enter pre-operational: for a device that starts itself, or sends no boot-up message
+        605#...   <->           objects that keep the value that `after` wrote are written
+
+    Return whether the boot-up message was received.
     """
     heard = yield Send(CanFrame(0, bytes([NmtCommand.RESET_COMMUNICATION, subject.node])))
-    until = heard.now + boot
+    until, booted = heard.now + boot, False
     while heard.now < until:
         heard = yield Listen(until)
         frame = heard.item
-        if frame is not None and frame.key == (0x700 + subject.node, False) and frame.data == b"\0":
-            return True
+        if not booted and frame is not None and frame.key == (0x700 + subject.node, False) and frame.data == b"\0":
+            booted, until = True, heard.now + _SETTLE  # a device that starts itself may do so a moment later
     yield Send(CanFrame(0, bytes([NmtCommand.ENTER_PRE_OPERATIONAL, subject.node])))
-    return False
+    if after is not None:
+        yield from restore_values(subject, after, timeout=timeout)
+    return booted
 
 
 def run_case(case: NodeCase, *, timeout: float = NODE_ANSWER_TIMEOUT) -> Conversation[CanFrame, NodeOutcome]:

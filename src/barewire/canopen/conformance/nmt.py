@@ -27,6 +27,8 @@ from barewire.canopen.conformance.model import BOOT, SILENCE, NodeCase, NodeStep
 
 NMT, CONTROL = "CiA 301 7.2.8 NMT", "CiA 301 7.2.8 error control"
 _GUARD = ("100Ch", "100Dh")
+_NOT_ITSELF = 4
+"""Bit 2 of 1F80h, NMT startup: the device does not start itself.   [CiA 302-2]"""
 
 
 def nmt_cases(subject: Subject) -> Iterator[NodeCase]:
@@ -74,6 +76,7 @@ def _nmt(subject: Subject) -> Iterator[NodeCase]:
     yield case("NMT-17", "reset communication restores 1017h", write, boots_communication, default, needs=HEARTBEAT,
                why="1000h to 1FFFh have their power-on values")
     yield case("NMT-18", "reset node restores 1017h", write, boots, default, needs=HEARTBEAT)
+    yield from _after_a_reset(subject)
     for name, text, frame in (
         ("NMT-20", f"000#03{node:02X}", "an undefined command"),
         ("NMT-21", "000#02", "a command of one byte"),
@@ -82,6 +85,21 @@ def _nmt(subject: Subject) -> Iterator[NodeCase]:
         ("NMT-24", "000#R2", "a remote frame"),
     ):
         yield case(name, f"{frame} is ignored", silence(text, wait=0.02), works)
+
+
+def _after_a_reset(subject: Subject) -> Iterator[NodeCase]:
+    """Yield the case that tells a device that starts itself. 1F80h of CiA 302 with bit 2 cleared allows it."""
+    node = subject.node
+    s = Sdo(node)
+    own = f"{0x700 + node:03X}#"
+    state = "[07][5F]" if subject.has(0x1F80) and not subject.number(0x1F80) & _NOT_ITSELF else "7F"
+    boots = NodeStep((nmt_command(RESET_COMMUNICATION, node),), (f"{own}00",), wait=BOOT)
+    settled = NodeStep((), (f"{own}..{{0,9}}",), wait=0.1, full_wait=True)
+    beats = NodeStep((s.download(0x1017, 0, 100, 2),), (f"{own}..{{0,3}}, {s.accepted(0x1017)}, {own}..{{0,1}}",))
+    seen = NodeStep((), (f"{own}{state}{{1,4}}",), wait=0.25, full_wait=True)
+    yield make_case(subject, NMT, (own, s.responses), "NMT-19", "a reset ends in PRE-OPERATIONAL", boots, settled,
+                    beats, seen, effect="commands", needs=HEARTBEAT,
+                    why="or in OPERATIONAL, if 1F80h says that the device starts itself")
 
 
 def _heartbeat(subject: Subject) -> Iterator[NodeCase]:
@@ -137,7 +155,11 @@ def _guarding(subject: Subject) -> Iterator[NodeCase]:
     start, stop = (silence(nmt_command(name, node), wait=0.02) for name in (START, STOP))
     yield case("GRD-02", "in OPERATIONAL and STOPPED", start, ask("05"), stop, ask("84"), ask("04"))
     boots = NodeStep((nmt_command(RESET_COMMUNICATION, node),), (f"{own}00",), wait=BOOT)
-    yield case("GRD-03", "the toggle bit is 0 again after a reset", ask("7F"), boots, *first, ask("7F"), ask("FF"))
+    # A device may start itself, and has its own heartbeat after the reset.
+    settled, back = (NodeStep(sends, (f"{own}..{{0,3}}",), wait=0.02, full_wait=True)
+                     for sends in ((), (nmt_command(PRE, node),)))
+    yield case("GRD-03", "the toggle bit is 0 again after a reset", ask("7F"), boots, settled, back, *first, ask("7F"),
+               ask("FF"))
     slow = NodeStep((s.download(0x1017, 0, 30_000, 2),), (f"{taken}, {own}7F{{0,1}}",), wait=0.1, full_wait=True)
     yield case("GRD-04", "with a heartbeat, guarding requests are not answered", slow, ask(SILENCE),
                needs=(*_GUARD, "1017h"), why="only one of the two is active")

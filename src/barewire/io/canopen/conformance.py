@@ -66,7 +66,9 @@ def conform_can(
                 continue
             not_run = sum(not why_left_out(other, gentle, remote=remote) for other in wanted[place:])
             try:
-                if needs_reset(case, before) and not run(prepare(subject, boot=boot), port):
+                if needs_reset(case, before) and not run(
+                    prepare(subject, after=before, boot=boot, timeout=patience), port
+                ):
                     # A device that sends no boot-up message (reported by NMT-11) is not waited for again.
                     boot = patience
                     _check_answers(node, patience, port, not_run, before)
@@ -78,7 +80,7 @@ def conform_can(
             if outcome.failure is not None and not outcome.received[-1] and case.effect == "reads":
                 _check_answers(node, patience, port, not_run - 1, case)
         if before is not None and needs_reset(before, before):
-            run(prepare(subject, boot=boot), port)
+            run(prepare(subject, after=before, boot=boot, timeout=patience), port)
     finally:
         port.close()
 
