@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import random
 import re
 import socket
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from typing import Any, TypeVar
 
 import pytest
@@ -28,9 +30,15 @@ modest = settings(max_examples=30, deadline=None, derandomize=True, database=Non
 
 
 def free_port() -> int:
-    """A TCP port of the loopback interface on which no server listens."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
+    """A TCP port of the loopback interface on which no server listens.
+
+    It is below 32768: from there on, the kernel gives ports to every connection and every server at port 0, so that a
+    test in another process could be given this one before it is used here.
+    """
+    while True:
+        number = random.SystemRandom().randrange(20_000, 32_768)
+        with suppress(OSError), socket.create_server(("127.0.0.1", number)):
+            return number
 
 
 def unhex(text: str) -> bytes:

@@ -7,7 +7,6 @@ as a raw request only.
 
 from __future__ import annotations
 
-import socket
 import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -17,7 +16,7 @@ import pytest
 
 from barewire import ModbusClient
 from barewire.modbus import ModbusException, WriteMultipleRegisters
-from tests.helpers import refused
+from tests.helpers import free_port, refused
 from tests.interop.exchanges import Answers, exchange_all
 from tests.interop.our_side import RecordingClient, client_url, our_server, port_of, with_both
 from tests.interop.relay import relayed, serial_at, serial_server, tls_before, tls_from
@@ -74,8 +73,7 @@ def their_server(programs: dict[str, Path], carrier: str, certificates: Path) ->
         elif carrier == "rtu+tcp":
             theirs, port = stack.enter_context(serial_server())
         else:
-            with socket.create_server(("127.0.0.1", 0)) as taken:
-                port = taken.getsockname()[1]
+            port = free_port()
             theirs = str(port)
         kind = carrier.partition("+")[0].replace("tls", "tcp")
         command = [str(programs["server"]), kind, theirs]

@@ -3,7 +3,6 @@ functions of bits and registers, 17, and 2B/0E."""
 
 from __future__ import annotations
 
-import socket
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from pyModbusTCP.client import ModbusClient
 from pyModbusTCP.server import DataBank, DeviceIdentification, ModbusServer
 
 from barewire.modbus import ReadDeviceIdentification
+from tests.helpers import free_port
 from tests.interop.exchanges import Answers, exchange_all
 from tests.interop.our_side import LONG, RecordingClient, client_url, our_server, port_of, with_both
 from tests.interop.relay import tls_before, tls_from
@@ -68,8 +68,7 @@ def test_our_clients_use_their_server(carrier: str, certificates: Path, exchange
         extended = await client.ask(ReadDeviceIdentification(3, 0))
         assert extended.objects == ((0x80, b"serial 7"),)
 
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+    port = free_port()
     bank = DataBank(coils_size=2000, d_inputs_size=10, h_regs_size=200, i_regs_size=5)
     bank.set_discrete_inputs(6, [True])
     bank.set_input_registers(4, [1234])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import socket
 import threading
 import time
 import tty
@@ -26,6 +25,7 @@ from barewire.io.canopen.subscriber import BusDown, BusUp
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.backoff import BackOff
 from barewire.io.ports.python_can import GARBLED_LIMIT, CanPort
+from tests.helpers import free_port
 from tests.io.canopen.memory_bus import MemoryPort, device
 
 pytest.importorskip("can")
@@ -240,12 +240,6 @@ def test_a_node_sends_8140h_when_the_controller_is_back_on_the_bus() -> None:
 
 
 # Through python-can
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        number: int = listener.getsockname()[1]
-        return number
 
 
 def test_clients_continue_after_a_restart_of_the_socketcand_server() -> None:

@@ -14,13 +14,12 @@ from barewire.errors import PortError
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.python_can import CanPort
-from tests.helpers import refused
+from tests.helpers import free_port, refused
 
 
 @pytest.fixture
 def port() -> Iterator[int]:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        number = int(taken.getsockname()[1])
+    number = free_port()
     hub = SocketcandHub("127.0.0.1", number)
     yield number
     hub.close()

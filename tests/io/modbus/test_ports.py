@@ -24,6 +24,7 @@ from barewire.modbus import (
     WriteSingleCoil,
     WriteSingleRegister,
 )
+from tests.helpers import free_port
 
 WIRES = [
     "tcp://127.0.0.1:0",
@@ -115,8 +116,7 @@ def test_a_tcp_server_without_that_unit_answers_as_a_gateway() -> None:
 
 
 def test_a_refused_connection() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+    port = free_port()
     with pytest.raises(PortError, match=f"^127.0.0.1:{port}: connection refused$"):
         ModbusClient(f"tcp://127.0.0.1:{port}")
 
@@ -260,8 +260,7 @@ def test_a_cancelled_request_leaves_the_connection_usable() -> None:
 
 
 def test_the_asyncio_client_fails_in_one_line() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+    port = free_port()
     with pytest.raises(PortError, match=r"connection refused|connect call failed"):
         asyncio.run(AsyncModbusClient(f"tcp://127.0.0.1:{port}").open())
 

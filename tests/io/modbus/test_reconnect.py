@@ -23,16 +23,11 @@ from barewire import (
 )
 from barewire.io.endpoint import CARRIERS, Endpoint
 from barewire.modbus import ReadHoldingRegisters, WriteOutcomeUnknown
-from tests.helpers import refused
+from tests.helpers import free_port, refused
 from tests.io.peers import honest, peer, read_exactly
 from tests.io.schemes import EVERY_SCHEME_WITHOUT_TLS, SERIAL
 
 CLIENTS: list[Any] = [ModbusClient, AsyncModbusClient]
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return int(taken.getsockname()[1])
 
 
 def hang_up(connection: socket.socket) -> None:

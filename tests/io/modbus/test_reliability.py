@@ -22,7 +22,7 @@ from barewire.modbus import (
     WriteOutcomeUnknown,
     WriteSingleRegister,
 )
-from tests.helpers import refused
+from tests.helpers import free_port, refused
 from tests.io.peers import answer, honest, peer, read_exactly
 from tests.io.schemes import EVERY_SCHEME_WITHOUT_TLS, SERIAL
 
@@ -110,8 +110,7 @@ def test_a_read_is_repeated_on_a_new_connection_and_a_write_is_not() -> None:
 
 
 def test_between_attempts_there_is_a_pause_and_the_error_names_it() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+    port = free_port()
     with ModbusClient(f"tcp://127.0.0.1:{port}?timeout=0.01", lazy=True, jitter=lambda: 16.5) as client:  # pause 1.1 s
         with refused(PortError, f"127.0.0.1:{port}: connection refused"):
             client.read_holding_registers(0, 1)
