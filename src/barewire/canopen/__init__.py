@@ -14,6 +14,7 @@ CAN delivers whole frames, so there is no framing here. The rooms and files, in 
     emcy/                  emergency messages                      pdo/     process data
     lss/                   assign node-IDs                         bus/     scan, time-out explanations, locks
     device/                `LocalNode`, a whole device             eds/     EDS and DCF files
+    configuration/         a device and its DCF: compared, written
     gateway/               CiA 309-3 commands                      conformance/    checks of a device
 
 Two nodes communicate as two machines, or as a conversation and a machine; neither has a bus or a clock.
@@ -37,6 +38,18 @@ if TYPE_CHECKING:
         is_restricted as is_restricted,
     )
     from barewire.canopen.communication_objects import standard_objects as standard_objects
+    from barewire.canopen.configuration.configure import (
+        ConfigurationFailed as ConfigurationFailed,
+        ConfigurationResult as ConfigurationResult,
+        compare_device as compare_device,
+        configure_device as configure_device,
+    )
+    from barewire.canopen.configuration.settings import (
+        DeviceConfiguration as DeviceConfiguration,
+        Difference as Difference,
+        Setting as Setting,
+        device_configuration as device_configuration,
+    )
     from barewire.canopen.device.device import LocalNode as LocalNode
     from barewire.canopen.device.sdo_channels import client_channel as client_channel
     from barewire.canopen.device.storage import StoredParameters as StoredParameters
@@ -187,5 +200,7 @@ __getattr__, __dir__, __all__ = lazy(
         "device.storage": "StoredParameters",
         "communication_objects": "standard_objects",
         "device.sdo_channels": "client_channel",
+        "configuration.settings": "device_configuration DeviceConfiguration Setting Difference",
+        "configuration.configure": "compare_device configure_device ConfigurationResult ConfigurationFailed",
     },
 )

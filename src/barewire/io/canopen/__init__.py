@@ -8,6 +8,7 @@
     async_bus       subscribers, streams and running machines for asyncio
     methods/        upload, fastscan, ...: each written once for both clients
     node            one node: bus.node(5, device="az3")
+    dcf_node        one node with its configuration: bus.node(5, dcf="pump.dcf")
     client_base, client, async_client      CanopenClient, AsyncCanopenClient
     capture         the frames of a live bus
     conformance     runs the conformance cases against a device

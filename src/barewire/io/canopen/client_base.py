@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.canopen.sdo.client.channel import Channel
     from barewire.devices.device import Device
+    from barewire.io.canopen.dcf_node import DcfNode
     from barewire.io.canopen.methods.lss import LssMethods
     from barewire.io.canopen.methods.sync_time import SyncMethods, TimeMethods
     from barewire.io.canopen.shared_bus import WatchFrames
@@ -190,6 +191,15 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
     ) -> EdsNode[R]: ...
     @overload
     def node(
+        self,
+        number: int | None = None,
+        *,
+        dcf: str | Path | Eds,
+        timeout: float | None = None,
+        dialect: str | SdoDialect | None = None,
+    ) -> DcfNode[R]: ...
+    @overload
+    def node(
         self, number: int | None = None, *, timeout: float | None = None, dialect: str | SdoDialect | None = None
     ) -> Node[R]: ...
     def node(
@@ -198,6 +208,7 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         *,
         device: str | Path | Device | None = None,
         eds: str | Path | Eds | ObjectDictionary | None = None,
+        dcf: str | Path | Eds | None = None,
         timeout: float | None = None,
         dialect: str | SdoDialect | None = None,
     ) -> Node[R] | D:
@@ -206,6 +217,8 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         number      1..127; by default that of the URL, the device's own, or 1
         device      a description, or the name or path of one: values can be read and written by name
         eds         a parsed EDS, the path of one, or an ObjectDictionary: objects have names and types
+        dcf         a parsed DCF, or the path of one: the device can also be compared with it and configured; the number
+                    is by default that of the DCF
         timeout     seconds that the node has to respond; by default the client's
         dialect     how SDO requests are written; by default the client's
 
@@ -218,11 +231,16 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
             "timeout": self.timeout if timeout is None else timeout,
             "dialect": self.dialect if dialect is None else _dialect(dialect),
         }
+        given = [name for name, one in (("device=", device), ("eds=", eds), ("dcf=", dcf)) if one is not None]
+        if len(given) > 1:
+            raise EncodeError(f"node: expected {' or '.join(given)}, not both")
         if device is not None:
-            if eds is not None:
-                raise EncodeError("node: expected device= or eds=, not both")
             found = _canopen_device(device)
             return self._device_node(self._number(number, found), found, **settings)
+        if dcf is not None:
+            from barewire.io.canopen.dcf_node import dcf_node
+
+            return dcf_node(self.runner, self.node_id if number is None else number, dcf, **settings)
         node_id = self._number(number)
         if eds is not None:
             return EdsNode(self.runner, node_id, dictionary_of(eds, node_id), **settings)

@@ -3,6 +3,7 @@
     bus.node(5)                        node.sdo, node.nmt, node.pdo, node.emergencies()
     bus.node(5, device="az3")          also values with units by name, and node.drive       (`io.named_values`)
     bus.node(5, eds="drive.eds")       also values by the names of an EDS, by index, by (index, sub-index)
+    bus.node(5, dcf="pump.dcf")        also the configuration of a DCF (`dcf_node`)
 
 A `Node` holds no connection: there may be any number for the same node.
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
-from os import fspath
+from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barewire import canopen
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from barewire.io.canopen.methods.pdo import PdoMethods
 
 _NAMED = {"read", "read_all", "write", "drive"}
+_OF_DCF = {"configure", "diff"}
 
 
 def check_node_id(number: int) -> int:
@@ -107,6 +109,8 @@ class Node(Methods[R]):
                 if name != "drive":
                     described += f" or bus.node({self.number}, eds=...); without: node.sdo"
                 raise AttributeError(f"node {self.number}: {name!r} needs names: {described}")
+            if name in _OF_DCF:
+                raise AttributeError(f"node {self.number}: {name!r} needs a DCF: bus.node({self.number}, dcf=...)")
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
 
@@ -243,17 +247,27 @@ def dictionary_of(eds: str | Path | Eds | ObjectDictionary, node: int) -> Object
 
     if isinstance(eds, ObjectDictionary):
         return eds
+    return parsed_eds(eds).dictionary(node)
+
+
+def parsed_eds(eds: str | Path | Eds, what: str = "eds") -> Eds:
+    """Return a parsed EDS or DCF: as it is, or from a file. `what` is the name of the argument in an error.
+
+    Raises EncodeError for a file that cannot be read, or describes no object.
+    """
     from barewire.canopen.eds.eds_file import Eds, parse
 
     if isinstance(eds, Eds):
-        return eds.dictionary(node)
+        return eds
     try:
         with open(fspath(eds), "rb") as file:
             data = file.read()
     except (OSError, TypeError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else "expected a path, an EDS, or an ObjectDictionary"
-        raise EncodeError(f"eds {shown(eds)}: {why}", "eds") from None
+        expected = "an EDS, or an ObjectDictionary" if what == "eds" else "or a parsed DCF"
+        why = error.strerror if isinstance(error, OSError) else f"expected a path, {expected}"
+        given = shown(fspath(eds), 200) if isinstance(eds, (str, PathLike)) else shown(eds)
+        raise EncodeError(f"{what} {given}: {why}", what) from None
     described = parse(data)
     if not described.objects:
-        raise EncodeError(f"eds {shown(str(eds))}: the file describes no object", "eds")
-    return described.dictionary(node)
+        raise EncodeError(f"{what} {shown(str(eds))}: the file describes no object", what)
+    return described

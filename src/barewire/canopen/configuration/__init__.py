@@ -1,0 +1,13 @@
+"""The configuration of a device from its DCF: compared, written in a safe order, and as a concise DCF.   [CiA 302, 306]
+
+        DCF --device_configuration--> DeviceConfiguration --configure_device--> device
+                                                          <--compare_device----
+
+Files, in reading order:
+
+    settings       the values of a DCF that are written, and those that identify the device
+    write_order    the steps that changing a communication object takes
+    configure      compare a device with them, and write what differs
+
+Depends on: EDS and DCF, SDO, PDO configuration. Used by: `io.canopen`, user code.
+"""

@@ -1,0 +1,233 @@
+"""What a DCF says about one device: the values to write, the values that identify the device, the date.
+
+    [1017] ParameterValue=500                    a setting: 1017h:00 Producer heartbeat time = 500
+    [1018sub1] DefaultValue=0x360                identity: the device must have this vendor-ID
+    [FileInfo] ModificationDate=06-28-2026       the date that 1020h of the device gets
+
+Only a ParameterValue is a setting: an object without one may have any value. Left out are objects that are read-only,
+objects whose write is a command (`_COMMANDS`), mapping entries beyond the number of mapped objects, and those that the
+file excludes by ObjFlags.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from typing import NamedTuple
+
+from barewire.canopen.cob_ids import check_node
+from barewire.canopen.eds.eds_file import Eds
+from barewire.canopen.eds.model import EdsItem, every_item
+from barewire.canopen.object_dictionary import Entry, ObjectDictionary
+from barewire.canopen.pdo.config import PDOS_MAX, PdoConfig, PdoDirection
+from barewire.canopen.pdo.mapping import ENTRIES_MAX
+from barewire.canopen.time_types import DAY, TimeOfDay
+from barewire.codecs import Value
+from barewire.errors import EncodeError
+
+DEVICE_TYPE, IDENTITY, DATE = 0x1000, 0x1018, 0x1020
+_COMMANDS = {0x1003, 0x1010, 0x1011, DATE, 0x1023, 0x1024, 0x1025, 0x1026, 0x1F50, 0x1F51}
+"""Objects whose write is a command or deletes something: error history, store, restore, OS commands, programs."""
+
+_PDO_SUBS = (1, 2, 3, 5, 6)
+_MODIFIED = re.compile(r"(\d\d?)-(\d\d?)-(\d{4})"), re.compile(r"(\d\d?):(\d\d)\s*([AP]M)?", re.IGNORECASE)
+
+
+class Setting(NamedTuple):
+    """An object of a device, and the value that it is to have."""
+
+    entry: Entry
+    value: Value
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """(index, sub-index)."""
+        return self.entry.index, self.entry.sub
+
+    @property
+    def data(self) -> bytes:
+        """The bytes of the value in an SDO, little-endian."""
+        return self.entry.codec.encode(self.value)
+
+    def __repr__(self) -> str:
+        return f"<Setting {object_text(self.entry)} = {value_text(self.entry, self.value)}>"
+
+
+class Difference(NamedTuple):
+    """An object whose value is not the configured one.
+
+    present     its value in the device; bytes if it is not of the type; None if it cannot be read
+    wanted      the configured value
+    reason      why there is no present value: the object is write-only, or does not exist
+    """
+
+    entry: Entry
+    present: Value | None
+    wanted: Value
+    reason: str = ""
+
+    def __str__(self) -> str:
+        present = self.reason if self.present is None else value_text(self.entry, self.present)
+        return f"{object_text(self.entry)}: device {present}, configuration {value_text(self.entry, self.wanted)}"
+
+    def __repr__(self) -> str:
+        return f"<Difference {self}>"
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceConfiguration:
+    """The configuration of one device, from a DCF by `device_configuration`.
+
+    node        the node-ID for which the formulas were computed
+    settings    the values to write, in the order of the objects
+    identity    values of 1000h and 1018h that the device must have
+    date        1020h:01 and :02, configuration date and time; empty if the DCF has no date or no such object
+    left_out    a sentence for each value of the file that is not written
+    """
+
+    node: int
+    settings: tuple[Setting, ...]
+    identity: tuple[Setting, ...] = ()
+    date: tuple[Setting, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<DeviceConfiguration of node {self.node}: {len(self.settings)} settings>"
+
+
+def device_configuration(dcf: Eds, node: int | None = None) -> DeviceConfiguration:
+    """Return the configuration that a DCF describes, for its node-ID or another one.
+
+    >>> from barewire.canopen import eds
+    >>> lines = "[1017]", "ParameterName=Heartbeat", "DataType=6", "AccessType=rw", "ParameterValue=500"
+    >>> device_configuration(eds.parse("\\n".join(lines).encode()), 5).settings
+    (<Setting 1017h:00 Heartbeat = 500>,)
+
+    Raise EncodeError if the file has no ParameterValue, which is an EDS, or no node-ID and none is given.
+    """
+    number = dcf.node_id if node is None else node
+    if number is None:
+        raise EncodeError("the DCF has no node-ID: expected NodeID in [DeviceComissioning], or a node", "dcf")
+    check_node(number)
+    objects = dcf.dictionary(number)
+    items = {(described.index, item.sub): item for described, item in every_item(dcf.objects.values())}
+    if not any(item.value is not None for item in items.values()):
+        raise EncodeError("the file has no ParameterValue: expected a DCF, such as eds.to_dcf makes of an EDS", "dcf")
+    left_out = [str(one) for one in dcf.diagnostics if "ParameterValue" in one.text and one.text.endswith("; ignored")]
+    settings = list(_settings(objects, items, left_out))
+    return DeviceConfiguration(
+        number, tuple(settings), tuple(_identity(dcf, objects, items)), _date(dcf, objects, items), tuple(left_out)
+    )
+
+
+def _settings(
+    objects: ObjectDictionary, items: dict[tuple[int, int], EdsItem], left_out: list[str]
+) -> Iterator[Setting]:
+    for place, item in sorted(items.items()):
+        if item.value is None:
+            continue
+        entry = objects.entry(*place)
+        if entry.access in ("ro", "const") or entry.index in (DEVICE_TYPE, IDENTITY):
+            continue
+        reason = ""
+        if entry.index in _COMMANDS:
+            reason = "" if entry.index == DATE else "writing it is a command"
+        elif item.flags & 3:
+            reason = f"ObjFlags={item.flags} excludes it"
+        elif (pdo := pdo_of(entry.index)) is None:
+            yield Setting(entry, objects.get(*place))
+        elif entry.index == pdo.communication:
+            if entry.sub in _PDO_SUBS:
+                yield Setting(entry, objects.get(*place))
+            elif entry.sub != 4:  # reserved
+                reason = "a PDO has no such parameter"
+        else:
+            count = objects.get(pdo.map, 0) if (pdo.map, 0) in objects else 0
+            if entry.sub == 0 or (isinstance(count, int) and entry.sub <= count <= ENTRIES_MAX):
+                yield Setting(entry, objects.get(*place))
+        if reason:
+            left_out.append(f"{object_text(entry)}: {reason}")
+
+
+def pdo_of(index: int) -> PdoConfig | None:
+    """Return a PDO without mapping, to which a record belongs; None for an index that is not that of a PDO record.
+
+    >>> pdo_of(0x1A01)
+    PdoConfig('TPDO', 2, (), type=255)
+    """
+    kinds: tuple[tuple[int, PdoDirection], ...] = (
+        (0x1400, "RPDO"),
+        (0x1600, "RPDO"),
+        (0x1800, "TPDO"),
+        (0x1A00, "TPDO"),
+    )
+    for first, direction in kinds:
+        if first <= index < first + PDOS_MAX:
+            return PdoConfig(direction, index - first + 1, ())
+    return None
+
+
+def _identity(dcf: Eds, objects: ObjectDictionary, items: dict[tuple[int, int], EdsItem]) -> Iterator[Setting]:
+    """Yield what the device must be. A default of 0 says nothing; the revision and the serial number count if they are
+    those of this one device."""
+    for place in ((DEVICE_TYPE, 0), *((IDENTITY, sub) for sub in range(1, 5))):
+        item = items.get(place)
+        if item is None or (item.value is None and place[1] > 2):
+            continue
+        value = objects.get(*place)
+        if value:
+            yield Setting(objects.entry(*place), value)
+    serial = dcf.get("DeviceComissioning", "LSS_SerialNumber") or ""
+    if (IDENTITY, 4) in items and items[IDENTITY, 4].value is None:
+        try:
+            number = int(serial, 0)
+        except ValueError:
+            return
+        if number:
+            yield Setting(objects.entry(IDENTITY, 4), number)
+
+
+def _date(dcf: Eds, objects: ObjectDictionary, items: dict[tuple[int, int], EdsItem]) -> tuple[Setting, ...]:
+    """Return the values of 1020h: its own ParameterValue, or when the file was modified, or when it was made."""
+    if (DATE, 1) not in items or (DATE, 2) not in items:
+        return ()
+    stated = [items[DATE, sub].value is not None for sub in (1, 2)]
+    if all(stated):
+        return tuple(Setting(objects.entry(DATE, sub), objects.get(DATE, sub)) for sub in (1, 2))
+    for word in ("Modification", "Creation"):
+        moment = _moment(dcf.get("FileInfo", f"{word}Date") or "", dcf.get("FileInfo", f"{word}Time") or "")
+        if moment is not None:
+            days, milliseconds = divmod(int(TimeOfDay.of(moment)), DAY)
+            return Setting(objects.entry(DATE, 1), days), Setting(objects.entry(DATE, 2), milliseconds)
+    return ()
+
+
+def _moment(date: str, time: str) -> datetime | None:
+    """Return the date `mm-dd-yyyy` and the time `hh:mm` with AM or PM; None if the date is not readable."""
+    day, clock = _MODIFIED[0].search(date), _MODIFIED[1].search(time)
+    if day is None:
+        return None
+    hour, minute = (int(clock[1]), int(clock[2])) if clock else (0, 0)
+    if clock and clock[3]:
+        hour = hour % 12 + (12 if clock[3].upper() == "PM" else 0)
+    try:
+        moment = datetime(int(day[3]), int(day[1]), int(day[2]), hour, minute)
+    except ValueError:
+        return None
+    return moment if moment.year >= 1984 else None
+
+
+def object_text(entry: Entry) -> str:
+    """Return the address and the name of an object: `1018h:01 Identity.Vendor-ID`."""
+    name = f"{entry.object_name}.{entry.name}" if entry.object_name else entry.name
+    return f"{entry.index:04X}h:{entry.sub:02X} {name}"
+
+
+def value_text(entry: Entry, value: Value) -> str:
+    """Return a value as text; COB-IDs, mapping entries and the identity in hexadecimal, text in quotes."""
+    in_words = entry.type == "u32" and entry.index < 0x2000 and entry.index not in (0x1006, 0x1007, DATE)
+    if in_words and isinstance(value, int):
+        return f"{value:08X}h"
+    return value.hex(" ").upper() if isinstance(value, bytes) else repr(value)
