@@ -21,7 +21,15 @@ class Goal(NamedTuple):
 
 def goals() -> list[Goal]:
     """Return all goals, in the order of the page."""
-    return [*_of_checksums(), *_of_frames(), *_of_canopen(), *_of_tcp(), *_of_imports(), *_of_commands()]
+    return [
+        *_of_checksums(),
+        *_of_frames(),
+        *_of_canopen(),
+        *_of_can_buses(),
+        *_of_tcp(),
+        *_of_imports(),
+        *_of_commands(),
+    ]
 
 
 def _of_checksums() -> Iterator[Goal]:
@@ -64,6 +72,24 @@ def _of_canopen() -> Iterator[Goal]:
         for verb in ("upload", "download"):
             text = f"SDO block {verb}, {how}{server}: 3 x faster than the canopen library"
             yield Goal(text, "SDO", f"block {verb}, {how}", 1 << 20, "canopen", 1 / 3)
+
+
+def _of_can_buses() -> Iterator[Goal]:
+    family, pair = "CAN bus", "a socket pair"
+    for place, text, limit in (
+        (pair, "2 x faster than the canopen library", 1 / 2),
+        ("python-can's virtual bus", "ahead of the canopen library", 1.0),
+    ):
+        what = f"expedited read, {place}"
+        yield Goal(f"Expedited reads, {place}: {text}", family, what, 4, "canopen", limit)
+        yield Goal("... asyncio at most 1.3 x blocking", family, what, 4, "barewire", 1.3, "barewire, asyncio")
+    for verb in ("upload", "download"):
+        what = f"block {verb}, {pair}"
+        yield Goal(f"1 MiB block {verb}, {pair}: 3 x the canopen library", family, what, 1 << 20, "canopen", 1 / 3)
+    for verb in ("received", "sent"):
+        yield Goal(f"A frame {verb}: 4 x python-can", family, f"a frame {verb}, {pair}", 8, "python-can", 1 / 4)
+    what = f"a frame of 2,000 a second, {pair}"
+    yield Goal("`frames()`: at most 1.5 x our raw port", family, what, 8, "barewire, the port", 1.5)
 
 
 def _of_tcp() -> Iterator[Goal]:

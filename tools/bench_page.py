@@ -35,6 +35,7 @@ FAMILIES = {
     "TCP client, blocking": "All clients use the same server, which answers without parsing the request.",
     "TCP client, asyncio": "All clients use the same server, a raw asyncio protocol.",
     "SDO": "Values of that many bytes, in memory and over python-can's virtual bus, which takes most of the time.",
+    "CAN bus": "Clients beside a neutral responder, a bare loop; each contestant has a bus of its own.",
     "LSS": "Finding a device without a node-ID: mostly time-outs, the canopen library with the shortest of ours.",
     "TCP server": "One client, a blocking socket, uses all servers: one request at a time, and 16 in one send.",
     "TCP server, connections": "One request on each of the connections, then all the answers.",
