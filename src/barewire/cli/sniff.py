@@ -23,7 +23,7 @@ from barewire.cli.arguments import (
     protocol_option,
 )
 from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
-from barewire.explain.can_monitor import KnownNode, event_as_dict, event_kind, event_line, is_repeated
+from barewire.explain.can_monitor import event_as_dict, event_kind, event_line, is_repeated
 from barewire.explain.can_monitor.event_text import EVENT_KINDS
 from barewire.explain.can_monitor.events import MonitorEvent
 from barewire.explain.can_monitor.recording import (
@@ -79,6 +79,7 @@ _LIVE_BUS = "can0"
 @nodes_option
 @click.option("--bus", help="CAN: only this bus of a recording that has several.")
 @click.option("--only", multiple=True, metavar="KIND", help="CAN: only events such as sdo, pdo, violation, gap.")
+@click.option("--complete", is_flag=True, help="CAN: no frame is missing in the recording: a gap is a violation.")
 @click.option("--all", "everything", is_flag=True, help="CAN: also every heartbeat, SYNC and unchanged PDO.")
 def sniff_command(
     source: str,
@@ -92,6 +93,7 @@ def sniff_command(
     nodes: tuple[int, ...],
     bus: str | None,
     only: tuple[str, ...],
+    complete: bool,
     everything: bool,
 ) -> None:
     """Decode the traffic of a line or bus; send nothing.
@@ -118,7 +120,8 @@ def sniff_command(
     data = b"" if endpoint is not None else recording_content(source, seconds)
     is_can = (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data)
     for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol}
-    for_can = {"--device": devices, "--node": nodes, "--bus": bus, "--only": only, "--all": everything}
+    for_can: dict[str, object] = {"--device": devices, "--node": nodes, "--bus": bus, "--only": only}
+    for_can |= {"--complete": complete, "--all": everything}
     for option, given in (for_modbus if is_can else for_can).items():
         if given:
             raise EncodeError(f"{option} is for {'Modbus' if is_can else 'a CAN bus'}, which {source} is not")
@@ -131,7 +134,8 @@ def sniff_command(
             known = known_nodes(devices, nodes)
             items = read_recording(data) if endpoint is None else _live_frames(endpoint, seconds)
             file = None if write is None else stack.enter_context(_RecordingFile(write))
-            events = _can_events(items, known, bus, file, write or "")
+            monitors = BusMonitors(known, bus, complete=complete)
+            events = _can_events(items, monitors, bus, file, write or "")
             _print_can_events(events, as_json=as_json, everything=everything, only=only)
             return
         window = WINDOW if window is None else window
@@ -275,14 +279,14 @@ def stopped_by_interrupt(stop: threading.Event) -> Iterator[None]:
 
 def _can_events(
     items: Iterable[RecordedItem | float],
-    known: Iterable[KnownNode],
+    monitors: BusMonitors,
     bus: str | None,
     file: _RecordingFile | None,
     name: str,
 ) -> Iterator[tuple[str, MonitorEvent]]:
     """Yield the events of the frames, each with its bus. The file gets each frame in the format that its `name`
     selects."""
-    monitors, writer, buses = BusMonitors(known, bus), CanRecordingWriter(name), dict[str, None]()
+    writer, buses = CanRecordingWriter(name), dict[str, None]()
     if file is not None:
         file.write(writer.start, frame=False)
     for item in items:

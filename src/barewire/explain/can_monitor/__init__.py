@@ -8,7 +8,7 @@
 
     events, rules    the events, and the closed list of rules that can be broken
     monitor          CanMonitor: one bus
-    transfer, block, channel_state, segments, channel, channels    SDO
+    transfer, block, channel_state, reserved, segments, channel, channels    SDO
     nodes, pdos, services    the other services
     event_text       the events as lines and dicts
     recording        recordings: any file format, all buses in it, and writing one

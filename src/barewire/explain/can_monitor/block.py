@@ -192,7 +192,8 @@ class BlockTracker:
 
     def _lacks(self, frames: int, evidence: str, now: float, *, data: bool = False) -> None:
         self.transfer.note_missing(frames, data=data)
-        self.findings.append(Gap(now, None, frames, evidence, self.node))
+        rule = "SDO-BLOCK-SEQNO" if data else "SDO-UNASKED"
+        self.findings.append(Gap(now, None, frames, evidence, self.node, rule))
 
     def _commit(self, number: int) -> None:
         """Count all bytes up to this segment: the receiver has acknowledged it."""

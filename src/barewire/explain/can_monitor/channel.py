@@ -50,7 +50,6 @@ from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, Segme
 from barewire.errors import DecodeError
 from barewire.explain.can_monitor.channel_state import ChannelState
 from barewire.explain.can_monitor.events import (
-    Gap,
     MonitorEvent,
     SdoTransferReport,
     TransferDirection,
@@ -58,6 +57,7 @@ from barewire.explain.can_monitor.events import (
     TransferOutcome,
     Violation,
 )
+from barewire.explain.can_monitor.reserved import reserved_byte
 from barewire.explain.can_monitor.segments import feed_segment
 from barewire.explain.can_monitor.transfer import (
     CLIENT_MESSAGES,
@@ -74,7 +74,12 @@ from barewire.explain.can_monitor.transfer import (
 GIVE_UP = 3.0
 """Seconds without a frame after which a transfer is given up."""
 
+_PROMPT = 0.1
+"""Seconds after a frame of a transfer in which its client cannot have given it up after a time-out."""
 _UNANSWERED = "a block transfer goes on, but the answer to its request is not in the recording"
+
+
+_MESSAGES: dict[SdoSide, tuple[type[SdoMessage], ...]] = {"client": CLIENT_MESSAGES, "server": SERVER_MESSAGES}
 
 
 class SdoTracker:
@@ -130,7 +135,7 @@ class SdoTracker:
         """Note a gap in the recording: the transfer under way may go on after it, or may have ended in it."""
         if self._state.open is not None:
             self._state.open.gapped = True
-        self._state.given_up, self._state.has_frames = None, False
+        self._state.given_up, self._state.interrupted, self._state.has_frames = None, None, False
 
     def end(self, now: float) -> list[MonitorEvent]:
         """End the recording: report the transfer under way as cut."""
@@ -155,26 +160,26 @@ class SdoTracker:
             state.begin_blocks(transfer, sender)
         state.release()
         self._begin_unanswered_block(sender, data)
+        if self._continues_interrupted_block(sender, data):
+            state.go_on_interrupted()
         block = state.block
         if block is not None:
             belongs = block.feed(sender, data, state.now)
             state.collect_findings(block)
             if belongs:
+                if sender != block.data_sender or block.state == "ended":
+                    self._check_reserved(decode_one_of(data, _MESSAGES[sender]), data)
+                    state.release()
                 if block.state == "over":
                     state.done(block.transfer)
                 return
         try:
-            message = decode_one_of(data, CLIENT_MESSAGES if sender == "client" else SERVER_MESSAGES)
+            message = decode_one_of(data, _MESSAGES[sender])
         except DecodeError as error:
             if error.reason == "function":
                 state.violation("SDO-COMMAND", f"{data[0]:02X}h is not a command of the {sender}")
             return
-        if has_reserved_bits(message.pattern, data[0]) and data[0] not in self._reserved:
-            self._reserved.add(data[0])
-            standard = message.pattern.encode(**message.pattern.decode(data[0]))
-            text = f"{data[0]:02X}h instead of {standard:02X}h"
-            # The next frame may show that this was a segment of a block that began in a gap of the recording.
-            state.held_back.append(Violation(state.now, "SDO-RESERVED", self.node, text, state.frame))
+        self._check_reserved(message, data)
         if isinstance(message, Abort):
             self._aborted(sender, message)
         elif isinstance(message, InitiateAnswer):
@@ -186,11 +191,26 @@ class SdoTracker:
         else:
             self._unmatched_block_message(sender, message, data)
 
+    def _check_reserved(self, message: SdoMessage, data: bytes) -> None:
+        """Hold back a violation for reserved bits or bytes that are not 0: the next frame may show that this was a
+        segment of a block that began in a gap of the recording."""
+        state, texts = self._state, []
+        if has_reserved_bits(message.pattern, data[0]) and data[0] not in self._reserved:
+            self._reserved.add(data[0])
+            standard = message.pattern.encode(**message.pattern.decode(data[0]))
+            texts = [f"{data[0]:02X}h instead of {standard:02X}h"]
+        place = reserved_byte(message, data)
+        if place is not None:
+            texts.append(f"byte {place} behind the command {data[0]:02X}h is reserved, and not 0")
+        for text in texts:
+            state.held_back.append(Violation(state.now, "SDO-RESERVED", self.node, text, state.frame))
+
     # Requests and answers
 
     def _begin(self, request: InitiateRequest, data: bytes) -> None:
         state = self._state
         if state.open is not None:
+            self._interrupted(state.open, request)
             state.close(_outcome_of_silence(state.open) if state.open.request else "cut")
         direction, manner, answers = TRANSFER_OF[type(request)]
         new = state.begin(OpenTransfer(direction, manner, (request.index, request.sub), state.now, state.held))
@@ -203,6 +223,16 @@ class SdoTracker:
         elif isinstance(request, InitiateBlockUpload):
             new.switch, new.client_crc, new.blksize = request.switch, request.crc, request.blksize or BLOCK_MAX
             self._check_blksize(request.blksize)
+
+    def _interrupted(self, transfer: OpenTransfer, request: InitiateRequest) -> None:
+        """Note a request in the middle of a transfer that has neither ended nor timed out."""
+        state = self._state
+        if transfer.request or transfer.gapped or transfer.began is None:
+            return
+        state.interrupted = transfer, state.block
+        if state.now - transfer.last_frame_at < _PROMPT:
+            text = f"{object_name(request.index, request.sub)} is requested, but the end of the transfer of {transfer}"
+            state.gap(1, f"{text} is not in the recording", "SDO-OVERLAP")
 
     def _check_blksize(self, blksize: int) -> None:
         if not 1 <= blksize <= BLOCK_MAX:
@@ -266,9 +296,21 @@ class SdoTracker:
             late = given is not None and (given.index, given.sub) == place
             direction: TransferDirection = given.direction if late and given is not None else "unknown"
             state.begin(OpenTransfer(direction, "unknown", place, None, state.held))
+            # A client that did not receive the last answer aborts a transfer that is over for the server, and one whose
+            # request was lost aborts after its time-out. Both sides abort if both wait in vain.
+            last_place, outcome = state.last_transfer
+            follows = last_place == place and (sender == "client" or outcome != "done")
+            follows = follows or (sender == "client" and abort.code == AbortCode.TIMED_OUT)
+            if state.has_frames and not late and not follows:
+                state.gap(1, "an abort, but no transfer is under way in the recording", "SDO-UNASKED")
+        elif state.open.index is not None and (abort.index, abort.sub) != (state.open.index, state.open.sub):
+            text = f"the transfer is of {state.open}, the abort is about {object_name(abort.index, abort.sub)}"
+            state.violation("SDO-MUX", text)
         elif state.open.doubt == "toggle" and abort.code == AbortCode.TOGGLE:
+            state.open.doubt = ""
             state.violation("SDO-TOGGLE", "the client did not alternate the toggle bit, and the server aborted")
         elif state.open.doubt == "unasked" and abort.code == AbortCode.COMMAND:
+            state.open.doubt = ""
             state.violation("SDO-UNASKED", "a segment outside a transfer, and the server aborted")
         state.close("aborted", abort=abort.code, by=sender)
 
@@ -288,13 +330,21 @@ class SdoTracker:
             return False
         return from_client == (sender == "client") and last[0] < 0x7F and data[0] & 0x7F == last[0] + 1
 
+    def _continues_interrupted_block(self, sender: SdoSide, data: bytes) -> bool:
+        """Return whether this is the next segment of a block upload that another request interrupted."""
+        state = self._state
+        block = None if state.interrupted is None else state.interrupted[1]
+        if block is None or state.block is not None or (state.open is not None and not state.open.request):
+            return False
+        return sender == block.data_sender == "server" and 1 < block.expects == data[0] & 0x7F
+
     def _begin_unanswered_block(self, sender: SdoSide, data: bytes) -> None:
         """Begin a block whose answer is not in the recording: the client sends segments, so it has received it."""
         transfer = self._state.open
         if transfer is None or not transfer.request or (transfer.manner, transfer.direction) != ("block", "download"):
             return
         if sender == "client" and data[0] in (0x01, 0x81):
-            self._state.report_missing(transfer, 1, _UNANSWERED, data=False)
+            self._state.report_missing(transfer, 1, _UNANSWERED, "SDO-UNASKED", data=False)
             transfer.request = b""
             self._state.begin_blocks(transfer, "client")
 
@@ -317,8 +367,7 @@ class SdoTracker:
             new.manner, new.size, new.switch = late.manner, late.size, late.switch
         elif not first:
             new.missing = 1
-            text = "an answer, but its request is not in the recording"
-            state.events.append(Gap(state.now, None, 1, text, self.node))
+            state.gap(1, "an answer, but its request is not in the recording", "SDO-UNASKED")
         new.complete = upload or late is not None
         if isinstance(answer, DownloadInitiated) and late is None:
             new.manner = "unknown"  # the value was in the request, or follows in segments
@@ -338,7 +387,7 @@ class SdoTracker:
         state, transfer = self._state, self._state.open
         if transfer is not None and transfer.request:
             if sender == "client":  # it goes on, so it received the answer; the server may go on without the client
-                state.report_missing(transfer, 1, _UNANSWERED, data=False)
+                state.report_missing(transfer, 1, _UNANSWERED, "SDO-UNASKED", data=False)
             transfer.request, transfer.manner = b"", "block"
         else:
             receives = isinstance(message, BlockAck | BlockEnded | StartBlockUpload)

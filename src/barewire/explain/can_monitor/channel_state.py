@@ -32,10 +32,13 @@ class ChannelState:
         self.open: OpenTransfer | None = None
         self.block: BlockTracker | None = None  # of the open transfer
         self.given_up: OpenTransfer | None = None  # the last one without an end: its answer may be late
+        self.interrupted: tuple[OpenTransfer, BlockTracker | None] | None = None  # another request came in its middle
+        self.last_transfer: tuple[tuple[int | None, int | None], TransferOutcome] = (None, None), "cut"  # that is over
         self.has_frames = False  # since the start, or since a gap in the recording
         self.last_frame = (False, b"")  # whether the client sent it, and its data
         self.run = 0  # consecutive frames of one side, each with the next higher number
         self.now, self.frame = 0.0, ""
+        self.doubted = ""  # what arrived without a beginning
         self.events: list[MonitorEvent] = []
         self.held_back: list[MonitorEvent] = []
 
@@ -53,6 +56,7 @@ class ChannelState:
         self.held_back = []
         transfer = self.begin(OpenTransfer(direction, manner, None, None, self.held))
         transfer.doubt = "unasked" if self.has_frames else ""
+        self.doubted = "segments" if manner == "segmented" else "a message of a block transfer"
         return transfer
 
     def begin_blocks(
@@ -75,10 +79,34 @@ class ChannelState:
         """Report that this frame breaks a rule."""
         self.events.append(Violation(self.now, rule, self.node, text, self.frame))
 
-    def report_missing(self, transfer: OpenTransfer, frames: int, evidence: str, *, data: bool) -> None:
-        """Report frames that are not in the recording; with `data`, they carried bytes of the value."""
+    def report_missing(self, transfer: OpenTransfer, frames: int, evidence: str, rule: str, *, data: bool) -> None:
+        """Report frames that are not in the recording; with `data`, they carried bytes of the value. `rule` is broken
+        if the recording is complete."""
         transfer.note_missing(frames, data=data)
-        self.events.append(Gap(self.now, None, frames, evidence, self.node))
+        self.gap(frames, evidence, rule)
+
+    def settle_doubt(self, transfer: OpenTransfer) -> None:
+        """Report a suspected violation as a gap: nothing proves it, so frames may be missing in the recording."""
+        if transfer.doubt == "toggle":
+            text = "the toggle bit is not the next one and both sides go on: a segment and its answer are missing"
+            self.report_missing(transfer, 2, text, "SDO-TOGGLE", data=True)
+        elif transfer.doubt == "unasked":
+            text = f"{self.doubted}, but the beginning of the transfer is not in the recording"
+            self.report_missing(transfer, 1, text, "SDO-UNASKED", data=True)
+        transfer.doubt = ""
+
+    def gap(self, frames: int, evidence: str, rule: str) -> None:
+        """Report frames that are not in the recording; `rule` is broken if it is complete."""
+        self.events.append(Gap(self.now, None, frames, evidence, self.node, rule))
+
+    def go_on_interrupted(self) -> None:
+        """Make the interrupted transfer the one under way again: a frame of it came after the other request."""
+        assert self.interrupted is not None
+        transfer, block = self.interrupted
+        text = f"{transfer} goes on after another request: two transfers at once on one channel"
+        self.violation("SDO-OVERLAP", text)
+        self.close("cut")
+        self.open, self.block, self.interrupted = transfer, block, None
 
     def done(self, transfer: OpenTransfer) -> None:
         """End the transfer as successful."""
@@ -92,7 +120,9 @@ class ChannelState:
         transfer, block = self.open, self.block
         if transfer is None:
             return
+        self.settle_doubt(transfer)
         self.open = self.block = None
+        self.last_transfer = (transfer.index, transfer.sub), outcome
         blocks = 0 if block is None else block.blocks
         report = transfer.report(self.now, self.node, self.channel, outcome, blocks=blocks, abort=abort, by=by)
         self.events.append(report)

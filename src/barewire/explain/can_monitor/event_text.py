@@ -103,7 +103,8 @@ def _columns(event: MonitorEvent) -> tuple[str, str, str]:
             return _node_name(event.node) if event.node else "", "VIOLATION", text
         case Gap():
             frames = f" ({counted(event.frames, 'frame')})" if event.frames else ""
-            text = f"not in the recording{frames}: {event.evidence}"
+            broken = f", or {event.rule} is broken" if event.rule else ""
+            text = f"not in the recording{frames}{broken}: {event.evidence}"
             return _node_name(event.node) if event.node else "", "GAP", text
         case Loss():
             return _node_name(event.node), "LOSS", event.evidence
@@ -181,7 +182,8 @@ def _node(event: NodeReport) -> str:
     name = "unknown" if event.state is None else state_name(event.state)
     match event.kind:
         case "boot-up":
-            return "boot-up" + (f", was {state_name(event.before)}" if event.before is not None else "")
+            alone = ", no reset was commanded" if event.unasked else ""
+            return "boot-up" + (f", was {state_name(event.before)}{alone}" if event.before is not None else "")
         case "state":
             return f"{name}, was {state_name(event.before or 0)}"
         case "missing":

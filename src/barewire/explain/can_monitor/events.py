@@ -60,13 +60,17 @@ class SdoTransferReport:
 
 
 class Gap(NamedTuple):
-    """The recording lacks frames: all from `since` to `at`, or a number of `frames`. `evidence` is the reason."""
+    """The recording lacks frames: all from `since` to `at`, or a number of `frames`. `evidence` is the reason.
+
+    `rule` is the rule of `rules.BUS_RULES` that is broken if the recording lacks nothing.
+    """
 
     at: float
     since: float | None
     frames: int | None
     evidence: str
     node: int = 0
+    rule: str = ""
 
 
 class Loss(NamedTuple):
@@ -102,6 +106,7 @@ class NodeReport(NamedTuple):
     before: int | None = None
     seconds: float | None = None  # missing: length of the silence; otherwise: since the last state
     guarded: bool = False  # an answer to node guarding, not a heartbeat
+    unasked: bool = False  # a boot-up of a node whose state was known, and that was not commanded to reset
 
     @property
     def repeated(self) -> bool:

@@ -4,6 +4,8 @@
     events = monitor.feed(frame, now)            CanFrame, FdFrame, ErrorFrame, Dropped; None: time has passed
     events = monitor.end(now)
 
+With `complete` the caller promises that the recording has every frame: what would be a gap is a violation.
+
 **A gap in the recording is not silence on the bus.** A live caller feeds None at every `deadline`, so no frame is
 unrecorded, and a late heartbeat is missing. A caller with a recording feeds only frames: if two or more periodic
 messages (heartbeats, SYNC) or transfers under way stop at once, the recorder has stopped, not the bus. A report of the
@@ -71,7 +73,9 @@ class CanMonitor:
     [('upload', b'7\\x06')]
     """
 
-    def __init__(self, known: Iterable[KnownNode] = (), *, give_up: float = GIVE_UP, held: int = HELD_MAX) -> None:
+    def __init__(
+        self, known: Iterable[KnownNode] = (), *, give_up: float = GIVE_UP, held: int = HELD_MAX, complete: bool = False
+    ) -> None:
         self.frames = 0
         self.counts: Counter[str] = Counter()
         self.held = HeldBytes(held)
@@ -84,10 +88,12 @@ class CanMonitor:
         self.channels = SdoChannels(self.held, give_up, dialects, self.pdos)
         self.violations: Counter[str] = Counter()
         self._reported: set[tuple[str, int, str]] = set()
+        self._complete = complete
         self._first: float | None = None
         self._last = 0.0
         self._foreign: set[str] = set()
         self._error: ErrorFrame | None = None
+        self._last_frame = ""
 
     @property
     def now(self) -> float:
@@ -102,7 +108,15 @@ class CanMonitor:
 
     def feed(self, item: AnyFrame | Dropped | None, now: float) -> list[MonitorEvent]:
         """Take an item (None: only time has passed). Returns its events, after the events that were due before."""
-        return [self._count(event) if isinstance(event, Violation) else event for event in self._feed(item, now)]
+        frame = str(item) if isinstance(item, CanFrame) else ""
+        events = [self._judged(event, frame) for event in self._feed(item, now)]
+        return [self._count(event) if isinstance(event, Violation) else event for event in events]
+
+    def _judged(self, event: MonitorEvent, frame: str) -> MonitorEvent:
+        """Return a gap within a complete recording as the violation that it is."""
+        if not self._complete or not isinstance(event, Gap) or not event.rule:
+            return event
+        return Violation(event.at, event.rule, event.node, event.evidence, frame)
 
     def _count(self, violation: Violation) -> Violation:
         """Count a violation, and mark it if the same was reported before."""
@@ -124,7 +138,7 @@ class CanMonitor:
                 self._interrupt(now)
                 self._last = now
             now = self._last
-        elif item is not None and (gap := self._silence(now)) is not None:
+        elif item is not None and not self._complete and (gap := self._silence(now)) is not None:
             events.append(gap)
             self._interrupt(now)
         events += self._pass_time(now)
@@ -136,6 +150,7 @@ class CanMonitor:
             lost = "the recorder lost frames" if not item.frames else f"the recorder reports {item.frames} lost"
             return [*events, Gap(now, None, item.frames or None, lost)]
         self.frames += 1
+        self._last_frame = str(item)
         if isinstance(item, CanFrame):
             events += self._classical(item, now)
         elif isinstance(item, ErrorFrame):
@@ -153,6 +168,8 @@ class CanMonitor:
         if self.held.refused:
             counts["bytes not held"] = self.held.refused
         seconds = 0.0 if self._first is None else now - self._first
+        events = [self._judged(event, self._last_frame) for event in events]
+        events = [self._count(event) if isinstance(event, Violation) else event for event in events]
         return [*events, Summary(now, self.frames, seconds, counts, dict(sorted(self.violations.items())))]
 
     def takes_segment(self, frame: CanFrame) -> bool:

@@ -20,6 +20,7 @@ _GRACE = 0.05
 """Seconds after a command in which frames of the old state may still come from a queue."""
 _INTERVALS, _INTERVALS_MIN = 5, 3
 """The number of intervals whose longest one is the learned period, and how many of them are needed."""
+_RESETS = (NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION)
 _STATES = frozenset(int(state) for state in NmtState)
 
 
@@ -211,11 +212,12 @@ class NodeTracker:
 
     def _boot(self, number: int, node: ObservedNode, now: float) -> NodeReport:
         """Replace all that is known of a node, except whether it is guarded."""
-        before = node.state
+        before, after_reset = node.state, node.commanded in _RESETS
         fresh = ObservedNode()
         fresh.state, fresh.last, fresh.guarded, fresh.toggle = 0, now, node.guarded, False
         self.nodes[number] = fresh
-        return NodeReport(now, number, "boot-up", 0, before)
+        unasked = before is not None and not after_reset and not node.unsure
+        return NodeReport(now, number, "boot-up", 0, before, unasked=unasked)
 
     def _check_obeyed(
         self, number: int, node: ObservedNode, state: int, now: float, frame: CanFrame

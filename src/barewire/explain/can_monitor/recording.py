@@ -90,9 +90,13 @@ def _read_capture(data: bytes) -> Iterator[RecordedItem]:
 
 
 class BusMonitors:
-    """All buses of a recording, each with its own monitor: `feed` each item, then `end`. `bus` selects one bus."""
+    """All buses of a recording, each with its own monitor: `feed` each item, then `end`. `bus` selects one bus.
 
-    def __init__(self, known: Iterable[KnownNode] = (), bus: str | None = None) -> None:
+    With `complete` the recording is taken to have every frame: what would be a gap is a violation.
+    """
+
+    def __init__(self, known: Iterable[KnownNode] = (), bus: str | None = None, *, complete: bool = False) -> None:
+        self._complete = complete
         self._known = tuple(known)
         self._only = bus
         self.monitors: dict[str, CanMonitor] = {}
@@ -114,7 +118,7 @@ class BusMonitors:
     def monitor(self, bus: str) -> CanMonitor | None:
         """Return the monitor of a bus; None if there are too many buses."""
         if bus not in self.monitors and len(self.monitors) < BUSES_MAX:
-            self.monitors[bus] = CanMonitor(self._known)
+            self.monitors[bus] = CanMonitor(self._known, complete=self._complete)
         return self.monitors.get(bus)
 
     def end(self) -> Iterator[tuple[str, MonitorEvent]]:
@@ -125,14 +129,14 @@ class BusMonitors:
 
 
 def replay_can(
-    items: Iterable[RecordedItem], known: Iterable[KnownNode] = (), bus: str | None = None
+    items: Iterable[RecordedItem], known: Iterable[KnownNode] = (), bus: str | None = None, *, complete: bool = False
 ) -> Iterator[tuple[str, MonitorEvent]]:
     """Return the events of a whole recording, each with the name of its bus, in order.
 
     >>> next(replay_can(read_recording(b"(1.5) can0 705#00")))[1].kind
     'boot-up'
     """
-    monitors = BusMonitors(known, bus)
+    monitors = BusMonitors(known, bus, complete=complete)
     for item in items:
         yield from monitors.feed(item)
     yield from monitors.end()

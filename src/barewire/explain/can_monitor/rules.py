@@ -19,11 +19,11 @@ class BusRule(NamedTuple):
 BUS_RULES: dict[str, BusRule] = {
     "SDO-LENGTH": BusRule("CiA 301, SDO", "an SDO message has 8 bytes"),
     "SDO-COMMAND": BusRule("CiA 301, SDO", "the command byte is one of the standard; an abort is exactly 80h"),
-    "SDO-RESERVED": BusRule("CiA 301, SDO", "reserved bits of the command byte are 0"),
+    "SDO-RESERVED": BusRule("CiA 301, SDO", "reserved bits of the command byte and reserved bytes are 0"),
     "SDO-WRONG-SCS": BusRule("CiA 301, SDO", "the answer is of a kind that the request can have"),
-    "SDO-MUX": BusRule("CiA 301, SDO", "the answer is about the object that was requested"),
-    "SDO-OVERLAP": BusRule("CiA 301, SDO", "one transfer at a time on a channel: no new request before the answer"),
-    "SDO-UNASKED": BusRule("CiA 301, SDO", "segments are requested or sent only within a transfer"),
+    "SDO-MUX": BusRule("CiA 301, SDO", "the answer, or the abort, is about the object that was requested"),
+    "SDO-OVERLAP": BusRule("CiA 301, SDO", "one transfer at a time on a channel: no new request before its end"),
+    "SDO-UNASKED": BusRule("CiA 301, SDO", "answers and segments are sent only within a transfer"),
     "SDO-TOGGLE": BusRule(
         "CiA 301, SDO segments", "the toggle bit begins with 0, alternates, and the answer repeats it"
     ),
@@ -47,6 +47,8 @@ BUS_RULES: dict[str, BusRule] = {
     ),
     "GUARD-TOGGLE": BusRule("CiA 301, node guarding", "the toggle bit is 0 first after a boot, then alternates"),
     "EMCY-LENGTH": BusRule("CiA 301, EMCY", "an emergency has 8 bytes"),
+    "EMCY-CODE": BusRule("CiA 301, EMCY", "the first byte of an error code is 00, 10 to 9F or F0 to FF"),
+    "EMCY-REGISTER": BusRule("CiA 301, 1001h", "an error sets bit 0 of the error register; bit 6 is 0"),
     "SYNC-LENGTH": BusRule("CiA 301, SYNC", "SYNC has no data, or a counter of 1 byte, and stays with it"),
     "SYNC-COUNTER": BusRule("CiA 301, SYNC", "the counter goes from 1 up to at most 240 and leaves none out"),
     "TIME-LENGTH": BusRule("CiA 301, TIME", "TIME has 6 bytes"),

@@ -41,15 +41,37 @@ def _transfer(channel: ChannelState, direction: str, message: NextSegment | SdoS
         if transfer.request and not (direction == "download" and transfer.manner != "segmented"):
             # Both sides go on from the request, so its answer was on the bus.
             text = "segments arrive, but the answer to the request is not in the recording"
-            channel.report_missing(transfer, 1, text, data=False)
+            channel.report_missing(transfer, 1, text, "SDO-UNASKED", data=False)
             transfer.request, transfer.manner, transfer.next_sender = b"", "segmented", "client"
             return transfer
+    if _continues(channel.interrupted, direction, message):
+        channel.go_on_interrupted()
+        assert channel.open is not None
+        return channel.open
     unrecorded = channel.begin_unrecorded("upload" if direction == "upload" else "download", "segmented")
     unrecorded.toggle = message.toggle
     unrecorded.next_sender = "client" if isinstance(message, NextSegment) else "server"
     if isinstance(message, SdoSegment) and direction == "download":
         unrecorded.next_sender = "client"
     return unrecorded
+
+
+def _continues(
+    interrupted: tuple[OpenTransfer, object] | None,
+    direction: str,
+    message: NextSegment | SdoSegment | SegmentTaken,
+) -> bool:
+    """Return whether the frame is the next one of the transfer that another request interrupted."""
+    if interrupted is None or interrupted[1] is not None:
+        return False
+    transfer = interrupted[0]
+    sender = "server" if isinstance(message, SegmentTaken) else "client"
+    if isinstance(message, SdoSegment) and direction == "upload":
+        sender = "server"
+    return (transfer.manner, transfer.direction, transfer.toggle, transfer.next_sender) == (
+        *("segmented", direction, message.toggle),
+        sender,
+    )
 
 
 def _repeated(channel: ChannelState, transfer: OpenTransfer, how: str, now: float) -> None:
@@ -59,18 +81,6 @@ def _repeated(channel: ChannelState, transfer: OpenTransfer, how: str, now: floa
     channel.events.append(Loss(now, channel.node, 1, f"the segment is {how} again: it or its answer did not arrive"))
 
 
-def _settle_doubt(channel: ChannelState, transfer: OpenTransfer) -> None:
-    """Drop a suspected violation: the other side goes on, so frames are missing in the recording."""
-    if transfer.doubt == "toggle":
-        text = "the toggle bit stays the same and both sides go on: a segment and its answer are missing"
-        channel.report_missing(transfer, 2, text, data=True)
-    elif transfer.doubt == "unasked":
-        channel.report_missing(
-            transfer, 1, "segments, but the beginning of the transfer is not in the recording", data=True
-        )
-    transfer.doubt = ""
-
-
 def _upload_requested(channel: ChannelState, transfer: OpenTransfer, toggle: int, now: float) -> None:
     """Take the client's request for the next segment."""
     if transfer.next_sender == "server":
@@ -78,7 +88,7 @@ def _upload_requested(channel: ChannelState, transfer: OpenTransfer, toggle: int
             _repeated(channel, transfer, "requested", now)
             return
         text = "the next segment is requested, but the last one is not in the recording"
-        channel.report_missing(transfer, 1, text, data=True)
+        channel.report_missing(transfer, 1, text, "SDO-OVERLAP", data=True)
     elif toggle != transfer.toggle and not transfer.doubt:
         transfer.doubt = "toggle"
     transfer.toggle, transfer.next_sender = toggle, "server"
@@ -93,14 +103,13 @@ def _uploaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegment
             else:
                 channel.violation("SDO-TOGGLE", "a segment that was not requested, with the toggle bit of the last one")
             return
-        channel.report_missing(
-            transfer, 1, "a segment arrives, but the request for it is not in the recording", data=False
-        )
+        text = "a segment arrives, but the request for it is not in the recording"
+        channel.report_missing(transfer, 1, text, "SDO-UNASKED", data=False)
     elif segment.toggle != transfer.toggle:
         text = f"requested with toggle bit {transfer.toggle}, answered with {segment.toggle}"
         channel.violation("SDO-TOGGLE", text)
         return
-    _settle_doubt(channel, transfer)
+    channel.settle_doubt(transfer)
     transfer.previous = segment.data
     transfer.take(segment.data)
     transfer.toggle, transfer.next_sender = segment.toggle ^ 1, "client"
@@ -111,12 +120,15 @@ def _uploaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegment
 def _downloaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegment, now: float) -> None:
     """Take a segment from the client."""
     if transfer.next_sender == "server":
-        if segment.toggle == transfer.toggle:
+        if segment.toggle == transfer.toggle and segment.data == transfer.previous:
             _repeated(channel, transfer, "sent", now)
             return
-        channel.report_missing(
-            transfer, 1, "the next segment arrives, but the last answer is not in the recording", data=False
-        )
+        if segment.toggle == transfer.toggle:
+            text = "another segment with the same toggle bit: the segment between them and two answers are missing"
+            channel.report_missing(transfer, 3, text, "SDO-TOGGLE", data=True)
+        else:
+            text = "the next segment arrives, but the last answer is not in the recording"
+            channel.report_missing(transfer, 1, text, "SDO-OVERLAP", data=False)
     elif segment.toggle != transfer.toggle:
         if segment.data == transfer.previous:
             _repeated(channel, transfer, "sent", now)
@@ -135,11 +147,13 @@ def _download_confirmed(channel: ChannelState, transfer: OpenTransfer, toggle: i
         if toggle != transfer.toggle:
             transfer.repeats += 1
             return
-        channel.report_missing(transfer, 1, "a segment is confirmed that is not in the recording", data=True)
+        channel.report_missing(
+            transfer, 1, "a segment is confirmed that is not in the recording", "SDO-UNASKED", data=True
+        )
     elif toggle != transfer.toggle:
         channel.violation("SDO-TOGGLE", f"sent with toggle bit {transfer.toggle}, answered with {toggle}")
         return
-    _settle_doubt(channel, transfer)
+    channel.settle_doubt(transfer)
     transfer.toggle, transfer.next_sender = toggle ^ 1, "client"
     if transfer.last_sent:
         channel.done(transfer)

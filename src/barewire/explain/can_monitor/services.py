@@ -26,6 +26,9 @@ from barewire.explain.can_monitor.events import (
 )
 from barewire.explain.canopen.lss import explain_lss
 
+_RESERVED_CLASSES = frozenset((*range(0x01, 0x10), *range(0xA0, 0xF0)))
+"""First bytes of error codes that no table of CiA 301 or of a profile has."""
+_RESERVED_BIT = 0x40
 _MISSING = 2.5
 """Periods without a SYNC after which it is missing."""
 _INTERVALS = 7
@@ -101,7 +104,7 @@ class SyncTracker:
         period = self.period
         if period and step > 1 and abs(since / period - step) < 0.5:
             text = f"the SYNC counter goes from {before} to {counter}, and so does the time"
-            return [Gap(now, now - since, step - 1, text)]
+            return [Gap(now, now - since, step - 1, text, rule="SYNC-COUNTER")]
         return [Violation(now, "SYNC-COUNTER", 0, f"{counter} after {before}", str(frame))]
 
     def end(self, now: float) -> list[MonitorEvent]:
@@ -120,7 +123,21 @@ def emergency_events(node: int, frame: CanFrame, now: float) -> list[MonitorEven
         message = Emergency.decode(frame._replace(data=frame.data[:8]))
     except DecodeError:
         return events
+    events += [Violation(now, rule, node, text, str(frame)) for rule, text in _emergency_faults(message)]
     return [*events, EmcyReport(now, node, message.code, message.register, message.info)]
+
+
+def _emergency_faults(message: Emergency) -> list[tuple[str, str]]:
+    """Return the rules that the contents of an emergency break, each with a text."""
+    faults = []
+    if message.code >> 8 in _RESERVED_CLASSES:
+        faults.append(("EMCY-CODE", f"{message.code:04X}h is in a class that has no errors"))
+    if message.code >> 8 and not message.register & 1:
+        text = f"error {message.code:04X}h with register {message.register:02X}h: bit 0, generic, is not set"
+        faults.append(("EMCY-REGISTER", text))
+    if message.register & _RESERVED_BIT:
+        faults.append(("EMCY-REGISTER", f"register {message.register:02X}h: bit 6 is reserved"))
+    return faults
 
 
 def time_events(frame: CanFrame, now: float) -> list[MonitorEvent]:
