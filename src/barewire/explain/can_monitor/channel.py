@@ -74,8 +74,6 @@ from barewire.explain.can_monitor.transfer import (
 GIVE_UP = 3.0
 """Seconds without a frame after which a transfer is given up."""
 
-_PROMPT = 0.1
-"""Seconds after a frame of a transfer in which its client cannot have given it up after a time-out."""
 _UNANSWERED = "a block transfer goes on, but the answer to its request is not in the recording"
 
 
@@ -160,7 +158,7 @@ class SdoTracker:
             state.begin_blocks(transfer, sender)
         state.release()
         self._begin_unanswered_block(sender, data)
-        if self._continues_interrupted_block(sender, data):
+        if state.continues_interrupted_block(sender, data):
             state.go_on_interrupted()
         block = state.block
         if block is not None:
@@ -210,7 +208,7 @@ class SdoTracker:
     def _begin(self, request: InitiateRequest, data: bytes) -> None:
         state = self._state
         if state.open is not None:
-            self._interrupted(state.open, request)
+            state.interrupt(state.open, object_name(request.index, request.sub))
             state.close(_outcome_of_silence(state.open) if state.open.request else "cut")
         direction, manner, answers = TRANSFER_OF[type(request)]
         new = state.begin(OpenTransfer(direction, manner, (request.index, request.sub), state.now, state.held))
@@ -223,16 +221,6 @@ class SdoTracker:
         elif isinstance(request, InitiateBlockUpload):
             new.switch, new.client_crc, new.blksize = request.switch, request.crc, request.blksize or BLOCK_MAX
             self._check_blksize(request.blksize)
-
-    def _interrupted(self, transfer: OpenTransfer, request: InitiateRequest) -> None:
-        """Note a request in the middle of a transfer that has neither ended nor timed out."""
-        state = self._state
-        if transfer.request or transfer.gapped or transfer.began is None:
-            return
-        state.interrupted = transfer, state.block
-        if state.now - transfer.last_frame_at < _PROMPT:
-            text = f"{object_name(request.index, request.sub)} is requested, but the end of the transfer of {transfer}"
-            state.gap(1, f"{text} is not in the recording", "SDO-OVERLAP")
 
     def _check_blksize(self, blksize: int) -> None:
         if not 1 <= blksize <= BLOCK_MAX:
@@ -329,14 +317,6 @@ class SdoTracker:
         if not enough or not last or state.block is not None:
             return False
         return from_client == (sender == "client") and last[0] < 0x7F and data[0] & 0x7F == last[0] + 1
-
-    def _continues_interrupted_block(self, sender: SdoSide, data: bytes) -> bool:
-        """Return whether this is the next segment of a block upload that another request interrupted."""
-        state = self._state
-        block = None if state.interrupted is None else state.interrupted[1]
-        if block is None or state.block is not None or (state.open is not None and not state.open.request):
-            return False
-        return sender == block.data_sender == "server" and 1 < block.expects == data[0] & 0x7F
 
     def _begin_unanswered_block(self, sender: SdoSide, data: bytes) -> None:
         """Begin a block whose answer is not in the recording: the client sends segments, so it has received it."""

@@ -23,6 +23,9 @@ from barewire.explain.can_monitor.events import (
 )
 from barewire.explain.can_monitor.transfer import HeldBytes, OpenTransfer, SdoSide
 
+_PROMPT = 0.1
+"""Seconds after a frame of a transfer in which its client cannot have given it up after a time-out."""
+
 
 class ChannelState:
     """One channel of one node. `channel` is the COB-ID of the requests."""
@@ -98,6 +101,22 @@ class ChannelState:
     def gap(self, frames: int, evidence: str, rule: str) -> None:
         """Report frames that are not in the recording; `rule` is broken if it is complete."""
         self.events.append(Gap(self.now, None, frames, evidence, self.node, rule))
+
+    def interrupt(self, transfer: OpenTransfer, requested: str) -> None:
+        """Note a request in the middle of a transfer that has neither ended nor timed out."""
+        if transfer.request or transfer.gapped or transfer.began is None:
+            return
+        self.interrupted = transfer, self.block
+        if self.now - transfer.last_frame_at < _PROMPT:
+            text = f"{requested} is requested, but the end of the transfer of {transfer} is not in the recording"
+            self.gap(1, text, "SDO-OVERLAP")
+
+    def continues_interrupted_block(self, sender: SdoSide, data: bytes) -> bool:
+        """Return whether this is the next segment of a block upload that another request interrupted."""
+        block = None if self.interrupted is None else self.interrupted[1]
+        if block is None or self.block is not None or (self.open is not None and not self.open.request):
+            return False
+        return sender == block.data_sender == "server" and 1 < block.expects == data[0] & 0x7F
 
     def go_on_interrupted(self) -> None:
         """Make the interrupted transfer the one under way again: a frame of it came after the other request."""
