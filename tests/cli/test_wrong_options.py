@@ -148,6 +148,10 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     ),
     *((("conform", CAN, "--large", text), "expected INDEX:SUB") for text in ("1:0", "xx", "2000:100")),
     (("conform", CAN, "--timing"), "Modbus goes over tcp://"),
+    # canopen
+    (("canopen", "difff"), "did you mean 'diff'?"),
+    (("canopen", "diff", TCP, "pump.dcf"), "a DCF is for CANopen: expected can://"),
+    (("canopen", "configure", TCP, "pump.dcf"), "a DCF is for CANopen: expected can://"),
     # canopen-gateway
     (("canopen-gateway", TCP), "expected can://"),
     *(

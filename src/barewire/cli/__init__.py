@@ -11,6 +11,7 @@
     explain, sniff    `explain`: frames and recordings; `sniff`: traffic of a line or bus
     record            `record`: traffic of a line -> a file that `simulate` serves
     conform           `conform`: a server or a CANopen device against the standard
+    canopen           `canopen`: a device compared with its DCF, and configured
     canopen_gateway   `canopen-gateway`: a CANopen network as text over TCP
     eds               `eds`: export and check electronic data sheets
 

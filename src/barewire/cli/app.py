@@ -33,6 +33,7 @@ COMMANDS = {
     "sniff": ("sniff", "Decode the traffic of a line or bus; send nothing."),
     "record": ("record", "Make a simulated device of the traffic of a line."),
     "conform": ("conform", "Test a server or device against the standard."),
+    "canopen": ("canopen", "Compare a CANopen device with its DCF, and configure it."),
     "canopen-gateway": ("canopen_gateway", "Serve a CANopen network as text over TCP (CiA 309-3)."),
     "eds": ("eds", "Export or check electronic data sheets (CiA 306)."),
 }

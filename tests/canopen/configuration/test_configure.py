@@ -15,14 +15,14 @@ def test_only_differences_are_written_and_a_second_run_writes_nothing() -> None:
     bus, device = bus_with()
     wanted = device_configuration(dcf({"Heartbeat": 500, "Cycle": 0, "Label": "pump"}))
     result = bus.run(configure_device(5, wanted))
-    assert [str(one) for one in result.written[:2]] == [
+    assert [str(one) for one in result.changes[:2]] == [
         "1017h:00 Heartbeat: device 0, configuration 500",
         "2001h:00 Label: device '', configuration 'pump'",
     ]
     assert (device.objects["Heartbeat"], device.objects["Label"]) == (500, "pump")
     assert writes(bus) == ["1017:0=1F4", "2001:0=706D7570", *STAMP]
     bus.log.clear()
-    assert bus.run(configure_device(5, wanted)).written == ()
+    assert bus.run(configure_device(5, wanted)).changes == ()
     assert writes(bus) == []
 
 
@@ -84,6 +84,17 @@ def test_another_device_is_not_configured() -> None:
     text = "1018h:02 Identity.Product: device 00000008h, configuration 00000007h"
     assert str(error.value) == f"node 5 is another device: {text}"
     assert writes(bus) == []
+
+
+def test_a_dry_run_writes_nothing_and_has_the_same_errors() -> None:
+    bus, device = bus_with()
+    wanted = device_configuration(dcf({"Heartbeat": 500}))
+    result = bus.run(configure_device(5, wanted, dry_run=True, store=True))
+    assert [one.entry.index for one in result.changes] == [0x1017, 0x1020, 0x1020]
+    assert (result.stored, writes(bus)) == (False, [])
+    device.objects.set(0x1018, 1, 1)
+    with pytest.raises(ConfigurationFailed, match="another device"):
+        bus.run(configure_device(5, wanted, dry_run=True))
 
 
 def test_the_serial_number_counts_if_the_dcf_has_that_of_one_device() -> None:

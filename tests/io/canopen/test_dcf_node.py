@@ -38,9 +38,11 @@ def test_a_device_is_compared_configured_and_stores(kind: str, tmp_path: Path) -
         found = await get(node.diff())
         assert [f"{one.entry.index:X}" for one in found] == ["1017", "1800", "1020", "1020"]
         assert "<td>1017h:00 Heartbeat</td><td>0</td><td>500</td>" in found._repr_html_()
+        assert list((await get(node.configure(dry_run=True, store=True))).changes) == found
+        assert (local.objects["Heartbeat"], local.stored.values) == (0, {})
         steps: list[str] = []
         result = await get(node.configure(store=True, progress=lambda done, total, step: steps.append(step)))
-        assert repr(result) == "<ConfigurationResult: 4 written, stored, 0 left out>"
+        assert repr(result) == "<ConfigurationResult: 4 changes, stored, 0 left out>"
         assert "write 1017h:00 Heartbeat = 500" in steps
         assert await get(node.diff()) == []
         assert await get(node.read("Heartbeat")) == 500

@@ -59,15 +59,16 @@ class ConfigurationFailed(BarewireError):
 
 
 class ConfigurationResult(NamedTuple):
-    """What `configure_device` did: the differences that it wrote, and whether the device stored its parameters."""
+    """What `configure_device` did: the differences that it wrote, and whether the device stored its parameters. After a
+    dry run: the differences that it would write."""
 
-    written: tuple[Difference, ...]
+    changes: tuple[Difference, ...]
     stored: bool
     left_out: tuple[str, ...]
 
     def __repr__(self) -> str:
         stored = ", stored" if self.stored else ""
-        return f"<ConfigurationResult: {len(self.written)} written{stored}, {len(self.left_out)} left out>"
+        return f"<ConfigurationResult: {len(self.changes)} changes{stored}, {len(self.left_out)} left out>"
 
 
 def compare_device(
@@ -90,12 +91,14 @@ def configure_device(
     configuration: DeviceConfiguration,
     *,
     store: bool = False,
+    dry_run: bool = False,
     timeout: float = DEFAULT_TIMEOUT,
     progress: ConfigureProgress | None = None,
 ) -> Conversation[CanFrame, ConfigurationResult]:
     """Write the differences between a device and its configuration, and read them back. It should be pre-operational.
 
         store       then store all parameters by 1010h:01, so that the device has them after the next reset
+        dry_run     write nothing: only compare, with the same errors before a write
         timeout     seconds that each response may take
         progress    called before each step
 
@@ -103,11 +106,11 @@ def configure_device(
     objects; after the writes, if a value that is read back is not the one that was written. Raise SdoAbort for a value
     that the device refuses, and NoAnswer.
     """
-    return _configure(_Steps(channel_to(node, None), timeout, progress), configuration, store)
+    return _configure(_Steps(channel_to(node, None), timeout, progress), configuration, store, dry_run)
 
 
 def _configure(
-    steps: _Steps, configuration: DeviceConfiguration, store: bool
+    steps: _Steps, configuration: DeviceConfiguration, store: bool, dry_run: bool
 ) -> Conversation[CanFrame, ConfigurationResult]:
     wrong = yield from steps.compare(configuration.identity)
     if wrong:
@@ -116,6 +119,8 @@ def _configure(
     missing = [one for one in found if one.reason and one.entry.access != "wo"]
     if missing:
         raise ConfigurationFailed(f"node {steps.channel.node}: nothing was written: {'; '.join(map(str, missing))}")
+    if dry_run:
+        return ConfigurationResult(tuple(found), False, configuration.left_out)
     changes = [one for one in found if one.entry.index != DATE]
     dates = [one for one in found if one.entry.index == DATE]
     if changes:

@@ -83,11 +83,17 @@ class DcfNode(EdsNode[R]):
 
     @operation
     def configure(
-        self, *, store: bool = False, timeout: float | None = None, progress: ConfigureProgress | None = None
+        self,
+        *,
+        store: bool = False,
+        dry_run: bool = False,
+        timeout: float | None = None,
+        progress: ConfigureProgress | None = None,
     ) -> BusOperation[ConfigurationResult]:
         """Write the values that differ, read them back, and write the date of the DCF to 1020h.
 
         store       then store all parameters by 1010h:01; otherwise the next reset of the device loses them
+        dry_run     write nothing, and return what would be written
         progress    called as progress(done, total, step) before each step
         timeout     seconds that each response may take; by default the node's
 
@@ -96,7 +102,9 @@ class DcfNode(EdsNode[R]):
         written one; SdoAbort for a value that the device refuses; NoAnswer, PortError.
         """
         wait = self.timeout if timeout is None else timeout
-        configuring = configure_device(self.channel, self.configuration, store=store, timeout=wait, progress=progress)
+        configuring = configure_device(
+            self.channel, self.configuration, store=store, dry_run=dry_run, timeout=wait, progress=progress
+        )
         return sdo_transfer(self.channel, configuring, wait)
 
 
