@@ -48,6 +48,7 @@ last case and the number of cases that were not run (with `--json` an object `un
 | `&timeout=0.2` | seconds until an answer counts as missing; default 0.5 |
 | `--json` | one object a line, with every received frame |
 | `--only SDO,NMT-1` | cases whose names begin so |
+| `--eds drive.eds` | the EDS of the device: every object is compared with it, see [below](#against-an-eds) |
 | `--large 2100:00` | an object for any bytes: it is written in several segments and blocks |
 | `--gentle` | leaves out the cases that change the device |
 
@@ -61,6 +62,7 @@ communication fails NMT-17, RPD-19, TPD-19 and SYN-05.
 | effect | meaning |
 |---|---|
 | reads | nothing changes |
+| tries | objects are written, with the value that they have or with one that they must refuse; a failure is undone |
 | writes | objects are written, 1000h to 1FFFh and the one of `--large`; a reset of the communication follows |
 | commands | the device is started, stopped and reset, gets RPDOs of zeros, SYNC, and heartbeats of a node 126 |
 
@@ -101,6 +103,38 @@ A LocalNode of the `canopen` library (2.4.1) answers in STOPPED (NMT-02, -03, -0
 a reset (NMT-10, -11, -13, -15), answers a frame with 29 bits like one with 11 (SDO-32), has every sub-index of a
 variable (SDO-07, SDO-44), refuses 22h (SDO-46), and answers a block upload with segments although no
 switch was allowed (BLK-01 to -05). `tests/interop/canopen/test_canopen_conform.py` runs the battery against it.
+
+## Against an EDS
+
+`--eds FILE` adds cases whose names begin with OD-, some for each object of the file, before all others:
+
+```text
+$ barewire conform "can://socketcan/can0?node=5" --eds drive.eds --only OD
+ok      OD-READ-1000:00  1000h:00 Device type: ro, u32, of 4 bytes
+ok      OD-READ-1001:00  1001h:00 Error register: ro, u8, of 1 byte
+FAILED  OD-LIMIT-2000:00  2000h:00 speed: refuses less than 10 and more than 1000: after 605#2B002000E9030000: ...
+```
+
+| case | effect | the device conforms if |
+|---|---|---|
+| OD-READ-2000:00 | reads | it can be read and has the length of its DataType; a write-only one is refused |
+| OD-SUB-2010 | reads | the sub-indices between and after the described ones do not exist (06090011) |
+| OD-ABSENT-1011 | reads | a communication object that the EDS does not have does not exist (06020000) |
+| OD-DEFAULT-2000:00 | tries | after a reset it has its DefaultValue, with `$NODEID` |
+| OD-ACCESS-2002:00 | tries | a read-only object refuses a write (06010002) |
+| OD-WRITE-2000:00 | tries | a writable object accepts the value that it has, and keeps it |
+| OD-LENGTH-2000:00 | tries | one byte more and one less are refused (0607001x) |
+| OD-LIMIT-2000:00 | tries | values below LowLimit and above HighLimit are refused (0609003x) |
+| OD-RPDO-6040:00, OD-TPDO-6040:00 | writes | PDOMapping and AccessType say if it can be mapped (or 06040041) |
+
+The device is reset (NMT reset node) before, and should have its factory settings: stored values are no defaults.
+These are not judged, since good devices differ: the value of a read-only object, except the device type, the identity
+without the serial number, and the highest sub-index; writes of 1003h, 1010h and 1011h, of SDO channels and PDOs; the
+direction of an object whose AccessType is `rw`, which CiA 306 leaves open; a write that is refused because of the
+state of the device (0800002x). Bit 0 of an object's ObjFlags leaves out its writes, bit 1 its reads.
+
+From Python: `conform_can(endpoint, eds=parse(data))` of `barewire.io.canopen.conformance`, and in virtual time
+`probe(5, objects=eds.objects)` and `cases(subject, eds.objects)` in the example above.
 
 ## The cases
 

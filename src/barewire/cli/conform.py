@@ -8,6 +8,7 @@ import click
 
 from barewire.cli.arguments import (
     endpoint_argument,
+    file_content,
     json_option,
     print_json,
     print_timing,
@@ -18,6 +19,7 @@ from barewire.errors import EncodeError, shown
 from barewire.io.endpoint import Endpoint
 
 if TYPE_CHECKING:
+    from barewire.canopen.eds import Eds
     from barewire.io.canopen.conformance import NodeCaseResult
     from barewire.io.modbus.conformance import CaseResult
 
@@ -28,8 +30,11 @@ if TYPE_CHECKING:
 @timing_option
 @click.option("--gentle", is_flag=True, help="Only cases that change nothing in the device (can:// only).")
 @click.option("--large", metavar="INDEX:SUB", help="An object that takes any bytes, for long downloads (can:// only).")
+@click.option("--eds", metavar="FILE", help="The EDS of the device: compare every object with it (can:// only).")
 @click.option("--only", metavar="NAME,...", default="", help="Only cases whose names begin with NAME (can:// only).")
-def conform_command(endpoint: str, as_json: bool, timing: bool, gentle: bool, large: str | None, only: str) -> int:
+def conform_command(
+    endpoint: str, as_json: bool, timing: bool, gentle: bool, large: str | None, eds: str | None, only: str
+) -> int:
     """Test a server or device against the standard.
 
     A Modbus server is sent valid and invalid requests, and its responses are compared with the clauses of the standard.
@@ -51,14 +56,18 @@ def conform_command(endpoint: str, as_json: bool, timing: bool, gentle: bool, la
 
     \b
     barewire conform "can://socketcan/can0?node=5"
+    barewire conform "can://socketcan/can0?node=5" --eds drive.eds
+
+    With --eds every object is read, written with the value that it has, with values beyond its limits and of another
+    length, and mapped into PDOs; the device should have its factory settings.
     """
     with unfinished_as_json(as_json):
         if endpoint.startswith("can://"):
             if timing:
                 print_timing(endpoint)
-            return _test_node(endpoint, as_json=as_json, gentle=gentle, large=large, only=only)
-        if gentle or only or large is not None:
-            raise EncodeError(f"endpoint {shown(endpoint, 200)}: --gentle, --large and --only are for can://")
+            return _test_node(endpoint, as_json=as_json, gentle=gentle, large=large, eds=eds, only=only)
+        if gentle or only or large is not None or eds is not None:
+            raise EncodeError(f"endpoint {shown(endpoint, 200)}: --gentle, --large, --eds and --only are for can://")
         if timing:
             print_timing(endpoint)
         return _test_server(endpoint, as_json)
@@ -109,13 +118,17 @@ def _case_fields(result: CaseResult) -> dict[str, object]:
 # A CANopen device
 
 
-def _test_node(endpoint: str, *, as_json: bool, gentle: bool, large: str | None, only: str) -> int:
+def _test_node(endpoint: str, *, as_json: bool, gentle: bool, large: str | None, eds: str | None, only: str) -> int:
     """Run the cases and print them; 1 if one failed."""
+    from barewire.canopen.eds import parse
     from barewire.io.canopen.conformance import conform_can
 
     count, failed, left_out = 0, 0, 0
-    where, address, names = Endpoint.parse(endpoint), _object_address(large), _beginnings(only)
-    for result in conform_can(where, gentle=gentle, large=address, only=names):
+    document = None if eds is None else parse(file_content(eds))
+    if document is not None and not document.objects:
+        raise EncodeError(f"--eds {eds}: describes no objects: expected sections like [1000]")
+    where, address, names = Endpoint.parse(endpoint), _object_address(large), _beginnings(only, document)
+    for result in conform_can(where, gentle=gentle, large=address, only=names, eds=document):
         count += result.outcome is not None
         failed += result.failure is not None
         left_out += result.outcome is None
@@ -130,12 +143,17 @@ def _test_node(endpoint: str, *, as_json: bool, gentle: bool, large: str | None,
     return int(failed > 0)
 
 
-def _beginnings(only: str) -> tuple[str, ...]:
+def _beginnings(only: str, eds: Eds | None) -> tuple[str, ...]:
     """Return the beginnings of names of cases that `--only` gives. Raises EncodeError for one that no case has."""
     from barewire.canopen.conformance.battery import case_names
 
-    wanted, names = tuple(name.strip().upper() for name in only.split(",")), case_names()
+    wanted = tuple(name.strip().upper() for name in only.split(","))
+    names = case_names(None if eds is None else eds.objects)
     for beginning in wanted:
+        if eds is None and beginning.startswith("OD"):
+            raise EncodeError(
+                f"--only {beginning}: the cases OD- compare the device with its EDS: give it with --eds FILE"
+            )
         if not any(name.startswith(beginning) for name in names):
             groups = ", ".join(sorted({f"{name.partition('-')[0]}-" for name in names}))
             raise EncodeError(f"--only {beginning}: no case has a name that begins so; expected {groups} and a number")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from barewire.canopen import (
     CanFrame,
@@ -17,6 +17,7 @@ from barewire.canopen import (
 from barewire.canopen.conformance.battery import cases, needs_reset, prepare, run_case
 from barewire.canopen.conformance.model import NodeCase, NodeOutcome, Subject
 from barewire.canopen.conformance.probe import probe
+from barewire.canopen.eds import EdsObject
 from barewire.devices.sim import simulator
 from tests.canopen.virtual_bus import Participant, VirtualBus
 
@@ -59,10 +60,12 @@ def subject_of(make: Callable[[], Participant], large: tuple[int, int] | None = 
     return bus_with(make()).run(probe(NODE, timeout=0.1, large=large))
 
 
-def run_after_reset(bus: VirtualBus, subject: Subject, case: NodeCase, before: NodeCase | None = None) -> NodeOutcome:
+def run_after_reset(
+    bus: VirtualBus, subject: Subject, case: NodeCase, previous: NodeOutcome | None = None
+) -> NodeOutcome:
     """Run one case, after a reset if it needs one."""
-    if needs_reset(case, before):
-        bus.run(prepare(subject, after=before))
+    if needs_reset(case, previous):
+        bus.run(prepare(subject, after=previous and previous.case))
     return bus.run(run_case(case))
 
 
@@ -83,15 +86,20 @@ class FaultyDevice:
         return self.change(self.device, frame, self.device.feed(frame, now))
 
 
-def failures(bus: VirtualBus, subject: Subject, *, prefixes: tuple[str, ...] = ("",)) -> dict[str, str]:
+def failures(
+    bus: VirtualBus,
+    subject: Subject,
+    *,
+    prefixes: tuple[str, ...] = ("",),
+    objects: Mapping[int, EdsObject] | None = None,
+) -> dict[str, str]:
     """Return the failures of the whole battery against one device that is not switched off, by the name of the case."""
     found: dict[str, str] = {}
-    before = None
-    for case in cases(subject):
+    previous = None
+    for case in cases(subject, objects):
         if case.lacks or not case.name.startswith(prefixes):
             continue
-        outcome = run_after_reset(bus, subject, case, before)
-        before = case
-        if outcome.failure is not None:
-            found[case.name] = outcome.failure
+        previous = run_after_reset(bus, subject, case, previous)
+        if previous.failure is not None:
+            found[case.name] = previous.failure
     return found

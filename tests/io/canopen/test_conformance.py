@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -107,12 +108,30 @@ def test_the_command_refuses_wrong_options() -> None:
         (1, ("can://virtual/empty?node=5&timeout=0.05",), "node 5"),
         (2, ("can://virtual/empty", "--large", "1000:00"), "--large '1000:00': expected INDEX:SUB from 2000:00 on"),
         (2, ("can://virtual/empty", "--large", "here"), "--large 'here': expected INDEX:SUB"),
-        (2, ("tcp://127.0.0.1:1", "--gentle"), "--gentle, --large and --only are for can://"),
+        (2, ("tcp://127.0.0.1:1", "--gentle"), "--gentle, --large, --eds and --only are for can://"),
+        (2, ("tcp://127.0.0.1:1", "--eds", "x.eds"), "--gentle, --large, --eds and --only are for can://"),
+        (1, ("can://virtual/empty", "--eds", "no-such.eds"), "no-such.eds: No such file"),
+        (2, ("can://virtual/empty", "--eds", __file__), "describes no objects: expected sections like [1000]"),
+        (2, ("can://virtual/empty", "--only", "OD-READ"), "--only OD-READ: the cases OD- compare the device with its"),
     ):
         done = run_command("conform", *arguments)
         assert done.returncode == status
         assert len(done.stderr.splitlines()) == 1
         assert message in done.stderr
+
+
+def test_the_command_with_an_eds(tmp_path: Path) -> None:
+    """The EDS that `eds export` writes for the simulated drive has the identity object, which the drive lacks."""
+    file = tmp_path / "az3.eds"
+    file.write_text(run_command("eds", "export", "az3").stdout)
+    with simulated_at("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5", client_option="") as url:
+        done = run_command("conform", f"{url}&timeout=1", "--eds", str(file), "--gentle", "--only", "OD-READ-10,OD-DEF")
+    lines = done.stdout.splitlines()
+    assert lines[0] == "ok      OD-READ-1000:00  1000h:00 Device type: ro, u32, of 4 bytes"
+    failed = [line.split()[1] for line in lines if line.startswith("FAILED")]
+    assert failed == ["OD-READ-1018:00", "OD-READ-1018:01"]
+    assert done.returncode == 1
+    assert any(line.startswith("-       OD-DEFAULT-1017:00") and line.endswith("(tries)") for line in lines)
 
 
 def collect(

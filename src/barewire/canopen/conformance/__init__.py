@@ -4,8 +4,9 @@
     frames          frames as text, of which the cases are made
     probe           which objects a device has
     sdo_expedited, sdo_segmented, sdo_block, nmt, emcy_sync_time, pdo, lss     the cases of each service
+    eds_objects     the cases of the objects of an EDS
     restore         undoes what a case wrote, on a device that keeps values over a reset
     battery         all cases for one device, and how one is run
 
-Depends on: the messages of canopen.  Used by: `io.canopen.conformance`, `tools/conform_can.py`.
+Depends on: the messages of canopen, the objects of an EDS.  Used by: `io.canopen.conformance`, `tools/conform_can.py`.
 """

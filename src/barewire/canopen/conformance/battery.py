@@ -13,8 +13,9 @@ Depends on: the model, the files with the cases.  Used by: `io.canopen.conforman
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
+from barewire.canopen.conformance.eds_objects import object_cases
 from barewire.canopen.conformance.emcy_sync_time import emcy_sync_time_cases
 from barewire.canopen.conformance.lss import lss_cases
 from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, NodeStep, Subject
@@ -24,6 +25,7 @@ from barewire.canopen.conformance.restore import restore_values
 from barewire.canopen.conformance.sdo_block import block_cases
 from barewire.canopen.conformance.sdo_expedited import expedited_cases
 from barewire.canopen.conformance.sdo_segmented import segmented_cases
+from barewire.canopen.eds.model import EdsObject
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand
 from barewire.conversation import Conversation, Listen, Send
@@ -36,24 +38,40 @@ _SHOWN = 8
 """The text of a difference shows at most this many received frames."""
 
 
-def cases(subject: Subject) -> tuple[NodeCase, ...]:
-    """Return all cases for one device, in order. A case that needs something the device lacks names it in `lacks`."""
+def cases(subject: Subject, objects: Mapping[int, EdsObject] | None = None) -> tuple[NodeCase, ...]:
+    """Return all cases for one device, in order. A case that needs something the device lacks names it in `lacks`.
+
+    `objects` are those of the EDS of the device, which add the cases of `eds_objects`. They come first, while all
+    objects have the values that they have after a reset.
+    """
     services = (expedited_cases, segmented_cases, block_cases, nmt_cases, emcy_sync_time_cases, pdo_cases, lss_cases)
-    return tuple(case for service in services for case in service(subject))
+    described = () if objects is None else object_cases(subject, objects)
+    return (*described, *(case for service in services for case in service(subject)))
 
 
-def case_names() -> tuple[str, ...]:
+def case_names(objects: Mapping[int, EdsObject] | None = None) -> tuple[str, ...]:
     """Return the names of all cases, in order. Every device has them, except RPD-33 if its RPDO has 8 bytes."""
-    return tuple(case.name for case in cases(Subject(1, {})))
+    return tuple(case.name for case in cases(Subject(1, {}), objects))
 
 
-def needs_reset(case: NodeCase, previous: NodeCase | None) -> bool:
+def needs_reset(case: NodeCase, previous: NodeOutcome | None) -> bool:
     """Return whether the device must be reset before this case: this case changes it, or the previous one did."""
-    return case.effect != "reads" or (previous is not None and previous.effect != "reads")
+    return case.effect in ("writes", "commands") or (previous is not None and may_have_changed(previous))
+
+
+def may_have_changed(outcome: NodeOutcome) -> bool:
+    """Return whether a case may have left the device with other values or in another state."""
+    effect = outcome.case.effect
+    return effect in ("writes", "commands") or (effect == "tries" and outcome.failure is not None)
 
 
 def prepare(
-    subject: Subject, *, after: NodeCase | None = None, boot: float = BOOT, timeout: float = NODE_ANSWER_TIMEOUT
+    subject: Subject,
+    *,
+    after: NodeCase | None = None,
+    command: NmtCommand = NmtCommand.RESET_COMMUNICATION,
+    boot: float = BOOT,
+    timeout: float = NODE_ANSWER_TIMEOUT,
 ) -> Conversation[CanFrame, bool]:
     """Reset the communication of the device, enter PRE-OPERATIONAL, and undo what the case `after` wrote.
 
@@ -62,9 +80,9 @@ def prepare(
         000#8005  ->            enter pre-operational: for a device that starts itself, or sends no boot-up message
         605#...   <->           objects that keep the value that `after` wrote are written
 
-    Return whether the boot-up message was received.
+    `command` may be RESET_NODE, which restores 2000h to 9FFFh as well. Return whether the boot-up message was received.
     """
-    heard = yield Send(CanFrame(0, bytes([NmtCommand.RESET_COMMUNICATION, subject.node])))
+    heard = yield Send(CanFrame(0, bytes([command, subject.node])))
     until, booted = heard.now + boot, False
     while heard.now < until:
         heard = yield Listen(until)

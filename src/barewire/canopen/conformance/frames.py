@@ -29,6 +29,8 @@ LENGTH_CODES = (0x0607_0010, 0x0607_0012, 0x0607_0013)
 """Abort codes that are accepted as equal."""
 HEARTBEAT, TEXT, LARGE = ("1017h",), ("text of 8 bytes",), ("large object",)
 """Needs of several cases."""
+OTHER_TYPE = "a value of type "
+"""The need of a case for an object whose value has another length than the EDS says; the type follows."""
 
 _DOWNLOADS = {1: 0x2F, 2: 0x2B, 3: 0x27, 4: 0x23}
 _UPLOADS = {1: "4F", 2: "4B", 3: "47", 4: "43"}
@@ -69,6 +71,11 @@ class Sdo(NamedTuple):
     def any_value(self, index: int, sub: int = 0) -> str:
         """Return the expedited response with any value."""
         return self.response("4[2-9A-F]" + multiplexer(index, sub) + "........")
+
+    def sized(self, index: int, sub: int, size: int) -> str:
+        """Return the expedited response with any value of 1 to 4 bytes; 42h, without a size, is accepted too."""
+        place = multiplexer(index, sub)
+        return f"{self.response(_UPLOADS[size] + place)}|{self.response('42' + place)}"
 
     def refused(self, index: int, sub: int, *codes: int) -> str:
         """Return an abort with one of these codes, or with the general error."""
@@ -180,6 +187,8 @@ def make_case(
 
 def _provides(subject: Subject, need: str) -> bool:
     """Return whether the subject has what a case needs: an object (1019h, 1016h:02), or one of the names below."""
+    if need.startswith(OTHER_TYPE):
+        return False
     if need == "large object":
         return subject.large is not None
     if need == "text of 8 bytes":

@@ -18,9 +18,10 @@ from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.lss.messages import LssAddress
 from barewire.canopen.sdo.messages.segment import SEGMENT
 
-Effect = Literal["reads", "writes", "commands"]
-"""What a case does to the device: "reads" changes nothing; "writes" writes objects, which a reset restores; "commands"
-starts, stops and resets it, sends process data, and sends in the name of another node."""
+Effect = Literal["reads", "tries", "writes", "commands"]
+"""What a case does to the device: "reads" changes nothing; "tries" needs the values after a reset and changes nothing
+in a right device, since it writes what the device has or must refuse; "writes" writes objects, which a reset restores;
+"commands" starts, stops and resets it, sends process data, and sends in the name of another node."""
 
 SILENCE = ""
 NODE_ANSWER_TIMEOUT = 0.5

@@ -1,13 +1,17 @@
 """Reads which objects a device has, so that the battery contains only cases that can be run.
 
-Depends on: SDO uploads, LSS identification.  Used by: `io.canopen.conformance`, before the first case.
+Depends on: SDO uploads, LSS identification, the objects of an EDS.
+Used by: `io.canopen.conformance`, before the first case.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.conformance.model import NODE_ANSWER_TIMEOUT, Subject
+from barewire.canopen.eds.model import EdsItem, EdsObject, every_item
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.master import identify_slaves
 from barewire.canopen.lss.messages import LssAddress
@@ -21,18 +25,27 @@ _RECORDS = (0x1003, 0x1010, 0x1011, 0x1016, 0x1018, 0x1029, 0x1200)
 _PDOS = (0x1400, 0x1600, 0x1800, 0x1A00)
 
 
+STANDARD_OBJECTS = (*_SINGLES, *_RECORDS, *(first + number for first in _PDOS for number in range(4)))
+"""The communication objects that are looked for in every device."""
+
+
 def probe(
-    node: int, *, timeout: float = NODE_ANSWER_TIMEOUT, large: tuple[int, int] | None = None
+    node: int,
+    *,
+    timeout: float = NODE_ANSWER_TIMEOUT,
+    large: tuple[int, int] | None = None,
+    objects: Mapping[int, EdsObject] | None = None,
 ) -> Conversation[CanFrame, Subject]:
     """Read the communication objects of a device, and whether it supports LSS. Raise NoAnswer if there is no node.
 
-    An object whose upload is refused counts as missing. Nothing is changed.
+    An object whose upload is refused counts as missing. Nothing is changed. With `objects`, those of its EDS, what they
+    describe as readable is read as well, except domains, which may be long.
     """
     channel = Channel(check_node(node))
     values: dict[tuple[int, int], bytes] = {}
     for index in _SINGLES:
         yield from _read(channel, index, 0, values, timeout)
-    for index in (*_RECORDS, *(first + number for first in _PDOS for number in range(4))):
+    for index in STANDARD_OBJECTS[len(_SINGLES) :]:
         yield from _read(channel, index, 0, values, timeout)
         highest = 6 if index & 0xFC00 == 0x1400 or 0x1800 <= index < 0x1A00 else 8
         if 0x1600 <= index < 0x1800 or index >= 0x1A00:
@@ -43,6 +56,10 @@ def probe(
             highest = min(highest, values[index, 0][0])
         for sub in range(1, highest + 1 if (index, 0) in values else 1):
             yield from _read(channel, index, sub, values, timeout)
+    for described, item in every_item((objects or {}).values()):
+        unread = (described.index, item.sub) not in values and described.index not in _SINGLES
+        if unread and may_be_read(item) and item.type != "domain":
+            yield from _read(channel, described.index, item.sub, values, timeout)
     subject = Subject(node, values, large)
     if not all(subject.has(0x1018, sub) for sub in (1, 2, 3, 4)):
         return subject
@@ -51,6 +68,11 @@ def probe(
         address.vendor, address.product, (address.revision,) * 2, (address.serial,) * 2, timeout=timeout
     )
     return subject._replace(lss=address if found else None)
+
+
+def may_be_read(item: EdsItem) -> bool:
+    """Return whether the EDS allows to read an item: it is not write-only, and bit 1 of its ObjFlags is 0."""
+    return item.access != "wo" and not item.flags & 2
 
 
 def _read(

@@ -3,20 +3,22 @@
     for result in conform_can(Endpoint.parse("can://socketcan/can0?node=5")): ...
 
 First the objects of the device are read, because cases for objects that it lacks are left out. If any case changes
-values, the communication is reset before that. Then the cases run one by one, each after a reset if it or the previous
-case changes values. A `gentle` battery only reads.
+values, the communication is reset before that (with an EDS the whole node). Then the cases run one by one, each after a
+reset if it or the previous case changes values. A `gentle` battery only reads.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from barewire.canopen.conformance.battery import cases, needs_reset, prepare, run_case
+from barewire.canopen.conformance.battery import cases, may_have_changed, needs_reset, prepare, run_case
 from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, Subject
 from barewire.canopen.conformance.probe import is_there, probe
+from barewire.canopen.eds import Eds, EdsObject
 from barewire.canopen.frame import CanFrame
+from barewire.canopen.nmt.messages import NmtCommand
 from barewire.conversation import Conversation, Listen, Send
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.endpoint import Endpoint
@@ -39,34 +41,44 @@ class NodeCaseResult(NamedTuple):
 
 
 def conform_can(
-    endpoint: Endpoint, *, gentle: bool = False, large: tuple[int, int] | None = None, only: tuple[str, ...] = ("",)
+    endpoint: Endpoint,
+    *,
+    gentle: bool = False,
+    large: tuple[int, int] | None = None,
+    only: tuple[str, ...] = ("",),
+    eds: Eds | None = None,
 ) -> Iterator[NodeCaseResult]:
     """Run the cases, and yield the result of each.
 
     gentle      run only cases that read
     large       (index, sub-index) of an object that accepts any bytes, for downloads of several segments
     only        the beginnings of the names of the cases to run; by default all run
+    eds         the EDS of the device: every object is compared with it, in cases whose names begin with OD-
 
-    Raises EncodeError for an endpoint that is not can://, PortError for a bus that cannot be opened, NoAnswer if no
-    device answers, Unfinished if the device stops answering for good.
+    Raises EncodeError for an endpoint that is not can:// and an EDS without objects, PortError for a bus that cannot be
+    opened, NoAnswer if no device answers, Unfinished if the device stops answering for good.
     """
     if endpoint.scheme != "can":
         raise EncodeError(f"endpoint {str(endpoint)!r}: these cases are for can://")
+    if eds is not None and not eds.objects:
+        raise EncodeError("the EDS describes no objects: expected sections like [1000]")
     from barewire.io.ports.python_can import CanPort
 
     node, patience = endpoint.integer("node", 1), endpoint.seconds("timeout", NODE_ANSWER_TIMEOUT)
+    objects = None if eds is None else eds.objects
     port: Port[CanFrame] = CanPort(endpoint)
     try:
-        subject, boot = _probe(port, node, patience, gentle, large, only)
-        wanted = [case for case in cases(subject) if case.name.startswith(only)]
-        before, remote = None, not endpoint.place.startswith("socketcand/")
+        subject, boot = _probe(port, node, patience, gentle, large, only, objects)
+        wanted = [case for case in cases(subject, objects) if case.name.startswith(only)]
+        previous, remote = None, not endpoint.place.startswith("socketcand/")
         for place, case in enumerate(wanted):
             if left_out := why_left_out(case, gentle, remote=remote):
                 yield NodeCaseResult(case, None, left_out)
                 continue
             not_run = sum(not why_left_out(other, gentle, remote=remote) for other in wanted[place:])
+            before = previous and previous.case
             try:
-                if needs_reset(case, before) and not run(
+                if needs_reset(case, previous) and not run(
                     prepare(subject, after=before, boot=boot, timeout=patience), port
                 ):
                     # A device that sends no boot-up message (reported by NMT-11) is not waited for again.
@@ -76,11 +88,11 @@ def conform_can(
             except PortError as error:
                 raise Unfinished(f"{error}, in the case {case.name}", not_run) from None
             yield NodeCaseResult(case, outcome)
-            before = case
-            if outcome.failure is not None and not outcome.received[-1] and case.effect == "reads":
+            previous = outcome
+            if outcome.failure is not None and not outcome.received[-1] and case.effect in ("reads", "tries"):
                 _check_answers(node, patience, port, not_run - 1, case)
-        if before is not None and needs_reset(before, before):
-            run(prepare(subject, after=before, boot=boot, timeout=patience), port)
+        if previous is not None and may_have_changed(previous):
+            run(prepare(subject, after=previous.case, boot=boot, timeout=patience), port)
     finally:
         port.close()
 
@@ -92,17 +104,19 @@ def _probe(
     gentle: bool,
     large: tuple[int, int] | None,
     only: tuple[str, ...],
+    objects: Mapping[int, EdsObject] | None,
 ) -> tuple[Subject, float]:
     """Read the objects of the device; return them, and the seconds to wait for a boot-up message."""
     boot = BOOT
-    subject = run(probe(node, timeout=patience, large=large), port)
+    subject = run(probe(node, timeout=patience, large=large, objects=objects), port)
     if large is not None and not run(is_there(node, *large, timeout=patience), port):
         raise EncodeError(f"the large object {large[0]:04X}:{large[1]:02X}: node {node} has no such object")
-    chosen = [case for case in cases(subject) if case.name.startswith(only) and not case.lacks]
+    chosen = [case for case in cases(subject, objects) if case.name.startswith(only) and not case.lacks]
     if not gentle and any(case.effect != "reads" for case in chosen):
         # Its configuration may have been changed: the cases need the values that it has after a reset.
-        boot = boot if run(prepare(subject), port) else patience
-        subject = run(probe(node, timeout=patience, large=large), port)
+        command = NmtCommand.RESET_COMMUNICATION if objects is None else NmtCommand.RESET_NODE
+        boot = boot if run(prepare(subject, command=command), port) else patience
+        subject = run(probe(node, timeout=patience, large=large, objects=objects), port)
     return subject, boot
 
 
