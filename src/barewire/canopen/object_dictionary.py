@@ -19,12 +19,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal, NoReturn, get_args
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.datatypes import ObjectCodec, object_codec, type_name
 from barewire.codecs import Value
-from barewire.errors import DecodeError, EncodeError, shown
+from barewire.errors import BarewireError, DecodeError, EncodeError, shown
 
 ObjectAccess = Literal["ro", "wo", "rw", "const"]
 ObjectAddress = tuple[int, int]
@@ -98,9 +98,13 @@ class ObjectDictionary:
 
     `changes` counts everything that may have changed a stored value, so that a machine that follows objects reads them
     only after a change. Entries with `on_read` change without being counted; `computed` holds their indices.
+
+    An error that `on_read` or `on_write` raises reaches the caller. With `on_failure`, which a device on a bus sets,
+    on_failure("2001h:00", error) is called for errors other than those of barewire, and the access is refused with
+    0800 0000h.
     """
 
-    __slots__ = ("_entries", "_subs", "_values", "changes", "computed")
+    __slots__ = ("_entries", "_subs", "_values", "changes", "computed", "on_failure")
 
     def __init__(self, entries: Iterable[Entry] = ()) -> None:
         self._entries: dict[tuple[int, int], Entry] = {}
@@ -108,6 +112,7 @@ class ObjectDictionary:
         self._subs: dict[int, list[int]] = {}
         self.changes = 0
         self.computed: set[int] = set()
+        self.on_failure: Callable[[str, Exception], None] | None = None
         for entry in entries:
             self.add(entry)
         for index, subs in self._subs.items():
@@ -242,7 +247,10 @@ class ObjectDictionary:
             raise SdoAbort(lengths.get(error.reason, AbortCode.INVALID_VALUE), index, sub) from None
         self._check_limits(entry, value)
         if entry.on_write is not None:
-            entry.on_write(value)
+            try:
+                entry.on_write(value)
+            except Exception as error:
+                self._raise_refusal(entry, error)
         self._values[index, sub] = value
         self.changes += 1
 
@@ -266,7 +274,19 @@ class ObjectDictionary:
     def get(self, index: int, sub: int = 0) -> Value:
         """Return the present value, without regard to access rights."""
         entry = self.entry(index, sub)
-        return self._values[index, sub] if entry.on_read is None else entry.on_read()
+        if entry.on_read is None:
+            return self._values[index, sub]
+        try:
+            return entry.on_read()
+        except Exception as error:
+            self._raise_refusal(entry, error)
+
+    def _raise_refusal(self, entry: Entry, error: Exception) -> NoReturn:
+        """Raise what a hook raised. An error that is not a refusal is reported, and raised as one."""
+        if isinstance(error, BarewireError) or self.on_failure is None:
+            raise error
+        self.on_failure(f"{entry.index:04X}h:{entry.sub:02X}", error)
+        raise SdoAbort(AbortCode.GENERAL, entry.index, entry.sub) from error
 
     def set(self, index: int, sub: int, value: Value) -> None:
         """Store a value without regard to access rights and limits; no `on_write` is called.

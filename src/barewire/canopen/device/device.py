@@ -50,7 +50,7 @@ from barewire.canopen.sdo.server.server import SdoServer
 from barewire.canopen.time_stamp import TimeConsumer, TimeStamp
 from barewire.errors import EncodeError, shown
 
-_RECOVERED = 0x8140
+_RECOVERED, _INTERNAL_SOFTWARE = 0x8140, 0x6100
 _FOLLOWED = {0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1012, 0x1016, 0x1017, 0x1019, 0x1028, *range(0x1201, 0x1280)}
 """The objects that configure the services."""
 _PAST, _NEVER = float("-inf"), -1
@@ -65,6 +65,13 @@ class LocalNode:
         dialect    the SDO dialect of the responses
         on_reset   called at a reset command, after the defaults are restored, so that the application can reset itself
         lss        with an LSS slave, the device can be given its node-ID over the bus
+        on_failure    called as on_failure(place, error) for each error in the code of the application (`on_read`,
+                      `on_write`, `on_reset`, `store` of LSS) or of the device itself; without it the error is raised
+
+    With `on_failure` the device works on after an error: the request during which it occurred is aborted with
+    0800 0000h, a value that cannot be read is zero in a PDO, and the other services are not affected. Emergency 6100h
+    (internal software) is sent, and stays active until the node is reset or the application calls
+    `error_gone(0x6100, now)`. SdoAbort and other errors of barewire refuse an access; they are not failures.
 
     >>> from barewire.canopen.object_dictionary import Entry
     >>> device = LocalNode(5, ObjectDictionary([Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000)]))
@@ -75,7 +82,7 @@ class LocalNode:
     """
 
     __slots__ = (
-        *("__weakref__", "_computed", "_due", "_on", "_pdos", "_seen", "_silent_until"),
+        *("__weakref__", "_computed", "_due", "_has_failed", "_on", "_on_failure", "_pdos", "_seen", "_silent_until"),
         *("channels", "consumers", "control", "dialect", "errors", "lss", "nmt", "node", "objects", "on_reset"),
         *("pdo", "sdo", "stored", "sync"),
     )
@@ -89,6 +96,7 @@ class LocalNode:
         dialect: SdoDialect = STANDARD,
         on_reset: Callable[[NmtCommand], None] | None = None,
         lss: LssSlave | None = None,
+        on_failure: Callable[[str, Exception], None] | None = None,
     ) -> None:
         if not isinstance(objects, ObjectDictionary):
             text = "expected an ObjectDictionary, such as ObjectDictionary([Entry(...), ...])"
@@ -96,6 +104,8 @@ class LocalNode:
         self.objects = objects
         self.dialect = dialect
         self.on_reset = on_reset
+        self.on_failure = on_failure
+        self._has_failed = False  # and no emergency says so yet
         self.lss = lss
         if lss is not None:
             lss.node = lss.pending = node
@@ -124,8 +134,8 @@ class LocalNode:
         number = check_node(NODE_MAX if node is None else node)
         self.errors.renumber(number)
         self.nmt = NmtSlave(number)
-        self.sdo = SdoServer(number, self.objects, self.dialect)
-        self.channels = AdditionalServers(number, self.objects, self.dialect)
+        self.sdo = SdoServer(number, self.objects, self.dialect, on_failure=self.report_failure)
+        self.channels = AdditionalServers(number, self.objects, self.dialect, on_failure=self.report_failure)
         self.pdo = PdoEngine(number, self.objects, self._pdos, self.errors)
         self.control = ErrorControl(number, self.objects)
         self.stored.apply()
@@ -161,10 +171,31 @@ class LocalNode:
             return None
         dues = [self.control.deadline]
         if self._may_communicate:
-            dues += [self.sdo.deadline, self.channels.deadline, self.pdo.deadline]
-            dues += [self.errors.deadline, self.sync.deadline]
+            try:
+                dues += [self.sdo.deadline, self.channels.deadline, self.errors.deadline, self.sync.deadline]
+                dues += [self.pdo.deadline]  # it may read objects of the application
+            except Exception as error:
+                self.report_failure("deadline", error)
         earliest = min((due for due in dues if due is not None), default=None)
         return None if earliest is None else max(earliest, self._silent_until)
+
+    @property
+    def on_failure(self) -> Callable[[str, Exception], None] | None:
+        """Called with each error in the code of the application or of the device."""
+        return self._on_failure
+
+    @on_failure.setter
+    def on_failure(self, function: Callable[[str, Exception], None] | None) -> None:
+        self._on_failure = function
+        self.objects.on_failure = None if function is None else self.report_failure
+
+    def report_failure(self, place: str, error: Exception) -> None:
+        """Report an error of the application to `on_failure`, and send emergency 6100h at the next `feed`. Without
+        `on_failure` the error is raised."""
+        if self._on_failure is None:
+            raise error
+        self._has_failed = True
+        self._on_failure(place, error)
 
     @property
     def _may_communicate(self) -> bool:
@@ -184,7 +215,10 @@ class LocalNode:
         boot_up = self.control.boot(now)
         self.nmt.booted()
         self._enter(self.nmt.state)
-        self._follow(now)
+        try:
+            self._follow(None, now, [])
+        except Exception as error:
+            self.report_failure("configuration", error)
         return [boot_up]
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
@@ -193,33 +227,64 @@ class LocalNode:
             return []
         if now < self._due and self._seen == self.objects.changes and frame is not None and self.sdo.accept(frame, now):
             return []  # fast path: a segment inside a block download, and nothing else is due
-        frames = [] if self.lss is None else self.lss.feed(frame, now)
-        if self.lss is not None and self.lss.must_boot:
-            self._make_services(self.lss.take_over())
-            return frames + self.start(now)
+        frames: list[CanFrame] = []
+        for place, service in _SERVICES:
+            try:
+                if service(self, frame, now, frames):
+                    break
+            except Exception as error:
+                self.report_failure(place, error)
+        if self._has_failed:
+            self._has_failed = False
+            frames += self.errors.error(_INTERNAL_SOFTWARE, now)
+        self._due = _PAST if self.sdo.deadline is None else self.deadline or _PAST
+        return frames
+
+    # The services in the order in which they are fed. They append the frames to send to `frames`, and return True if
+    # the services after them are not fed.
+
+    def _feed_nmt(self, frame: CanFrame | None, now: float, frames: list[CanFrame]) -> bool:
+        if self.lss is not None:
+            frames += self.lss.feed(frame, now)
+            if self.lss.must_boot:
+                self._make_services(self.lss.take_over())
+                frames += self.start(now)
+                return True
         if self.node is None:
-            return frames
+            return True
         for change in self.nmt.feed(frame, now):
             if change.after is NmtState.INITIALISING:
-                return frames + self._reset(change.command, now)
+                frames += self._reset(change.command, now)
+                return True
             if change.before is not change.after:
                 self._enter(change.after)
+        return False
+
+    def _feed_sdo(self, frame: CanFrame | None, now: float, frames: list[CanFrame]) -> None:
         if self._may_communicate:
-            frames += self.sdo.feed(frame, now) + self.channels.feed(frame, now)
+            frames += self.sdo.feed(frame, now)
+            frames += self.channels.feed(frame, now)
         else:
             self.sdo.forget()
             self.channels.forget()
-        self._follow(now)
+
+    def _feed_error_control(self, frame: CanFrame | None, now: float, frames: list[CanFrame]) -> None:
         control_frames, events = self.control.feed(frame, now)
         frames += control_frames
         for node, resolved in events:
             frames += self._error_control(node, resolved, now)
+
+    def _feed_heartbeat(self, frame: CanFrame | None, now: float, frames: list[CanFrame]) -> None:
+        frames += self.control.heartbeat.feed(None, now)
+
+    def _feed_pdo(self, frame: CanFrame | None, now: float, frames: list[CanFrame]) -> None:
         if self._may_communicate:
             frames += self._sync_and_pdo(frame, now)
+
+    def _feed_consumers(self, frame: CanFrame | None, now: float, frames: list[CanFrame]) -> None:
+        if self._may_communicate:
             self.consumers.feed(frame, now)
             frames += self.errors.feed(None, now)
-        self._due = _PAST if self.sdo.deadline is None else self.deadline or _PAST
-        return frames
 
     def error(
         self, code: int, now: float, *, source: Hashable = None, info: bytes = b"", register: int | None = None
@@ -282,12 +347,15 @@ class LocalNode:
         self.stored.restore(0x1000, 0x9FFF if everything else 0x1FFF)
         self.errors.reset(communication_only=not everything)
         if self.on_reset is not None:
-            self.on_reset(command)
+            try:
+                self.on_reset(command)
+            except Exception as error:
+                self.report_failure("on_reset", error)
         if self.lss is not None and self.lss.take_over() != self.node:
             self._make_services(self.lss.node)
         return self.start(now)
 
-    def _follow(self, now: float) -> None:
+    def _follow(self, frame: CanFrame | None, now: float, frames: list[CanFrame]) -> None:
         """Read the communication objects, if any may have changed."""
         objects = self.objects
         if self._seen == objects.changes and not self._computed:
@@ -303,3 +371,14 @@ class LocalNode:
     def _be_silent(self, until: float) -> None:
         """Send and receive nothing until then, while the bit rate changes."""
         self._silent_until = until
+
+
+_SERVICES: tuple[tuple[str, Callable[[LocalNode, CanFrame | None, float, list[CanFrame]], object]], ...] = (
+    ("NMT and LSS", LocalNode._feed_nmt),
+    ("SDO", LocalNode._feed_sdo),
+    ("configuration", LocalNode._follow),
+    ("error control", LocalNode._feed_error_control),
+    ("heartbeat", LocalNode._feed_heartbeat),
+    ("SYNC and PDO", LocalNode._feed_pdo),
+    ("EMCY and TIME", LocalNode._feed_consumers),
+)

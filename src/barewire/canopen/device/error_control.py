@@ -51,6 +51,7 @@ def validate_consumer_writes(objects: ObjectDictionary) -> None:
 class ErrorControl:
     """The error control of one device. `follow` reads the objects; `feed` returns frames and events.
 
+    `heartbeat` is fed by its owner, so that it beats whatever happens to the rest.
     `liveness` and `state` of other nodes are in `consumer`.
     """
 
@@ -121,5 +122,4 @@ class ErrorControl:
                     frames.append(item)
                 else:
                     events.append(ErrorControlEvent(0, resolved=item.kind == "resolved"))
-        frames += self.heartbeat.feed(None, now)
         return frames, events

@@ -17,6 +17,7 @@ that follow from the node-ID.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
@@ -102,10 +103,18 @@ class AdditionalServers:
     ['6A1#43011201A0060000']
     """
 
-    __slots__ = ("_in_use", "_indices", "_keys", "dialect", "node", "objects", "servers")
+    __slots__ = ("_in_use", "_indices", "_keys", "_on_failure", "dialect", "node", "objects", "servers")
 
-    def __init__(self, node: int, objects: ObjectDictionary, dialect: SdoDialect = STANDARD) -> None:
+    def __init__(
+        self,
+        node: int,
+        objects: ObjectDictionary,
+        dialect: SdoDialect = STANDARD,
+        *,
+        on_failure: Callable[[str, Exception], None] | None = None,
+    ) -> None:
         self.node = node
+        self._on_failure = on_failure
         self.objects = objects
         self.dialect = dialect
         self.servers: dict[int, SdoServer] = {}
@@ -138,7 +147,9 @@ class AdditionalServers:
             if cob_ids is None:
                 self.servers.pop(number, None)
             elif before.get(index) != cob_ids:
-                self.servers[number] = SdoServer(self.node, self.objects, self.dialect, cob_ids=cob_ids)
+                self.servers[number] = SdoServer(
+                    self.node, self.objects, self.dialect, cob_ids=cob_ids, on_failure=self._on_failure
+                )
         self._in_use = channels
         self._keys = {
             (server.request_id, server.request_extended): server for server in reversed(self.servers.values())

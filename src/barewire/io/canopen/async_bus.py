@@ -22,9 +22,9 @@ from typing import Self, TypeVar
 
 from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.frame import CanFrame
-from barewire.errors import BarewireError, PortError
+from barewire.errors import PortError
 from barewire.io.canopen.event_stream import STREAM_ROOM, Listener, Report, StreamBase
-from barewire.io.canopen.node_runner import CHECK_INTERVAL, Action, NodeDriver, NodeStatistics, Speaker, begin
+from barewire.io.canopen.node_runner import Action, NodeDriver, NodeStatistics, Speaker, ended_text
 from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.subscriber import (
     LONGEST_PULL,
@@ -254,9 +254,10 @@ class AsyncRunning:
         self.machine = machine
         self.statistics = NodeStatistics() if statistics is None else statistics
         self._log = PortLog("barewire.canopen.client", f"can://{bus.name}") if log is None else log
+        self._driver = NodeDriver(machine, self.statistics, self._log)
         self._subscriber = AsyncSubscriber(bus, keys, node=True, reports=True)
-        self.failure: BarewireError | None = None
-        """The error that ended the machine, if it was one of barewire."""
+        self.failure: BaseException | None = None
+        """The error that ended the machine: it could not be started."""
         self._task = asyncio.create_task(self._run())
 
     def __enter__(self) -> Self:
@@ -269,21 +270,22 @@ class AsyncRunning:
         try:
             await self._serve()
         except Exception as error:
-            self.failure = error if isinstance(error, BarewireError) else None
-            self._log.error("ended", f"{self.machine}: its code failed: {type(error).__name__}: {error}", error)
+            self.failure = error
+            self._log.error("ended", ended_text(self.machine, error), error)
             raise
+        finally:
+            self._driver.release()
+            self._log.flush()
 
     async def _serve(self) -> None:
-        machine, driver, clock = self.machine, NodeDriver(self.machine), time.monotonic
+        driver, clock = self._driver, time.monotonic
         with self._subscriber:
-            frames = begin(machine, clock())
+            frames = driver.start(clock())
             while True:
                 for frame in frames:
                     await self._send(frame)
-                deadline = machine.deadline
-                wait = CHECK_INTERVAL if deadline is None else min(CHECK_INTERVAL, deadline - clock())
                 try:
-                    arrived = await self._subscriber.pull_async(wait)
+                    arrived = await self._subscriber.pull_async(driver.wait(clock()))
                 except PortError:
                     return
                 self.statistics.count(None if arrived is None else arrived.item)
@@ -299,9 +301,14 @@ class AsyncRunning:
             self.statistics.refused(frame, error, self._log)
 
     async def do(self, action: Action) -> None:
-        """Call `action(now)`, then send the frames that it returns and those that are due."""
+        """Call `action(now)`, then send the frames that it returns and those that are due.
+
+        Raises what the action raises, and PortError if the machine has ended.
+        """
+        if self.failure is not None:
+            raise PortError(f"{self._log.place}: {ended_text(self.machine, self.failure)}")
         now = time.monotonic()
-        for frame in [*(action(now) or ()), *self.machine.feed(None, now)]:
+        for frame in [*(action(now) or ()), *self._driver.feed(None, now)]:
             await self._send(frame)
 
     def stop(self) -> None:

@@ -8,13 +8,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
-from barewire.errors import BarewireError, EncodeError, PortError, shown
+from barewire.errors import EncodeError, PortError, shown
 from barewire.io.canopen.subscriber import BusDown, BusItem, FrameBus, FramesLost, Key, Subscriber
-from barewire.io.engine.locking import exclusive
+from barewire.io.engine.locking import SharedNode, exclusive
 from barewire.io.log import PortLog
 
 _BUS_OFF, _RESTARTED = 0x40, 0x100
@@ -38,6 +38,12 @@ class NodeStatistics:
     """Frames that arrived faster than they were taken."""
     failures: int = 0
     """How often the port of the bus failed; each time it was opened again."""
+    errors: list[str] = field(default_factory=list)
+    """The latest ten errors in the code of the device; it works on after each."""
+
+    def failed(self, text: str) -> None:
+        """Record an error in the code of the device."""
+        self.errors = [*self.errors[-9:], text]
 
     def count(self, item: BusItem | None) -> None:
         """Count an item that was received from the bus."""
@@ -81,15 +87,6 @@ def checked_machine(machine: Speaker) -> Speaker:
     return machine
 
 
-def begin(machine: Speaker, now: float) -> list[CanFrame]:
-    """Start a machine, if it has a `start`, and return its first frames."""
-    frames: list[CanFrame] = []
-    start = getattr(machine, "start", None)
-    if start is not None:
-        frames += start(now) or []
-    return frames + machine.feed(None, now)
-
-
 class CallbackAdapter:
     """A machine whose results are frames and events, such as the master of node guarding. Its frames go to the bus, its
     events to `callback`, in the thread or task of the machine."""
@@ -118,17 +115,75 @@ class CallbackAdapter:
 class NodeDriver:
     """Feeds a machine on a bus with frames, with time, and with bus-off and recovery of the controller.
 
+    An error in the code of the machine is counted and logged with its traceback, and the machine is fed again at the
+    next frame or after 0.1 s. A machine with `on_failure`, such as `LocalNode`, reports its errors itself and answers
+    the request; an `on_failure` of the application is called as well. Only an error of `start` is raised.
+
     A node that goes bus-off follows its error behavior. It sends emergency 8140h when it is back on the bus: after the
     controller was restarted, or when a frame arrives. While a bus is being opened again, it is only silent for the
     machine.
     """
 
-    def __init__(self, machine: Speaker) -> None:
+    def __init__(self, machine: Speaker, statistics: NodeStatistics, log: PortLog) -> None:
         self.machine = machine
+        self.statistics = statistics
+        self._log = log
         self._off = False
+        self._waits_until = float("-inf")
+        # Any machine may have `on_failure`, as `LocalNode` has.
+        self._reporter: Any = machine.served if isinstance(machine, SharedNode) else machine
+        self._on_failure: Callable[[str, Exception], object] | None = None
+        self._is_attached = False
+
+    def start(self, now: float) -> list[CanFrame]:
+        """Start a machine, if it has a `start`, feed it the time, and return its first frames. An error is raised."""
+        if hasattr(self._reporter, "on_failure"):
+            self._on_failure, self._is_attached = self._reporter.on_failure, True
+            self._reporter.on_failure = self._failed
+        start = getattr(self.machine, "start", None)
+        return [*((start and start(now)) or ()), *self._feed(None, now)]
+
+    def release(self) -> None:
+        """Give the machine back its own `on_failure`."""
+        if self._is_attached:
+            self._is_attached = False
+            self._reporter.on_failure = self._on_failure
+
+    def _failed(self, place: str, error: Exception) -> None:
+        text = f"{type(error).__name__}: {_text_of(error)}"
+        self.statistics.failed(f"{place}: {text}")
+        self._log.error(("code", place, type(error)), f"{place}: its code failed: {text}", error)
+        if self._on_failure is not None:
+            self._on_failure(place, error)
+
+    def wait(self, now: float) -> float:
+        """Return the seconds after which the machine must be fed, if nothing is received before."""
+        try:
+            deadline = self.machine.deadline
+        except Exception as error:
+            self._caught("deadline", error)
+            deadline = None
+        wait = CHECK_INTERVAL if deadline is None else min(CHECK_INTERVAL, deadline - now)
+        return max(0.0, wait, min(CHECK_INTERVAL, self._waits_until - now))
 
     def feed(self, item: BusItem | None, now: float) -> list[CanFrame]:
         """Feed the machine with an item, or with the time, and return its frames."""
+        try:
+            return self._feed(item, now)
+        except Exception as error:
+            self._waits_until = now + CHECK_INTERVAL
+            self._caught("feed", error)
+            return []
+
+    def _caught(self, place: str, error: Exception) -> None:
+        """Report an error that the machine raised. `on_failure` of the application may have raised it."""
+        on_failure, self._on_failure = self._on_failure, None
+        try:
+            self._failed(f"{type(self._reporter).__name__}.{place}", error)
+        finally:
+            self._on_failure = on_failure
+
+    def _feed(self, item: BusItem | None, now: float) -> list[CanFrame]:
         frame = item if isinstance(item, CanFrame) else None
         classes = item.classes if isinstance(item, ErrorFrame) else 0
         frames: list[CanFrame] = []
@@ -142,6 +197,20 @@ class NodeDriver:
             if bus_off is not None:
                 bus_off(now)
         return frames + self.machine.feed(frame, now)  # type: ignore[arg-type]
+
+
+def _text_of(error: BaseException) -> str:
+    """Return the text of an error. Its `__str__` may belong to the application, and fail."""
+    try:
+        return str(error)
+    except Exception:
+        return "(no text)"
+
+
+def ended_text(machine: object, error: BaseException) -> str:
+    """Return the text that tells that a machine has ended."""
+    name = type(machine.served if isinstance(machine, SharedNode) else machine).__name__
+    return f"{name} ended: its code failed: {type(error).__name__}: {_text_of(error)}"
 
 
 Action = Callable[[float], Iterable[CanFrame] | None]
@@ -159,10 +228,11 @@ class Running:
         self.machine = machine
         self.statistics = NodeStatistics()
         self._log = PortLog("barewire.canopen.client", f"can://{bus.name}")
+        self._driver = NodeDriver(machine, self.statistics, self._log)
         self._sending = threading.RLock()  # frames are sent in the order in which they were made
         self._subscriber = Subscriber(bus, keys, node=True, reports=True)
-        self.failure: BarewireError | None = None
-        """The error that ended the machine, if it was one of barewire."""
+        self.failure: BaseException | None = None
+        """The error that ended the machine: it could not be started."""
         self._thread = threading.Thread(target=self._run, name=f"{type(machine).__name__} on {bus.name}", daemon=True)
         self._thread.start()
 
@@ -175,20 +245,24 @@ class Running:
     def _run(self) -> None:
         try:
             self._serve()
-        except BarewireError as error:
+        except BaseException as error:
             self.failure = error
+            self._log.error("ended", ended_text(self.machine, error), error)
             raise
+        finally:
+            self._driver.release()
+            self._log.flush()
 
     def _serve(self) -> None:
-        machine, driver, clock = self.machine, NodeDriver(self.machine), time.monotonic
+        machine, driver, clock = self.machine, self._driver, time.monotonic
         with self._subscriber:
             with self._sending:
-                self._send(begin(machine, clock()))
+                with exclusive(machine):
+                    frames = driver.start(clock())
+                self._send(frames)
             while True:
-                deadline = machine.deadline
-                wait = CHECK_INTERVAL if deadline is None else min(CHECK_INTERVAL, deadline - clock())
                 try:
-                    arrived = self._subscriber.pull(wait)
+                    arrived = self._subscriber.pull(driver.wait(clock()))
                 except PortError:
                     return
                 self.statistics.count(None if arrived is None else arrived.item)
@@ -206,11 +280,16 @@ class Running:
                 self.statistics.refused(frame, error, self._log)
 
     def do(self, action: Action) -> None:
-        """Call `action(now)` with the machine locked, then send the frames that it returns and those that are due."""
+        """Call `action(now)` with the machine locked, then send the frames that it returns and those that are due.
+
+        Raises what the action raises, and PortError if the machine has ended.
+        """
+        if self.failure is not None:
+            raise PortError(f"{self._log.place}: {ended_text(self.machine, self.failure)}")
         with self._sending:
             with exclusive(self.machine):
                 now = time.monotonic()
-                frames = [*(action(now) or ()), *self.machine.feed(None, now)]
+                frames = [*(action(now) or ()), *self._driver.feed(None, now)]
             self._send(frames)
 
     def stop(self) -> None:

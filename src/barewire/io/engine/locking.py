@@ -121,40 +121,40 @@ class SharedNode:
     """A node that is fed by one thread at a time."""
 
     def __init__(self, node: CanopenNode) -> None:
-        self._node = node
+        self.served = node
         self._lock = exclusive(node)
 
     @property
     def deadline(self) -> float | None:
         """When the node has to be fed None, if no frame arrives before."""
         with self._lock:
-            return self._node.deadline
+            return self.served.deadline
 
     def start(self, now: float) -> list[CanFrame]:
         """Switch the node on, if it has a `start`; other nodes start by themselves."""
         with self._lock:
-            start = getattr(self._node, "start", None)
+            start = getattr(self.served, "start", None)
             return [] if start is None else list(start(now))
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """Return the frames with which the node answers."""
         with self._lock:
-            return self._node.feed(frame, now)
+            return self.served.feed(frame, now)
 
     def do(self, action: Callable[[float], Iterable[CanFrame] | None], now: float) -> list[CanFrame]:
-        """Call `action(now)`; return its frames, and those that the node sends after it."""
+        """Call `action(now)` while no other thread uses the node; return its frames."""
         with self._lock:
-            return [*(action(now) or ()), *self._node.feed(None, now)]
+            return [*(action(now) or ())]
 
     def bus_off(self, now: float) -> None:
         """Report to the node that the CAN controller left the bus, if the node has a method for that."""
         with self._lock:
-            bus_off = getattr(self._node, "bus_off", None)
+            bus_off = getattr(self.served, "bus_off", None)
             if bus_off is not None:
                 bus_off(now)
 
     def recovered(self, now: float) -> list[CanFrame]:
         """Report to the node that the CAN controller is back on the bus."""
         with self._lock:
-            recovered = getattr(self._node, "recovered", None)
+            recovered = getattr(self.served, "recovered", None)
             return [] if recovered is None else list(recovered(now))

@@ -149,7 +149,7 @@ class AsyncServer(ABC):
         await self.close()
 
     @property
-    def failure(self) -> BarewireError | None:
+    def failure(self) -> BaseException | None:
         """The error that ended the server, or None."""
         return None
 

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 from barewire.canopen import CanFrame
 from barewire.devices.device import Device
-from barewire.errors import BarewireError, EncodeError, PortError, shown
-from barewire.io.canopen.node_runner import Action, NodeDriver, NodeStatistics, begin, check_instance
+from barewire.errors import EncodeError, PortError, shown
+from barewire.io.canopen.node_runner import Action, NodeDriver, NodeStatistics, check_instance, ended_text
 from barewire.io.canopen.reconnect import Reopening, receiver
 from barewire.io.canopen.shared_bus import CanBus, can_endpoint
 from barewire.io.canopen.socketcand import SocketcandHub
@@ -28,7 +28,7 @@ from barewire.io.engine.locking import CanopenNode, SharedNode
 from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
 from barewire.io.ports.python_can import CanPort
-from barewire.io.server.base import POLL_INTERVAL, AsyncServer, ThreadedServer
+from barewire.io.server.base import AsyncServer, ThreadedServer
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -70,7 +70,7 @@ class _CanopenServerBase:
             self.dial = _with_faults(self.dial, faults, fault_seed, fault_delay, on_fault)
         self._hub: SocketcandHub | None = None
         self.statistics = NodeStatistics()
-        """Counters of frames."""
+        """Counters of frames, and the latest errors in the code of the device."""
         self._log = PortLog("barewire.canopen.server", f"can://{endpoint.place}")
         for reason in self.refused_pdos:
             self._log.warning("PDO", f"switched off: {reason}")
@@ -90,7 +90,9 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
     faults, fault_seed, fault_delay, on_fault      as those of `ModbusServer`
     options     those of the URL, which they override
 
-    A port that fails is opened again; meanwhile the node receives nothing. `statistics` counts frames.
+    A port that fails is opened again; meanwhile the node receives nothing. `statistics` counts frames. An error in the
+    code of the device is logged and kept in `statistics.errors`; the device works on, and a request is aborted with
+    0800 0000h.
 
     Raises EncodeError for a wrong URL, option or device, PortError for a bus that cannot be opened.
     """
@@ -99,6 +101,7 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
 
     def _prepare(self) -> None:
         self._bus_log = PortLog("barewire.canopen.bus", self._log.place)
+        self._driver = NodeDriver(self._node, self.statistics, self._log)
         self._watch: WatchFrames | None = None
         self._sending = threading.RLock()  # frames are sent in the order in which they were made
         self._hub = _hub(self._endpoint)
@@ -110,20 +113,15 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
             raise
 
     def _serve(self, stop: threading.Event) -> None:
-        clock, reopening, driver = (
-            time.monotonic,
-            Reopening(self.dial, stop, pauses=self._endpoint.pauses, log=self._bus_log),
-            NodeDriver(self._node),
-        )
+        clock, driver = time.monotonic, self._driver
+        reopening = Reopening(self.dial, stop, pauses=self._endpoint.pauses, log=self._bus_log)
         self._log.info("serving", "serving")
         watch = self._watch = self._bus_log.watch()
         with self._sending:
-            self._send(begin(self._node, clock()))
+            self._send(driver.start(clock()))
         while not self.is_over(stop):
-            deadline = self._node.deadline
-            wait = POLL_INTERVAL if deadline is None else min(POLL_INTERVAL, max(0.0, deadline - clock()))
             try:
-                item = receiver(self.port)(wait)
+                item = receiver(self.port)(driver.wait(clock()))
             except PortError as error:
                 self.statistics.failures += 1
                 opened = reopening.reopen(self.port, str(error))
@@ -137,6 +135,7 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
                 self._send(driver.feed(item, clock()))
 
     def _release(self) -> None:
+        self._driver.release()
         self.port.close()
         self._log.info("closed", "closed")
         self._log.flush()
@@ -148,10 +147,14 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
 
             server.do(lambda now: device.error(0x4210, now))
 
-        A value that is changed without `do` takes effect within 0.1 s.
+        A value that is changed without `do` takes effect within 0.1 s. Raises what the action raises, and PortError if
+        the server has ended.
         """
+        if self.failure is not None:
+            raise PortError(f"{self.url}: {ended_text(self._node, self.failure)}")
         with self._sending:
-            self._send(self._node.do(action, time.monotonic()))
+            now = time.monotonic()
+            self._send([*self._node.do(action, now), *self._driver.feed(None, now)])
 
     def _send(self, frames: list[CanFrame]) -> None:
         for frame in frames:
@@ -191,6 +194,7 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
         self._is_released = False
         self._bus: CanBus | None = None
         self._running: AsyncRunning | None = None
+        self._failure: BaseException | None = None
 
     def _open_bus(self) -> CanBus:
         self._hub = _hub(self._endpoint)
@@ -206,9 +210,9 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
         self._log.info("serving", "serving")
 
     @property
-    def failure(self) -> BarewireError | None:
+    def failure(self) -> BaseException | None:
         """The error that ended the server, or None."""
-        return None if self._running is None else self._running.failure
+        return self._failure if self._running is None else self._running.failure
 
     async def do(self, action: Action) -> None:
         """Call `action(now)`, then send the frames that it returns and those that are due."""
@@ -220,6 +224,7 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
         self._is_released = True
         if self._running is not None:
             self._running.stop()
+            self._failure = self._running.failure
             self._running = None
             self._log.info("closed", "closed")
             self._log.flush()

@@ -25,6 +25,7 @@ Depends on: frames and times passed in, an `ObjectStore`. Used by: local nodes, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
@@ -106,6 +107,8 @@ class SdoServer:
         limit     the longest value, in bytes, that can be written
         blksize   segments in a block of a download, 1 to 127; 0: no block transfers
         cob_ids   the channel of a further server, client to server first; default: the first channel of the node
+        on_failure    called as on_failure("SDO", error) for an error that is not one of barewire; the request is then
+                      aborted with 0800 0000h. Without it the error is raised
 
     >>> from barewire.canopen.object_dictionary import Entry, ObjectDictionary
     >>> server = SdoServer(5, ObjectDictionary([Entry(0x6041, 0, "STATUS WORD", "u16", "ro", 0x0637)]))
@@ -114,7 +117,7 @@ class SdoServer:
     """
 
     __slots__ = (
-        *("response_id", "counters", "dialect", "objects", "request_id", "timeout", "limit", "blksize"),
+        *("response_id", "counters", "dialect", "objects", "request_id", "timeout", "limit", "blksize", "on_failure"),
         *("response_extended", "request_extended"),
         *("_place", "_transfer", "_stray", "_stray_until"),
     )
@@ -129,6 +132,7 @@ class SdoServer:
         limit: int = LIMIT,
         blksize: int = BLOCK_MAX,
         cob_ids: tuple[CobEntry, CobEntry] | None = None,
+        on_failure: Callable[[str, Exception], None] | None = None,
     ) -> None:
         if not 0 <= blksize <= BLOCK_MAX:
             raise EncodeError(f"{blksize} segments in a block: expected 1..{BLOCK_MAX}, or 0 for no blocks")
@@ -140,6 +144,7 @@ class SdoServer:
         self.timeout = timeout
         self.limit = limit
         self.blksize = blksize
+        self.on_failure = on_failure
         self.reset()
 
     def __repr__(self) -> str:
@@ -168,12 +173,19 @@ class SdoServer:
             return []
         data = None if frame is None else self._request_data(frame)
         transfer = self._transfer
-        if data is not None:
-            responses = self._receive(data, now)
-        elif transfer is not None and now >= transfer.deadline:
-            responses = self._continue(transfer, None, now)
-        else:
-            return []
+        try:
+            if data is not None:
+                responses = self._receive(data, now)
+            elif transfer is not None and now >= transfer.deadline:
+                responses = self._continue(transfer, None, now)
+            else:
+                return []
+        except Exception as error:
+            self._transfer = None
+            if self.on_failure is None:
+                raise
+            self.on_failure("SDO", error)
+            responses = self._refuse(AbortCode.GENERAL)
         return CanFrame.each(self.response_id, responses, self.response_extended)
 
     def accept(self, frame: CanFrame, now: float) -> bool:

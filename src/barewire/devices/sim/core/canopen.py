@@ -128,13 +128,30 @@ class CanopenAdapter:
 
     def start(self, now: float) -> list[CanFrame]:
         """Boot, and return the boot-up message."""
-        self.machine.tick(now)
+        self._tick(now)
         self._boots_at = None
         return self.node.start(self.machine.clock.now)
 
+    @property
+    def on_failure(self) -> Callable[[str, Exception], None] | None:
+        """Called with each error in the code of the machine, as that of `LocalNode`."""
+        return self.node.on_failure
+
+    @on_failure.setter
+    def on_failure(self, function: Callable[[str, Exception], None] | None) -> None:
+        self.node.on_failure = function
+
+    def _tick(self, now: float) -> None:
+        """Advance the machine. If its code fails, that is reported, and the node works on."""
+        try:
+            self.machine.tick(now)
+        except Exception as error:
+            self.machine.clock.advance(now)
+            self.node.report_failure("machine", error)
+
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """Return the frames that the node sends after a received frame, or after time has passed."""
-        self.machine.tick(now)
+        self._tick(now)
         if self._is_at_another_bitrate:
             return []
         sent = [] if self._boots_at is None else self.start(now)
