@@ -38,6 +38,13 @@ if TYPE_CHECKING:
         is_restricted as is_restricted,
     )
     from barewire.canopen.communication_objects import standard_objects as standard_objects
+    from barewire.canopen.configuration.concise_dcf import (
+        ConciseValue as ConciseValue,
+        concise_dcf as concise_dcf,
+        concise_values as concise_values,
+        decode_concise_dcf as decode_concise_dcf,
+        encode_concise_dcf as encode_concise_dcf,
+    )
     from barewire.canopen.configuration.configure import (
         ConfigurationFailed as ConfigurationFailed,
         ConfigurationResult as ConfigurationResult,
@@ -201,6 +208,7 @@ __getattr__, __dir__, __all__ = lazy(
         "communication_objects": "standard_objects",
         "device.sdo_channels": "client_channel",
         "configuration.settings": "device_configuration DeviceConfiguration Setting Difference",
+        "configuration.concise_dcf": ("concise_dcf ConciseValue encode_concise_dcf decode_concise_dcf concise_values"),
         "configuration.configure": "compare_device configure_device ConfigurationResult ConfigurationFailed",
     },
 )
