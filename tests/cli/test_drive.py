@@ -43,8 +43,8 @@ def test_enable_move_and_stop(drive_at: tuple[str, str]) -> None:
     assert enabled[-1].startswith("operation enabled, position 0")
     assert not any("operation enabled, waiting for 'operation enabled'" in line for line in enabled)
     # Not its velocity: what a CSD MT shows is the mean of the last 100 ms (register 1113).
-    assert "position 2000, " in output_of("drive", *drive_at, "move", "2000", "--velocity", "400")
-    assert "position 1500, " in output_of("drive", *drive_at, "move", "-500", "--relative")
+    assert "position 300, " in output_of("drive", *drive_at, "move", "300", "--velocity", "400")
+    assert "position 200, " in output_of("drive", *drive_at, "move", "-100", "--relative")
     events = [json.loads(line) for line in output_of("drive", *drive_at, "velocity", "-120", "--json").splitlines()]
     assert events[-1]["action"] == "velocity"
     assert "target reached" in events[-1]["bits"]
@@ -179,7 +179,7 @@ def error_after_progress(*arguments: str) -> str:
 def test_a_movement_does_not_switch_the_current_on_unasked() -> None:
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
         for words in (("move", "100"), ("velocity", "100"), ("home", "35")):
-            error = error_after_progress("drive", endpoint, "csd-mt", *words)
+            error = error_after_progress("drive", endpoint, "csd-mt", *words, "--timeout", "0.3")
             assert "stuck in 'switch on disabled', waiting for 'operation enabled': " in error
             assert "enable it first, or together with the movement (--enable" in error
         assert output_of("drive", endpoint, "csd-mt", "status").startswith("switch on disabled, ")

@@ -59,11 +59,14 @@ def _until(true: Callable[[], bool], seconds: float = 5) -> None:
 def assert_same_frames(lines: list[str], seen: list[CanFrame]) -> None:
     """Assert that candump received the frames of our side: on each identifier the same ones in the same order.
 
+    Remote frames and data frames of an identifier have different senders, so only the bus has an order of both: a frame
+    may have been received, but not read yet, when our side sends one.
+
     (1764000000.000001) vcan0 605#4000100000000000 T
     """
     dumped = [CanFrame.parse(line.split()[2]) for line in lines]
-    for key in {frame.key for frame in (*dumped, *seen)}:
-        theirs, ours = ([str(frame) for frame in some if frame.key == key] for some in (dumped, seen))
+    for key in {(frame.key, frame.remote) for frame in (*dumped, *seen)}:
+        theirs, ours = ([str(frame) for frame in some if (frame.key, frame.remote) == key] for some in (dumped, seen))
         place = next((place for place, pair in enumerate(zip(theirs, ours)) if pair[0] != pair[1]), None)
         shown = "none" if place is None else f"{place}: {theirs[place : place + 3]}, {ours[place : place + 3]}"
         assert theirs == ours, f"candump received {len(theirs)}, our side {len(ours)}; the first difference is {shown}"

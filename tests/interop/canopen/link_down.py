@@ -50,7 +50,9 @@ def failing(client: CanopenClient, begun: threading.Event, failed: list[Exceptio
 def main() -> None:
     """Take the link down and up, twice."""
     objects = ObjectDictionary([*standard_objects(heartbeat=50), Entry(0x2100, 0, "long", "domain", default=b"")])
-    with CanopenServer("can://socketcan/vcan0", device=LocalNode(5, objects)), CanopenClient(URL) as client:
+    node = LocalNode(5, objects)
+    node.sdo.timeout = PATIENCE  # a guest may stand still for the usual second
+    with CanopenServer("can://socketcan/vcan0", device=node), CanopenClient(URL) as client:
         for _ in range(2):
             with client.frames((0x705, False)) as stream:
                 until(stream, CanFrame)

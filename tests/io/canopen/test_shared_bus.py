@@ -162,14 +162,14 @@ def test_an_error_of_watch_is_a_port_error() -> None:
 
 
 def test_a_transfer_inside_another_on_one_channel_is_refused_and_does_not_hang() -> None:
-    with memory_bus() as bus, CanopenClient(bus, node=5, timeout=2.0) as client, client.host(device()):
+    with memory_bus() as bus, CanopenClient(bus, node=5, timeout=30.0) as client, client.host(device()):
         client.node().sdo.download(0x2100, 0, bytes(100))
 
         def meanwhile(done: int, size: int | None) -> None:
             client.node().sdo.upload(0x1000)
 
         with pytest.raises(EncodeError, match="begun inside another one"):
-            client.node().sdo.upload(0x2100, progress=meanwhile)
+            client.node().sdo.upload(0x2100, progress=meanwhile, timeout=0.5)
         assert client.node().sdo.upload(0x2001) == b"\x32"
 
 

@@ -6,15 +6,18 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from functools import cache
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 
 from barewire import ModbusServer
+from barewire.cli.app import run_command_line
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.conformance import Unfinished
@@ -38,7 +41,7 @@ from barewire.rtu import RtuLine, Timing
 from tests.certificates import tls_url
 from tests.cli.helpers import run_command
 from tests.helpers import refused
-from tests.io.peers import again, honest, peer
+from tests.io.peers import again, answer, peer
 from tools import conform_page
 
 OURS = {
@@ -49,24 +52,37 @@ OURS = {
 OTHERS = ["udp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0?latency=usb", "ascii+tcp://127.0.0.1:0"]
 CASES = {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}
 
+K = TypeVar("K")
+R = TypeVar("R")
 
-def hold(url: str) -> list[CaseResult]:
+
+def at_once(run: Callable[[K], R], keys: Iterable[K]) -> dict[K, R]:
+    """The result of `run` for each of `keys`, each in a thread: a battery mostly waits."""
+    keys = list(keys)
+    with ThreadPoolExecutor(len(keys)) as pool:
+        return dict(zip(keys, pool.map(run, keys)))
+
+
+def hold(url: str, unit: Table) -> list[CaseResult]:
     """The results of a barewire server."""
 
     def run(patience: str) -> list[CaseResult]:
-        with ModbusServer(url, units={1: Table(100)}) as host:
+        with ModbusServer(url, units={1: unit}) as host:
             endpoint = Endpoint.parse(host.url)
             return list(conform(endpoint._replace(options={**endpoint.options, "timeout": patience})))
 
     return again(run)
 
 
-held = cache(hold)
+@cache
+def held() -> dict[str, list[CaseResult]]:
+    """The results of a barewire server on each carrier."""
+    return at_once(lambda url: hold(url, Table(100)), [*OURS.values(), *OTHERS])
 
 
 @pytest.mark.parametrize("url", [*OURS.values(), *OTHERS])
 def test_barewire_servers_pass_their_cases(url: str) -> None:
-    results = held(url)
+    results = held()[url]
     assert [result.failure for result in results if result.failure] == []
     assert [result.case for result in results] == list(CASES[Endpoint.parse(url).framing])
 
@@ -89,7 +105,8 @@ def test_the_page_has_the_present_results_of_barewire() -> None:
     assert conform_page.OURS == OURS
     own = {
         kind: {
-            result.case.name: conform_page.cell_of(result.case, result.failure, result.received) for result in held(url)
+            result.case.name: conform_page.cell_of(result.case, result.failure, result.received)
+            for result in held()[url]
         }
         for kind, url in OURS.items()
     }
@@ -124,8 +141,15 @@ def test_an_echo_is_not_taken_for_an_answer() -> None:
     assert [result.failure for result in results if result.failure] == []
 
 
+def stubborn(connection: socket.socket) -> None:
+    """Answers whatever it is sent as a read of one register, each 12 bytes of it."""
+    while data := connection.recv(1000):
+        for at in range(0, len(data), 12):
+            connection.sendall(answer(data[at : at + 12].ljust(12, b"\0")))
+
+
 def test_a_server_that_always_answers_the_same_fails() -> None:
-    with peer(honest) as port:
+    with peer(stubborn) as port:
         failures = {}
         for result in conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=1")):
             failures[result.case.name] = result.failure
@@ -163,7 +187,7 @@ def test_the_conform_command() -> None:
     )
     assert done.stdout.splitlines()[0] == "ok      MB-APP 6.3          03 with quantity 0"
     assert done.stdout.splitlines()[-1] == f"{len(CASES_TCP)} of {len(CASES_TCP)} passed"
-    with peer(honest) as port:
+    with peer(stubborn) as port:
         done = run_command("conform", f"tcp://127.0.0.1:{port}?timeout=0.5", "--json")
     assert done.returncode == 1
     first = json.loads(done.stdout.splitlines()[0])
@@ -178,23 +202,28 @@ class WithoutCoils(Table):
         return Table.supports(request) and request not in (ReadCoils, WriteSingleCoil, WriteMultipleCoils)
 
 
-@pytest.mark.parametrize("url", [OURS["tcp"], OURS["rtu"]])
-@pytest.mark.parametrize(
-    ("unit", "refusals"),
-    [
-        (Table(0), {"03 are refused with 02", "06, 17 are refused with 02", "06, 16, 03 are refused with 02"}),
-        (WithoutCoils(100), {"01 are refused with 01", "05 are refused with 01", "0F are refused with 01"}),
-    ],
-)
-def test_cases_whose_registers_or_functions_the_server_lacks_are_not_judged(
-    url: str, unit: Table, refusals: set[str]
-) -> None:
-    def run(patience: str) -> list[CaseResult]:
-        with ModbusServer(url, units={1: unit}) as host:
-            endpoint = Endpoint.parse(host.url)
-            return list(conform(endpoint._replace(options={**endpoint.options, "timeout": patience})))
+LACKING: dict[str, tuple[Callable[[], Table], tuple[str, ...]]] = {
+    "registers": (
+        lambda: Table(0),
+        ("03 are refused with 02", "06, 17 are refused with 02", "06, 16, 03 are refused with 02"),
+    ),
+    "functions": (
+        lambda: WithoutCoils(100),
+        ("01 are refused with 01", "05 are refused with 01", "0F are refused with 01"),
+    ),
+}
 
-    results = again(run)
+
+@cache
+def held_by_lesser_units() -> dict[tuple[str, str], list[CaseResult]]:
+    """The results of servers that lack something, by what they lack and carrier."""
+    return at_once(lambda key: hold(OURS[key[1]], LACKING[key[0]][0]()), product(LACKING, ("tcp", "rtu")))
+
+
+@pytest.mark.parametrize("carrier", ["tcp", "rtu"])
+@pytest.mark.parametrize("what", LACKING)
+def test_cases_whose_registers_or_functions_the_server_lacks_are_not_judged(what: str, carrier: str) -> None:
+    results, refusals = held_by_lesser_units()[what, carrier], LACKING[what][1]
     assert [result.failure for result in results if result.failure] == []
     reasons = {result.not_judged for result in results} - {""}
     assert reasons >= {f"valid requests of {refusal}" for refusal in refusals}
@@ -215,10 +244,8 @@ class RefusesFirstRead(Table):
 
 def test_the_conform_command_names_the_cases_that_are_not_judged() -> None:
     with ModbusServer(OURS["tcp"], units={1: Table(0)}) as host:
-        done = run_command("conform", f"{host.url}?timeout=0.5")
-        objects = [
-            json.loads(line) for line in run_command("conform", f"{host.url}?timeout=0.5", "--json").stdout.splitlines()
-        ]
+        runs = at_once(lambda option: run_command("conform", f"{host.url}?timeout=0.5", *option), [(), ("--json",)])
+    done, objects = runs[()], [json.loads(line) for line in runs["--json",].stdout.splitlines()]
     *_, total, hint = done.stdout.splitlines()
     judged = [item["ok"] for item in objects if item["ok"] is not None]
     assert total == f"{len(judged)} of {len(judged)} passed, {len(CASES_TCP) - len(judged)} not judged"
@@ -250,23 +277,33 @@ def drip(connection: socket.socket) -> None:
         time.sleep(0.002)
 
 
-@pytest.mark.parametrize(
-    ("scheme", "handler"),
-    [("tcp", flood), ("rtu+tcp", flood), ("ascii+tcp", flood), ("rtu+tcp", drip), ("ascii+tcp", drip)],
-)
-def test_a_server_that_does_not_stop_sending_ends_the_run(
-    scheme: str, handler: Callable[[socket.socket], None]
-) -> None:
-    results = []
-    with peer(handler) as port, refused(NoAnswer, "never stops sending"):
-        for result in conform(Endpoint.parse(f"{scheme}://127.0.0.1:{port}?timeout=0.1")):
-            results.append(result)
-    failures = [result.failure or "" for result in results[-3:]]
+@cache
+def held_by_endless_servers() -> dict[tuple[str, Callable[[socket.socket], None]], list[CaseResult]]:
+    """The results of servers that do not stop sending."""
+
+    def run(key: tuple[str, Callable[[socket.socket], None]]) -> list[CaseResult]:
+        results = []
+        with peer(key[1]) as port, refused(NoAnswer, "never stops sending"):
+            for result in conform(Endpoint.parse(f"{key[0]}://127.0.0.1:{port}?timeout=0.1")):
+                results.append(result)
+        return results
+
+    return at_once(run, ENDLESS)
+
+
+ENDLESS = [("tcp", flood), ("rtu+tcp", flood), ("ascii+tcp", flood), ("rtu+tcp", drip), ("ascii+tcp", drip)]
+
+
+@pytest.mark.parametrize("kind", ENDLESS, ids=lambda kind: f"{kind[0]}-{kind[1].__name__}")
+def test_a_server_that_does_not_stop_sending_ends_the_run(kind: tuple[str, Callable[[socket.socket], None]]) -> None:
+    failures = [result.failure or "" for result in held_by_endless_servers()[kind][-3:]]
+    assert len(failures) == 3
     assert all("it did not stop sending" in failure and len(failure) < 200 for failure in failures)
 
 
-def test_a_server_that_never_answers_gets_no_verdict() -> None:
+def test_a_server_that_never_answers_gets_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     """Some cases accept silence, so a wrong unit number would pass them."""
+    monkeypatch.setattr(shell, "RESTART", 0.1)
     message = refused(NoAnswer, "nothing was answered in any case: is there a unit 9")
     with peer(lambda connection: print(connection.recv(1))) as port, message:
         list(conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=0.02&unit=9")))
@@ -322,12 +359,16 @@ def test_a_server_that_is_restarted_is_tested_further() -> None:
     assert [result.failure for result in results if result.failure] == []
 
 
-def test_the_conform_command_reports_cases_that_were_not_run() -> None:
+def test_the_conform_command_reports_cases_that_were_not_run(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(shell, "RESTART", 0.1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mute:
         mute.bind(("127.0.0.1", 0))
-        done = run_command("conform", f"udp://127.0.0.1:{mute.getsockname()[1]}?timeout=0.02", "--json")
-    lines = [json.loads(line) for line in done.stdout.splitlines()]
+        url = f"udp://127.0.0.1:{mute.getsockname()[1]}?timeout=0.02"
+        assert run_command_line(["conform", url, "--json"]) == 1
+    out, err = capsys.readouterr()
+    lines = [json.loads(line) for line in out.splitlines()]
     assert [line["ok"] for line in lines[:-1]] == [False, False, False]
     assert lines[-1]["not_run"] == len(CASES_TCP) - 3
-    assert done.stderr == f"barewire: {lines[-1]['unfinished']}\n"
-    assert done.returncode == 1
+    assert err == f"barewire: {lines[-1]['unfinished']}\n"
