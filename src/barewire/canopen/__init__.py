@@ -15,6 +15,7 @@ CAN delivers whole frames, so there is no framing here. The rooms and files, in 
     lss/                   assign node-IDs                         bus/     scan, time-out explanations, locks
     device/                `LocalNode`, a whole device             eds/     EDS and DCF files
     configuration/         a device and its DCF: compared, written
+    manager/               boots a network: checks, configures, starts its nodes
     gateway/               CiA 309-3 commands                      conformance/    checks of a device
 
 Two nodes communicate as two machines, or as a conversation and a machine; neither has a bus or a clock.
@@ -95,6 +96,17 @@ if TYPE_CHECKING:
         LssState as LssState,
     )
     from barewire.canopen.lss.slave import LssSlave as LssSlave
+    from barewire.canopen.manager.boot_slave import (
+        BootError as BootError,
+        BootResult as BootResult,
+        boot_slave as boot_slave,
+    )
+    from barewire.canopen.manager.network_list import (
+        BootSlave as BootSlave,
+        NetworkList as NetworkList,
+        network_list as network_list,
+        slave_of as slave_of,
+    )
     from barewire.canopen.nmt.heartbeat import (
         HeartbeatConsumer as HeartbeatConsumer,
         HeartbeatEvent as HeartbeatEvent,
@@ -208,6 +220,8 @@ __getattr__, __dir__, __all__ = lazy(
         "communication_objects": "standard_objects",
         "device.sdo_channels": "client_channel",
         "configuration.settings": "device_configuration DeviceConfiguration Setting Difference",
+        "manager.network_list": "BootSlave NetworkList network_list slave_of",
+        "manager.boot_slave": "boot_slave BootResult BootError",
         "configuration.concise_dcf": ("concise_dcf ConciseValue encode_concise_dcf decode_concise_dcf concise_values"),
         "configuration.configure": "compare_device configure_device ConfigurationResult ConfigurationFailed",
     },

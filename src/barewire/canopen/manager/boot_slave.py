@@ -1,0 +1,287 @@
+"""The boot slave process: a CANopen manager checks one node, and makes it ready to be started.   [CiA 302-2]
+
+        1000h, 1018h     device type, vendor, product, revision, serial number are the expected ones         B C D M N O
+        700h+n           keep alive: an operational node goes on as it is, any other one is reset             E F L
+        1F56h            the program is the expected one; otherwise a new one is downloaded (`program`)       G H I
+        1020h            the configuration has the expected date; otherwise it is written                     J
+        700h+n           error control starts: the first heartbeat, or the first guarding request             K
+
+The process ends with a `BootResult`. Each failure has a letter of the standard, `BootError`, and a sentence on what was
+read and what was expected. L is not a failure: the node was operational, and the network may go on with it.
+
+A node that was just reset may not answer yet: its first object of a step is read again after a time-out, three times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+from typing import NamedTuple
+
+from barewire.canopen.configuration.configure import configure_device
+from barewire.canopen.configuration.settings import DATE, DEVICE_TYPE, IDENTITY, DeviceConfiguration
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.manager.network_list import BootSlave
+from barewire.canopen.nmt.heartbeat import NodeState, guarding_request
+from barewire.canopen.nmt.master import request_state, wait_for_boot_up, wait_for_heartbeat
+from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
+from barewire.canopen.sdo import Channel, download, upload
+from barewire.canopen.sdo.client.channel import channel_to
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Send
+from barewire.errors import BarewireError, NoAnswer
+
+RETRIES = 3
+"""How often an object is read again after a time-out, where the node may just have been reset."""
+
+RESET_TIME = 1.0
+"""Seconds from a reset of communication to the boot-up message."""
+
+GUARDING_TIME = 0.1
+"""Seconds that a node has to respond to the guarding request of the keep-alive check."""
+
+BootProgress = Callable[[int, str], object]
+"""Called as progress(node, step) before each step, in words."""
+
+
+class BootError(Enum):
+    """Why the boot slave process of a node ended, with the letter of the standard and its meaning."""
+
+    A = "the node is not in the network list (1F81h)"
+    B = "no response to the request of the device type (1000h)"
+    C = "another device type (1000h) than expected (1F84h)"
+    D = "another vendor-ID (1018h:01) than expected (1F85h)"
+    E = "keep-alive check: no heartbeat of the node was received"
+    F = "keep-alive check: the node did not respond to node guarding"
+    G = "the expected program is not configured (1F55h)"
+    H = "another program (1F56h), and an update is not allowed (1F81h)"
+    I = "another program (1F56h), and its download failed"  # noqa: E741 - the letter of the standard
+    J = "the download of the configuration failed"
+    K = "no heartbeat of the node was received when its error control started"
+    L = "the node was operational already"
+    M = "another product code (1018h:02) than expected (1F86h)"
+    N = "another revision number (1018h:03) than expected (1F87h)"
+    O = "another serial number (1018h:04) than expected (1F88h)"  # noqa: E741 - the letter of the standard
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.value}"
+
+
+class BootResult(NamedTuple):
+    """How the boot slave process of a node ended.
+
+    node        the node-ID
+    error       None, or why it ended
+    reason      what was read, and what was expected
+    state       the NMT state that the node has reported last, None if it reported none
+    configured  whether its configuration was written
+    """
+
+    node: int
+    error: BootError | None
+    reason: str = ""
+    state: int | None = None
+    configured: bool = False
+
+    @property
+    def ok(self) -> bool:
+        """Whether the network may go on with the node."""
+        return self.error in (None, BootError.L)
+
+    def __str__(self) -> str:
+        if self.error is None:
+            return f"node {self.node}: booted{', configured' if self.configured else ''}"
+        return f"node {self.node}: {self.error}{self.reason and f': {self.reason}'}"
+
+    def __repr__(self) -> str:
+        return f"<BootResult {self}>"
+
+
+class BootFailed(BarewireError):
+    """The end of a boot slave process by an error. It does not leave this room."""
+
+    def __init__(self, error: BootError, reason: str = "") -> None:
+        super().__init__(f"{error}{reason and f': {reason}'}")
+        self.error = error
+        self.reason = reason
+
+
+def boot_slave(
+    slave: BootSlave,
+    channel: Channel | None = None,
+    *,
+    timeout: float = DEFAULT_TIMEOUT,
+    progress: BootProgress | None = None,
+) -> Conversation[CanFrame, BootResult]:
+    """Carry out the boot slave process of a node. It does not start the node: `BootManager` does that.
+
+        slave       the expected values
+        channel     the SDO channel to the node, by default that of the predefined connection set
+        timeout     seconds for each SDO response
+        progress    called before each step
+
+    The process raises nothing: each failure is the `error` and the `reason` of the result.
+    """
+    return _Boot(slave, channel_to(slave.node if channel is None else channel, None), timeout, progress).run()
+
+
+class _Boot:
+    def __init__(self, slave: BootSlave, channel: Channel, timeout: float, progress: BootProgress | None) -> None:
+        self.slave = slave
+        self.channel = channel
+        self.timeout = timeout
+        self.progress = progress
+        self.state: int | None = None
+        self.configured = False
+
+    def run(self) -> Conversation[CanFrame, BootResult]:
+        try:
+            yield from self._steps()
+        except BootFailed as failed:
+            return BootResult(self.slave.node, failed.error, failed.reason, self.state, self.configured)
+        operational = self.state == NmtState.OPERATIONAL
+        return BootResult(self.slave.node, BootError.L if operational else None, "", self.state, self.configured)
+
+    def _steps(self) -> Conversation[CanFrame, None]:
+        slave = self.slave
+        if not slave.listed:
+            raise BootFailed(BootError.A)
+        if slave.boot:
+            yield from self.check_identity()
+            running = (yield from self.is_kept_alive()) if slave.keep_alive else False
+            if not running:
+                if slave.check_program:
+                    yield from self._check_program()
+                yield from self._check_configuration()
+        yield from self._start_error_control()
+
+    def tell(self, step: str) -> None:
+        if self.progress is not None:
+            self.progress(self.slave.node, step)
+
+    # Identity
+
+    def check_identity(self) -> Conversation[CanFrame, None]:
+        slave = self.slave
+        device_type = yield from self.read(DEVICE_TYPE, 0, BootError.B, "device type", retries=RETRIES)
+        _compare(BootError.C, device_type, slave.device_type)
+        checks = (
+            (1, slave.vendor, BootError.D, "vendor-ID"),
+            (2, slave.product, BootError.M, "product code"),
+            (3, slave.revision, BootError.N, "revision number"),
+            (4, slave.serial, BootError.O, "serial number"),
+        )
+        for sub, expected, error, name in checks:
+            if expected:
+                _compare(error, (yield from self.read(IDENTITY, sub, error, name)), expected)
+
+    def read(
+        self, index: int, sub: int, error: BootError, name: str, *, size: int = 4, retries: int = 0
+    ) -> Conversation[CanFrame, int]:
+        """Read a number. Raise BootFailed with `error` if the node refuses it, or does not respond."""
+        self.tell(f"read {index:04X}h:{sub:02X} {name}")
+        while True:
+            try:
+                data = yield from upload(self.channel, index, sub, size=size, timeout=self.timeout)
+                return int.from_bytes(data[:size], "little")
+            except NoAnswer as silence:
+                if not retries:
+                    raise BootFailed(error, str(silence)) from None
+                retries -= 1
+            except BarewireError as refusal:
+                raise BootFailed(error, str(refusal)) from None
+
+    # Keep alive
+
+    def is_kept_alive(self) -> Conversation[CanFrame, bool]:
+        """Return whether the node is operational, so that it goes on; otherwise reset its communication."""
+        slave = self.slave
+        error = BootError.E if slave.heartbeat else BootError.F
+        self.tell("wait for its heartbeat" if slave.heartbeat else "request its state by node guarding")
+        try:
+            if slave.heartbeat:
+                received = yield from wait_for_heartbeat(slave.node, timeout=slave.heartbeat)
+            else:
+                received = yield from request_state(slave.node, timeout=GUARDING_TIME)
+            if received.state == NmtState.OPERATIONAL:
+                self.state = received.state
+                return True
+            yield from self.reset()
+        except NoAnswer as silence:
+            raise BootFailed(error, str(silence)) from None
+        return False
+
+    def reset(self) -> Conversation[CanFrame, None]:
+        self.tell("reset its communication")
+        yield Send(NmtMessage(NmtCommand.RESET_COMMUNICATION, self.slave.node).encode())
+        yield from wait_for_boot_up(self.slave.node, timeout=RESET_TIME)
+
+    # Program and configuration
+
+    def _check_program(self) -> Conversation[CanFrame, None]:
+        from barewire.canopen.manager.program import download_program
+
+        slave = self.slave
+        if not slave.software:
+            raise BootFailed(BootError.G)
+        found = yield from self.read(0x1F56, 1, BootError.G, "program identification", retries=RETRIES)
+        if found == slave.software:
+            return
+        other = f"read {found:08X}h, expected {slave.software:08X}h"
+        if not slave.update_program or slave.keep_alive:
+            raise BootFailed(BootError.H, other)
+        if not slave.program:
+            raise BootFailed(BootError.I, f"{other}; there is no program to download (1F58h)")
+        try:
+            yield from download_program(self.channel, slave.program, slave.software, self.timeout, self.tell)
+        except BarewireError as failure:
+            raise BootFailed(BootError.I, f"{other}; {failure}") from None
+        yield from self.check_identity()
+
+    def _check_configuration(self) -> Conversation[CanFrame, None]:
+        slave = self.slave
+        if not slave.configuration:
+            return
+        if any(slave.date):
+            try:
+                present = []
+                for sub, name in ((1, "configuration date"), (2, "configuration time")):
+                    present.append((yield from self.read(DATE, sub, BootError.J, name, retries=RETRIES)))
+                if tuple(present) == slave.date:
+                    return
+            except BootFailed:
+                pass  # a device without 1020h is always configured
+        try:
+            if isinstance(slave.configuration, DeviceConfiguration):
+                yield from configure_device(
+                    self.channel,
+                    slave.configuration,
+                    timeout=self.timeout,
+                    progress=lambda done, total, step: self.tell(step),
+                )
+            else:
+                for one in slave.configuration:
+                    self.tell(f"write {one.index:04X}h:{one.sub:02X}")
+                    yield from download(self.channel, one.index, one.sub, one.data, timeout=self.timeout)
+        except BarewireError as failure:
+            raise BootFailed(BootError.J, str(failure)) from None
+        self.configured = True
+
+    # Error control
+
+    def _start_error_control(self) -> Conversation[CanFrame, None]:
+        slave = self.slave
+        if slave.heartbeat:
+            self.tell("wait for its heartbeat")
+            try:
+                received: NodeState = yield from wait_for_heartbeat(slave.node, timeout=slave.heartbeat)
+            except NoAnswer as silence:
+                raise BootFailed(BootError.K, str(silence)) from None
+            self.state = received.state
+        elif slave.guard_time:
+            self.tell("start node guarding")
+            yield Send(guarding_request(slave.node))
+
+
+def _compare(error: BootError, found: int, expected: int) -> None:
+    if expected and found != expected:
+        raise BootFailed(error, f"read {found:08X}h, expected {expected:08X}h")
