@@ -33,6 +33,9 @@ PROMPT = re.compile(r"\[(\d+)\]% $")
 LIMIT = 60.0
 """Seconds for one command."""
 
+STAYS = 0.3
+"""Seconds after its first output in which a command that runs until Ctrl-C must not end."""
+
 # bash gets the terminal as its controlling terminal: Ctrl-C becomes SIGINT of the command that runs in it.
 SHELL = """
 import fcntl, os, termios
@@ -92,7 +95,7 @@ class Terminal:
         """Wait until a command that runs on has shown something."""
         self._wait(lambda: self.screen[start:].strip(), "no output")
         with self._changed:
-            ended = self._changed.wait_for(lambda: PROMPT.search(self.screen), 0.3)
+            ended = self._changed.wait_for(lambda: PROMPT.search(self.screen), STAYS)
         assert not ended, f"ended at once:\n{self.screen}"
 
     def press_ctrl_c(self) -> int:
@@ -200,7 +203,9 @@ def test_every_shell_block_of_the_readme_is_typed_or_says_why_not() -> None:
 def test_a_block_that_does_not_run_is_reported(
     block: str, reported: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tests.test_terminals.LIMIT", 3.0)
+    if reported == "no prompt":
+        monkeypatch.setattr("tests.test_terminals.LIMIT", 1.0)
+    monkeypatch.setattr("tests.test_terminals.STAYS", 30.0)
     page = tmp_path / "page.md"
     page.write_text(f"```sh\n{block}```\n")
     with pytest.raises(AssertionError, match=reported):

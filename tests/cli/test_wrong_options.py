@@ -147,6 +147,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
         for option in (("--gentle",), ("--only", "SDO"), ("--large", "2000:0"))
     ),
     *((("conform", CAN, "--large", text), "expected INDEX:SUB") for text in ("1:0", "xx", "2000:100")),
+    (("conform", CAN, "--eds", __file__), "describes no objects: expected sections like [1000]"),
     (("conform", CAN, "--timing"), "Modbus goes over tcp://"),
     # canopen
     (("canopen", "difff"), "did you mean 'diff'?"),

@@ -37,7 +37,7 @@ def test_an_interrupt_at_every_step_of_a_blocking_exchange(wire: str) -> None:
             raise KeyboardInterrupt
 
     where = "tcp://127.0.0.1:0" if wire == "tcp" else f"{wire}://pty?baudrate=115200"
-    with ModbusServer(where, units=full()) as host, ModbusClient(host.url, watch=watch, late_window=0.1) as client:
+    with ModbusServer(where, units=full()) as host, ModbusClient(host.url, watch=watch, late_window=30) as client:
         for step in range(1, 5):
             left = step
             with contextlib.suppress(KeyboardInterrupt):
@@ -93,25 +93,26 @@ def test_force_listen_only_and_restart_with_both_clients(wire: str) -> None:
         async with AsyncModbusClient(url) as client:
             assert await client.diagnostics(0x04) == b""
             assert await client.ask(Diagnostics(0x01)) == Unanswered(0x01)
-            assert await client.read_holding_registers(8, 1) == (8,)
+            assert await client.at(timeout=30.0).read_holding_registers(8, 1) == (8,)
 
     with ModbusServer(wire, units=full()) as host:
         url = f"{host.url}{'&' if '?' in host.url else '?'}timeout=0.1&late_window=0.1"
         with ModbusClient(url) as client:
             assert client.diagnostics(0x04) == b""
             assert client.ask(Diagnostics(0x01)) == Unanswered(0x01)
-            assert client.read_holding_registers(7, 1) == (7,)
+            assert client.at(timeout=30.0).read_holding_registers(7, 1) == (7,)
         asyncio.run(main(url))
 
 
 def test_counters_of_a_unit_are_shared_by_all_connections_to_its_line() -> None:
     """All connections to a serial server share one line, and so its listen only mode."""
-    with ModbusServer("rtu+tcp://127.0.0.1:0", units=full()) as host, ModbusClient(f"{host.url}?timeout=0.2") as first:
+    with ModbusServer("rtu+tcp://127.0.0.1:0", units=full()) as host, ModbusClient(host.url) as first:
         assert first.read_holding_registers(7, 1) == (7,)
-        with ModbusClient(f"{host.url}?timeout=0.2&late_window=0") as second:
+        with ModbusClient(f"{host.url}?late_window=0") as second:
+            briefly = second.at(timeout=0.2)
             assert second.diagnostics(0x0B) == b"\0\2"
-            assert second.diagnostics(0x04) == b""
+            assert briefly.diagnostics(0x04) == b""
             with pytest.raises(NoAnswer):
-                first.read_holding_registers(7, 1)
-            assert second.ask(Diagnostics(0x01)) == Unanswered(0x01)
+                first.at(timeout=0.2).read_holding_registers(7, 1)
+            assert briefly.ask(Diagnostics(0x01)) == Unanswered(0x01)
         assert first.diagnostics(0x0B) == b"\0\1"

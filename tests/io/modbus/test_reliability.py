@@ -182,7 +182,7 @@ def test_cancelled_after_any_number_of_turns_of_the_loop_over_tcp(in_flight: int
 @pytest.mark.parametrize("scheme", SERIAL)
 def test_cancelled_at_any_time_on_a_serial_line(scheme: str) -> None:
     async def main(url: str) -> None:
-        async with AsyncModbusClient(url, late_window=0.1) as client:
+        async with AsyncModbusClient(url, late_window=30) as client:
             for step in range(30):
                 task = asyncio.ensure_future(client.read_holding_registers(299 - step, 1))
                 await asyncio.sleep(0.0005 * step)
