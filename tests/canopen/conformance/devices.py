@@ -29,7 +29,10 @@ ADDRESS = LssAddress(0x0000_0360, 0x1234, 0x0001_0002, 7)
 def plain(*more: Entry) -> LocalNode:
     """Return a device with the objects that most cases need, and `more`."""
     objects = [
-        *standard_objects(ADDRESS, device_type=0x0002_0192, name="barewire plain device"),
+        *standard_objects(ADDRESS, device_type=0x0002_0192, name="barewire plain device", servers=2),
+        Entry(0x1020, 1, "configuration date", "u32", "rw", 0),
+        Entry(0x1020, 2, "configuration time", "u32", "rw", 0),
+        *(Entry(0x1280, sub, "COB-ID of an SDO client", "u32", "rw", 0x8000_0000) for sub in (1, 2)),
         Entry(0x1010, 1, "save all", "u32", "rw", 1),
         Entry(*LARGE, "anything", "domain", "rw", b""),
         Entry(0x6040, 0, "controlword", "u16", "rw", 0),

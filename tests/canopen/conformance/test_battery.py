@@ -80,7 +80,25 @@ def test_a_device_with_a_value_of_wrong_length_is_judged(place: tuple[int, int])
 def test_the_battery_covers_all_services() -> None:
     held = Counter(case.name[:3] for case in PLAIN if not case.lacks)
     assert held.total() >= 130
-    assert {"SDO", "SEG", "BLK", "NMT", "HB-", "GRD", "HBC", "EMC", "SYN", "TIM", "RPD", "TPD", "LSS"} <= set(held)
+    assert {
+        "SDO",
+        "SEG",
+        "BLK",
+        "NMT",
+        "HB-",
+        "GRD",
+        "HBC",
+        "EMC",
+        "SYN",
+        "TIM",
+        "RPD",
+        "TPD",
+        "LSS",
+        "COB",
+        "CHN",
+        "CFG",
+        "RND",
+    } <= set(held)
     assert sum(not case.lacks for case in AZ3) >= 130
 
 
@@ -88,7 +106,7 @@ def test_case_names_are_unique_and_every_frame_can_be_parsed() -> None:
     assert len({case.name for case in PLAIN}) == len(PLAIN)
     for case in PLAIN:
         assert case.title
-        assert case.clause.startswith(("CiA 301 7.2.", "CiA 305"))
+        assert case.clause.startswith(("CiA 301 7.", "CiA 305"))
         for step in case.steps:
             assert step.accepts
             assert [str(CanFrame.parse(text)) for text in step.sends] == list(step.sends), case.name
@@ -176,6 +194,34 @@ def boots_twice(device: LocalNode, received: CanFrame | None, sent: list[CanFram
     return [*sent, sent[0]] if sent and sent[0] == CanFrame(0x700 + NODE, b"\0") else sent
 
 
+def takes_any_cob_id(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
+    refused = [str(frame) for frame in sent]
+    answers = [f"585#60{text[6:12]}00000000" if text.endswith("30000906") else text for text in refused]
+    return [CanFrame.parse(text) for text in answers]
+
+
+def serves_in_stopped(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
+    if device.state is NmtState.STOPPED and received is not None and received.id in (0x600 + NODE, 0x6A0):
+        return [*sent, CanFrame(0x6A1 if received.id == 0x6A0 else 0x580 + NODE, received.data)]
+    return sent
+
+
+def answers_remote_frames(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
+    asked = received is not None and received.remote and received.id == 0x180 + NODE
+    return [*sent, CanFrame(0x180 + NODE, bytes(2))] if asked and not sent else sent
+
+
+def sends_in_every_state(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
+    """Send the TPDO after each write of its type, whatever the state: as if a timer ran."""
+    written = received is not None and str(received).startswith(("605#2B00180564", "605#2F00180200", "000#02"))
+    return [*sent, CanFrame(0x180 + NODE, bytes(2)), CanFrame(0x180 + NODE, bytes(2))] if written else sent
+
+
+def without_identity(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
+    """Answer no read of 1018h."""
+    return [frame for frame in sent if not str(frame).startswith("585#431810")]
+
+
 SILENT_LSS = without(0x7E4)
 
 
@@ -199,6 +245,16 @@ SILENT_LSS = without(0x7E4)
         pytest.param(other("185#37", "185#0037"), {"TPD-30"}, id="a PDO that is too long"),
         pytest.param(other("080#02", "080#01"), {"SYN-04"}, id="a counter that does not count"),
         pytest.param(other("7E4#5A", "7E4#5B"), {"LSS-02"}, id="another LSS answer"),
+        pytest.param(takes_any_cob_id, {f"COB-0{number}" for number in range(1, 10)}, id="restricted CAN-IDs"),
+        pytest.param(without(0x6A1), {"CHN-01", "CHN-02", "CHN-05"}, id="a second server that is silent"),
+        pytest.param(serves_in_stopped, {"CHN-05", "RND-04"}, id="SDO on both channels in STOPPED"),
+        pytest.param(answers_remote_frames, {"TPD-43", "TPD-44"}, id="a PDO for every remote frame"),
+        pytest.param(sends_in_every_state, {"TPD-45", "TPD-46", "TPD-47"}, id="a PDO every 100 ms, in every state"),
+        pytest.param(sends_with_every_sync, {"TPD-48", "TPD-49"}, id="a PDO with every SYNC, whatever its type"),
+        pytest.param(other("585#8010100120000008", "585#6010100100000000"), {"SDO-53"}, id="stored by any word"),
+        pytest.param(other("585#4320100198", "585#4320100199"), {"CFG-01"}, id="1020h changed"),
+        pytest.param(other("585#4B171000", "585#4B171001"), {"RND-02", "RND-03"}, id="another sub-index"),
+        pytest.param(without_identity, {"RND-01"}, id="the identity is not read"),
     ],
 )
 def test_a_faulty_device_fails_the_expected_cases(change: Change, found: set[str]) -> None:

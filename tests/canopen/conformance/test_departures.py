@@ -12,6 +12,8 @@ from tests.canopen.conformance.devices import LARGE, NODE, FaultyDevice, bus_wit
 from tests.canopen.virtual_bus import VirtualBus
 
 BOOT_UP = CanFrame(0x700 + NODE, b"\0")
+KEPT = {"NMT-17", "RPD-19", "TPD-19", "SYN-05", "CHN-06", "CHN-12", "CFG-02"}
+"""The cases of what a reset of the communication restores."""
 COMMUNICATION, WHOLE = NmtCommand.RESET_COMMUNICATION, NmtCommand.RESET_NODE
 
 
@@ -91,8 +93,8 @@ def test_1f80h_with_bit_2_forbids_to_start() -> None:
 @pytest.mark.parametrize(
     ("commands", "found"),
     [
-        ((COMMUNICATION,), {"NMT-17", "RPD-19", "TPD-19", "SYN-05"}),
-        ((COMMUNICATION, WHOLE), {"NMT-17", "NMT-18", "RPD-19", "TPD-19", "SYN-05"}),
+        ((COMMUNICATION,), KEPT),
+        ((COMMUNICATION, WHOLE), {*KEPT, "NMT-18"}),
         ((WHOLE,), {"NMT-18"}),
     ],
 )
@@ -100,7 +102,19 @@ def test_a_device_that_keeps_values_over_a_reset(commands: tuple[NmtCommand, ...
     assert failed_of(Keeping(plain(), *commands)) == found
 
 
-@pytest.mark.parametrize("name", ["SYN-04", "TPD-37", "RPD-14", "RPD-18", "HBC-07", "EMC-10", "GRD-06"])
+def test_channels_that_are_on_are_switched_off_before_their_can_ids_are_restored() -> None:
+    """Our device refuses another CAN-ID while a channel is on."""
+    device = plain()
+    for sub, word in ((1, 0x6B0), (2, 0x6B1)):
+        device.objects.set(0x1201, sub, word)
+        device.objects.set(0x1280, sub, word)
+    assert failed_of(Keeping(device, COMMUNICATION)) == KEPT
+    assert [device.objects.get(index, sub) for index in (0x1201, 0x1280) for sub in (1, 2)] == [0x6B0, 0x6B1] * 2
+
+
+@pytest.mark.parametrize(
+    "name", ["SYN-04", "TPD-37", "RPD-14", "RPD-18", "HBC-07", "EMC-10", "GRD-06", "CHN-01", "RND-02"]
+)
 def test_what_a_case_writes_is_undone(name: str) -> None:
     """Also without a reset that restores it, all communication objects have their values again."""
     device = plain()

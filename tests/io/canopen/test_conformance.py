@@ -44,7 +44,7 @@ def held(**which: Any) -> list[NodeCaseResult]:
 def test_our_device_passes() -> None:
     results = held(large=LARGE, only=("SDO", "SEG", "BLK", "LSS-1", "NMT-1"))
     assert [result.failure for result in results if result.failure] == []
-    assert [result.case.name for result in results if result.left_out] == ["SDO-09", "SDO-10", "SDO-13", "SDO-52"]
+    assert [result.case.name for result in results if result.left_out] == ["SDO-13", "SDO-52", "SDO-54"]
     assert len(results) > 130
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 
+from barewire.canopen.conformance.configuration import configuration_cases
 from barewire.canopen.conformance.eds_objects import object_cases
 from barewire.canopen.conformance.emcy_sync_time import emcy_sync_time_cases
 from barewire.canopen.conformance.lss import lss_cases
@@ -44,7 +45,10 @@ def cases(subject: Subject, objects: Mapping[int, EdsObject] | None = None) -> t
     `objects` are those of the EDS of the device, which add the cases of `eds_objects`. They come first, while all
     objects have the values that they have after a reset.
     """
-    services = (expedited_cases, segmented_cases, block_cases, nmt_cases, emcy_sync_time_cases, pdo_cases, lss_cases)
+    services = (
+        *(expedited_cases, segmented_cases, block_cases, nmt_cases, emcy_sync_time_cases, pdo_cases, lss_cases),
+        configuration_cases,
+    )
     described = () if objects is None else object_cases(subject, objects)
     return (*described, *(case for service in services for case in service(subject)))
 

@@ -5,7 +5,7 @@ The first valid RPDO and the first valid TPDO are tested. The RPDO gets zeros.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.conformance.frames import Sdo, make_case, multiplexer, silence
@@ -228,3 +228,35 @@ def _sent(subject: Subject, pdo: SubjectPdo) -> Iterator[NodeCase]:
                    why="or the type is refused: 06090030")
     yield case(41, "SYNC with 29 bits is ignored", transmission(1), start, silence("00000080#", wait=0.1), sync)
     yield case(42, "start twice: still one with every SYNC", transmission(1), start, start, sync, sync)
+    yield from _in_other_states(case, process, pdo, transmission)
+    may = NodeStep(("080#",), (SILENCE, data), wait=0.1)
+    yield case(47, "type 0: none without SYNC", transmission(0), start._replace(accepts=(SILENCE,), wait=0.3), may,
+               why="at a SYNC after an event")
+    if not pdo.cob.bit30:
+        sampled = NodeStep((f"{name}R{pdo.size}",), (data, SILENCE), wait=0.1)
+        yield case(48, "type 252: a remote frame is answered, SYNC is not", transmission(252), start, sampled, no, ask,
+                   why="the values are those of the last SYNC; or the type is refused: 06090030")
+    on = s.write(record, 1, word, 4)
+    counted = s.write(0x1019, 0, 10, 1)
+    first = s.write(record, 6, 3, 1)
+    steps = [silence(f"080#{number:02X}", wait=0.1) for number in (1, 2)]
+    numbered = [NodeStep((f"080#{number:02X}",), (data,)) for number in (3, 4)]
+    yield case(49, "SYNC start value 3: the first with the SYNC of counter 3", counted, off, transmission(1), first, on,
+               start._replace(accepts=(SILENCE,)), *steps, *numbered, needs=("TPDO", "1019h", f"{record:04X}h:06"))
+
+
+def _in_other_states(
+    case: Callable[..., NodeCase], process: _ProcessData, pdo: SubjectPdo, transmission: Callable[[int], NodeStep]
+) -> Iterator[NodeCase]:
+    """Yield the cases of remote frames and event timers in PRE-OPERATIONAL and STOPPED."""
+    s, name = process.s, process.name
+    unanswered = silence(f"{name}R{pdo.size}", wait=0.1)
+    yield case(43, "a remote frame in PRE-OPERATIONAL is not answered", unanswered, process.works)
+    yield case(44, "a remote frame in STOPPED is not answered", process.start, process.stop, unanswered)
+    timer = s.write(pdo.communication, 5, 100, 2)
+    needs = ("TPDO", f"{pdo.communication:04X}h:05")
+    yield case(45, "the event timer does not run in PRE-OPERATIONAL", transmission(255), timer, silence(wait=0.3),
+               needs=needs)
+    stop = process.stop._replace(accepts=(SILENCE, f"{name}{'.' * 2 * pdo.size}"))
+    yield case(46, "the event timer does not run in STOPPED", transmission(255), timer, process.start, stop,
+               silence(wait=0.3), needs=needs)

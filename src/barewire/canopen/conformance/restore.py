@@ -5,7 +5,7 @@ objects that the case wrote are read back, and those with another value than bef
 
         PDO 1400h ... 1A00h     switched off, the count 0, the entries, the count, the record, switched on
         SYNC 1005h, 1006h       the device stops to produce it, then 1019h and 1007h, the period, 1005h
-        COB-IDs 1012h, 1014h    switched off, then the value before
+        1012h, 1014h, 1201h ... switched off, then the value before
         1016h                   all changed entries 0, then their values: no node may be in two
 
 A refused write is ignored: this is for the cases that follow, which will report what they find.
@@ -29,6 +29,7 @@ from barewire.errors import NoAnswer
 
 _NEVER_WRITTEN = (0x1003, 0x1010, 0x1011)
 """The history of errors, and the commands that store and restore: their values are not settings."""
+_SDO_CHANNELS = range(0x1201, 0x1300)
 _OFF, _PRODUCES, _CONSUMES = 0x8000_0000, 0x4000_0000, 0x8000_0000
 
 
@@ -80,9 +81,11 @@ def _in_safe_order(subject: Subject, changed: Mapping[ObjectAddress, bytes]) -> 
     for place in [place for place in rest if place[0] == 0x1016]:
         yield place, bytes(4)
     for place, data in rest.items():
-        if place in ((0x1012, 0), (0x1014, 0)):
-            word = int.from_bytes(data, "little")
-            yield place, _four(word | _OFF if place[0] == 0x1014 else word & ~(_CONSUMES | _PRODUCES))
+        word = int.from_bytes(data, "little")
+        if place[0] == 0x1014 or (place[0] in _SDO_CHANNELS and place[1] in (1, 2)):
+            yield place, _four(word | _OFF)
+        elif place[0] == 0x1012:
+            yield place, _four(word & ~(_CONSUMES | _PRODUCES))
         yield place, data
 
 

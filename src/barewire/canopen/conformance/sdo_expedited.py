@@ -144,3 +144,11 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     yield case("SDO-52", "1011h:01 is not restored without its signature",
                s.refuse(0x1011, 1, 0x1234_5678, 4, 0x0800_0020, 0x0800_0022), needs=("1011h:01",),
                why="0800002x: only 'load' restores")
+    for name, index, done, word, right in (
+        ("SDO-53", 0x1010, "stored", 0x7361_7665, "save"),
+        ("SDO-54", 0x1011, "restored", 0x6C6F_6164, "load"),
+    ):
+        subs = [sub for sub in range(1, 9) if subject.has(index, sub)]
+        yield case(name, f"{index:04X}h is not {done} with the signature '{right[::-1]}'",
+                   *(s.refuse(index, sub, word, 4, 0x0800_0020, 0x0800_0022) for sub in subs or [1]),
+                   needs=(f"{index:04X}h:01",), why=f"0800002x: '{right}' in the other order, at each sub-index")
