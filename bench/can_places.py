@@ -23,6 +23,7 @@ import can
 
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.python_can import CanPort
+from barewire.io.ports.socketcan import SocketCanPort
 from bench.can_responder import FRAME, serve
 
 _numbers = count()
@@ -87,7 +88,8 @@ class SocketPair(Place):
         with self._is_opened():
             return CanPort(Endpoint.parse("can://socketcan/pair"))
 
-    ours = over_python_can
+    def ours(self) -> SocketCanPort:
+        return SocketCanPort(Endpoint.parse("can://socketcan/pair"), opened=self.socket)
 
 
 class Vcan(Place):
@@ -118,7 +120,8 @@ class Vcan(Place):
     def over_python_can(self) -> CanPort:
         return CanPort(Endpoint.parse(f"can://socketcan/{self.name}"))
 
-    ours = over_python_can
+    def ours(self) -> SocketCanPort:
+        return SocketCanPort(Endpoint.parse(f"can://socketcan/{self.name}"))
 
 
 class Virtual(Place):

@@ -7,7 +7,7 @@ rtu:///dev/ttyUSB0?baudrate=19200&parity=E&stopbits=1&unit=1
 ascii:///dev/ttyUSB0?baudrate=9600&bytesize=7&parity=E
 rtu+tcp://10.0.0.5:4001                   a serial line behind a transparent serial server; ascii+tcp:// too
 rtu://pty                                 a new pseudo-terminal (for a server)
-can://INTERFACE/CHANNEL?node=1&bitrate=125000          INTERFACE as python-can names it: socketcan, slcan, ...
+can://socketcan/can0?node=1               a CAN interface of Linux; others as python-can names them, such as slcan
 can://socketcand/127.0.0.1:29536/can0     a bus between processes, HOST:PORT/BUS
 
 scheme          option           default           meaning

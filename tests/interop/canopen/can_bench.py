@@ -31,6 +31,7 @@ from barewire.conversation import Conversation
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.blocking import run
 from barewire.io.ports.python_can import CanPort
+from barewire.io.ports.socketcan import SocketCanPort, can_port
 from tests.interop.canopen.can_hubs import hub
 
 Result = TypeVar("Result")
@@ -50,7 +51,7 @@ class Place(NamedTuple):
 class RecordingPort:
     """Our port; it records every frame that it sends or receives."""
 
-    def __init__(self, port: CanPort) -> None:
+    def __init__(self, port: CanPort | SocketCanPort) -> None:
         self.port = port
         self.seen: list[CanFrame] = []
 
@@ -105,7 +106,7 @@ class Bench:
 
     def __init__(self, ours: Place, theirs: Place, third: str) -> None:
         self.third = third
-        self.port = RecordingPort(CanPort(Endpoint.parse(ours.url)))
+        self.port = RecordingPort(can_port(Endpoint.parse(ours.url)))
         self.network = canopen.Network()
         self.network.NOTIFIER_CYCLE = 0.05  # the longest wait of its thread, and so the time that closing takes
         self.network.connect(**theirs.options)
@@ -252,7 +253,7 @@ def services_in(frames: list[CanFrame]) -> set[str]:
         identifier, data = frame.id, frame.data
         if frame.remote:
             guarded = guarded or identifier == 0x700 + NODE
-        elif identifier == 0x600 + NODE:
+        elif identifier == 0x600 + NODE and data:
             asked = data if data[0] & 0xE0 in (0x20, 0x40) or data[0] & 0xE1 in (0xA0, 0xC0) else asked
             if asked is data and data[2] in (0x16, 0x1A):
                 found.add("PDO mapping")

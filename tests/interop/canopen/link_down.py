@@ -16,6 +16,8 @@ from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, stand
 from barewire.errors import NoAnswer, PortError
 from barewire.io import BusDown, BusUp, FramesLost
 from barewire.io.canopen.event_stream import Stream
+from barewire.io.endpoint import Endpoint
+from barewire.io.ports.socketcan import can_port
 
 URL = "can://socketcan/vcan0?node=5&timeout=3"
 PATIENCE = 30.0
@@ -47,8 +49,32 @@ def failing(client: CanopenClient, begun: threading.Event, failed: list[Exceptio
         failed.append(error)
 
 
+def check_socket() -> None:
+    """The socket of SocketCAN: filters, own frames, frames that the system drops, an interface that is down."""
+    url = "can://socketcan/vcan0"
+    few = can_port(Endpoint.parse(f"{url}?filter=585,00000705&receive_own_messages=1"))
+    small = can_port(Endpoint.parse(f"{url}?receive_buffer=1"))
+    other = can_port(Endpoint.parse(url))
+    frames = [CanFrame(number, b"1", extended) for number in (0x585, 0x705) for extended in (False, True)]
+    for frame in frames:
+        other.send(frame)
+    few.send(CanFrame(0x585, b"own"))
+    assert [few.receive(1.0), few.receive(1.0), few.receive(1.0)] == [frames[0], frames[3], CanFrame(0x585, b"own")]
+    assert few.receive(0.05) is None
+    for _ in range(500):
+        other.send(CanFrame(0x100, bytes(8)))
+    received = 0
+    while small.receive(0.05) is not None:
+        received += 1
+    lost = getattr(small, "lost", 0)
+    assert received < 505 == received + lost, (received, lost)
+    for port in (few, small, other):
+        port.close()
+
+
 def main() -> None:
     """Take the link down and up, twice."""
+    check_socket()
     objects = ObjectDictionary([*standard_objects(heartbeat=50), Entry(0x2100, 0, "long", "domain", default=b"")])
     node = LocalNode(5, objects)
     node.sdo.timeout = PATIENCE  # a guest may stand still for the usual second

@@ -57,6 +57,16 @@ def test_a_slow_stream_reports_lost_frames_in_their_place() -> None:
         assert (stream.get(0.0), stream.lost) == (None, 3)
 
 
+def test_frames_that_the_system_dropped_are_reported_to_streams() -> None:
+    port = MemoryPort()
+    port.lost = 0  # type: ignore[attr-defined]
+    with CanBus(port) as bus, Stream(bus, FrameListener(), {(0x100, False)}) as stream:
+        port.lost = 7  # type: ignore[attr-defined]
+        assert stream.get(30.0) == FramesLost(7)
+        port.lost = 9  # type: ignore[attr-defined]
+        assert stream.get(30.0) == FramesLost(2)
+
+
 def test_a_full_subscriber_counts_lost_frames() -> None:
     with memory_bus() as bus, Subscriber(bus, None, room=2) as subscriber:
         for number in range(5):

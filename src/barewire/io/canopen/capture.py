@@ -26,14 +26,15 @@ def listen_can(
 
     Raises PortError for a bus that cannot be opened, or fails.
     """
-    from barewire.io.ports.python_can import CanPort
+    from barewire.io.ports.socketcan import can_port
 
-    port = CanPort(endpoint)
+    port = can_port(endpoint, stamps=True)
     start = time.time() - time.monotonic()
     until = float("inf") if seconds is None else time.monotonic() + seconds
     try:
         while not stop.is_set() and (now := time.monotonic()) < until:
             frame = port.receive_any(min(_CHECK_INTERVAL, until - now))
-            yield start + time.monotonic(), frame
+            at = None if frame is None else getattr(port, "received_at", None)
+            yield start + time.monotonic() if at is None else at, frame
     finally:
         port.close()

@@ -62,11 +62,11 @@ def conform_can(
         raise EncodeError(f"endpoint {str(endpoint)!r}: these cases are for can://")
     if eds is not None and not eds.objects:
         raise EncodeError("the EDS describes no objects: expected sections like [1000]")
-    from barewire.io.ports.python_can import CanPort
+    from barewire.io.ports.socketcan import can_port
 
     node, patience = endpoint.integer("node", 1), endpoint.seconds("timeout", NODE_ANSWER_TIMEOUT)
     objects = None if eds is None else eds.objects
-    port: Port[CanFrame] = CanPort(endpoint)
+    port: Port[CanFrame] = can_port(endpoint)
     try:
         subject, boot = _probe(port, node, patience, gentle, large, only, objects)
         wanted = [case for case in cases(subject, objects) if case.name.startswith(only)]

@@ -29,7 +29,7 @@ from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.reconnect import Dial, Reopening, receiver
-from barewire.io.canopen.subscriber import BusDown, BusItem, BusUp, Subscriber
+from barewire.io.canopen.subscriber import BusDown, BusItem, BusUp, FramesLost, Subscriber
 from barewire.io.endpoint import CAN_OPTIONS, PAUSES, Endpoint
 from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
 from barewire.io.log import PortLog, watch_both
@@ -49,7 +49,7 @@ WatchFrames: TypeAlias = "Callable[[Direction, CanFrame], Any]"
 class CanBus:
     """A shared CAN bus. Closing it ends the reader thread; after that its subscribers raise PortError.
 
-    port        a `CanPort`, or any other port of frames
+    port        what `can_port` returns, or any other port of frames
     watch       called as watch("sent" or "received", frame) with every frame
     dial        opens a new port after the port failed; until then `failure` is the reason. By default the bus ends
     pauses      the first and the longest pause, in seconds, after failed attempts to open it
@@ -80,6 +80,7 @@ class CanBus:
         self._channels: dict[tuple[int, SdoDialect], Channel] = {}
         self._locks = ChannelLocks()
         self._new_locks()
+        self._lost = 0  # of the port
         self._closed = False
         self._is_inherited = False  # by a forked process, which must not close the port
         self._has_ended = False  # failed or closed, and not opened again
@@ -104,10 +105,10 @@ class CanBus:
 
         Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened.
         """
-        from barewire.io.ports.python_can import CanPort
+        from barewire.io.ports.socketcan import can_port
 
         endpoint = bus if isinstance(bus, Endpoint) else can_endpoint(bus, **options)
-        return cls(CanPort(endpoint), watch=watch, dial=lambda: CanPort(endpoint), pauses=endpoint.pauses)
+        return cls(can_port(endpoint), watch=watch, dial=lambda: can_port(endpoint), pauses=endpoint.pauses)
 
     def __enter__(self) -> Self:
         return self
@@ -119,6 +120,7 @@ class CanBus:
 
     def _read(self) -> None:
         while not self._closed:
+            self._report_losses()
             try:
                 item = self._receive(_RECEIVE_TIMEOUT)
             except Exception as error:
@@ -129,6 +131,14 @@ class CanBus:
                 continue
             if item is not None and not self._deliver(item):
                 return
+
+    def _report_losses(self) -> None:
+        """Report the frames that the system dropped, because they were not read in time."""
+        lost = getattr(self.port, "lost", 0)
+        if lost != self._lost:
+            frames, self._lost = lost - self._lost, lost
+            if frames > 0:  # a new port counts from 0 again
+                self._report(FramesLost(frames), time.monotonic())
 
     def _deliver(self, item: BusItem) -> bool:
         try:
@@ -334,7 +344,7 @@ def can_endpoint(url: str, **options: Any) -> Endpoint:
     if endpoint.scheme != "can":
         raise EncodeError(f"endpoint {str(url)!r}: CANopen needs can://INTERFACE/CHANNEL, such as can://socketcan/can0")
     if endpoint.options.keys() - CAN_OPTIONS:
-        from barewire.io.ports.python_can import check_interface  # loads python-can
+        from barewire.io.ports.socketcan import check_interface  # may load python-can
 
         check_interface(endpoint)
     return endpoint

@@ -1,5 +1,7 @@
 """A CAN bus through python-can: its messages become CanFrame, ErrorFrame and FdFrame; its errors become PortError.
 
+SocketCAN needs no python-can: see `socketcan`.
+
 Special treatment of single interfaces of python-can is in the last part of this file.
 """
 
@@ -9,7 +11,6 @@ import contextlib
 import errno
 import logging
 import os
-import socket
 import time
 from collections import deque
 from importlib import import_module
@@ -35,10 +36,6 @@ logging.getLogger("can").setLevel(logging.CRITICAL)
 GARBLED_LIMIT = 256
 """Undecodable inputs in a row after which the port has failed."""
 
-_GONE = {errno.ENETDOWN, errno.ENODEV, errno.ENXIO}
-"""The interface is down or gone. The system reports it once to each socket; if `send` gets the report, `receive` would
-wait for ever, so it is kept."""
-
 
 class CanPort:
     """An open bus.
@@ -57,17 +54,13 @@ class CanPort:
         extra: dict[str, Any] = {
             key: _plain(value) for key, value in endpoint.options.items() if key not in CAN_OPTIONS
         }
-        check_interface(endpoint)
+        check_python_can_options(endpoint)
         self.own_frames: bool | None = None if interface not in _CHECKED_INTERFACES or interface == "slcan" else False
         """Whether `receive` returns the frames that were sent here too. Of an adapter it is not known."""
         if interface == "udp_multicast" or extra.get("receive_own_messages"):
             self.own_frames = True
         if interface == "slcan":
             channel = _slcan_options(channel, extra)
-        self._gone: str | None = None
-        self._bring_up = f"ip link set {channel} up"
-        if not channel.startswith("vcan"):
-            self._bring_up += f" type can bitrate {endpoint.integer('bitrate', DEFAULT_BITRATE)}"
         try:
             self._bus: can.BusABC
             if interface == "socketcand":
@@ -78,10 +71,7 @@ class CanPort:
                 )
         except Exception as error:
             # Each interface of python-can has its own errors; all of them mean that the bus cannot be opened.
-            raise PortError(
-                f"can://{self.name}: {_first_line(error)}{_how_to_make(self.name, self._bring_up, error)}"
-            ) from None
-        _do_not_block(self._bus)
+            raise PortError(f"can://{self.name}: {_first_line(error)}") from None
 
     def send(self, item: CanFrame) -> None:
         """Hand the frame to the controller. If it has no room, try again for a second at most."""
@@ -97,10 +87,7 @@ class CanPort:
         except (can.CanError, OSError, ValueError) as error:
             if _is_full(error):
                 return False
-            why = f"can://{self.name}: {self._failure(error)}"
-            if _errors(error) & _GONE:
-                self._gone = why
-            raise PortError(why) from None
+            raise PortError(f"can://{self.name}: {self._failure(error)}") from None
         return True
 
     def receive(self, timeout: float) -> CanFrame | None:
@@ -117,8 +104,6 @@ class CanPort:
         """The same as `receive`, but error frames and CAN FD frames are returned too."""
         begin = time.monotonic()
         while True:
-            if self._gone is not None:
-                raise PortError(self._gone)
             try:
                 message = self._bus.recv(timeout if timeout > 0.0 else 0.0)
                 break
@@ -158,11 +143,10 @@ class CanPort:
     def _failure(self, error: Exception) -> str:
         """Why an open bus failed: the interface is down, gone, or the first line of the error."""
         numbers = _errors(error) | (_errors(error.__cause__) if error.__cause__ is not None else set())
-        on_socketcan = self.name.startswith("socketcan/")
         if errno.ENETDOWN in numbers:
-            return f"the interface is down: {self._bring_up}" if on_socketcan else "the interface is down"
+            return "the interface is down"
         if numbers & UNPLUGGED or "readiness to read" in str(error):
-            return f"the {'interface' if on_socketcan else 'device'} is gone: was the adapter unplugged?"
+            return "the device is gone: was the adapter unplugged?"
         return _first_line(error)
 
     def close(self) -> None:
@@ -221,11 +205,11 @@ def _first_line(error: Exception) -> str:
 # What single interfaces need -------------------------------------------------------------------------------------
 
 
-_CHECKED_INTERFACES = ("virtual", "socketcan", "socketcand", "slcan", "udp_multicast")
+_CHECKED_INTERFACES = ("virtual", "socketcand", "slcan", "udp_multicast")
 """Interfaces whose constructors name all their options. Others may take options that are named nowhere."""
 
 
-def check_interface(endpoint: Endpoint) -> None:
+def check_python_can_options(endpoint: Endpoint) -> None:
     """EncodeError for an unknown interface, or an option that neither barewire nor the interface has, which python-can
     would ignore."""
     interface, options = endpoint.place.partition("/")[0], endpoint.options.keys() - CAN_OPTIONS
@@ -246,31 +230,6 @@ def check_interface(endpoint: Endpoint) -> None:
     known = known - {"self", "args", "kwargs", "channel"} | CAN_OPTIONS
     for option in sorted(options - known):
         raise unknown_option(str(endpoint), option, known)
-
-
-def _how_to_make(name: str, bring_up: str, error: Exception) -> str:
-    """What to do about a SocketCAN interface that does not exist, for the end of the error."""
-    interface, _, channel = name.partition("/")
-    numbers = _errors(error) if interface == "socketcan" else set()
-    if errno.EAFNOSUPPORT in numbers:
-        return "; the kernel has no SocketCAN: modprobe can_raw"
-    if errno.ENODEV not in numbers:
-        return ""
-    virtual = f"ip link add dev {channel} type vcan && ip link set {channel} up"
-    if channel.startswith("vcan"):
-        return f"; {virtual}"
-    return f"; plug the adapter in, then {bring_up}; a virtual one: {virtual}"
-
-
-def _do_not_block(bus: can.BusABC) -> None:
-    """Let no read of a SocketCAN socket wait: python-can reads after `select` found something.
-
-    The report of an interface that went down makes the socket readable, and a thread that sends can take the report
-    before the reader reads.
-    """
-    opened = getattr(bus, "socket", None)
-    if isinstance(opened, socket.socket):
-        opened.setblocking(False)
 
 
 def _slcan_options(channel: str, extra: dict[str, Any]) -> str:

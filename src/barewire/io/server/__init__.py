@@ -5,6 +5,7 @@
     connection_limits    how many clients may be connected, and how long one may be silent
     modbus               ModbusServer; by kind of port: tcp (without asyncio), serial, asyncio_stream
     asyncio_modbus       AsyncModbusServer; by kind of port: asyncio_stream, asyncio_ports
+    tls_session          TLS of a connection, without a socket
     can                  a node on a CAN bus
 
 Depends on: `ports`, `engine`, `modbus.carriers`, `fault_injection`.  Used by: `barewire`, the commands.

@@ -19,12 +19,12 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.tcp import CHUNK, CONNECTIONS, listening_socket, place_of, reason, set_socket_options
 from barewire.io.ports.tls import roles_of, server_context, tls_reason
-from barewire.io.ports.tls_session import TlsSession
 from barewire.io.ports.trace import Watch
 from barewire.io.server.asyncio_ports import DatagramServer
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable, End, Inject, send_replies
 from barewire.io.server.server_log import server_log
+from barewire.io.server.tls_session import TlsSession
 from barewire.modbus import Authorization, Request, Server, Unit
 from barewire.modbus.server.server import ServerStatistics, counters_for
 

@@ -27,7 +27,7 @@ from barewire.io.endpoint import Endpoint, socketcand_address
 from barewire.io.engine.locking import CanopenNode, SharedNode
 from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
-from barewire.io.ports.python_can import CanPort
+from barewire.io.ports.socketcan import can_port
 from barewire.io.server.base import AsyncServer, ThreadedServer
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class _CanopenServerBase:
         """Why PDOs of an EDS are switched off: their description breaks a rule."""
         self._node = SharedNode(_node_of(endpoint, device, eds, self.refused_pdos))
         self.url = str(endpoint)
-        self.dial: Callable[[], Port[CanFrame]] = lambda: CanPort(endpoint)
+        self.dial: Callable[[], Port[CanFrame]] = lambda: can_port(endpoint)
         if faults is not None:
             self.dial = _with_faults(self.dial, faults, fault_seed, fault_delay, on_fault)
         self._hub: SocketcandHub | None = None

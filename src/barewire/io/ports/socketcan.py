@@ -1,0 +1,362 @@
+"""A CAN bus of the Linux kernel: a raw socket of the standard library, without python-can.   [Linux, can.rst]
+
+        identifier, flags   length   padding   data                          struct can_frame, 16 bytes
+        05 06 00 00         08       00 00 00  40 00 10 00 00 00 00 00       605#4000100000000000
+                 ^ 80h extended, 40h remote, 20h a report of the controller
+
+The system keeps the time-out of a read (SO_RCVTIMEO), so a frame that arrives in time takes one call. When an interface
+goes down the system reports that once to each socket, and is silent until it is up again; `receive` then raises
+PortError each time. Frames for which the socket had no room are counted in `lost`: the system has the count
+(SO_MEMINFO), which is read when many frames came one after the other.
+
+Other interfaces go through python-can: `can_port` opens either.
+"""
+
+from __future__ import annotations
+
+import errno
+import select
+import socket
+import struct
+import time
+from collections import deque
+from contextlib import suppress
+from struct import Struct
+from typing import TYPE_CHECKING
+
+from barewire.canopen.frame import BASE_MAX, EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
+from barewire.errors import DecodeError, EncodeError, PortError, shown
+from barewire.io.endpoint import CAN_OPTIONS, DEFAULT_BITRATE, Endpoint, unknown_option
+from barewire.io.ports.base import send_when_room
+from barewire.io.ports.tcp import UNPLUGGED, reason
+
+if TYPE_CHECKING:
+    from barewire.io.ports.python_can import CanPort
+
+SOCKETCAN_OPTIONS = frozenset({"receive_own_messages", "local_loopback", "fd", "filter", "receive_buffer"})
+"""The options of can://socketcan endpoints, besides `CAN_OPTIONS`."""
+
+_FRAME = Struct("=IB3x8s")
+_FD_FRAME = Struct("=IBB2x")
+_LONGEST = 72  # struct canfd_frame
+_EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
+_FILTER = Struct("=II")
+_TIME = Struct("@ll")
+_MEMORY = Struct("=9I")  # the last one is SK_MEMINFO_DROPS
+
+# Numbers that Python 3.11 has no names for. [Linux, asm-generic/socket.h, linux/can/raw.h]
+_SOL_CAN_RAW = 101
+_CAN_RAW_FILTER, _CAN_RAW_ERR_FILTER, _CAN_RAW_LOOPBACK, _CAN_RAW_RECV_OWN_MSGS, _CAN_RAW_FD_FRAMES = 1, 2, 3, 4, 5
+_SO_RCVBUFFORCE, _SO_TIMESTAMPNS, _SO_MEMINFO = 33, 35, 55
+
+_ROOM = 1 << 21
+"""Bytes of the receive buffer; the system counts some 800 for a frame, and by default has room for 278."""
+_FRAME_ROOM = 1024
+"""Bytes of the receive buffer that a frame takes at most, in the count of the system."""
+_LONGEST_BURST = 64
+"""Frames one after the other after which `lost` is brought up to date, if the buffer holds so many."""
+_LONGEST_WAIT = 3600.0
+_SHORT = 0.02
+"""Seconds below which `poll` waits: SO_RCVTIMEO has the resolution of the system's timer."""
+
+_new = tuple.__new__
+
+
+class SocketCanPort:
+    """An open SocketCAN interface.
+
+    `others` counts error frames and CAN FD frames, which CANopen has not; `strange` keeps the latest. `lost` counts
+    frames for which the buffer of the socket had no room. With `stamps`, `received_at` is when the last frame arrived,
+    in seconds since 1970, as the system recorded it.
+    """
+
+    def __init__(self, endpoint: Endpoint, *, stamps: bool = False, opened: socket.socket | None = None) -> None:
+        """`opened` is used in place of a raw CAN socket: any socket of datagrams, each of which is a frame."""
+        channel = endpoint.place.partition("/")[2]
+        check_socketcan_options(endpoint)
+        self.name = endpoint.place
+        self.others = self.garbled = self.lost = 0
+        self.strange: deque[ErrorFrame | FdFrame] = deque(maxlen=64)
+        self.received_at: float | None = None
+        self.own_frames = _flag(endpoint, "receive_own_messages")
+        """Whether `receive` returns the frames that were sent here too."""
+        self._in_a_row = 0
+        self._dropped = 0
+        self._waits = 0.0  # SO_RCVTIMEO of the socket, in seconds
+        self._gone: str | None = None
+        self._bring_up = f"ip link set {channel} up"
+        if not channel.startswith("vcan"):
+            self._bring_up += f" type can bitrate {endpoint.integer('bitrate', DEFAULT_BITRATE)}"
+        try:
+            self._socket = _raw_socket(endpoint, channel) if opened is None else opened
+        except OSError as error:
+            raise PortError(f"can://{self.name}: {reason(error)}{self._how_to_make(channel, error)}") from None
+        if stamps:
+            self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        # Frames are lost while the buffer is full; after that at least half of it is read without a pause.
+        half = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // (2 * _FRAME_ROOM)
+        self._burst = max(1, min(_LONGEST_BURST, half))
+        self._poll = select.poll()
+        self._poll.register(self._socket, select.POLLIN)
+        self._recv = self._receive_with_time if stamps else self._socket.recv
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} can://{self.name}>"
+
+    def fileno(self) -> int:
+        """Return the descriptor of the socket, which is readable when a frame has arrived."""
+        return self._socket.fileno()
+
+    # Frames out
+
+    def send(self, item: CanFrame) -> None:
+        """Hand the frame to the controller. If it has no room, try again for a second at most."""
+        if not self.try_send(item):
+            send_when_room(lambda: self.try_send(item), f"can://{self.name}")
+
+    def try_send(self, item: CanFrame) -> bool:
+        """Hand the frame to the controller; False if it has no room for it now. Raises PortError."""
+        identifier, data, extended, remote, requested = item
+        if extended:
+            identifier |= _EXTENDED
+        length = len(data)
+        if remote:
+            identifier, length = identifier | _REMOTE, requested
+        try:
+            self._socket.send(_FRAME.pack(identifier, length, data), socket.MSG_DONTWAIT)
+        except OSError as error:
+            if error.errno in (errno.ENOBUFS, errno.EAGAIN):
+                return False
+            raise PortError(self._failure(error)) from None
+        except struct.error:
+            raise PortError(f"can://{self.name}: {item} is no frame that CAN can carry") from None
+        return True
+
+    # Frames in
+
+    def receive(self, timeout: float) -> CanFrame | None:
+        """Return the next frame, or None after `timeout` seconds. Raises PortError."""
+        item = self.receive_any(timeout)
+        if item is None or isinstance(item, CanFrame):
+            return item
+        until = time.monotonic() + timeout
+        while item is not None and not isinstance(item, CanFrame):
+            self.others += 1
+            self.strange.append(item)
+            item = self.receive_any(until - time.monotonic())
+        return item
+
+    def receive_any(self, timeout: float) -> CanFrame | ErrorFrame | FdFrame | None:
+        """The same as `receive`, but error frames and CAN FD frames are returned too."""
+        if self._gone is not None:
+            raise PortError(self._gone)
+        try:
+            data = self._read(timeout)
+        except (OSError, ValueError) as error:
+            raise PortError(self._failure(error)) from None
+        if data is None:
+            if self._in_a_row:
+                self._count_losses()
+            return None
+        self._in_a_row += 1
+        if self._in_a_row >= self._burst:
+            self._count_losses()
+        return self._item(data)
+
+    def _read(self, timeout: float) -> bytes | None:
+        """Return the bytes of the next frame, or None after `timeout` seconds."""
+        try:
+            if timeout <= 0.0:
+                return self._receive_now()
+            if not self._waits <= timeout < 2 * self._waits:
+                self._set_wait(timeout)
+            if self._waits:
+                try:
+                    return self._recv(_LONGEST)
+                except BlockingIOError:
+                    timeout -= self._waits
+            return self._receive_now() if self._poll.poll(max(0.0, timeout) * 1000.0) else None
+        except BlockingIOError:
+            return None
+
+    def _set_wait(self, timeout: float) -> None:
+        """Set the time-out that the system keeps. It is shorter than `timeout`, so that it serves for the next reads,
+        whose time-outs differ a little; `poll` waits for the rest."""
+        self._waits = 0.0 if timeout < _SHORT else 0.75 * min(timeout, _LONGEST_WAIT)
+        seconds = int(self._waits)
+        option = _TIME.pack(seconds, int((self._waits - seconds) * 1e6))
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, option)
+
+    def _receive_now(self) -> bytes:
+        return self._recv(_LONGEST, socket.MSG_DONTWAIT)
+
+    def _receive_with_time(self, size: int, flags: int = 0) -> bytes:
+        """Do the same as `recv`, and record when the frame arrived."""
+        data, extra, _, _ = self._socket.recvmsg(size, socket.CMSG_SPACE(_TIME.size), flags)
+        for level, kind, content in extra:
+            if (level, kind) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS):
+                seconds, nanoseconds = _TIME.unpack_from(content)
+                self.received_at = seconds + nanoseconds * 1e-9
+        return data
+
+    def _count_losses(self) -> None:
+        """After many frames one after the other, add those that the system has dropped since to `lost`."""
+        if self._in_a_row < self._burst:
+            self._in_a_row = 0
+            return
+        self._in_a_row = 0
+        with suppress(OSError):  # Linux before 4.12
+            numbers = self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMORY.size)
+            dropped = _MEMORY.unpack(numbers)[-1]
+            self.lost += dropped - self._dropped & 0xFFFF_FFFF
+            self._dropped = dropped
+
+    def _item(self, data: bytes) -> CanFrame | ErrorFrame | FdFrame | None:
+        """Return what the bytes from the socket are."""
+        if len(data) != _FRAME.size:
+            return self._other_item(data)
+        identifier, length, body = _FRAME.unpack(data)
+        if length != 8:
+            body = body[:length]
+        if identifier <= BASE_MAX:
+            frame: CanFrame = _new(CanFrame, (identifier, body, False, False, 0))
+            return frame
+        extended = identifier >= _EXTENDED
+        if identifier & _ERROR:
+            return ErrorFrame(identifier & EXTENDED_MAX, body)
+        if identifier & _REMOTE:
+            return CanFrame(identifier & EXTENDED_MAX, b"", extended, True, length)
+        return CanFrame(identifier & EXTENDED_MAX, body, extended)
+
+    def _other_item(self, data: bytes) -> FdFrame | None:
+        """Return a CAN FD frame; None for bytes that are no frame, which are counted as garbled."""
+        if not data:
+            raise PortError(f"can://{self.name}: the socket was closed")
+        if len(data) != _LONGEST:
+            self.garbled += 1
+            return None
+        identifier, length, flags = _FD_FRAME.unpack_from(data)
+        body = data[_FD_FRAME.size : _FD_FRAME.size + length]
+        return FdFrame(identifier & EXTENDED_MAX, body, identifier >= _EXTENDED, flags & 3)
+
+    # Errors, and the end
+
+    def _failure(self, error: Exception) -> str:
+        """Return why an open interface failed. The system reports once that it is down or gone, so that is kept."""
+        number = getattr(error, "errno", None)
+        if number == errno.ENETDOWN:
+            why = self._gone = f"can://{self.name}: the interface is down: {self._bring_up}"
+            return why
+        if number in UNPLUGGED:
+            why = self._gone = f"can://{self.name}: the interface is gone: was the adapter unplugged?"
+            return why
+        return f"can://{self.name}: {reason(error)}"
+
+    def _how_to_make(self, channel: str, error: OSError) -> str:
+        """Return what to do about an interface that does not exist, for the end of the error."""
+        if error.errno == errno.EAFNOSUPPORT:
+            return "; the kernel has no SocketCAN: modprobe can_raw"
+        if error.errno != errno.ENODEV:
+            return ""
+        virtual = f"ip link add dev {channel} type vcan && ip link set {channel} up"
+        return (
+            f"; {virtual}"
+            if channel.startswith("vcan")
+            else (f"; plug the adapter in, then {self._bring_up}; a virtual one: {virtual}")
+        )
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._socket.close()
+
+
+def _raw_socket(endpoint: Endpoint, channel: str) -> socket.socket:
+    """Return an open raw CAN socket on an interface. Raises OSError."""
+    if not hasattr(socket, "AF_CAN"):
+        raise OSError(errno.ENOSYS, "SocketCAN is a part of Linux, and this is another system")
+    opened = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    try:
+        room = endpoint.integer("receive_buffer", _ROOM)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, room)
+        with suppress(OSError):  # above the limit of the system: only with CAP_NET_ADMIN
+            opened.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, room)
+        opened.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, struct.pack("=I", EXTENDED_MAX))
+        opened.setsockopt(_SOL_CAN_RAW, _CAN_RAW_LOOPBACK, _flag(endpoint, "local_loopback", True))
+        opened.setsockopt(_SOL_CAN_RAW, _CAN_RAW_RECV_OWN_MSGS, _flag(endpoint, "receive_own_messages"))
+        if _flag(endpoint, "fd"):
+            opened.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FD_FRAMES, 1)
+        if filters := filters_of(endpoint):
+            opened.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, filters)
+        opened.bind((channel,))
+    except BaseException:
+        opened.close()
+        raise
+    return opened
+
+
+def _wrong(endpoint: Endpoint, key: str, expected: str) -> EncodeError:
+    text = f"{key}={shown(endpoint.options[key])}: expected {expected}"
+    return EncodeError(f"endpoint {shown(str(endpoint), 200)}: {text}", key)
+
+
+def _flag(endpoint: Endpoint, key: str, default: bool = False) -> bool:
+    """Return an option that is true or false."""
+    found = {"1": True, "true": True, "0": False, "false": False}.get(endpoint.options.get(key, str(default)).lower())
+    if found is None:
+        raise _wrong(endpoint, key, "0 or 1")
+    return found
+
+
+def filters_of(endpoint: Endpoint) -> bytes:
+    """Return the option `filter` as the system takes it: (identifier, mask) for each identifier.
+
+    A filter compares the identifier and its kind, so 585 does not pass 00000585; remote frames pass too.
+
+    >>> filters_of(Endpoint.parse("can://socketcan/can0?filter=585,00000705")).hex(" ", 8)
+    '85050000ff070080 05070080ffffff9f'
+    """
+    filters = b""
+    for text in endpoint.options.get("filter", "").split(",") if "filter" in endpoint.options else ():
+        try:
+            identifier = CanFrame.parse(f"{text}#")
+        except DecodeError:
+            raise _wrong(endpoint, "filter", "identifiers such as 585,705: 3 hex digits, or 8 if extended") from None
+        if identifier.extended:
+            filters += _FILTER.pack(identifier.id | _EXTENDED, EXTENDED_MAX | _EXTENDED)
+        else:
+            filters += _FILTER.pack(identifier.id, BASE_MAX | _EXTENDED)
+    return filters
+
+
+def check_socketcan_options(endpoint: Endpoint) -> None:
+    """Raise EncodeError for an option that a SocketCAN endpoint does not have, or for a wrong value."""
+    for option in sorted(endpoint.options.keys() - CAN_OPTIONS - SOCKETCAN_OPTIONS):
+        raise unknown_option(str(endpoint), option, CAN_OPTIONS | SOCKETCAN_OPTIONS)
+    for key in ("receive_own_messages", "local_loopback", "fd"):
+        _flag(endpoint, key)
+    if endpoint.integer("receive_buffer", _ROOM) < 1:
+        raise _wrong(endpoint, "receive_buffer", "1 or more bytes")
+    filters_of(endpoint)
+
+
+def can_port(endpoint: Endpoint, *, stamps: bool = False) -> SocketCanPort | CanPort:
+    """Open the bus of a can:// endpoint: SocketCAN by itself, any other interface by python-can.
+
+    `stamps`: a port that has the time of the system sets `received_at`. Raises EncodeError, PortError.
+    """
+    if endpoint.place.startswith("socketcan/"):
+        return SocketCanPort(endpoint, stamps=stamps)
+    from barewire.io.ports.python_can import CanPort
+
+    return CanPort(endpoint)
+
+
+def check_interface(endpoint: Endpoint) -> None:
+    """Raise EncodeError for an unknown interface, or an option that neither barewire nor the interface has. Raise
+    PortError if the interface needs python-can, and that is missing."""
+    if endpoint.place.startswith("socketcan/"):
+        check_socketcan_options(endpoint)
+        return
+    from barewire.io.ports.python_can import check_python_can_options
+
+    check_python_can_options(endpoint)
