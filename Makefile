@@ -44,6 +44,9 @@ bench: $(VENV)/installed-bench ## our work beside that of other libraries and ha
 proof: $(VENV)/installed-bench ## every order of late answers, ours and those of other clients; writes docs/late-answers.md
 	@$(BIN)/python tools/late_answers.py $(ARGS)
 
+hostile: $(VENV)/installed-dev ## CANopen devices after every configuration of two steps and random ones; ARGS=--help
+	@$(BIN)/python tools/hostile_master.py $(ARGS)
+
 mutants: $(VENV)/installed-mutants ## which changes of the core no test notices; writes docs/mutation.md
 	@$(BIN)/python tools/mutants.py $(ARGS)
 
@@ -66,5 +69,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide bench proof format clean
+.PHONY: help demo check test style types suite pyodide bench proof hostile format clean
 .NOTPARALLEL:
