@@ -139,6 +139,13 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("record", "rtu:///dev/null", "--protocol", "asci"), "did you mean 'ascii'?"),
     (("record", "rtu:///dev/null", "--port", "1502"), "--port is for a recording, which rtu:///dev/null is not"),
     (("record", "rtu:///dev/null", "--protocol", "rtu"), "--protocol is for a recording, which rtu:///dev/null is not"),
+    # replay
+    (("replay", "x.log"), "Missing option '--against'"),
+    (("replay", "x.log", "--against", "az4"), "did you mean 'az3'?"),
+    (("replay", "x.log", "--against", "adxl"), "adxl has no CANopen"),
+    (("replay", "x.log", "--against", "az3", "--only", "sod"), "did you mean 'sdo'?"),
+    *((("replay", "x.log", "--against", "az3", "--node", text), "--node") for text in ("0", "128", "x")),
+    *((("replay", "x.log", "--against", "az3", "--window", text), "--window") for text in ("0", "nan", "x")),
     # conform
     (("conform", CAN, "--only", "NOPE"), "--only NOPE: no case has a name that begins so; expected BLK-"),
     (("conform", CAN, "--only", "sdo-0,sdo-9"), "--only SDO-9: no case has a name that begins so"),

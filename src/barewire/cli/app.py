@@ -32,6 +32,7 @@ COMMANDS = {
     "explain": ("explain", "Explain a frame byte by byte and check it."),
     "sniff": ("sniff", "Decode the traffic of a line or bus; send nothing."),
     "record": ("record", "Make a simulated device of the traffic of a line."),
+    "replay": ("replay", "Play a recording of a CAN bus against a device."),
     "conform": ("conform", "Test a server or device against the standard."),
     "canopen": ("canopen", "Compare a CANopen device with its DCF, and configure it."),
     "canopen-gateway": ("canopen_gateway", "Serve a CANopen network as text over TCP (CiA 309-3)."),

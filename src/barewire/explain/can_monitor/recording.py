@@ -2,6 +2,7 @@
 
     candump      its log, and its screen output            Vector ASC      text
     pcapng, pcap SocketCAN frames, link type 227           Vector BLF      binary
+    log of the CANopen conformance test tool of CiA
 
 Depends on: explain.capture, monitor. Used by: cli.
 """
@@ -18,7 +19,8 @@ from barewire.explain.canopen.known_node import KnownNode
 from barewire.explain.capture import pcapng
 from barewire.explain.capture.asc import is_asc, read_asc
 from barewire.explain.capture.blf import BLF_MAGIC, read_blf
-from barewire.explain.capture.candump import is_candump, log_line, read_candump
+from barewire.explain.capture.candump import has_times, is_candump, log_line, read_candump
+from barewire.explain.capture.conformance_log import is_conformance_log, read_conformance_log
 from barewire.explain.capture.model import Dropped, Recorded, RecordedItem, Unread, unread
 from barewire.explain.capture.socketcan import SOCKETCAN, from_packet, is_can_packet, to_packet
 
@@ -41,7 +43,19 @@ def is_can_recording(data: bytes) -> bool:
         except DecodeError:
             return False
     text = _text(data[:_INSPECTED])
-    return is_asc(text) or is_candump(text)
+    return is_asc(text) or is_candump(text) or is_conformance_log(text)
+
+
+def is_timed(data: bytes) -> bool:
+    """Return whether a recording has times; without them its frames are in order only, and count as 1 ms apart.
+
+    >>> is_timed(b"(1.5) can0 705#05"), is_timed(b"  can0  705   [1]  05")
+    (True, False)
+    """
+    if data[:4] == BLF_MAGIC or pcapng.is_capture(data):
+        return True
+    text = _text(data[:_INSPECTED])
+    return is_asc(text) or (has_times(text) and not is_conformance_log(text))
 
 
 def _text(data: bytes) -> str:
@@ -69,7 +83,11 @@ def read_recording(data: bytes) -> Iterator[RecordedItem]:
         return read_asc(_text(data))
     if is_candump(start):
         return read_candump(_text(data))
-    raise DecodeError("value", data[:16], 0, "not a recording of CAN: expected candump, ASC, BLF, pcapng or pcap")
+    if is_conformance_log(start):
+        return read_conformance_log(_text(data))
+    raise DecodeError(
+        "value", data[:16], 0, "not a recording of CAN: expected candump, ASC, BLF, pcapng, pcap or a CiA log"
+    )
 
 
 def _read_capture(data: bytes) -> Iterator[RecordedItem]:

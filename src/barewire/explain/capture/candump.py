@@ -208,6 +208,16 @@ def is_candump(text: str) -> bool:
     return False
 
 
+def has_times(text: str) -> bool:
+    """Return whether the lines begin with times. Without them they count as 1 ms apart.
+
+    >>> has_times("(1.5) can0 705#05"), has_times("  can0  705   [1]  7F")
+    (True, False)
+    """
+    plain = (_ANSI.sub("", line).strip() for line in text.splitlines()[:50])
+    return any(_TIME.match(line) for line in plain)
+
+
 def read_candump(text: str) -> Iterator[RecordedItem]:
     """Yield the frames of a log or of screen output.
 

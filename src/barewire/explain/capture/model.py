@@ -29,12 +29,13 @@ class Unread(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """One frame."""
+    """One frame. `sent`: the recording program itself sent it; None if the format does not say that."""
 
     at: float
     bus: str
     frame: AnyFrame
     line: int = 0
+    sent: bool | None = None
 
 
 class Dropped(NamedTuple):

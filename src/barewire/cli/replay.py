@@ -1,0 +1,206 @@
+"""`barewire replay`: play a recording of a CAN bus against a device, and list what the device does differently."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import click
+
+from barewire.cli.arguments import Seconds, file_content, json_option, print_json
+from barewire.devices.device import Device
+from barewire.errors import BarewireError, DecodeError, EncodeError
+from barewire.explain.can_monitor.recording import is_timed, read_recording
+from barewire.explain.capture.model import Recorded, RecordedItem, Unread
+from barewire.explain.peer_replay import COUNTERPART_WINDOW, PeerReplay, PlayedDevice
+from barewire.explain.played import PLAYED_KINDS, Played, nodes_of
+from barewire.explain.result import counted
+
+
+@click.command("replay")
+@click.argument("file", type=click.Path())
+@click.option(
+    "--against", required=True, metavar="EDS|NAME", help="The device: an EDS or DCF file, or a simulated one."
+)
+@click.option(
+    "--node", type=int, metavar="N", help="Its node-ID; by default the only node that answers in the recording."
+)
+@click.option("--bus", help="Only this bus of a recording that has several.")
+@click.option("--only", multiple=True, metavar="KIND", help=f"Only frames of this kind: {', '.join(PLAYED_KINDS)}.")
+@click.option(
+    "--window",
+    type=Seconds(),
+    default=COUNTERPART_WINDOW,
+    show_default=True,
+    metavar="S",
+    help="The longest time between a recorded frame and that of the device, in seconds.",
+)
+@click.option("--all", "everything", is_flag=True, help="Also frames that are the same, and repeated differences.")
+@json_option
+def replay_command(
+    file: str,
+    against: str,
+    node: int | None,
+    bus: str | None,
+    only: tuple[str, ...],
+    window: float,
+    everything: bool,
+    as_json: bool,
+) -> int:
+    """Play a recording of a CAN bus against a device.
+
+    The FILE is a recording as `barewire sniff` takes it (candump, ASC, BLF, pcapng, pcap), or the log of the CANopen
+    conformance test tool of CiA. The frames that others sent are given to the device at the times of the recording, but
+    in virtual time: an hour takes seconds, and no bus is needed. What the device sends is compared with what the
+    recorded one sent:
+
+    \b
+    different   it sends another frame with the same identifier
+    missing     it does not send a frame of the recording
+    extra       it sends a frame that the recording does not have
+
+    Exit status 1 if there is a difference. The first difference of an SDO transfer is printed and the rest of it
+    counted, and so is the same difference again.
+
+    \b
+    barewire replay drive.log --against drive.eds --node 5
+    barewire replay drive.log --against az3 --only sdo
+    """
+    for kind in only:
+        if kind not in PLAYED_KINDS:
+            from barewire.devices.device import suggest  # only errors need it
+
+            raise EncodeError(f"--only {kind}: expected one of {', '.join(PLAYED_KINDS)}{suggest(kind, PLAYED_KINDS)}")
+    if node is not None and not 1 <= node <= 127:
+        raise EncodeError(f"--node {node}: expected 1..127")
+    device = None if _is_eds(against) else _described(against)
+    data = file_content(file)
+    items = _items(file, data, bus)
+    number = _node(file, items, node)
+    timed = is_timed(data)
+    played = _of_eds(against, number) if device is None else _simulated(device, number)
+    replay = PeerReplay(played, number, window=window, timed=timed)
+    shown = _printed(replay, items, only, everything=everything, as_json=as_json, timed=timed)
+    counts = {outcome: shown.count(outcome) for outcome in ("same", "different", "missing", "extra")}
+    if as_json:
+        print_json({"event": "summary", "node": number, "received": replay.received, **counts})
+    else:
+        print(_summary(replay, number, counts))
+    return int(counts["same"] < len(shown) or not shown)
+
+
+def _printed(
+    replay: PeerReplay,
+    items: Sequence[RecordedItem],
+    only: tuple[str, ...],
+    *,
+    everything: bool,
+    as_json: bool,
+    timed: bool,
+) -> list[str]:
+    """Print the differences, and return the outcome of each comparison."""
+    outcomes: list[str] = []
+    for played in replay.play(items):
+        if only and played.kind not in only:
+            continue
+        outcomes.append(played.outcome)
+        if not everything and (played.repeated or played.outcome == "same"):
+            continue
+        if as_json:
+            print_json(_fields(played))
+        else:
+            print(_line(played, timed=timed), flush=True)
+    return outcomes
+
+
+def _items(file: str, data: bytes, bus: str | None) -> list[RecordedItem]:
+    """Return the items of one bus. Raises BarewireError for a file that is no recording, or has several buses."""
+    try:
+        items = list(read_recording(data))
+    except DecodeError as error:
+        raise BarewireError(f"{file}: {error.text}") from None
+    buses = {item.bus: None for item in items if isinstance(item, Recorded)}
+    if not buses:
+        raise BarewireError(f"{file}: the recording has no frames")
+    if bus is None and len(buses) > 1:
+        raise EncodeError(f"{file}: there are frames on {', '.join(buses)}: select one with --bus")
+    if bus is not None and bus not in buses:
+        raise BarewireError(f"--bus {bus}: no frames on it; there are frames on {', '.join(buses)}")
+    for item in items:
+        if isinstance(item, Unread):
+            click.echo(f"barewire: {file}: line {item.line} is skipped: {item.why}: {item.text}", err=True)
+    return [item for item in items if not isinstance(item, Unread) and bus in (None, item.bus)]
+
+
+def _node(file: str, items: Sequence[RecordedItem], node: int | None) -> int:
+    """Return the node to compare with. Raises EncodeError if the recording does not tell it."""
+    if node is not None:
+        return node
+    found = nodes_of(items)
+    if len(found) != 1:
+        listed = f"nodes {', '.join(map(str, found))} answer" if found else "no node answers"
+        raise EncodeError(f"{file}: {listed} in the recording: give the node-ID of the device with --node")
+    return found[0]
+
+
+def _is_eds(name: str) -> bool:
+    return name.lower().endswith((".eds", ".dcf"))
+
+
+def _described(name: str) -> Device:
+    """Return a device of the catalogue, or one of your own. Raises EncodeError if it has no CANopen."""
+    from barewire.devices import load
+
+    device = load(name)
+    if device.canopen is None:
+        raise EncodeError(f"--against {name}: {device.name} has no CANopen")
+    return device
+
+
+def _simulated(device: Device, node: int) -> PlayedDevice:
+    from barewire.devices.sim import simulator
+
+    machine = simulator(device, 0.0, node=node).canopen
+    assert machine is not None
+    return machine
+
+
+def _of_eds(name: str, node: int) -> PlayedDevice:
+    """Return a node with the objects of an EDS. Why PDOs of it are switched off, is printed on stderr."""
+    from barewire.canopen import LocalNode, pdos_of
+    from barewire.canopen.eds import parse
+
+    refused: list[str] = []
+    objects = parse(file_content(name)).dictionary(node)
+    device = LocalNode(node, objects, pdos_of(objects, node, refused=refused))
+    for reason in refused:
+        click.echo(f"barewire: {name}: PDO switched off: {reason}", err=True)
+    return device
+
+
+def _line(played: Played, *, timed: bool) -> str:
+    """Return a comparison as a line: the time or the line of the file, the outcome, the frames with their meaning."""
+    place = f"{played.at:.6f}" if timed or not played.line else f"line {played.line}"
+    outcome = played.outcome if played.outcome == "same" else played.outcome.upper()
+    return f"{place}  {outcome:<9}  {played.text}"
+
+
+def _fields(played: Played) -> dict[str, object]:
+    """Return a comparison for JSON. Frames are in the notation of candump."""
+    frames = {"recorded": played.recorded, "sent": played.sent, "request": played.request}
+    return {
+        **{"event": played.outcome, "at": played.at, "kind": played.kind},
+        **{name: None if frame is None else str(frame) for name, frame in frames.items()},
+        **{"text": played.text, "line": played.line, "repeated": played.repeated},
+    }
+
+
+def _summary(replay: PeerReplay, node: int, counts: dict[str, int]) -> str:
+    recorded = counts["same"] + counts["different"] + counts["missing"]
+    text = f"{counted(recorded, 'recorded frame')} of node {node}: {counts['same']} same, "
+    text += f"{counts['different']} different, {counts['missing']} missing; {counts['extra']} extra"
+    text += f"; the device received {counted(replay.received, 'frame')}"
+    if replay.not_received:
+        text += f", {replay.not_received} not, while the recorded one was off or booting"
+    if replay.restarts:
+        text += f"; it was switched off and on {counted(replay.restarts, 'time')}"
+    return text
