@@ -9,8 +9,8 @@
     watch, plot       `watch`: named values periodically, as a table, lines, JSON, CSV or a plot
     drive             `drive`: enable, move and stop a drive
     explain, sniff    `explain`: frames and recordings; `sniff`: traffic of a line or bus
-    record            `record`: traffic of a line -> a file that `simulate` serves
-    replay            `replay`: a recording of a CAN bus against a device, differences listed
+    recordings        `record`: traffic of a line -> a file that `simulate` serves; `replay`: a recording of a CAN bus
+                      against a device (a folder)
     conform           `conform`: a server or a CANopen device against the standard
     canopen           `canopen`: a device compared with its DCF, and configured
     canopen_gateway   `canopen-gateway`: a CANopen network as text over TCP
