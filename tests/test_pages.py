@@ -7,16 +7,18 @@ The marks of interop tests are compared with the services that were exchanged. `
 from __future__ import annotations
 
 import tomllib
+from collections import Counter
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
 
-from barewire.canopen.conformance.battery import cases
+from barewire.canopen.conformance.battery import case_names, cases
 from barewire.devices import load, names
+from tests.canopen.conformance.described import OBJECTS
 from tests.interop.conftest import pytest_runtest_call
 from tests.interop.services import PUBLIC
-from tools import conform_can, devices, interop, mutants
+from tools import cia_cases, conform_can, devices, interop, mutants
 
 pytestmark = pytest.mark.long
 
@@ -38,6 +40,20 @@ def test_every_case_is_on_the_conformance_page() -> None:
     assert all(
         f"| {case.name} | {case.title} | {case.effect} | {case.why} |" in page for case in cases(conform_can.subject())
     )
+
+
+def test_the_table_has_the_127_cases_of_the_cia_tool_and_names_of_ours() -> None:
+    numbers = Counter(group for group, listed, *_ in cia_cases.CIA_CASES for _ in listed.split())
+    assert numbers == {
+        **{"EDS checker": 1, "SDO": 30, "PDO": 33, "OD": 9, "Emergency": 6, "Synchronization": 10, "Guarding": 6},
+        **{"Heartbeat": 7, "Heartbeat versus guarding": 7, "Testing other": 10, "State": 4, "Transition": 4},
+    }
+    names = [f"{group} {number}" for group, listed, *_ in cia_cases.CIA_CASES for number in listed.split()]
+    assert len(set(names)) == 127
+    ours = {name.rpartition("-")[0] if name.startswith("OD-") else name for name in case_names(OBJECTS)}
+    for group, listed, _, named, note in cia_cases.CIA_CASES:
+        assert named or note, (group, listed)
+        assert named == cia_cases.LINT or set(named.split()) <= ours, (group, listed)
 
 
 # docs/devices.md

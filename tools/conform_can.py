@@ -13,6 +13,7 @@ from barewire.canopen.conformance.battery import cases  # noqa: E402
 from barewire.canopen.conformance.model import Subject  # noqa: E402
 from barewire.io.canopen.conformance import why_left_out  # noqa: E402
 from tests.canopen.conformance.devices import LARGE, az3, bus_with, failures, plain, subject_of  # noqa: E402
+from tools.cia_cases import table  # noqa: E402
 
 PAGE = ROOT / "docs" / "conform-canopen.md"
 
@@ -143,6 +144,16 @@ The list for a device that supports everything. *Accepted* explains what is not 
 """
 
 
+CIA = """\
+## The cases of CiA's conformance test tool
+
+The tool that CiA certifies devices with has 127 cases; their names are those of a public log of its version 3.0.3.10
+(`test/test_report_CCT.md` of CANopenNode/CANopenDemo). This table names our cases for the same subject, not the same
+frames: most of ours accept what that log shows as accepted, and a device that passes here may still fail there.
+OD-READ stands for all cases of [an EDS](#against-an-eds) that begin so.
+"""
+
+
 def subject() -> Subject:
     """Return the device of the tests with the objects that only some cases need."""
     return subject_of(lambda: plain(Entry(0x1011, 1, "restore all", "u32", "rw", 1)), LARGE)
@@ -165,6 +176,7 @@ def page() -> str:
         lines += [f"### {clause}", "", "| case | what | effect | accepted |", "|---|---|---|---|"]
         lines += [f"| {case.name} | {case.title} | {case.effect} | {case.why} |" for case in group]
         lines.append("")
+    lines += [CIA, *table()]
     return "\n".join(lines).rstrip() + "\n"
 
 
