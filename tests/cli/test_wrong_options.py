@@ -143,6 +143,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("replay", "x.log"), "Missing option '--against'"),
     (("replay", "x.log", "--against", "az4"), "did you mean 'az3'?"),
     (("replay", "x.log", "--against", "adxl"), "adxl has no CANopen"),
+    (("replay", "x.log", "--against", "az3", "--values"), "--values is for an EDS"),
     (("replay", "x.log", "--against", "az3", "--only", "sod"), "did you mean 'sdo'?"),
     *((("replay", "x.log", "--against", "az3", "--node", text), "--node") for text in ("0", "128", "x")),
     *((("replay", "x.log", "--against", "az3", "--window", text), "--window") for text in ("0", "nan", "x")),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
@@ -12,6 +13,7 @@ from barewire.devices.sim import simulator
 from barewire.explain.capture.model import Dropped, Recorded, RecordedItem, Unread
 from barewire.explain.peer_replay import PeerReplay
 from barewire.explain.played import PLAYED_KINDS, Played, nodes_of
+from barewire.explain.recorded_values import values_of
 from tests.explain.can_monitor.recorded_run import DRIVE, PLAIN, plain, recorded
 
 
@@ -155,6 +157,52 @@ def test_the_rest_of_a_transfer_that_differs_is_marked() -> None:
     found = played(items_of(*lines, "0.5 605#4000600000000000", "0.51 585#4B00600000000000"))
     differences = [one.repeated for one in found if one.outcome == "different"]
     assert differences == [False, True, True, True, False]
+
+
+def test_with_the_recorded_values_only_the_behaviour_is_compared() -> None:
+    """What the device measures and is, it gets from the recording; what was written to it, it has to know itself."""
+    lines = ["0 705#00", "0.1 605#4000600000000000", "0.11 585#4B00600001000000"]
+    lines += ["0.2 605#4000600000000000", "0.21 585#4B00600002000000"]
+    lines += ["0.3 605#4018100100000000", "0.31 585#4318100144332211"]
+    lines += ["0.4 605#4008100000000000", "0.41 585#410810000A000000", "0.42 605#6000000000000000"]
+    lines += ["0.43 585#0054686520676F6F", "0.44 605#7000000000000000", "0.45 585#1964206F00000000"]
+    lines += ["0.5 605#2B01600010000000", "0.51 585#6001600000000000"]
+    lines += ["0.6 605#4001600000000000", "0.61 585#4B01600011000000"]
+    lines += ["0.7 605#4017100000000000", "0.71 585#4B17100011000000"]
+    items = items_of(*lines)
+    values = values_of(items, 5)
+    assert sorted((value.index, value.data) for value in values.values()) == [
+        *((0x1008, b"The good o"), (0x1018, b"\x44\x33\x22\x11"), (0x6000, b"\1\0"), (0x6000, b"\2\0")),
+    ]
+    found = list(PeerReplay(thermometer(), 5).play(items, values))
+    assert [str(one.recorded) for one in found if one.outcome != "same"] == [
+        *("585#4B01600011000000", "585#4B17100011000000"),
+    ]
+    assert sum(one.outcome != "same" for one in played(items)) > 6
+
+
+def test_a_value_that_does_not_fit_is_not_taken() -> None:
+    lines = ["0 705#00", "0.1 605#4000600000000000", "0.11 585#4300600001000000"]
+    lines += ["0.2 605#4077770000000000", "0.21 585#4300600001000000"]
+    items = items_of(*lines)
+    found = list(PeerReplay(thermometer(), 5).play(items, values_of(items, 5)))
+    assert [str(one.sent) for one in found[1:]] == ["585#4B006000D7000000", "585#8077770000000206"]
+
+
+def test_any_frames_are_played() -> None:
+    """Frames at random, and those of a run with bits inverted: the comparison ends, and counts every frame once."""
+    dice = random.Random(13)
+    for number in range(60):
+        run = items_of(*RUN)
+        ids = (0x000, 0x080, 0x085, 0x100, 0x185, 0x205, 0x585, 0x605, 0x705, 0x7E4, 0x7E5)
+        items = [
+            item._replace(at=dice.uniform(0, 3) if number % 3 else item.at, frame=CanFrame(dice.choice(ids), data))
+            for item in run * 8
+            for data in [dice.randbytes(dice.choice((0, 1, 2, 8, 8, 8)))]
+        ]
+        found = played([*run, *items], timed=bool(number % 2))
+        assert sum(one.recorded is not None and one.kind != "lss" for one in found) >= 8
+        assert all(one.text.isprintable() for one in found)
 
 
 def test_frames_that_the_recorder_lost_are_no_differences() -> None:

@@ -17,6 +17,7 @@ order:
     canopen/     CAN frames by service; SDO, LSS; descriptions of nodes
     capture/     recordings: pcapng, candump, ASC, BLF, logs; Modbus and CAN in them
     can_monitor/ a monitor for CANopen buses: transfers, states, broken rules
+    recorded_values       what a recording reads from a device
     played, peer_replay   a recording of a CAN bus played against a device, and compared
     api          `explain` and `explain_text`
 

@@ -16,21 +16,24 @@ its first recorded frame.
 Recordings without times (`timed=False`) have an order only: if the device has not yet sent a recorded frame, time
 passes, up to 10 s, until it does.
 
-Depends on: canopen, explain.capture, played. Used by: cli.
+Depends on: canopen, explain.capture, played, recorded_values. Used by: cli.
 """
 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import NamedTuple, Protocol
 
 from barewire.canopen.cob_ids import CobEntry, check_node, classify
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand, NmtState
 from barewire.canopen.object_dictionary import ObjectDictionary
+from barewire.errors import BarewireError
 from barewire.explain.capture.model import Dropped, Recorded, RecordedItem, Unread
 from barewire.explain.played import Played, PlayedOutcome, played_kind
+from barewire.explain.recorded_values import RecordedValue
 
 COUNTERPART_WINDOW = 1.0
 """Seconds between a recorded frame and that of the device."""
@@ -110,8 +113,14 @@ class PeerReplay:
         self._keys: frozenset[tuple[int, bool]] = frozenset()
         self._changes = -1
 
-    def play(self, items: Sequence[RecordedItem]) -> Iterator[Played]:
-        """Play a whole recording, and yield each comparison when it is certain."""
+    def play(
+        self, items: Sequence[RecordedItem], values: Mapping[int, RecordedValue] | None = None
+    ) -> Iterator[Played]:
+        """Play a whole recording, and yield each comparison when it is certain.
+
+        `values` are those of `values_of`: the device gets each before the request that reads it.
+        """
+        given = values or {}
         boot_ups = [place for place, item in enumerate(items) if self._is_boot_up(item)]
         self._now = items[0].at if items else 0.0
         self._begin(items)
@@ -125,10 +134,20 @@ class PeerReplay:
                 if self._is_of_device(item, item.frame):
                     self._compare(item, item.frame)
                 else:
+                    if place in given:
+                        self._set(given[place])
                     self._receive(item.frame, any(later > place for later in boot_ups))
             yield from self._taken()
         self._end()
         yield from self._taken()
+
+    def _set(self, value: RecordedValue) -> None:
+        """Give an object of the device the recorded value, if its type can have it."""
+        objects = getattr(self.device, "objects", None)
+        place = value.index, value.sub
+        if isinstance(objects, ObjectDictionary) and place in objects:
+            with suppress(BarewireError):
+                objects.set(*place, objects.entry(*place).codec.decode(value.data))
 
     # Who sends a frame
 

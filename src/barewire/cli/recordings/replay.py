@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import click
 
@@ -13,6 +13,7 @@ from barewire.explain.can_monitor.recording import is_timed, read_recording
 from barewire.explain.capture.model import Recorded, RecordedItem, Unread
 from barewire.explain.peer_replay import COUNTERPART_WINDOW, PeerReplay, PlayedDevice
 from barewire.explain.played import PLAYED_KINDS, Played, nodes_of
+from barewire.explain.recorded_values import values_of
 from barewire.explain.result import counted
 
 
@@ -26,6 +27,7 @@ from barewire.explain.result import counted
 )
 @click.option("--bus", help="Only this bus of a recording that has several.")
 @click.option("--only", multiple=True, metavar="KIND", help=f"Only frames of this kind: {', '.join(PLAYED_KINDS)}.")
+@click.option("--values", is_flag=True, help="Give a device of an EDS the recorded values when they are read.")
 @click.option(
     "--window",
     type=Seconds(),
@@ -42,6 +44,7 @@ def replay_command(
     node: int | None,
     bus: str | None,
     only: tuple[str, ...],
+    values: bool,
     window: float,
     everything: bool,
     as_json: bool,
@@ -73,13 +76,16 @@ def replay_command(
     if node is not None and not 1 <= node <= 127:
         raise EncodeError(f"--node {node}: expected 1..127")
     device = None if _is_eds(against) else _described(against)
+    if values and device is not None:
+        raise EncodeError(f"--values is for an EDS: the simulated {device.name} computes its own")
     data = file_content(file)
     items = _items(file, data, bus)
     number = _node(file, items, node)
     timed = is_timed(data)
     played = _of_eds(against, number) if device is None else _simulated(device, number)
     replay = PeerReplay(played, number, window=window, timed=timed)
-    shown = _printed(replay, items, only, everything=everything, as_json=as_json, timed=timed)
+    given = values_of(items, number) if values else {}
+    shown = _printed(replay.play(items, given), only, everything=everything, as_json=as_json, timed=timed)
     counts = {outcome: shown.count(outcome) for outcome in ("same", "different", "missing", "extra")}
     if as_json:
         print_json({"event": "summary", "node": number, "received": replay.received, **counts})
@@ -89,8 +95,7 @@ def replay_command(
 
 
 def _printed(
-    replay: PeerReplay,
-    items: Sequence[RecordedItem],
+    comparisons: Iterable[Played],
     only: tuple[str, ...],
     *,
     everything: bool,
@@ -99,7 +104,7 @@ def _printed(
 ) -> list[str]:
     """Print the differences, and return the outcome of each comparison."""
     outcomes: list[str] = []
-    for played in replay.play(items):
+    for played in comparisons:
         if only and played.kind not in only:
             continue
         outcomes.append(played.outcome)
