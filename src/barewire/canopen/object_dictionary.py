@@ -100,8 +100,8 @@ class ObjectDictionary:
     only after a change. Entries with `on_read` change without being counted; `computed` holds their indices.
 
     An error that `on_read` or `on_write` raises reaches the caller. With `on_failure`, which a device on a bus sets,
-    on_failure("2001h:00", error) is called for errors other than those of barewire, and the access is refused with
-    0800 0000h.
+    on_failure("2001h:00", error) is called for errors other than those of barewire, and for a value of `on_read` that
+    does not fit its type, and the access is refused with 0800 0000h.
     """
 
     __slots__ = ("_entries", "_subs", "_values", "changes", "computed", "on_failure")
@@ -212,7 +212,13 @@ class ObjectDictionary:
         entry = self.entry(index, sub)
         if entry.access == "wo":
             raise SdoAbort(AbortCode.WRITE_ONLY, index, sub)
-        return entry.codec.encode(self.get(index, sub))
+        value = self.get(index, sub)
+        try:
+            return entry.codec.encode(value)
+        except EncodeError as error:
+            if entry.on_read is None or self.on_failure is None:
+                raise
+            self._refuse(entry, error, self.on_failure)
 
     def may_write(self, index: int, sub: int, size: int | None) -> None:
         """Raise the SdoAbort that `write` would raise for any value of this size (None: not known yet)."""
@@ -285,7 +291,11 @@ class ObjectDictionary:
         """Raise what a hook raised. An error that is not a refusal is reported, and raised as one."""
         if isinstance(error, BarewireError) or self.on_failure is None:
             raise error
-        self.on_failure(f"{entry.index:04X}h:{entry.sub:02X}", error)
+        self._refuse(entry, error, self.on_failure)
+
+    @staticmethod
+    def _refuse(entry: Entry, error: Exception, on_failure: Callable[[str, Exception], None]) -> NoReturn:
+        on_failure(f"{entry.index:04X}h:{entry.sub:02X}", error)
         raise SdoAbort(AbortCode.GENERAL, entry.index, entry.sub) from error
 
     def set(self, index: int, sub: int, value: Value) -> None:

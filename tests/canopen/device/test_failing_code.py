@@ -142,6 +142,18 @@ def test_a_failing_object_in_an_event_driven_tpdo_does_not_keep_the_device_busy(
     assert device.deadline == 1.0, "the heartbeat"
 
 
+def test_a_value_that_does_not_fit_its_object_is_an_error_of_the_application() -> None:
+    application = Application()
+    device = application.device(PdoConfig("TPDO", 1, (0x20040010, 0x20010010), type=1))
+    device.objects.hook(0x2001, on_read=lambda: 70_000)
+    assert feed(device, "605#4001200000000000") == ["585#8001200000000008", INTERNAL_SOFTWARE]
+    feed(device, "000#0105")
+    assert feed(device, "080#") == ["185#00000000"]
+    assert len(application.failures) == 2
+    assert application.failures[0].startswith("2001h:00: EncodeError: ")
+    assert application.failures[1] == application.failures[0], "by SDO and in the PDO"
+
+
 def test_a_reset_whose_code_fails_boots() -> None:
     application = Application()
 

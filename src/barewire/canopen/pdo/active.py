@@ -5,13 +5,15 @@ The records (see `config`) are read once; when one of them is written, the engin
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.config import LAST_CYCLIC, RTR_AT_ONCE, RTR_AT_SYNC, PdoConfig, resolve
 from barewire.canopen.pdo.mapping import PdoMapping
 from barewire.canopen.pdo.multiplexed import MPDO_COUNTS, MpdoConsumer, MpdoProducer
 from barewire.codecs import Value
-from barewire.errors import BarewireError
+from barewire.errors import BarewireError, EncodeError
 
 
 class ActivePdo:
@@ -94,9 +96,18 @@ class ActivePdo:
                 if not mapped.is_dummy
             }
             return self.mapping.pack(values)
-        except BarewireError:
+        except BarewireError as error:
             self._refused += 1
+            if isinstance(error, EncodeError):
+                self._find_misfit()
             return bytes(self.mapping.size)
+
+    def _find_misfit(self) -> None:
+        """Read the objects one by one: the dictionary reports the value of the application that does not fit."""
+        for mapped in self.mapping.entries:
+            if not mapped.is_dummy:
+                with suppress(BarewireError):
+                    self.objects.read(mapped.index, mapped.sub)
 
     def store(self, data: bytes) -> None:
         """Write the values of an RPDO to the dictionary. A refused value does not affect the others."""
