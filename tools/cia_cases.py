@@ -8,7 +8,6 @@ name stands for a case without an equivalent, and then the last column says why.
 from __future__ import annotations
 
 LINT = "`barewire eds lint`"
-_SAVE = "it writes to the non-volatile memory of the device"
 
 CIA_CASES: tuple[tuple[str, str, str, str, str], ...] = (
     ("EDS checker", "01", "the EDS itself", LINT, ""),
@@ -35,7 +34,7 @@ CIA_CASES: tuple[tuple[str, str, str, str, str], ...] = (
     ("SDO", "27", "a wrong sequence number acknowledged", "BLK-15", ""),
     ("SDO", "28", "further servers, 1201h", "CHN-01 CHN-02 CHN-03", "1201h only"),
     ("SDO", "29", "further servers after a reset of the communication", "CHN-06", ""),
-    ("SDO", "30", "clients, 1280h, with 'save' and a reset", "CHN-10 CHN-12", "without 'save'"),
+    ("SDO", "30", "clients, 1280h, with 'save' and a reset", "CHN-10 CHN-12 STO-06", ""),
     ("PDO", "01 02", "the records of RPDOs and TPDOs", "RPD-01 TPD-01 OD-READ", ""),
     ("PDO", "03", "OPERATIONAL: remote frames", "TPD-40 TPD-48", ""),
     ("PDO", "04", "OPERATIONAL: event-driven", "TPD-04", "no event can be caused from outside"),
@@ -78,7 +77,7 @@ CIA_CASES: tuple[tuple[str, str, str, str, str], ...] = (
     ("Synchronization", "05", "invalid values of 1019h", "SYN-07 SDO-49", ""),
     ("Synchronization", "06", "1019h is 0: SYNC without a counter", "SYN-01", ""),
     ("Synchronization", "07", "the counter", "SYN-04", ""),
-    ("Synchronization", "08 10", "1019h saved", "", _SAVE),
+    ("Synchronization", "08 10", "1019h saved", "STO-04", ""),
     ("Synchronization", "09", "1019h while there is a period", "SYN-08", ""),
     ("Guarding", "01", "100Ch and 100Dh", "OD-READ", ""),
     ("Guarding", "02 03", "answers and their toggle bit", "GRD-01 GRD-02", ""),
@@ -95,7 +94,7 @@ CIA_CASES: tuple[tuple[str, str, str, str, str], ...] = (
     ("Testing other", "03 04", "1011h:01 with 'wron' and 'daol'", "SDO-52 SDO-54", ""),
     ("Testing other", "05 06", "1010h:02", "SDO-53", ""),
     ("Testing other", "07 08", "1011h:02 with 'wron' and 'daol'", "SDO-54", ""),
-    ("Testing other", "09", "1020h, saved", "CFG-01 CFG-02", "without 'save'"),
+    ("Testing other", "09", "1020h, saved", "CFG-01 CFG-02 STO-05", ""),
     ("Testing other", "10", "restricted CAN-IDs", "COB-01 COB-02 COB-03 COB-04 COB-05", ""),
     ("State", "01", "initialisation: boot-up message, default values", "NMT-10 NMT-17 NMT-18 OD-DEFAULT", ""),
     ("State", "02", "PRE-OPERATIONAL", "NMT-11 NMT-19 RND-02 TPD-33", ""),

@@ -8,7 +8,6 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
-from barewire.canopen import Entry  # noqa: E402
 from barewire.canopen.conformance.battery import cases  # noqa: E402
 from barewire.canopen.conformance.model import Subject  # noqa: E402
 from barewire.io.canopen.conformance import why_left_out  # noqa: E402
@@ -51,13 +50,15 @@ last case and the number of cases that were not run (with `--json` an object `un
 | `--only SDO,NMT-1` | cases whose names begin so |
 | `--eds drive.eds` | the EDS of the device: every object is compared with it, see [below](#against-an-eds) |
 | `--large 2100:00` | an object for any bytes: it is written in several segments and blocks |
+| `--save` | also the cases that store values in the memory of the device |
+| `--power-cycle` | the same, and STO-08, in which you switch the device off and on within two minutes |
 | `--gentle` | leaves out the cases that change the device |
 
 After each case that changes the device its communication is reset, it is switched to pre-operational (it may start
 itself), and what the case wrote is read back and written if the device kept it. So one departure fails the cases that
 name it, and not all that follow: a device that starts itself fails NMT-19; one that keeps values over a reset of the
-communication fails NMT-17, RPD-19, TPD-19, SYN-05, CHN-06, CHN-12 and CFG-02. COB-01 to COB-09 send some 800 requests
-each: 15 s in all at 125 kbit/s.
+communication fails NMT-17, RPD-19, TPD-19, SYN-05, CHN-06, CHN-12 and CFG-02, and STO-03 if that runs. COB-01 to
+COB-09 send some 800 requests each: 15 s in all at 125 kbit/s.
 
 **Not for a machine that is running.** The column *effect* below:
 
@@ -67,6 +68,8 @@ each: 15 s in all at 125 kbit/s.
 | tries | objects are written, with the value that they have or with one that they must refuse; a failure is undone |
 | writes | objects are written, 1000h to 1FFFh and the one of `--large`; a reset of the communication follows |
 | commands | the device is started, stopped and reset, gets RPDOs of zeros, SYNC, and heartbeats of a node 126 |
+| stores | values are stored by 1010h; afterwards those that the device had are stored again; only with `--save` |
+| power | the same, and the device is switched off and on; only with `--power-cycle` |
 
 Interfaces without remote frames (socketcand) leave out the cases that need them.
 
@@ -156,7 +159,7 @@ OD-READ stands for all cases of [an EDS](#against-an-eds) that begin so.
 
 def subject() -> Subject:
     """Return the device of the tests with the objects that only some cases need."""
-    return subject_of(lambda: plain(Entry(0x1011, 1, "restore all", "u32", "rw", 1)), LARGE)
+    return subject_of(plain, LARGE)
 
 
 def sample_totals() -> dict[str, int]:

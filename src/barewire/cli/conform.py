@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -31,9 +33,19 @@ if TYPE_CHECKING:
 @click.option("--gentle", is_flag=True, help="Only cases that change nothing in the device (can:// only).")
 @click.option("--large", metavar="INDEX:SUB", help="An object that takes any bytes, for long downloads (can:// only).")
 @click.option("--eds", metavar="FILE", help="The EDS of the device: compare every object with it (can:// only).")
+@click.option("--save", is_flag=True, help="Also cases that store values in the device's memory (can:// only).")
+@click.option("--power-cycle", is_flag=True, help="With --save, and a case in which you switch the device off and on.")
 @click.option("--only", metavar="NAME,...", default="", help="Only cases whose names begin with NAME (can:// only).")
 def conform_command(
-    endpoint: str, as_json: bool, timing: bool, gentle: bool, large: str | None, eds: str | None, only: str
+    endpoint: str,
+    as_json: bool,
+    timing: bool,
+    gentle: bool,
+    large: str | None,
+    eds: str | None,
+    save: bool,
+    power_cycle: bool,
+    only: str,
 ) -> int:
     """Test a server or device against the standard.
 
@@ -58,6 +70,9 @@ def conform_command(
     barewire conform "can://socketcan/can0?node=5"
     barewire conform "can://socketcan/can0?node=5" --eds drive.eds
 
+    With --save values are stored in the memory of the device, and afterwards those that it had before; --power-cycle
+    adds a case that waits two minutes for you to switch the device off and on.
+
     With --eds every object is read, written with the value that it has, with values beyond its limits and of another
     length, and mapped into PDOs; the device should have its factory settings.
     """
@@ -65,9 +80,12 @@ def conform_command(
         if endpoint.startswith("can://"):
             if timing:
                 print_timing(endpoint)
-            return _test_node(endpoint, as_json=as_json, gentle=gentle, large=large, eds=eds, only=only)
-        if gentle or only or large is not None or eds is not None:
-            raise EncodeError(f"endpoint {shown(endpoint, 200)}: --gentle, --large, --eds and --only are for can://")
+            return _test_node(
+                endpoint, as_json=as_json, gentle=gentle, large=large, eds=eds, save=save, power=power_cycle, only=only
+            )
+        if gentle or only or save or power_cycle or large is not None or eds is not None:
+            options = "--gentle, --large, --eds, --save, --power-cycle and --only"
+            raise EncodeError(f"endpoint {shown(endpoint, 200)}: {options} are for can://")
         if timing:
             print_timing(endpoint)
         return _test_server(endpoint, as_json)
@@ -118,7 +136,17 @@ def _case_fields(result: CaseResult) -> dict[str, object]:
 # A CANopen device
 
 
-def _test_node(endpoint: str, *, as_json: bool, gentle: bool, large: str | None, eds: str | None, only: str) -> int:
+def _test_node(
+    endpoint: str,
+    *,
+    as_json: bool,
+    gentle: bool,
+    large: str | None,
+    eds: str | None,
+    save: bool,
+    power: bool,
+    only: str,
+) -> int:
     """Run the cases and print them; 1 if one failed."""
     from barewire.canopen.eds import parse
     from barewire.io.canopen.conformance import conform_can
@@ -128,7 +156,10 @@ def _test_node(endpoint: str, *, as_json: bool, gentle: bool, large: str | None,
     if document is not None and not document.objects:
         raise EncodeError(f"--eds {eds}: describes no objects: expected sections like [1000]")
     where, address, names = Endpoint.parse(endpoint), _object_address(large), _beginnings(only, document)
-    for result in conform_can(where, gentle=gentle, large=address, only=names, eds=document):
+    ask = partial(print, "switch the device off and on", file=sys.stderr, flush=True) if power else None
+    for result in conform_can(
+        where, gentle=gentle, large=address, only=names, eds=document, save=save, on_power_cycle=ask
+    ):
         count += result.outcome is not None
         failed += result.failure is not None
         left_out += result.outcome is None

@@ -34,6 +34,7 @@ def plain(*more: Entry) -> LocalNode:
         Entry(0x1020, 2, "configuration time", "u32", "rw", 0),
         *(Entry(0x1280, sub, "COB-ID of an SDO client", "u32", "rw", 0x8000_0000) for sub in (1, 2)),
         Entry(0x1010, 1, "save all", "u32", "rw", 1),
+        Entry(0x1011, 1, "restore all", "u32", "rw", 1),
         Entry(*LARGE, "anything", "domain", "rw", b""),
         Entry(0x6040, 0, "controlword", "u16", "rw", 0),
         Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
@@ -100,7 +101,7 @@ def failures(
     found: dict[str, str] = {}
     previous = None
     for case in cases(subject, objects):
-        if case.lacks or not case.name.startswith(prefixes):
+        if case.lacks or case.effect == "power" or not case.name.startswith(prefixes):
             continue
         previous = run_after_reset(bus, subject, case, previous)
         if previous.failure is not None:

@@ -12,7 +12,7 @@ from tests.canopen.conformance.devices import LARGE, NODE, FaultyDevice, bus_wit
 from tests.canopen.virtual_bus import VirtualBus
 
 BOOT_UP = CanFrame(0x700 + NODE, b"\0")
-KEPT = {"NMT-17", "RPD-19", "TPD-19", "SYN-05", "CHN-06", "CHN-12", "CFG-02"}
+KEPT = {"NMT-17", "RPD-19", "TPD-19", "SYN-05", "CHN-06", "CHN-12", "CFG-02", "STO-03"}
 """The cases of what a reset of the communication restores."""
 COMMUNICATION, WHOLE = NmtCommand.RESET_COMMUNICATION, NmtCommand.RESET_NODE
 
@@ -94,8 +94,8 @@ def test_1f80h_with_bit_2_forbids_to_start() -> None:
     ("commands", "found"),
     [
         ((COMMUNICATION,), KEPT),
-        ((COMMUNICATION, WHOLE), {*KEPT, "NMT-18"}),
-        ((WHOLE,), {"NMT-18"}),
+        ((COMMUNICATION, WHOLE), {*KEPT, "NMT-18", "STO-07"}),
+        ((WHOLE,), {"NMT-18", "STO-07"}),
     ],
 )
 def test_a_device_that_keeps_values_over_a_reset(commands: tuple[NmtCommand, ...], found: set[str]) -> None:

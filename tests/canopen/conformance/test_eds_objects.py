@@ -82,7 +82,7 @@ SPEED = (0x2000, 0)
         (device(missing=((0x2010, 1),)), {"OD-READ-2010:01"}),
         (device(missing=((0x2010, 4),)), {"OD-READ-2010:04", "OD-DEFAULT-2010:00"}),
         (device(Entry(0x2010, 3, "third", "u8")), {"OD-SUB-2010"}),
-        (device(Entry(0x1011, 1, "restore", "u32", "rw", 1)), {"OD-ABSENT-1011"}),
+        (device(Entry(0x1002, 0, "status", "u32", "ro", 1)), {"OD-ABSENT-1002"}),
         (device(Entry(0x6041, 0, "statusword", "u16", "ro", 0x637, mappable=())), {"OD-TPDO-6041:00"}),
         (device(changed((0x2010, 1), mappable=("RPDO",))), {"OD-RPDO-2010:01"}),
         (device(changed((0x2007, 0), mappable=("TPDO",))), {"OD-TPDO-2007:00"}),

@@ -60,13 +60,13 @@ def case_names(objects: Mapping[int, EdsObject] | None = None) -> tuple[str, ...
 
 def needs_reset(case: NodeCase, previous: NodeOutcome | None) -> bool:
     """Return whether the device must be reset before this case: this case changes it, or the previous one did."""
-    return case.effect in ("writes", "commands") or (previous is not None and may_have_changed(previous))
+    return case.effect not in ("reads", "tries") or (previous is not None and may_have_changed(previous))
 
 
 def may_have_changed(outcome: NodeOutcome) -> bool:
     """Return whether a case may have left the device with other values or in another state."""
     effect = outcome.case.effect
-    return effect in ("writes", "commands") or (effect == "tries" and outcome.failure is not None)
+    return effect not in ("reads", "tries") or (effect == "tries" and outcome.failure is not None)
 
 
 def prepare(

@@ -14,9 +14,12 @@ from functools import partial
 from barewire.canopen.cob_ids import is_restricted
 from barewire.canopen.conformance.frames import (
     HEARTBEAT,
+    LOAD,
     PRE,
     READ_ONLY_CODES,
+    RESET,
     RESET_COMMUNICATION,
+    SAVE,
     START,
     STOP,
     Sdo,
@@ -26,13 +29,14 @@ from barewire.canopen.conformance.frames import (
     nmt_command,
     silence,
 )
-from barewire.canopen.conformance.model import BOOT, SILENCE, NodeCase, NodeStep, Subject
+from barewire.canopen.conformance.model import BOOT, POWER_CYCLE, SILENCE, NodeCase, NodeStep, Subject
 from barewire.canopen.object_dictionary import ObjectAddress
 
 # Each case is a row: name, title, steps, needs, reason.
 # fmt: off
 
 _RESTRICTED, _CHANNEL = "CiA 301 7.3.5 restricted CAN-IDs", "CiA 301 7.2.4 SDO channels"
+_STORE = "CiA 301 7.5.2 store and restore"
 _VERIFY, _RANDOM = "CiA 301 7.5.2 verify configuration", "CiA 301 7.2.4 SDO in each state"
 _VALUE = (0x0609_0030, 0x0609_0031, 0x0609_0032)
 _OFF, _CONSUMES = 0x8000_0000, 0x8000_0000
@@ -48,6 +52,7 @@ def configuration_cases(subject: Subject) -> Iterator[NodeCase]:
     yield from _restricted(subject)
     yield from _channels(subject)
     yield from _verify(subject)
+    yield from _stored(subject)
     yield from _random(subject)
 
 
@@ -119,6 +124,42 @@ def _verify(subject: Subject) -> Iterator[NodeCase]:
     before = [s.read(0x1020, sub, subject.number(0x1020, sub).to_bytes(4, "little")) for sub in _STAMP]
     yield case("CFG-02", "without 'save' a reset of the communication restores 1020h", *write, boots, *before,
                effect="commands", why="a stamp without its configuration would be wrong")
+
+
+def _stored(subject: Subject) -> Iterator[NodeCase]:
+    """Yield the cases that store values. Those before the battery are stored again after each of them."""
+    node = subject.node
+    s = Sdo(node)
+    boot = f"{0x700 + node:03X}#00"
+    case = partial(make_case, subject, _STORE, (s.responses, boot), effect="stores")
+    communication, whole = (
+        NodeStep((nmt_command(command, node),), (boot,), wait=BOOT) for command in (RESET_COMMUNICATION, RESET)
+    )
+    # A device that starts itself would be no hindrance: SDO works in OPERATIONAL.
+    save, load = (s.write(index, 1, word, 4)._replace(wait=5.0) for index, word in ((0x1010, SAVE), (0x1011, LOAD)))
+    write, kept = s.write(0x1017, 0, 12_345, 2), s.read(0x1017, 0, (12_345).to_bytes(2, "little"))
+    needs = ("1017h", "1010h:01")
+    yield case("STO-01", "'save' keeps 1017h over a reset of the communication", write, save, communication, kept,
+               needs=needs)
+    yield case("STO-02", "'save' keeps 1017h over a reset of the node", write, save, whole, kept, needs=needs)
+    later = s.write(0x1017, 0, 23_456, 2)
+    yield case("STO-03", "a value written after 'save' is not kept", write, save, later, communication, kept,
+               needs=needs)
+    channel = {1: _REQUEST, 2: _RESPONSE}
+    for name, index, values, size in (
+        ("STO-04", 0x1019, {0: 5}, 1), ("STO-05", 0x1020, _STAMP, 4), ("STO-06", _CLIENT, channel, 4)
+    ):
+        off = [s.write(index, sub, _OFF, 4) for sub in values if index == _CLIENT]
+        writes = [s.write(index, sub, value, size) for sub, value in values.items()]
+        reads = [s.read(index, sub, value.to_bytes(size, "little")) for sub, value in values.items()]
+        yield case(name, f"'save' keeps {index:04X}h", *off, *writes, save, communication, *reads,
+                   needs=("1010h:01", *(f"{index:04X}h:{sub:02X}" for sub in values)))
+    other = NodeStep((s.upload(0x1017),), (f"{s.responses}4B171000(?!{little(12_345, 2)})........",))
+    yield case("STO-07", "'load' restores 1017h, with the next reset", write, save, load, kept, whole, other,
+               needs=(*needs, "1011h:01"), why="until the reset the values stay")
+    power = NodeStep((), (boot,), wait=POWER_CYCLE)
+    yield case("STO-08", "'save' keeps 1017h while the device is off", write, save, power, kept, effect="power",
+               needs=needs)
 
 
 def _irregular(start: int) -> Iterator[int]:

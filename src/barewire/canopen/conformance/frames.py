@@ -24,6 +24,9 @@ _GENERAL = 0x0800_0000
 START, STOP, PRE, RESET, RESET_COMMUNICATION = "01", "02", "80", "81", "82"
 """NMT commands."""
 
+SAVE, LOAD = 0x6576_6173, 0x6461_6F6C
+"""The signatures "save" of 1010h and "load" of 1011h: 73 61 76 65 and 6C 6F 61 64 in a frame."""
+
 READ_ONLY_CODES = (0x0601_0000, 0x0601_0002)
 LENGTH_CODES = (0x0607_0010, 0x0607_0012, 0x0607_0013)
 """Abort codes that are accepted as equal."""

@@ -8,6 +8,8 @@ objects that the case wrote are read back, and those with another value than bef
         1012h, 1014h, 1201h ... switched off, then the value before
         1016h                   all changed entries 0, then their values: no node may be in two
 
+After a case that stores values, all values that the battery knows are compared, and those before it are stored again.
+
 A refused write is ignored: this is for the cases that follow, which will report what they find.
 
 Depends on: the model, SDO uploads and downloads.  Used by: `prepare` of the battery.
@@ -18,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from barewire.canopen.abort_codes import SdoAbort
+from barewire.canopen.conformance.frames import SAVE
 from barewire.canopen.conformance.model import NODE_ANSWER_TIMEOUT, NodeCase, Subject
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectAddress
@@ -29,6 +32,8 @@ from barewire.errors import NoAnswer
 
 _NEVER_WRITTEN = (0x1003, 0x1010, 0x1011)
 """The history of errors, and the commands that store and restore: their values are not settings."""
+_STORING = 5.0
+"""Seconds that a device may take to store its values."""
 _SDO_CHANNELS = range(0x1201, 0x1300)
 _OFF, _PRODUCES, _CONSUMES = 0x8000_0000, 0x4000_0000, 0x8000_0000
 
@@ -40,19 +45,22 @@ def restore_values(
     channel = Channel(subject.node)
     try:
         changed: dict[ObjectAddress, bytes] = {}
-        for place in _written(case, subject):
+        stores = case.effect in ("stores", "power")
+        for place in tuple(subject.values) if stores else _written(case, subject):
             try:
                 present = yield from upload(channel, *place, timeout=timeout)
             except SdoAbort:
                 continue
-            if present != subject.values[place]:
+            if present != subject.values[place] and place[0] not in _NEVER_WRITTEN:
                 changed[place] = subject.values[place]
         for place, data in _in_safe_order(subject, changed):
             try:
                 yield from download(channel, *place, data, timeout=timeout)
             except SdoAbort:
                 continue
-    except NoAnswer:
+        if stores:
+            yield from download(channel, 0x1010, 1, SAVE.to_bytes(4, "little"), timeout=_STORING)
+    except (NoAnswer, SdoAbort):
         return
 
 

@@ -10,7 +10,8 @@ reset if it or the previous case changes values. A `gentle` battery only reads.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import NamedTuple
 
 from barewire.canopen.conformance.battery import cases, may_have_changed, needs_reset, prepare, run_case
@@ -47,6 +48,8 @@ def conform_can(
     large: tuple[int, int] | None = None,
     only: tuple[str, ...] = ("",),
     eds: Eds | None = None,
+    save: bool = False,
+    on_power_cycle: Callable[[], None] | None = None,
 ) -> Iterator[NodeCaseResult]:
     """Run the cases, and yield the result of each.
 
@@ -54,6 +57,8 @@ def conform_can(
     large       (index, sub-index) of an object that accepts any bytes, for downloads of several segments
     only        the beginnings of the names of the cases to run; by default all run
     eds         the EDS of the device: every object is compared with it, in cases whose names begin with OD-
+    save        run the cases that store values in the non-volatile memory of the device as well
+    on_power_cycle   called when the device must be switched off and on, within two minutes; None: it never must
 
     Raises EncodeError for an endpoint that is not can:// and an EDS without objects, PortError for a bus that cannot be
     opened, NoAnswer if no device answers, Unfinished if the device stops answering for good.
@@ -69,13 +74,20 @@ def conform_can(
     port: Port[CanFrame] = can_port(endpoint)
     try:
         subject, boot = _probe(port, node, patience, gentle, large, only, objects)
+        why = partial(
+            why_left_out,
+            gentle=gentle,
+            remote=not endpoint.place.startswith("socketcand/"),
+            save=save or on_power_cycle is not None,
+            power_cycle=on_power_cycle is not None,
+        )
         wanted = [case for case in cases(subject, objects) if case.name.startswith(only)]
-        previous, remote = None, not endpoint.place.startswith("socketcand/")
+        previous = None
         for place, case in enumerate(wanted):
-            if left_out := why_left_out(case, gentle, remote=remote):
+            if left_out := why(case):
                 yield NodeCaseResult(case, None, left_out)
                 continue
-            not_run = sum(not why_left_out(other, gentle, remote=remote) for other in wanted[place:])
+            not_run = sum(not why(other) for other in wanted[place:])
             before = previous and previous.case
             try:
                 if needs_reset(case, previous) and not run(
@@ -84,6 +96,8 @@ def conform_can(
                     # A device that sends no boot-up message (reported by NMT-11) is not waited for again.
                     boot = patience
                     _check_answers(node, patience, port, not_run, before)
+                if case.effect == "power" and on_power_cycle is not None:
+                    on_power_cycle()
                 outcome = run(run_case(case, timeout=patience), port)
             except PortError as error:
                 raise Unfinished(f"{error}, in the case {case.name}", not_run) from None
@@ -144,11 +158,15 @@ def _request_device_type(node: int, patience: float) -> Conversation[CanFrame, N
     raise NoAnswer(f"node {node} does not answer")
 
 
-def why_left_out(case: NodeCase, gentle: bool, *, remote: bool) -> str:
+def why_left_out(case: NodeCase, gentle: bool, *, remote: bool, save: bool = False, power_cycle: bool = False) -> str:
     """Return why a case is not run on a bus with or without remote frames; empty if it is run."""
     if case.lacks:
         return f"needs {case.lacks}"
     if gentle and case.effect != "reads":
         return case.effect
+    if case.effect == "stores" and not save:
+        return "stores values: needs --save"
+    if case.effect == "power" and not power_cycle:
+        return "needs --power-cycle"
     has_remote_frames = any("#R" in text for step in case.steps for text in step.sends)
     return "" if remote or not has_remote_frames else "needs remote frames, which socketcand does not carry"
