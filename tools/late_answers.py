@@ -23,6 +23,7 @@ ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
 from barewire.canopen import SdoServer  # noqa: E402
+from tests.canopen.sdo.sdo_bus import RefusingServer  # noqa: E402
 from tests.model.async_client import ON_RTU, ON_TCP, WITH_ECHO, tasks_scenario  # noqa: E402
 from tests.model.choices import Scenario, run_all, run_random  # noqa: E402
 from tests.model.lanes import MANY_LANES, Fate as LaneFate, LanesSetup, LanesTally, lanes_scenario  # noqa: E402
@@ -30,7 +31,7 @@ from tests.model.one_line import Framing, Tally, scenario  # noqa: E402
 from tests.model.peers import PEERS, package_version, peer_scenario  # noqa: E402
 from tests.model.sdo import SdoTally, Transfers, sdo_scenario  # noqa: E402
 from tests.model.sdo_peers import CLIENTS, LATE, SHARED, SdoFaults, SdoPeerTally, sdo_peer_scenario  # noqa: E402
-from tests.model.sdo_two import Mode, RestartingServer, TwoClients, TwoTally, two_clients_scenario  # noqa: E402
+from tests.model.sdo_two import Mode, TwoClients, TwoTally, two_clients_scenario  # noqa: E402
 from tests.model.setups import DEEP, EVERYTHING, FEW_FAULTS, SERIAL, SMALL, WITH_OTHERS, for_framing  # noqa: E402
 
 PAGE = ROOT / "docs" / "late-answers.md"
@@ -88,7 +89,7 @@ def exhaustive_sdo() -> Row:
 def exhaustive_two(mode: Mode) -> Row:
     """Run every order of the frames of two SDO clients on one channel, with both kinds of servers."""
     tally, runs = TwoTally(), 0
-    for server in (SdoServer, RestartingServer):
+    for server in (SdoServer, RefusingServer):
         runs += run_all(two_clients_scenario(TwoClients(modes=(mode,), server=server), tally))
     return f"SDO: two clients on one channel, {mode}", runs, *_sdo_counts(tally)
 
@@ -104,7 +105,7 @@ def random_sdo(questions: int, seed: int) -> Row:
 def random_two(questions: int, seed: int) -> Row:
     """Run random orders of the frames of two SDO clients on one channel."""
     tally, runs = TwoTally(), 0
-    for server in (SdoServer, RestartingServer):
+    for server in (SdoServer, RefusingServer):
         setup = TwoClients(transfers=4, modes=("expedited", "segments", "blocks"), server=server)
         runs += run_random(two_clients_scenario(setup, tally), questions // 16, seed=seed)
     return "SDO: two clients on one channel, random", runs, *_sdo_counts(tally)

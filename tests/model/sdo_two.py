@@ -26,7 +26,6 @@ from functools import partial
 from typing import Any, Literal
 
 from barewire.canopen import CanFrame, Channel, SdoAbort, SdoServer, download, upload
-from barewire.canopen.sdo.server.server import _is_initiate
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import NoAnswer
 from tests.canopen.sdo.sdo_bus import FRAME_TIME, Store
@@ -66,15 +65,6 @@ class TwoTally:
     """Of `errors`: because of the other client."""
     mixed: int = 0
     wrong: list[str] = field(default_factory=list)
-
-
-class RestartingServer(SdoServer):
-    """A server that begins a new transfer at every request for one, as many devices do, where ours sends an abort."""
-
-    def _receive(self, data: bytes, now: float) -> list[bytes]:
-        if self._transfer is not None and not self._transfer.next_segment and _is_initiate(data):
-            self._transfer = None
-        return super()._receive(data, now)
 
 
 class RecordingStore(Store):

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import SdoServer
+from tests.canopen.sdo.sdo_bus import RefusingServer
 from tests.model.choices import run_all, run_random
 from tests.model.sdo import SdoTally, Transfers, sdo_scenario
-from tests.model.sdo_two import Mode, RestartingServer, TwoClients, TwoTally, two_clients_scenario
+from tests.model.sdo_two import Mode, TwoClients, TwoTally, two_clients_scenario
 
 pytestmark = pytest.mark.long
 
@@ -50,7 +51,7 @@ def test_a_doubled_request_can_confirm_the_next_download_of_the_same_object_if_t
     assert tally.wrong
 
 
-@pytest.mark.parametrize("server", [SdoServer, RestartingServer])
+@pytest.mark.parametrize("server", [SdoServer, RefusingServer])
 @pytest.mark.parametrize("mode", ["expedited", "segments", "blocks"])
 def test_two_clients_on_one_channel_get_their_own_values_or_errors(server: type[SdoServer], mode: Mode) -> None:
     tally = TwoTally()
@@ -59,7 +60,7 @@ def test_two_clients_on_one_channel_get_their_own_values_or_errors(server: type[
     assert min(tally.right, tally.noticed) > 100
 
 
-@pytest.mark.parametrize("server", [SdoServer, RestartingServer])
+@pytest.mark.parametrize("server", [SdoServer, RefusingServer])
 def test_two_clients_get_their_own_values_or_errors_in_random_orders(server: type[SdoServer]) -> None:
     tally = TwoTally()
     setup = TwoClients(transfers=4, modes=("expedited", "segments", "blocks"), server=server)

@@ -15,7 +15,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from barewire.canopen import AbortCode, CanFrame, Entry, ObjectDictionary, SdoAbort
+from barewire.canopen import AbortCode, CanFrame, Entry, ObjectDictionary, SdoAbort, SdoServer
+from barewire.canopen.sdo.server.server import awaits_end, is_initiate
 from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
 
 FRAME_TIME = 0.0001
@@ -150,6 +151,16 @@ class Bus:
             by = sender if arrived is frame else None
             heapq.heappush(self._coming, (out + delay, self._order, by, arrived))
         return out
+
+
+class RefusingServer(SdoServer):
+    """A server that refuses a request during a transfer and ends that, as Lely and CANopenNode do; ours begins anew."""
+
+    def _receive(self, data: bytes, now: float) -> list[bytes]:
+        transfer = self._transfer
+        if transfer is None or data[0] >> 5 not in (1, 2, 5, 6) or not is_initiate(data) or awaits_end(transfer):
+            return super()._receive(data, now)
+        return self._continue(transfer, data, now)
 
 
 class Store:

@@ -15,7 +15,7 @@ import pytest
 from barewire.canopen import BlockSettings, CanFrame, Channel, SdoAbort, SdoServer, download, upload
 from barewire.canopen.sdo.client.block_options import BlockMode
 from barewire.errors import NoAnswer
-from tests.canopen.sdo.sdo_bus import Bus, Store
+from tests.canopen.sdo.sdo_bus import Bus, RefusingServer, Store
 
 LENGTHS = (0, 1, 2, 4, 5, 7, 8, 14, 20, 21, 22, 50, 100)
 
@@ -95,7 +95,7 @@ def test_a_late_response_after_an_abort_confirms_nothing(late: float) -> None:
         return [(0.0, frame), (late, frame)] if number == 0 else [(0.0, frame)]
 
     store = Store()
-    server = SdoServer(5, store)
+    server = RefusingServer(5, store)
     server.feed(CanFrame.parse("605#4000210000000000"), 0.0)  # a transfer that its client never continues
     bus = Bus(server, fault=twice)
     channel = Channel(5)

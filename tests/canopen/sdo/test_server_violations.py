@@ -79,16 +79,16 @@ def test_a_wrong_crc() -> None:
         (("21 00 21 00 65",), "80 00 21 00 12 00 07 06"),
         (("C0 17 10 00", "81", "D1"), "80 17 10 00 12 00 07 06"),  # the size was unknown
         (("C6 00 21 00 0A", "00"), "80 00 21 00 03 00 04 05"),  # there is no segment 0
-        (("C6 00 21 00 0A", *TEN, "40 00 10"), "80 00 10 00 01 00 04 05"),
+        (("C6 00 21 00 0A", *TEN, "E0 00 10"), "80 00 21 00 01 00 04 05"),
         (("A4 08 10 00 14", "A3", "A2 04 14"), "80 08 10 00 03 00 04 05"),  # more than were sent
         (("A4 08 10 00 14", "A3", "A2 03 00"), "80 08 10 00 02 00 04 05"),
         (("A4 08 10 00 14", "A3", "A2 03 80"), "80 08 10 00 02 00 04 05"),
         (("A4 08 10 00 14", "A1"), "80 08 10 00 01 00 04 05"),
         (("A4 08 10 00 14", "A3", "A1"), "80 08 10 00 01 00 04 05"),
-        # another request during a transfer: an abort for the object of the request
-        (("40 08 10", "40 00 10"), "80 00 10 00 01 00 04 05"),
-        (("21 00 21 00 0A", "2B 17 10"), "80 17 10 00 01 00 04 05"),
-        (("A4 08 10 00 14", "A3", "C6 00 21"), "80 00 21 00 01 00 04 05"),
+        # an unknown command during a transfer: an abort for the object of the transfer
+        (("40 08 10", "E0 00 10"), "80 08 10 00 01 00 04 05"),
+        (("21 00 21 00 0A", "E0 17 10"), "80 00 21 00 01 00 04 05"),
+        (("A4 08 10 00 14", "A3", "E0 00 21"), "80 08 10 00 01 00 04 05"),
     ],
 )
 def test_the_server_aborts_at_protocol_violations(frames: tuple[str, ...], answer: str) -> None:
@@ -101,7 +101,7 @@ def test_the_server_aborts_at_protocol_violations(frames: tuple[str, ...], answe
 def test_segments_after_an_aborted_block_are_ignored() -> None:
     """The remaining segments 22h and 23h of such a block would be taken for commands that write."""
     server = SdoServer(5, objects(), blksize=0x20)
-    exchange(server, "C6 00 21 00 64 00 00 00")
+    exchange(server, "C6 00 21 00 64 00 00 00", TEN[0])
     assert exchange(server, "21 00 00 00 00 00 00 00") == full("80 00 21 00 03 00 04 05")
     assert exchange(server, "22 17 10 00 00 00 00 00", "23 17 10 00 00 00 00 00", "A4") == []
     assert server.counters.strays == 3
@@ -133,11 +133,93 @@ def test_a_silent_client_times_out(frames: tuple[str, ...], silences: int, answe
     assert (server.deadline, server.counters.timed_out) == (None, 1)
 
 
-def test_a_new_request_replaces_a_finished_block_upload() -> None:
-    """If only the A1 of a block upload is missing, the next request is served."""
+READ, READ_RESPONSE = "40 00 10", "43 00 10 00 91 01 0F"
+
+
+@pytest.mark.parametrize(
+    "begun",
+    [
+        ("40 08 10",),
+        ("40 08 10", "60"),
+        ("21 00 21 00 0A",),
+        ("21 00 21 00 0A", "00 30 31 32 33 34 35 36"),
+        ("A4 08 10 00 14",),
+        ("A4 08 10 00 14", "A3"),
+        ("A4 08 10 00 14", "A3", "A2 03 14"),  # only the A1 is missing
+        ("C6 00 21 00 0A",),  # no segment has come
+        ("C6 00 21 00 0A", *TEN),  # only the end is missing
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize(
+    ("request_", "response"),
+    [(READ, READ_RESPONSE), ("21 17 10 00 02", "60 17 10"), ("A4 17 10 00 14", "C6 17 10 00 02")],
+)
+def test_a_request_for_another_transfer_replaces_the_present_one(
+    begun: tuple[str, ...], request_: str, response: str
+) -> None:
+    """Its client has given it up, or a late request has begun a transfer that no client knows of."""
     server = SdoServer(5, objects())
-    exchange(server, "A4 08 10 00 14", "A3", "A2 03 14")
-    assert exchange(server, "40 00 10") == full("43 00 10 00 91 01 0F")
+    exchange(server, *begun)
+    assert exchange(server, request_) == full(response)
+    assert (server.counters.replaced, server.counters.aborts_sent) == (1, 0)
+    assert server.objects.read(0x2100, 0) == b""
+
+
+def test_inside_a_block_a_request_is_a_segment() -> None:
+    server = SdoServer(5, objects())
+    assert exchange(server, "C6 00 21 00 0A", TEN[0], READ)[1:] == []
+    assert exchange(server, TEN[1], "D1 58 9C") == full("A2 02 7F", "A1")
+
+
+def test_what_may_be_a_segment_writes_nothing() -> None:
+    """Before the first segment an expedited download is not taken: it may be segment 2Bh after a loss."""
+    server = SdoServer(5, objects())
+    assert exchange(server, "C6 00 21 00 0A", "2B 17 10 00 01")[1:] == []
+    assert server.objects.read(0x1017, 0) == b"\xe8\x03"
+
+
+LAST_FRAMES = [
+    ("40 08 10", "60", "70", "60"),
+    ("21 00 21 00 07", "01 30 31 32 33 34 35 36"),
+    ("A4 08 10 00 14", "A3", "A2 03 14", "A1"),
+    ("C6 00 21 00 0A", *TEN, "D1 58 9C"),
+]
+
+
+@pytest.mark.parametrize("frames", LAST_FRAMES, ids=" ".join)
+def test_a_repeat_of_the_frame_that_ended_a_transfer_is_ignored(frames: tuple[str, ...]) -> None:
+    server = SdoServer(5, objects(), timeout=1.0)
+    exchange(server, *frames)
+    assert server.deadline is None
+    assert exchange(server, frames[-1], frames[-1], now=0.9) == []
+    assert (server.counters.strays, server.counters.aborts_sent) == (2, 0)
+    assert exchange(server, READ, now=0.9) == full(READ_RESPONSE)
+    assert exchange(server, frames[-1], now=1.0)[0][:2] == "80"  # after the time-out it is a frame like any other
+
+
+@pytest.mark.parametrize(
+    ("request_", "then"),
+    [
+        (READ, (READ, READ_RESPONSE)),
+        ("40 08 10", ("60", "00 43 41 4E 6F 70 65 6E")),
+        ("21 00 21 00 07", ("01 30 31 32 33 34 35 36", "20")),
+        ("C6 00 21 00 0A", (TEN[0], "")),
+        ("A4 08 10 00 14", ("A3", "01 43 41 4E 6F 70 65 6E")),
+    ],
+)
+def test_the_end_of_a_block_upload_may_come_after_the_next_request(request_: str, then: tuple[str, str]) -> None:
+    server = SdoServer(5, objects())
+    exchange(server, "A4 08 10 00 14", "A3", "A2 03 14", request_)
+    assert exchange(server, "A1") == []
+    assert exchange(server, then[0])[:1] == full(then[1])[: bool(then[1])]
+
+
+def test_an_a1_before_the_end_of_a_block_upload_is_no_repeat_of_its_own() -> None:
+    server = SdoServer(5, objects())
+    exchange(server, "A4 08 10 00 14", "A3", "A2 03 14", "A1")
+    assert exchange(server, "A4 08 10 00 14", "A3", "A2 03 14", "A1")[-1][:2] == "D5"
+    assert server.deadline is None
 
 
 def test_a_server_without_block_transfer() -> None:

@@ -91,6 +91,11 @@ class NodeMonitor:
         known = self._base.get(identifier)
         return 0 if known is None else known[0]
 
+    def last_frame(self, identifier: int, since: float) -> CanFrame | None:
+        """Return the last base frame with this identifier if it was received after `since`; None otherwise."""
+        known = self._base.get(identifier)
+        return None if known is None or known[1] <= since else known[2]
+
     def last_sent(self, node: int) -> float | None:
         """Return when the node last sent a frame of the predefined connection set; None if never."""
         times = [self._base[base + node][1] for base in _OF_DEVICES if base + node in self._base]

@@ -219,6 +219,16 @@ class BlockReceiver:
         """The number of the next segment in order; 0 when all of them have arrived."""
         return 0 if self.complete else len(self._parts) + 1
 
+    @property
+    def untouched(self) -> bool:
+        """Whether no segment has arrived yet, not even one out of order."""
+        return not (self._parts or self._strays or self._last_sequence or self.complete)
+
+    def has(self, data: bytes) -> bool:
+        """Return whether a frame repeats a segment of this block."""
+        sequence = data[0] & ~LAST
+        return 1 <= sequence <= len(self._parts) and self._parts[sequence - 1][1:] == data[1:]
+
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
         """Return the reaction to a frame, or to time passing.
 
@@ -306,15 +316,14 @@ class BlockReceiver:
         return [self._last_ack]
 
     def _end(self, data: bytes) -> list[bytes]:
-        sequence, parts = data[0] & ~LAST, self._parts
-        if 1 <= sequence <= len(parts) and parts[sequence - 1][1:] == data[1:]:
-            return []  # a segment of the last block again
+        if self.has(data):
+            return []
         if not BlockEnd.pattern.matches(data[0]) or len(data) < 3:
             raise ProtocolViolation(
                 AbortCode.COMMAND, f"command {data[0]:02X}h came instead of the end of the transfer"
             )
         end = BlockEnd.decode(data)
-        block = joined(parts)
+        block = joined(self._parts)
         self._parts = []
         self._deliver(block[: len(block) - end.unused])
         if self.with_crc and end.crc != self._crc:

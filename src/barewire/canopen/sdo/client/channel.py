@@ -9,7 +9,18 @@ Frames that are not the response to the present request are normal, and counted 
 a channel only its own frames gives it a `node_monitor`, which explains a time-out by what the node sent before.
 
 After a transfer that ended without its response the channel waits until `quiet_until`, two time-outs after the last
-request was sent, so that a late response is not mistaken for the response to the next request.
+request was sent, so that a late response is not mistaken for the response to the next request. A late response that
+opens a transfer on the server is answered by an abort, because no client continues that transfer.
+
+A transfer that was abandoned (a cancelled task, Ctrl-C) in good order is different: the server answers, in the order of
+the requests, so the frames still to come are known (`quiet_for`), and the next transfer waits only if one of them could
+be its response:
+
+        abandoned                                   the next transfer waits
+        before the first response                   if it is for the same object: until that response has come
+        in segments, or in a block download         never: segments and confirmations do not name an object
+        in a block upload                           until `quiet_until`: a segment is any 8 bytes, also 43 00 21 00 ...,
+                                                    and the server may have sent up to 127 of them
 
 A channel has one client. If a second one sends on it, both receive its responses, and the server takes the frames of
 both for one transfer. A frame on the request identifier that this client did not send reveals the other one: during a
@@ -21,17 +32,19 @@ Depends on: messages, times passed in. Used by: transfers, the CAN bus, which ke
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
+from barewire.canopen.abort_codes import AbortCode
 from barewire.canopen.cob_ids import CobEntry, classify, default_sdo_channel
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.canopen.nmt.messages import NmtState
 from barewire.canopen.nmt.node_monitor import NodeMonitor, TrafficMark
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
-from barewire.canopen.sdo.messages.codec import M, decode_one_of, is_any_response
-from barewire.canopen.sdo.messages.initiate import ExpeditedUpload
-from barewire.conversation import Conversation, Heard, Listen
+from barewire.canopen.sdo.messages.codec import M, SdoResponse, decode_one_of, decode_sdo_response, is_any_response
+from barewire.canopen.sdo.messages.initiate import Abort, ExpeditedUpload
+from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
 _BACKLOG = 0.1
@@ -41,6 +54,9 @@ _PAST = float("-inf")
 
 _ABORT = b"\x80"
 _LAST_FRAMES = b"\x80\xa1"  # the commands of a client that no response follows: an abort, the end of a block upload
+
+_ENDING = (Abort, ExpeditedUpload)
+"""The responses to a first request after which the server has no transfer."""
 
 
 class OtherClient(NoAnswer):
@@ -130,9 +146,12 @@ class Channel:
         "busy",
         "counters",
         "dialect",
+        "left",
+        "left_at",
         "node",
         "node_monitor",
         "own_frames",
+        "quiet_for",
         "quiet_until",
         "request_extended",
         "request_id",
@@ -162,6 +181,12 @@ class Channel:
         self._mark: TrafficMark | None = None
         self.blocks = True  # False after the server has refused blocks: `block="auto"` does not request them again
         self.quiet_until: float | None = None
+        self.quiet_for: frozenset[tuple[int, int]] | None = None
+        """The objects whose transfers wait until `quiet_until`; None: all transfers."""
+        self.left: tuple[int, int] | None = None
+        """The object of the transfer that ended without its response, if no other client is on the channel."""
+        self.left_at = 0.0
+        """When the last frame of that transfer was sent or received."""
         self.busy = False
         self.counters = ChannelCounters()
         self.total = ChannelCounters()
@@ -244,16 +269,38 @@ class Channel:
         text = monitor.explain_silence(self.node, self.response_id, self._mark, now, responses=count)
         return ", ".join([text, *self.counters.oddities()])
 
-    def settle(self, timeout: float) -> Conversation[CanFrame, None]:
-        """Discard the frames that wait; after a time-out, also those that arrive until `quiet_until`.
+    def be_quiet(
+        self, until: float, places: Iterable[tuple[int, int]] | None, left: tuple[int, int] | None, now: float = 0.0
+    ) -> None:
+        """Make transfers of the objects `places`, or of all with None, wait until then. `left` is the last object."""
+        if places is None or (self.quiet_until is not None and self.quiet_for is None):
+            self.quiet_for = None
+        else:
+            self.quiet_for = (self.quiet_for or frozenset()).union(places)
+        self.quiet_until = until
+        self.left, self.left_at = left, now
+
+    def be_settled(self) -> None:
+        """Record that the server answers the present transfer: no response from before can follow."""
+        self.quiet_until = self.quiet_for = self.left = None
+
+    def settle(self, timeout: float, index: int, sub: int) -> Conversation[CanFrame, None]:
+        """Discard the frames that wait; if the transfer of `index`:`sub` must wait, also those until `quiet_until`.
 
         If another client has sent a request, wait for its response, at most `timeout` seconds. Raise OtherClient if it
         sends one request after the other.
         """
-        quiet = _PAST if self.quiet_until is None else self.quiet_until
+        quiet, place = _PAST, (index, sub)
+        if self.quiet_until is not None and (self.quiet_for is None or place in self.quiet_for):
+            quiet = self.quiet_until
+            if self.quiet_for is not None and self._was_answered(place):
+                quiet = _PAST
+                self.be_settled()
         asked = None
         if self.node_monitor is not None and not self.own_frames:
             asked = self.node_monitor.unanswered(self.request_id, self.response_id)
+        if asked is not None:
+            self.left = None
         taken = _PAST if asked is None else asked + timeout  # until then the other client may get its response
         end = give_up = 0.0
         while True:
@@ -261,20 +308,51 @@ class Channel:
             if not end:
                 end = max(quiet, heard.now + _BACKLOG)
                 give_up = max(end, heard.now + 2 * timeout)
-            if heard.item is not None:
-                try:
-                    response = self.receive(heard.item)
-                    if response is not None:
-                        self.counters.late += 1
-                        if response[:1] != _ABORT:  # which may also respond to an earlier frame of the other client
-                            taken = _PAST
-                except OtherClient:
-                    taken = _PAST if heard.item.data[:1] in _LAST_FRAMES else heard.now + timeout
-                    if heard.now >= give_up:
-                        raise
+            response = None
+            try:
+                response = None if heard.item is None else self.receive(heard.item)
+            except OtherClient:
+                last = heard.item is not None and heard.item.data[:1] in _LAST_FRAMES
+                taken = _PAST if last else heard.now + timeout
+                self.left = None
+                if heard.now >= give_up:
+                    raise
+            if response is not None:
+                self.counters.late += 1
+                if response[:1] != _ABORT:  # which may also respond to an earlier frame of the other client
+                    taken = _PAST
+                named = _named_response(response)
+                about = None if named is None else (named.index, named.sub)
+                if about is not None and about == self.left and not isinstance(named, _ENDING):
+                    yield self.send(Abort(*about, AbortCode.TIMED_OUT).encode())
+                if about == place and self.quiet_for is not None:
+                    quiet, end = _PAST, min(end, heard.now + _BACKLOG)
+                    self.be_settled()
             if heard.now >= taken and ((heard.item is None and heard.now >= quiet) or heard.now >= end):
                 break
-        self.quiet_until = None
+        if self.quiet_until is not None and heard.now >= self.quiet_until:
+            self.be_settled()
+
+    def _was_answered(self, place: tuple[int, int]) -> bool:
+        """Return whether the response to the abandoned request came between two transfers, when no client listened."""
+        monitor = self.node_monitor
+        frame = None if monitor is None else monitor.last_frame(self.response_id, self.left_at)
+        named = None if frame is None or self.response_extended else _named_response(frame.data)
+        return named is not None and (named.index, named.sub) == place
+
+    def send(self, data: bytes) -> Send[CanFrame]:
+        """Send eight bytes to the server."""
+        if self.own_frames is None:
+            self.sent.append(data)
+        return Send(CanFrame(self.request_id, data, self.request_extended))
+
+
+def _named_response(data: bytes) -> SdoResponse | None:
+    """Return the response to a first request, which names its object; None for any other response."""
+    try:
+        return decode_sdo_response(data)
+    except DecodeError:
+        return None
 
 
 def channel_to(node: int | Channel, dialect: SdoDialect | None) -> Channel:

@@ -121,12 +121,13 @@ def _in_blocks(
     transfer: ClientTransfer, request: InitiateDownload, options: BlockSettings, value: Outgoing
 ) -> Conversation[CanFrame, None]:
     initiate = InitiateBlockDownload(request.index, request.sub, request.size, options.crc)
+    transfer.requests_blocks = True
     try:
         response = yield from transfer.request(initiate, (BlockDownloadInitiated,))
     except SdoAbort as refusal:
         if not options.falls_back or refusal.code != AbortCode.COMMAND:
             raise
-        transfer.channel.blocks = False
+        transfer.channel.blocks = transfer.requests_blocks = False
         return (yield from _in_segments(transfer, request, value))
     crc = options.crc and response.crc
     sender = BlockSender(value, response.blksize, crc=crc, timeout=transfer.timeout, burst=BURST, now=transfer.now)

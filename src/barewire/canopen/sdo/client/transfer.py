@@ -1,7 +1,7 @@
 """One transfer of a client: requests, responses, and an end that is reported to the server.
 
         response  request -> ... -> a response of a wanted kind, about the same object          `request`
-        refused   an abort arrived, whatever object it names                                    SdoAbort
+        refused   an abort of this transfer arrived (see below)                                 SdoAbort
         broken    the server broke the protocol: the client sends the abort code for it         SdoAbort, with `why`
         silent    the time-out passed: the client sends abort 0504 0000h                        NoAnswer
         left      abandoned, or the caller's data or sink failed: it sends abort 0800 0000h     as it was raised
@@ -12,6 +12,22 @@ A request is never repeated automatically: after a time-out it is unknown whethe
 A server that aborts because it is out of step (0503 0000h, 0504 0000h, 0504 0001h, 0504 0003h) has received something
 unintended, perhaps a frame twice, and may respond to that too. So the channel is quiet for a time before the next
 transfer, as after a time-out; otherwise this response could confirm the next request.
+
+An abort names an object [CiA 301, abort SDO transfer], but not every device names the right one: many send 0000h:00,
+and after a segment some send its data. And an abort may come late, from a server that received the last frame
+of the transfer before twice. So it depends on the time of its arrival:
+
+        before the server has answered the first request
+            it names the object of the transfer           this transfer is refused
+            it names 0000h:00, code of a refusal          this transfer is refused
+            it names 0000h:00, out of step                in doubt: to a first request it is no answer, except that
+                                                          0504 0001h is one to a request for blocks
+            it names another object                       in doubt
+        after that                                        this transfer is refused, whatever it names: CAN frames do
+                                                          not overtake each other, so it is not from before
+
+An abort in doubt is counted as late, and the client waits on, for the response or an abort without doubt. If none comes
+before the time-out, the transfer fails with the abort in doubt, so a device that names wrong objects costs a time-out.
 
 An abort would end the transfer of another client that the server may have begun, so a disputed transfer ends silently.
 """
@@ -32,6 +48,7 @@ from barewire.errors import DecodeError, EncodeError, NoAnswer
 _Result = TypeVar("_Result")
 
 ABORT = 0x80
+_NO_OBJECT = (0, 0)
 # A server that aborts with one of these was not in the state that the client assumed.
 _OUT_OF_STEP = frozenset({AbortCode.COMMAND, AbortCode.TOGGLE, AbortCode.SEQUENCE_NUMBER, AbortCode.TIMED_OUT})
 
@@ -40,7 +57,19 @@ class ClientTransfer:
     """One transfer on a channel. `until` is the end of the present wait, None before the first request; `now` is the
     time of the last frame sent or received."""
 
-    __slots__ = ("channel", "index", "now", "sub", "timeout", "until", "verb")
+    __slots__ = (
+        "_begun",
+        "_doubted",
+        "channel",
+        "in_blocks",
+        "index",
+        "now",
+        "requests_blocks",
+        "sub",
+        "timeout",
+        "until",
+        "verb",
+    )
 
     def __init__(self, channel: Channel, verb: str, index: int, sub: int, timeout: float) -> None:
         if not timeout >= 0:
@@ -52,6 +81,12 @@ class ClientTransfer:
         self.timeout = timeout
         self.now = 0.0
         self.until: float | None = None
+        self.in_blocks = False
+        """Whether the server sends segments of blocks."""
+        self.requests_blocks = False
+        """Whether the first request is one for blocks, which servers without them refuse as an unknown command."""
+        self._begun = False  # the server has answered the first request
+        self._doubted: SdoAbort | None = None
 
     def __str__(self) -> str:
         return f"{self.index:04X}h:{self.sub:02X}"
@@ -61,12 +96,12 @@ class ClientTransfer:
         channel = self.channel
         channel.begin(str(self))
         try:
-            yield from channel.settle(self.timeout)
+            yield from channel.settle(self.timeout, self.index, self.sub)
             return (yield from body)
         except OtherClient as other:
             outcome = "nothing was sent"
             if self.until is not None:
-                self.stay_quiet()
+                self.channel.be_quiet(self._last_response(), None, None)
                 outcome = f"whether the {self.verb} of {self} was carried out is unknown"
             raise NoAnswer(f"{other}, and a response may be the one to it: {outcome}") from None
         except SdoAbort as refusal:
@@ -74,27 +109,46 @@ class ClientTransfer:
                 self.stay_quiet()
             raise
         except ProtocolViolation as breach:
+            if self.until is not None:
+                self.stay_quiet()
             yield from self._abort(breach.code)
             if breach.code == AbortCode.TIMED_OUT:
+                if self._doubted is not None:
+                    raise self._doubted from None
                 raise NoAnswer(self._explain()) from None
             raise SdoAbort(breach.code, self.index, self.sub, why=breach.why, node=channel.node) from None
         except GeneratorExit:
             raise  # the conversation is closed: nothing can be sent any more
         except BaseException:
             # Abandoned, or the caller's data or sink failed (also by Ctrl-C). The server must not be left waiting.
+            if self.until is not None:
+                self._leave()
             yield from self._abort(AbortCode.GENERAL)
             raise
         finally:
             channel.busy = False
 
     def stay_quiet(self) -> None:
-        """Set `quiet_until`: the last request and its response may each be late by one time-out."""
-        self.channel.quiet_until = max(self.now, self.until or self.now) + self.timeout
+        """Make the channel quiet: the last request and its response may each be late by one time-out."""
+        self.channel.be_quiet(self._last_response(), None, (self.index, self.sub))
+
+    def _leave(self) -> None:
+        """Make the channel quiet after a transfer that was abandoned while everything was in order.
+
+        The server answers in the order of the requests, so only an answer that names the object of the next transfer
+        could be mistaken: that to the first request. Segments of blocks name nothing, and any of them may look so.
+        """
+        place = (self.index, self.sub)
+        named = None if self.in_blocks else () if self._begun else (place,)
+        self.channel.be_quiet(self._last_response(), named, place, self.now)
+
+    def _last_response(self) -> float:
+        """Return when the last response may arrive at the latest."""
+        return max(self.now, self.until or self.now) + self.timeout
 
     def _abort(self, code: AbortCode) -> Conversation[CanFrame, None]:
-        """Send an abort, and set `quiet_until` so that late responses do not reach the next transfer."""
+        """Send an abort, unless nothing was sent."""
         if self.until is not None:
-            self.stay_quiet()
             yield self.send(Abort(self.index, self.sub, code).encode())
 
     def _explain(self) -> str:
@@ -103,9 +157,7 @@ class ClientTransfer:
 
     def send(self, data: bytes) -> Send[CanFrame]:
         """Send eight bytes to the server."""
-        if self.channel.own_frames is None:
-            self.channel.sent.append(data)
-        return Send(CanFrame(self.channel.request_id, data, self.channel.request_extended))
+        return self.channel.send(data)
 
     def send_all(self, every: Iterable[bytes]) -> SendAll[CanFrame]:
         """Send many frames, such as the segments of a block."""
@@ -140,6 +192,9 @@ class ClientTransfer:
                 response = None if data is None else channel.decode(data, wanted)
                 if response is not None:
                     if self._concerns_object(response):
+                        if not self._begun:
+                            self._begun, self._doubted = True, None
+                            channel.be_settled()
                         return response
                     channel.counters.late += 1
             # Checked after frames too, because a busy bus must not extend the time-out.
@@ -151,17 +206,35 @@ class ClientTransfer:
         return (getattr(response, "index", self.index), getattr(response, "sub", self.sub)) == (self.index, self.sub)
 
     def receive(self, frame: CanFrame) -> bytes | None:
-        """Return the data of a frame on this channel, None for other frames. Raise SdoAbort for an abort."""
+        """Return the data of a frame on this channel, None for other frames. Raise SdoAbort for an abort of this
+        transfer."""
         data = self.channel.receive(frame)
         return self.check_abort(data) if data and data[0] == ABORT else data
 
     def check_abort(self, data: bytes) -> bytes | None:
-        """Raise SdoAbort if the data is an abort. Return None for an abort that cannot be decoded, which is counted."""
+        """Raise SdoAbort if the data is an abort of this transfer.
+
+        Return None for an abort that cannot be decoded, or that may be for an earlier transfer; both are counted.
+        """
         if data and data[0] == ABORT:
             try:
                 abort = Abort.decode(data)
             except DecodeError:
                 self.channel.counters.garbled += 1
                 return None
-            raise SdoAbort(abort.code, self.index, self.sub, (abort.index, abort.sub), node=self.channel.node)
+            named = (abort.index, abort.sub)
+            refusal = SdoAbort(abort.code, self.index, self.sub, named, node=self.channel.node)
+            if self._begun or self._is_own(abort.code, named):
+                raise refusal
+            self._doubted = refusal
+            self.channel.counters.late += 1
+            return None
         return data
+
+    def _is_own(self, code: int, named: tuple[int, int]) -> bool:
+        """Return whether an abort that comes before the first response is the answer to the first request."""
+        if code == AbortCode.COMMAND and self.requests_blocks and named in ((self.index, self.sub), _NO_OBJECT):
+            return True
+        if code in _OUT_OF_STEP:
+            return named == (self.index, self.sub) and self.channel.quiet_until is None
+        return named in ((self.index, self.sub), _NO_OBJECT)

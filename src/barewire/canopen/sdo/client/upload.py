@@ -159,12 +159,13 @@ def _request_blocks(
     """Request blocks. A server without block transfers sends an abort, or the response to an ordinary upload."""
     index, sub = request.index, request.sub
     initiate = InitiateBlockUpload(index, sub, options.size, options.switch, options.crc)
+    transfer.requests_blocks = True
     try:
         response = yield from transfer.request(initiate, BLOCK_UPLOAD_RESPONSES)
     except SdoAbort as refusal:
         if not options.falls_back or refusal.code != AbortCode.COMMAND:
             raise
-        transfer.channel.blocks = False
+        transfer.channel.blocks = transfer.requests_blocks = False
         return (yield from transfer.request(request, UPLOAD_RESPONSES))
     if not isinstance(response, BlockUploadInitiated) and not options.falls_back:
         announced = len(response.data) if isinstance(response, ExpeditedUpload) else response.size
@@ -193,6 +194,7 @@ def _in_segments(transfer: ClientTransfer, value: Incoming) -> Conversation[CanF
 def _in_blocks(
     transfer: ClientTransfer, options: BlockSettings, crc: bool, value: Incoming
 ) -> Conversation[CanFrame, None]:
+    transfer.in_blocks = True
     yield from transfer.send_request(StartBlockUpload().encode())
     channel = transfer.channel
     identifier, extended = channel.response_id, channel.response_extended

@@ -13,8 +13,13 @@
         any other command                             80  0504 0001h, with the object of that frame
         not 8 bytes, remote, other identifier         nothing: counted
 
-There is one transfer at a time (`transfers`). A request during a transfer ends it with 0504 0001h, and the next request
-is served. If the client sends nothing for `timeout` seconds, the transfer ends with 0504 0000h.
+There is one transfer at a time (`transfers`). A request for another one replaces it: its client has given up the first,
+or a late request began one that no client knows of. Inside a block such a frame is a segment. Any other frame that is
+not the next one ends the transfer with 0504 0001h. If the client sends nothing for `timeout` seconds, it ends with
+0504 0000h.
+
+CAN may deliver a frame twice. A repeat of the frame that ended the last transfer is ignored for `timeout` seconds: an
+abort for it would reach the client in its next transfer.
 
 The dictionary refuses an access by raising SdoAbort, and the server sends its code. Reserved bits in a command are
 ignored, as the standard requires, and counted as a deviation; so read requests that repeat the command of the response
@@ -39,6 +44,7 @@ from barewire.canopen.sdo.messages.block import (
     BLOCK_MAX,
     LAST,
     BlockDownloadInitiated,
+    BlockEnded,
     BlockUploadInitiated,
     InitiateBlockDownload,
     InitiateBlockUpload,
@@ -65,6 +71,8 @@ from barewire.canopen.sdo.server.transfers import (
 from barewire.canopen.sdo.stream import LIMIT
 from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import BarewireError, DecodeError, EncodeError
+
+_BLOCK_ENDED = BlockEnded().encode()
 
 
 class ObjectStore(Protocol):
@@ -96,7 +104,8 @@ class ServerCounters:
     aborts_received: int = 0
     aborts_sent: int = 0
     timed_out: int = 0  # of `aborts_sent`: because the client sent nothing for too long
-    strays: int = 0  # segments ignored after a block download was aborted
+    strays: int = 0  # ignored: segments after the abort of a block download, repeats of the last frame of a transfer
+    replaced: int = 0  # transfers that a request for another one ended
 
 
 class SdoServer:
@@ -119,7 +128,7 @@ class SdoServer:
     __slots__ = (
         *("response_id", "counters", "dialect", "objects", "request_id", "timeout", "limit", "blksize", "on_failure"),
         *("response_extended", "request_extended"),
-        *("_place", "_transfer", "_stray", "_stray_until"),
+        *("_place", "_transfer", "_stray", "_stray_until", "_last", "_last_until"),
     )
 
     def __init__(
@@ -166,6 +175,8 @@ class SdoServer:
         self._place = 0, 0
         self._stray = 0
         self._stray_until = 0.0
+        self._last = b""
+        self._last_until = 0.0
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """Return the frames that respond to a frame, or to time passing."""
@@ -214,7 +225,12 @@ class SdoServer:
             self._transfer = None
             return []
         transfer = self._transfer
-        if transfer is not None and transfer.gives_way and _is_initiate(data):
+        if data == self._last and self._is_repeat(data, now):
+            return []
+        if transfer is not None and is_initiate(data) and transfer.gives_way(data):
+            self.counters.replaced += 1
+            if awaits_end(transfer):
+                self._keep_last(_BLOCK_ENDED, now)
             transfer = self._transfer = None
         return self._begin(data, now) if transfer is None else self._continue(transfer, data, now)
 
@@ -224,6 +240,22 @@ class SdoServer:
             self._stray = 0
             return False
         self._stray = _following(data)
+        self.counters.strays += 1
+        return True
+
+    def _keep_last(self, data: bytes, now: float) -> None:
+        """Record the last frame of a transfer. It may come again; the A1 of a block upload may come late."""
+        self._last = data
+        self._last_until = now + self.timeout
+
+    def _is_repeat(self, data: bytes, now: float) -> bool:
+        """Return whether the last frame of the transfer before has come again. During a transfer only an A1 is known to
+        be no part of it."""
+        transfer = self._transfer
+        if now >= self._last_until:
+            return False
+        if transfer is not None and (data != _BLOCK_ENDED or not transfer.gives_way(data) or awaits_end(transfer)):
+            return False
         self.counters.strays += 1
         return True
 
@@ -254,13 +286,15 @@ class SdoServer:
         else:
             if transfer.over:
                 self._transfer = None
+                if data is not None:
+                    self._keep_last(data, now)
             return responses
         self._transfer = None
         self.counters.timed_out += code == AbortCode.TIMED_OUT
         if expected:
             self._stray = expected if data is None else _following(data)
             self._stray_until = now + self.timeout
-        elif data is not None and code == AbortCode.COMMAND and _is_initiate(data):
+        elif data is not None and code == AbortCode.COMMAND and is_initiate(data):
             _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
             self._place = index, sub
         return self._refuse(code)
@@ -330,12 +364,17 @@ class SdoServer:
         return data.ljust(size, b"\0")
 
 
+def awaits_end(transfer: ServerTransfer) -> bool:
+    """Return whether only the A1 of the client is missing."""
+    return isinstance(transfer, BlockUpload) and transfer.ended
+
+
 def _following(segment: bytes) -> int:
     """Return the number of the segment after this one; 0 if none follows in this block."""
     return segment[0] + 1 if segment[0] < BLOCK_MAX else 0
 
 
-def _is_initiate(data: bytes) -> bool:
+def is_initiate(data: bytes) -> bool:
     """Return whether these bytes begin a transfer."""
     try:
         decode_sdo_request(data)

@@ -6,7 +6,8 @@
         BlockDownload        01 02 03 ..., C1    -> A2, A1                          with a BlockReceiver
 
 Each is a machine with the same members; a server has at most one at a time. A frame that is not allowed in the present
-state ends the transfer: `feed` raises ProtocolViolation or SdoAbort.
+state ends the transfer: `feed` raises ProtocolViolation or SdoAbort. The request for a new transfer replaces it, if
+`gives_way` says that the frame is one.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from barewire.canopen.abort_codes import AbortCode, ProtocolViolation
 from barewire.canopen.sdo.block_transfer import BURST, BlockReceiver, BlockSender
 from barewire.canopen.sdo.messages.block import StartBlockUpload
 from barewire.canopen.sdo.messages.codec import RECEIVER_MESSAGES, M, decode_one_of
+from barewire.canopen.sdo.messages.initiate import ExpeditedDownload
 from barewire.canopen.sdo.messages.segment import SEGMENT, NextSegment, SdoSegment, SegmentTaken
 from barewire.canopen.sdo.stream import Incoming, Outgoing
 from barewire.errors import DecodeError
@@ -38,9 +40,8 @@ class ServerTransfer(Protocol):
     def next_segment(self) -> int:
         """The number of the next block segment; 0 if none is expected."""
 
-    @property
-    def gives_way(self) -> bool:
-        """Whether the value is transferred, so that a new request may replace this transfer."""
+    def gives_way(self, data: bytes) -> bool:
+        """Return whether a frame that looks like the request for a new transfer is one, and replaces this transfer."""
 
     def accept(self, data: bytes, now: float) -> bool:
         """Accept the next segment inside a block, which needs no response; see `BlockReceiver`."""
@@ -51,6 +52,11 @@ class ServerTransfer(Protocol):
 def _never(data: bytes, now: float) -> bool:
     """Return False: the `accept` of transfers that respond to every frame."""
     return False
+
+
+def _always(data: bytes) -> bool:
+    """Return True: the `gives_way` of transfers in which no frame looks like the request for a new one."""
+    return True
 
 
 def _expect(data: bytes, *types: type[M]) -> M:
@@ -72,8 +78,8 @@ class SegmentedUpload:
 
     __slots__ = ("_timeout", "_toggle", "_value", "deadline", "over")
     next_segment = 0
-    gives_way = False
     accept = staticmethod(_never)
+    gives_way = staticmethod(_always)
 
     def __init__(self, value: bytes, timeout: float, now: float) -> None:
         self._value = Outgoing((value,), len(value))
@@ -103,8 +109,8 @@ class SegmentedDownload:
 
     __slots__ = ("_buffer", "_timeout", "_toggle", "_value", "_write", "deadline", "over")
     next_segment = 0
-    gives_way = False
     accept = staticmethod(_never)
+    gives_way = staticmethod(_always)
 
     def __init__(self, write: _Write, size: int | None, limit: int, timeout: float, now: float) -> None:
         self._buffer = bytearray()
@@ -140,6 +146,7 @@ class BlockUpload:
     __slots__ = ("_blksize", "_crc", "_sender", "_timeout", "_value", "deadline", "over")
     next_segment = 0
     accept = staticmethod(_never)
+    gives_way = staticmethod(_always)
 
     def __init__(self, value: bytes, blksize: int, crc: bool, timeout: float, now: float) -> None:
         self._value = value
@@ -151,8 +158,8 @@ class BlockUpload:
         self.over = False
 
     @property
-    def gives_way(self) -> bool:
-        """Whether the end is sent: a client that then begins a new transfer has the value, and its A1 was lost."""
+    def ended(self) -> bool:
+        """Whether the end is sent, and only the A1 of the client is missing."""
         return self._sender is not None and self._sender.ended
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
@@ -174,7 +181,6 @@ class BlockDownload:
     """A download in blocks."""
 
     __slots__ = ("_buffer", "_receiver", "_write", "accept", "over")
-    gives_way = False
 
     def __init__(
         self, write: _Write, size: int | None, limit: int, blksize: int, crc: bool, timeout: float, now: float
@@ -195,6 +201,18 @@ class BlockDownload:
     def next_segment(self) -> int:
         """The number of the next segment; 0 when all of them have arrived."""
         return self._receiver.next_segment
+
+    def gives_way(self, data: bytes) -> bool:
+        """Return whether a frame is the request for a new transfer.
+
+        Between segments it is not: 40h is also segment 64, C6h also the last segment 70. Before the first segment
+        these are too far ahead to be segments. Only an expedited download is still not taken, because if it were a
+        segment after all, its data would be written to some object.
+        """
+        receiver = self._receiver
+        if receiver.untouched:
+            return not ExpeditedDownload.pattern.matches(data[0])
+        return receiver.complete and not receiver.has(data)
 
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
         """Return the acknowledgement of a block. The end is acknowledged after the value is written."""
