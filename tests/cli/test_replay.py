@@ -89,6 +89,8 @@ def test_wrong_usage(eds: Path, tmp_path: Path) -> None:
     assert "not a recording of CAN" in error_of("replay", str(eds), *against)
     assert "No such file" in error_of("replay", str(tmp_path / "none.log"), *against)
     assert "has no CANopen" in error_of("replay", str(log), "--against", "adxl", status=2)
+    (tmp_path / "empty.eds").write_text("")
+    assert "there are no objects in it" in error_of("replay", str(log), "--against", str(tmp_path / "empty.eds"))
     log.write_text(LOG + LOG.replace("can0", "can1"))
     assert "select one with --bus" in error_of("replay", str(log), *against, status=2)
     log.write_text("(1.0) can0 080#\n")

@@ -100,7 +100,7 @@ def sniff_command(
 
     Requests without a response and other things that are missing are reported. A FILE is a pcapng or pcap capture, a
     log of lines such as "12.345678 01 03 00 00 ...", or a hex dump; of a CAN bus the output or log of candump, an ASC
-    or BLF file of Vector, or a capture.
+    or BLF file of Vector, a capture, or the log of CiA's conformance test tool.
 
     \b
     barewire sniff "rtu:///dev/ttyUSB0?baudrate=9600" --write bus.pcapng

@@ -176,6 +176,8 @@ def _of_eds(name: str, node: int) -> PlayedDevice:
 
     refused: list[str] = []
     objects = parse(file_content(name)).dictionary(node)
+    if not list(objects):
+        raise BarewireError(f"{name}: there are no objects in it: expected an EDS or DCF file")
     device = LocalNode(node, objects, pdos_of(objects, node, refused=refused))
     for reason in refused:
         click.echo(f"barewire: {name}: PDO switched off: {reason}", err=True)
