@@ -2,7 +2,7 @@
 
     two letters     every sequence of two letters of the whole alphabet of each device; of N letters with --length N
     random          RANDOM sequences (default 20,000) of three to nine letters and single writes, of each device
-    --three         every sequence of three letters of the small alphabets: 66 letters are 287,496 sequences
+    --three         every sequence of three letters of the small alphabets: 70 letters are 343,000 sequences
 
 The work is divided among the processors. It ends with status 1 if a device did not answer or beat afterwards, and
 prints the shortest sequence for each kind of failure. The checks are those of tests/model/hostile_master.py.

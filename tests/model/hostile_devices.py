@@ -8,7 +8,6 @@ from typing import Any
 
 from barewire.canopen import Entry, LocalNode, pdos_of
 from barewire.canopen.communication_objects import standard_objects
-from barewire.canopen.datatypes import object_codec
 from barewire.canopen.eds import EdsItem, EdsObject, compose, parse
 from barewire.devices.sim import simulator
 from tests.model.hostile_master import HostileMaster
@@ -22,10 +21,11 @@ SLOTS = 4
 
 def described() -> list[Entry]:
     """Return the objects of the device: every communication object, and application objects of several types."""
-    objects = [*standard_objects(heartbeat=1000, watched=2, emcy_consumers=1, servers=2)]
+    objects = [*standard_objects(name="hostile device", heartbeat=1000, watched=2, emcy_consumers=1, servers=2)]
     objects += [Entry(0x1010, 1, "store", "u32"), Entry(0x1011, 1, "restore", "u32")]
     for number, type in enumerate(("bool", "u8", "i16", "u32", "f32", "u64")):
         objects.append(Entry(0x2001 + number, 0, f"value {number}", type))
+    objects.append(Entry(0x2007, 0, "program", "domain", "rw", b""))
     objects += [Entry(0x2010, 0, "measured", "u16", "ro"), Entry(0x2011, 0, "command", "u8", "wo")]
     for record, mapping, identifier in ((0x1400, 0x1600, 0x205), (0x1800, 0x1A00, 0x185)):
         rows = (1, "u32", identifier), (2, "u8", 255), (3, "u16", 0), (5, "u16", 0), (6, "u8", 0)
@@ -50,7 +50,7 @@ def eds_text(*, all_mappable: bool) -> bytes:
                 entry.name,
                 entry.type,
                 entry.access,
-                default=None if object_codec(entry.type).size is None else entry.default,
+                default=None if entry.type == "domain" else entry.default,
                 pdo=all_mappable or index >= 0x2000,
             )
             for entry in entries

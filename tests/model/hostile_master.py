@@ -3,7 +3,7 @@
     letters    one step of a configuration each, such as "RPDO1 onto 1400h:01", made of SDO requests and NMT
     alphabet   the letters of a device, derived from its object dictionary: COB-IDs on identifiers of other services,
                every kind of transmission type, times of 0, 1 and the greatest, mappings of each type of object, "save"
-               and "load", additional SDO channels
+               and "load", additional SDO channels, SDO transfers that are not ended
     attack     after the letters: SYNC with and without counter, RPDOs of 0 to 8 bytes, remote requests, NMT, guarding,
                heartbeats, TIME, emergencies, and time that passes step by step and by weeks
     check      then the device answers 1000h, sends its heartbeat if 1017h is not 0, raised no error, sent nothing on an
@@ -29,11 +29,15 @@ from tests.model.choices import Choices
 OFF, PRODUCES, EXTENDED = 0x8000_0000, 0x4000_0000, 0x2000_0000
 BURST = 64
 """The most frames that a device sends at once here: PDOs, emergencies, one SDO response."""
-STEPS, STUCK = 16, 8
-"""Deadlines that are followed one by one; how many of them may be in the past, one after the other."""
+STEPS, STUCK = 16, 8  # deadlines that are followed; how many of them may be in the past, one after the other
 DEVICE_TYPE = 0x1000
+MULTIPLEXED = tuple(
+    index.to_bytes(2, "little") + bytes([sub]) + value.to_bytes(4, "little")
+    for index, sub, value in ((0x1400, 1, OFF), (0x1600, 0, 0), (0x1005, 0, PRODUCES | 0x80), (0x1017, 0, 1), (9, 9, 9))
+)
+"""What a multiplexed RPDO writes: index, sub-index and value."""
 DUMMIES = {0x0001: 1, 0x0007: 32}
-"""Data types that are mapped as placeholders, and their bits."""
+"""Placeholders in a mapping, and their bits."""
 
 
 class Fed(Protocol):
@@ -94,10 +98,27 @@ class Alphabet:
         letters = [Letter(name, tuple(frames)) for name, frames in steps if frames]
         return [
             *letters,
+            *self._transfers(),
             Letter("start", (nmt(0x01),)),
             Letter("reset communication", (nmt(0x82), nmt(0x01))),
             Letter("reset node", (nmt(0x81), nmt(0x01))),
         ]
+
+    def _transfers(self) -> Iterator[Letter]:
+        """Return transfers that are begun and not ended, of the first objects of variable length."""
+        long = [entry for entry in self.objects if entry.codec.size is None]
+        for entry in [entry for entry in long if entry.access == "const"][:1]:
+            yield self._open(entry, "upload", "40 00000000")
+            yield self._open(entry, "block upload", "A4 02000000", "A3")
+        for entry in [entry for entry in long if entry.access == "rw"][:1]:
+            yield self._open(entry, "download", "21 20000000", "00 61626364656667")
+            yield self._open(entry, "block download", "C6 20000000", "01 61626364656667")
+
+    def _open(self, entry: Entry, kind: str, request: str, following: str = "") -> Letter:
+        command, *rest = bytes.fromhex(request)
+        first = bytes([command]) + entry.index.to_bytes(2, "little") + bytes([entry.sub, *rest])
+        frames = [first, bytes.fromhex(following).ljust(8, b"\0")][: 1 + bool(following)]
+        return Letter(f"{kind} of {entry.index:X}h", tuple(CanFrame(0x600 + self.node, data) for data in frames))
 
     def _write(self, index: int, sub: int, value: int) -> list[CanFrame]:
         """Return the request that writes an object; none if the device has no such object of a size."""
@@ -212,8 +233,7 @@ class HostileMaster:
         self.own = {cob_id("SDO answer", self.node), cob_id("error control", self.node)}
         self.device_type = node.objects.read(DEVICE_TYPE, 0)
         self.defaults = self._values()
-        self.changed = self.sent = 0
-        """Letters that changed the device, and frames that it sent."""
+        self.changed = self.sent = 0  # letters that changed the device, and frames that it sent
 
     def renew(self) -> None:
         """Take a new device."""
@@ -300,6 +320,9 @@ class HostileMaster:
                 self.feed(CanFrame(identifier, b"\xff" * size))
             for data in (b"\1" * 8, b"saveload", b"\x40\x00\x10" + bytes(5)):
                 self.feed(CanFrame(identifier, data))
+            if identifier == configured:  # it may be a multiplexed PDO, whose frames name the object that is written
+                for place in MULTIPLEXED:
+                    self.feed(CanFrame(identifier, bytes([0x80 | node]) + place))
             self.feed(CanFrame(identifier, remote=True))
         self.feed(CanFrame(0x1000_0000, b"\xff" * 8, extended=True))
         self.follow()
@@ -321,7 +344,8 @@ class HostileMaster:
         self.follow()
 
     def _answers(self) -> list[CanFrame]:
-        """Return the answers to a request for 1000h."""
+        """Return the answers to a request for 1000h, after an abort: within a block 40h is the number of a segment."""
+        self.feed(CanFrame(0x600 + self.node, b"\x80" + bytes(7)))
         answer = cob_id("SDO answer", self.node)
         return [frame for frame in self.feed(upload(self.node, DEVICE_TYPE)) if frame.id == answer]
 
@@ -368,8 +392,7 @@ def single_writes(objects: ObjectDictionary, node: int) -> Iterator[Letter]:
 
 
 def _values(entry: Entry, node: int) -> Iterator[Letter]:
-    size = entry.codec.size or 1
-    most = (1 << 8 * size) - 1
+    most = (1 << 8 * (size := entry.codec.size or 1)) - 1
     for value in sorted({0, 1, 2, 7, 8, 9, 64, 127, node, most // 2, most // 2 + 1, most - 1, most}):
         if value <= most:
             name = f"{entry.index:04X}h:{entry.sub:02X} = {value:X}h"
