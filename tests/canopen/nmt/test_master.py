@@ -48,6 +48,30 @@ def test_every_command_is_confirmed(command: NmtCommand, state: NmtState) -> Non
     assert confirmed.after < 0.11
 
 
+HINT = "without heartbeat it does not report by itself: with ask_every=0.1 its state is requested by node guarding"
+
+
+@pytest.mark.parametrize(
+    ("command", "ask_every", "hint"),
+    [
+        (NmtCommand.START, None, f": {HINT}, or write its heartbeat time in ms to 1017h"),
+        (NmtCommand.START, 0.2, ": it did not answer node guarding either"),
+        (NmtCommand.RESET_NODE, None, ": a reset is confirmed by the boot-up message only"),
+        (NmtCommand.RESET_NODE, 0.2, ": a reset is confirmed by the boot-up message only"),
+    ],
+)
+def test_an_unconfirmed_command_says_what_to_do(command: NmtCommand, ask_every: float | None, hint: str) -> None:
+    with pytest.raises(NoAnswer) as caught:
+        VirtualBus().run(send_nmt(command, 5, timeout=0.5, ask_every=ask_every))
+    assert str(caught.value).endswith(f": node 5: it did not report its state (0 frames came){hint}")
+
+
+def test_a_node_that_reports_another_state_gets_no_advice() -> None:
+    with pytest.raises(NoAnswer) as caught:
+        bus_with(5, heartbeat=10).run(send_nmt(NmtCommand.START, 6, confirmed_by=[5], timeout=0.1))
+    assert str(caught.value).endswith("frames came)")
+
+
 def test_a_node_without_heartbeat_is_polled() -> None:
     bus = bus_with(5, heartbeat=0)
     with pytest.raises(NoAnswer, match="start was not confirmed within 1 s: node 5: it did not report its state"):

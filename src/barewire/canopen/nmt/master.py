@@ -55,7 +55,7 @@ def send_nmt(
     >>> play(send_nmt(NmtCommand.START, 5), node)[0]
     [NmtConfirmation(node=5, state=5, after=0.6)]
 
-    Raise NoAnswer with the last state that each unconfirmed node reported.
+    Raise NoAnswer with the last state that each unconfirmed node reported, or with what to do if it reported none.
     """
     if confirmed_by is None:
         confirmed_by = [node] if node else []
@@ -78,7 +78,7 @@ def send_nmt(
                     del waiting[received.node]
                     confirmed.append(NmtConfirmation(received.node, received.state, heard.now - sent.now))
         if heard.now >= until and waiting:
-            raise NoAnswer(_unconfirmed(command, waiting, timeout, frames))
+            raise NoAnswer(_unconfirmed(command, waiting, timeout, frames, ask_every is not None))
         if heard.now >= asking:
             asking = heard.now + (ask_every or timeout)
             for number in waiting:
@@ -157,7 +157,18 @@ def _state(frame: CanFrame) -> NodeState | None:
         return None
 
 
-def _unconfirmed(command: NmtCommand, waiting: dict[int, str], timeout: float, frames: int) -> str:
+def _unconfirmed(command: NmtCommand, waiting: dict[int, str], timeout: float, frames: int, asked: bool) -> str:
+    """Return the text of the error, with what to do if a node did not report any state."""
     name = command.name.lower().replace("_", " ")
     states = "; ".join(f"node {node}: {state or 'it did not report its state'}" for node, state in waiting.items())
-    return f"{name} was not confirmed within {timeout:g} s: {states} ({frames} frames came)"
+    text = f"{name} was not confirmed within {timeout:g} s: {states} ({frames} frames came)"
+    if all(waiting.values()):
+        return text
+    if STATE_AFTER[command] == NmtState.INITIALISING:
+        return f"{text}: a reset is confirmed by the boot-up message only"
+    if asked:
+        return f"{text}: it did not answer node guarding either"
+    return (
+        f"{text}: without heartbeat it does not report by itself: with ask_every=0.1 its state is requested by node "
+        "guarding, or write its heartbeat time in ms to 1017h"
+    )
