@@ -8,7 +8,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from io import BytesIO, TextIOWrapper
+from unittest.mock import patch
+
+from barewire.cli.app import run_command_line
 
 COMMAND = [sys.executable, "-m", "barewire"]
 ENVIRONMENT = os.environ | {"COLUMNS": "200", "NO_COLOR": "1"}
@@ -21,20 +25,44 @@ def run_command(*arguments: str, timeout: float = 60) -> subprocess.CompletedPro
 
 
 def output_of(*arguments: str) -> str:
-    """Return the output of a command that must succeed."""
-    done = run_command(*arguments)
+    """Return the output of a command that must succeed.
+
+    A command without an endpoint, which needs no other process, is run in this one, which is ten times as fast."""
+    done = (run_command if any("://" in word for word in arguments) else run_here)(*arguments)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 def error_of(*arguments: str, status: int = 1) -> str:
-    """Return the one line on stderr of a command that must fail, and print nothing else."""
-    done = run_command(*arguments)
+    """Return the one line on stderr of a command that must fail, and print nothing else.
+
+    Wrong usage (status 2) is refused before anything begins, so it is run in this process."""
+    done = (run_here if status == 2 else run_command)(*arguments)
     assert done.returncode == status, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     assert done.stderr.count("\n") == 1, done.stderr
     assert done.stdout == ""
     return done.stderr
+
+
+def run_here(*arguments: str, timeout: int = 60) -> subprocess.CompletedProcess[str]:
+    """Run a command in this process; SIGALRM ends it after the time-out."""
+
+    def late(number: int, frame: object) -> None:
+        raise TimeoutError(f"barewire {' '.join(arguments)}: not done after {timeout} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(timeout)
+    out, err = (TextIOWrapper(BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
+    try:
+        with redirect_stdout(out), redirect_stderr(err), patch.dict(os.environ, ENVIRONMENT):
+            status = run_command_line([*arguments])
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+    out.seek(0)
+    err.seek(0)
+    return subprocess.CompletedProcess(arguments, status, out.read(), err.read())
 
 
 @contextmanager

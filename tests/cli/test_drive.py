@@ -81,7 +81,8 @@ def test_ctrl_c_is_a_quick_stop(presses: int) -> None:
                 time.sleep(0.0002)
             last = process.stdout.read().splitlines()[-1]
             report = process.stderr.read()
-            assert process.wait(10) == 130
+            # A press after the command, while Python itself ends, kills the process; a shell shows 130 for that too.
+            assert process.wait(10) in ((130,) if presses == 1 else (130, -signal.SIGINT))
         assert report.startswith("barewire: move was interrupted: quick stop, the motor stands at position ")
         assert report.endswith("; quick stop active; current on, the motor holds its position\n")
         assert json.loads(last)["state"] == "quick stop active"

@@ -58,6 +58,15 @@ def test_an_endpoint_that_cannot_be_served_ends_the_command() -> None:
     assert "adxl has no CANopen: expected a Modbus endpoint" in error
 
 
+def test_endpoints_are_closed_if_a_later_one_cannot_be_opened(tmp_path: Path) -> None:
+    """No link to a pseudo-terminal is left behind."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        place = f"127.0.0.1:{taken.getsockname()[1]}"
+        error = error_of("simulate", "adxl", f"rtu://{tmp_path}/line", f"tcp://{place}")
+    assert error == f"barewire: {place}: address already in use\n"
+    assert not (tmp_path / "line").is_symlink()
+
+
 def test_set_changes_also_a_read_only_parameter() -> None:
     with simulated("adxl", "--set", "Sub-menu number selection=3", "tcp://127.0.0.1:0") as (url,):
         assert output_of("read", url, "adxl", "Sub-menu number selection") == "Sub-menu number selection = 3\n"

@@ -6,8 +6,9 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -135,13 +136,19 @@ def simulate_command(
     disturbed: dict[str, Any] = {}
     if faults is not None:
         disturbed = {"faults": faults, "fault_seed": seed, "fault_delay": late, "on_fault": _print_fault}
+    server_at: Callable[[str], ThreadedServer]
     if machine is not None:
-        servers = [machine_server(endpoint, machine, **disturbed) for endpoint in endpoints]
+        server_at = partial(machine_server, machine=machine, **disturbed)
     elif recorded is not None:
-        servers = [_recorded_server(endpoint, recorded, **disturbed) for endpoint in endpoints]
+        server_at = partial(_recorded_server, units=recorded, **disturbed)
     else:
-        table = Table()
-        servers = [_table_server(endpoint, table, **disturbed) for endpoint in endpoints]
+        server_at = partial(_table_server, table=Table(), **disturbed)
+    servers = []
+    with ExitStack() as opened:  # if one cannot be opened, those before it are closed, and a link of rtu://PATH removed
+        for endpoint in endpoints:
+            servers.append(server_at(endpoint))
+            opened.callback(servers[-1].close)
+        opened.pop_all()
     # Only now: opening a port may wait, and there Ctrl-C must raise KeyboardInterrupt.
     for number in (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
         signal.signal(number, end)
