@@ -96,6 +96,8 @@ if TYPE_CHECKING:
         LssState as LssState,
     )
     from barewire.canopen.lss.slave import LssSlave as LssSlave
+    from barewire.canopen.manager.boot_events import BootEvent as BootEvent, NetworkBoot as NetworkBoot
+    from barewire.canopen.manager.boot_network import BootManager as BootManager, boot_network as boot_network
     from barewire.canopen.manager.boot_slave import (
         BootError as BootError,
         BootResult as BootResult,
@@ -221,6 +223,8 @@ __getattr__, __dir__, __all__ = lazy(
         "device.sdo_channels": "client_channel",
         "configuration.settings": "device_configuration DeviceConfiguration Setting Difference",
         "manager.network_list": "BootSlave NetworkList network_list slave_of",
+        "manager.boot_events": "BootEvent NetworkBoot",
+        "manager.boot_network": "boot_network BootManager",
         "manager.boot_slave": "boot_slave BootResult BootError",
         "configuration.concise_dcf": ("concise_dcf ConciseValue encode_concise_dcf decode_concise_dcf concise_values"),
         "configuration.configure": "compare_device configure_device ConfigurationResult ConfigurationFailed",

@@ -4,6 +4,8 @@ Files, in reading order:
 
     network_list   the nodes, what each must be, and how they are started: 1F80h to 1F89h
     boot_slave     the boot slave process of one node, and the letters of its errors
+    boot_events    what a manager reports
+    boot_network   all nodes in parallel, their start, and error control afterwards
     program        the download of a new program, 1F50h to 1F57h
 
 Depends on: SDO, NMT, the configuration of a device. Used by: `io.canopen`, user code.

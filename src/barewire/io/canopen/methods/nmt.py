@@ -35,6 +35,10 @@ if TYPE_CHECKING:
 ERROR_CONTROL = frozenset((0x700 + node, False) for node in range(1, 128))
 """The identifiers of heartbeats, boot-up messages and guarding responses."""
 
+_RESPONSES = frozenset((0x580 + node, False) for node in range(1, 128))
+_BOOTING = ERROR_CONTROL | _RESPONSES | {(0x600 + node, False) for node in range(1, 128)}
+"""The identifiers that the boot-up of a network receives; requests are those of another client, see `Channel`."""
+
 
 class NmtMethods(Methods[R]):
     """NMT commands to one node, or with node 0 to all of them. They are not confirmed."""
@@ -141,6 +145,57 @@ class NetworkNmtMethods(NmtMethods[R]):
         """Return a stream of the events of all nodes: booted, active, changed the state. `times` has the nodes whose
         loss is an event too, with the seconds without heartbeat."""
         return Subscription(canopen.HeartbeatConsumer(times or {}), ERROR_CONTROL)
+
+    @operation
+    def boot(
+        self,
+        network: canopen.NetworkList,
+        *,
+        listen: float = 2.0,
+        timeout: float | None = None,
+        on_event: Callable[[canopen.BootEvent], object] | None = None,
+        progress: Callable[[int, str], object] | None = None,
+    ) -> BusOperation[canopen.NetworkBoot]:
+        """Boot a network as its CANopen manager (CiA 302-2): check, configure and start its nodes.
+
+        network     the nodes, what each must be, and how they are started
+        listen      seconds to wait at least for the boot-up messages of optional nodes
+        timeout     seconds that each SDO response may take; by default the client's
+        on_event    called with each event: booted, failed, started, ready ...
+        progress    called as progress(node, step) before each step of a node
+
+        The communication of the nodes is reset first. All channels of the bus are locked until the network has booted.
+        The nodes are not watched afterwards: `start_manager` does that. Faults of nodes are in the result; they raise
+        no error.
+        """
+        wait = self.runner.timeout if timeout is None else timeout
+        booting = canopen.boot_network(
+            network, listen=listen, timeout=wait, channels=self._channel, on_event=on_event, progress=progress
+        )
+        return BusOperation(booting, None, _BOOTING, wait)
+
+    def _channel(self, node: int) -> canopen.Channel:
+        return self.runner.bus.channel(node, self.runner.dialect)
+
+    @background
+    def start_manager(
+        self,
+        network: canopen.NetworkList,
+        callback: Callable[[canopen.BootEvent], object],
+        *,
+        timeout: float | None = None,
+        progress: Callable[[int, str], object] | None = None,
+    ) -> BackgroundTask:
+        """Boot a network as `boot` does, and watch its nodes until it is stopped: a node that is lost is reset, and
+        boots again. `callback` is called with each event, in the thread or task of the manager.
+
+        It takes no locks: have no SDO transfers with a node while it boots.
+        """
+        wait = self.runner.timeout if timeout is None else timeout
+        manager = canopen.BootManager(
+            network, timeout=wait, channels=lambda node: canopen.Channel(node, self.runner.dialect), progress=progress
+        )
+        return BackgroundTask(CallbackAdapter(manager, callback), ERROR_CONTROL | _RESPONSES)
 
     @background
     def start_guarding(

@@ -1,0 +1,354 @@
+"""The boot-up of a network by its CANopen manager, and what it does when a node is lost later.   [CiA 302-2]
+
+        1  reset communication         of all nodes; one by one, without those that are kept alive, if there are any
+        2  boot slave, in parallel     mandatory nodes: after their boot-up message, or 1 s after the reset; without a
+                                       response (B) again every second, until the boot time (1F89h) is over
+                                       optional nodes: whenever they send their boot-up message
+        3  start                       each node when it has booted; or with `start_all` all at once, when every
+                                       mandatory node has booted: then the network is ready
+        4  error control               heartbeats and node guarding. A node that is lost is reset and boots again; if it
+                                       is mandatory, the whole network may be reset, or stopped (1F80h)
+
+`BootManager` is the machine: `feed` returns frames to send and `BootEvent`s. `boot_network` is a conversation that runs
+it until the network has booted; it does not watch the nodes afterwards.
+
+A node that failed boots again when it sends its boot-up message, for example because it was exchanged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TypeAlias
+
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.manager.boot_events import BootEvent, NetworkBoot
+from barewire.canopen.manager.boot_slave import RESET_TIME, BootError, BootProgress, BootResult, boot_slave
+from barewire.canopen.manager.network_list import BootSlave, NetworkList
+from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, NodeState
+from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
+from barewire.canopen.nmt.node_guarding import Guard, GuardEvent, GuardingMaster
+from barewire.canopen.sdo import Channel
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen, Send
+from barewire.errors import DecodeError
+
+RETRY_TIME = 1.0
+"""Seconds between two boot slave processes of a mandatory node that does not respond."""
+
+_FUNCTION_CODE = 0x780
+_ERROR_CONTROL = 0x700
+_RECEIVED = (0x580, 0x600, _ERROR_CONTROL)  # SDO responses, SDO requests of other clients, and error control
+
+_Output: TypeAlias = Iterator[CanFrame | BootEvent]
+
+
+class _Process:
+    """A boot slave process that is carried out by a machine."""
+
+    def __init__(self, conversation: Conversation[CanFrame, BootResult]) -> None:
+        self.conversation = conversation
+        self.until = float("-inf")
+        self.result: BootResult | None = None
+
+    def step(self, frame: CanFrame | None, now: float, *, first: bool = False) -> list[CanFrame]:
+        """Go on until the process waits, and return the frames to send. `result` is set at its end."""
+        frames: list[CanFrame] = []
+        try:
+            step = next(self.conversation) if first else self.conversation.send(Heard(frame, now))
+            while not isinstance(step, Listen) or step.until <= now:
+                frames += () if isinstance(step, Listen) else step.items
+                step = self.conversation.send(Heard(None, now))
+            self.until = step.until
+        except StopIteration as stop:
+            self.result = stop.value
+        return frames
+
+
+class _Node:
+    """The present condition of a node of the network list."""
+
+    def __init__(self, slave: BootSlave) -> None:
+        self.slave = slave
+        self.process: _Process | None = None
+        self.begin_at: float | None = None
+        self.result: BootResult | None = None
+        self.booted = self.started = self.waiting = False
+        self.guarding: GuardingMaster | None = None
+
+
+class BootManager:
+    """Boots a network, starts its nodes and watches them. A machine: `feed` returns CanFrame and BootEvent.
+
+        network     the nodes, and how they are started
+        timeout     seconds for each SDO response
+        channels    returns the SDO channel to a node
+        progress    called with each step of a boot slave process, in words
+
+    The first `feed` resets the communication of the nodes. `results` has the last result of each node.
+
+    >>> manager = BootManager(NetworkList([BootSlave(5, mandatory=True)]))
+    >>> [str(item) for item in manager.feed(None, 0.0)], manager.deadline
+    (['000#8200'], 1.0)
+    >>> [str(item) for item in manager.feed(CanFrame.parse("705#00"), 0.1)]
+    ['605#4000100000000000']
+    """
+
+    def __init__(
+        self,
+        network: NetworkList,
+        *,
+        timeout: float = DEFAULT_TIMEOUT,
+        channels: Callable[[int], Channel] = Channel,
+        progress: BootProgress | None = None,
+    ) -> None:
+        self.network = network
+        self.timeout = timeout
+        self.ready = False
+        self._channels = channels
+        self._progress = progress
+        self._nodes = {slave.node: _Node(slave) for slave in network.slaves if slave.listed}
+        self._begun = self._stopped = False
+        self._boot_end: float | None = None
+        self._heartbeats = HeartbeatConsumer({})
+
+    def __repr__(self) -> str:
+        booted = sum(node.booted for node in self._nodes.values())
+        return f"<BootManager: {booted} of {len(self._nodes)} nodes booted{', ready' if self.ready else ''}>"
+
+    @property
+    def results(self) -> tuple[BootResult, ...]:
+        """The last result of each node that has one."""
+        return tuple(node.result for node in self._nodes.values() if node.result is not None)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a boot slave process runs, or is about to begin."""
+        return not self._begun or any(node.process or node.begin_at is not None for node in self._nodes.values())
+
+    @property
+    def deadline(self) -> float | None:
+        """When the next step is due."""
+        if not self._begun:
+            return float("-inf")
+        dues = [self._boot_end, self._heartbeats.deadline]
+        for node in self._nodes.values():
+            dues.append(node.begin_at)
+            dues.append(None if node.process is None else node.process.until)
+            dues.append(None if node.guarding is None else node.guarding.deadline)
+        return min((due for due in dues if due is not None), default=None)
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame | BootEvent]:
+        """Return the frames to send and the events."""
+        output: list[CanFrame | BootEvent] = []
+        if not self._begun:
+            output += self._reset_communication()
+            output += self._begin(now)
+        if self._stopped:
+            return output
+        output += self._watch(frame, now)
+        if frame is not None and not frame.extended and not frame.remote:
+            node = self._nodes.get(frame.id & 0x7F)
+            if node is not None and frame.id & _FUNCTION_CODE in _RECEIVED:
+                output += self._receive(node, frame, now)
+        for node in self._nodes.values():
+            if node.begin_at is not None and now >= node.begin_at:
+                output += self._boot(node, now)
+            elif node.process is not None and now >= node.process.until:
+                output += self._go_on(node, None, now)
+        if self._boot_end is not None and now >= self._boot_end:
+            self._boot_end = None
+            output += self._end_of_boot_time(now)
+        return output
+
+    def _reset_communication(self) -> Iterator[CanFrame]:
+        kept = {number for number, node in self._nodes.items() if node.slave.keep_alive}
+        if not kept:
+            yield _nmt(NmtCommand.RESET_COMMUNICATION, 0)
+            return
+        for number in range(1, 128):
+            if number not in kept and number != self.network.node:
+                yield _nmt(NmtCommand.RESET_COMMUNICATION, number)
+
+    def _begin(self, now: float) -> _Output:
+        """Begin the boot-up after a reset of the network."""
+        self._begun, self.ready = True, False
+        self._boot_end = now + self.network.boot_time if self.network.boot_time else None
+        for node in self._nodes.values():
+            self._forget(node)
+            if node.slave.keep_alive:
+                node.begin_at = now
+            elif node.slave.mandatory:
+                node.begin_at = now + RESET_TIME
+        yield from self._check_ready(now)
+
+    def _forget(self, node: _Node) -> None:
+        if node.process is not None:
+            node.process.conversation.close()
+        node.process = node.begin_at = node.guarding = None
+        node.booted = node.started = node.waiting = False
+        self._heartbeats.watch({n: t for n, t in self._heartbeats.times.items() if n != node.slave.node})
+
+    # Boot slave
+
+    def _receive(self, node: _Node, frame: CanFrame, now: float) -> _Output:
+        booting = False
+        if frame.id & _FUNCTION_CODE == _ERROR_CONTROL:
+            try:
+                booting = NodeState.decode(frame).is_boot_up
+            except DecodeError:
+                return
+        if node.process is not None:
+            yield from self._go_on(node, frame, now)
+        elif booting:
+            if node.booted:
+                yield BootEvent(node.slave.node, "rebooted", now)
+            self._forget(node)
+            yield from self._boot(node, now)
+
+    def _boot(self, node: _Node, now: float) -> _Output:
+        number = node.slave.node
+        node.begin_at = None
+        conversation = boot_slave(node.slave, self._channels(number), timeout=self.timeout, progress=self._progress)
+        node.process = _Process(conversation)
+        yield from node.process.step(None, now, first=True)
+        yield from self._end(node, now)
+
+    def _go_on(self, node: _Node, frame: CanFrame | None, now: float) -> _Output:
+        assert node.process is not None
+        yield from node.process.step(frame, now)
+        yield from self._end(node, now)
+
+    def _end(self, node: _Node, now: float) -> _Output:
+        """Go on with the network if the boot slave process of a node has ended."""
+        if node.process is None or node.process.result is None:
+            return
+        slave, result = node.slave, node.process.result
+        node.process, node.result = None, result
+        if result.ok:
+            node.booted, node.waiting = True, False
+            yield BootEvent(slave.node, "booted", now, result)
+            self._start_error_control(node, now)
+            if self.ready or not self.network.start_all:
+                yield from self._start(node, now)
+            yield from self._check_ready(now)
+        elif result.error is BootError.B and slave.mandatory and (self._boot_end or not self.network.boot_time):
+            node.begin_at = now + RETRY_TIME
+            if not node.waiting:
+                node.waiting = True
+                yield BootEvent(slave.node, "waiting", now, result)
+        elif not (node.waiting and result.error is BootError.B):  # a node that is waited for is reported as missing
+            yield BootEvent(slave.node, "failed", now, result)
+
+    def _end_of_boot_time(self, now: float) -> _Output:
+        for node in self._nodes.values():
+            if node.slave.mandatory and not node.booted:
+                if node.begin_at is not None and node.waiting:
+                    node.begin_at = None
+                yield BootEvent(node.slave.node, "missing", now, node.result)
+
+    # Start
+
+    def _check_ready(self, now: float) -> _Output:
+        if self.ready or any(node.slave.mandatory and not node.booted for node in self._nodes.values()):
+            return
+        self.ready, self._boot_end = True, None
+        yield BootEvent(0, "ready", now)
+        if not self.network.start_all or not self.network.start_slaves:
+            return
+        nodes = list(self._nodes.values())
+        if nodes and all(node.booted and node.slave.boot for node in nodes):
+            yield _nmt(NmtCommand.START, 0)
+            yield BootEvent(0, "started", now)
+            for node in nodes:
+                node.started = True
+        else:
+            for node in nodes:
+                if node.booted:
+                    yield from self._start(node, now)
+
+    def _start(self, node: _Node, now: float) -> _Output:
+        operational = node.result is not None and node.result.state == NmtState.OPERATIONAL
+        if self.network.start_slaves and node.slave.boot and not node.started and not operational:
+            node.started = True
+            yield _nmt(NmtCommand.START, node.slave.node)
+            yield BootEvent(node.slave.node, "started", now)
+
+    # Error control
+
+    def _start_error_control(self, node: _Node, now: float) -> None:
+        slave = node.slave
+        if slave.heartbeat:
+            self._heartbeats.watch(self._heartbeats.times | {slave.node: slave.heartbeat})
+            self._heartbeats.expect(slave.node, now + slave.heartbeat)
+        elif slave.guard_time and slave.retry_factor:
+            node.guarding = GuardingMaster({slave.node: Guard(slave.guard_time, slave.retry_factor)}, now)
+
+    def _watch(self, frame: CanFrame | None, now: float) -> _Output:
+        lost = [event.node for event in self._heartbeats.feed(frame, now) if event.kind == "lost"]
+        for number, node in self._nodes.items():
+            if node.guarding is not None:
+                for item in node.guarding.feed(frame, now):
+                    if not isinstance(item, GuardEvent):
+                        yield item
+                    elif item.kind == "lost":
+                        lost.append(number)
+        for number in lost:
+            if (node := self._nodes[number]).booted:
+                yield from self._lost(node, now)
+
+    def _lost(self, node: _Node, now: float) -> _Output:
+        slave = node.slave
+        yield BootEvent(slave.node, "lost", now)
+        if slave.mandatory and self.network.stop_all:
+            self._stopped = True
+            for one in self._nodes.values():
+                self._forget(one)
+            yield _nmt(NmtCommand.STOP, 0)
+            yield BootEvent(0, "stopped", now)
+        elif slave.mandatory and self.network.reset_all:
+            yield _nmt(NmtCommand.RESET_NODE, 0)
+            yield BootEvent(0, "reset", now)
+            yield from self._begin(now)
+        else:
+            self._forget(node)
+            node.begin_at = now + RESET_TIME if slave.mandatory else None
+            yield _nmt(NmtCommand.RESET_NODE, slave.node)
+            yield BootEvent(slave.node, "reset", now)
+
+
+def boot_network(
+    network: NetworkList,
+    *,
+    listen: float = 2.0,
+    timeout: float = DEFAULT_TIMEOUT,
+    channels: Callable[[int], Channel] = Channel,
+    on_event: Callable[[BootEvent], object] | None = None,
+    progress: BootProgress | None = None,
+) -> Conversation[CanFrame, NetworkBoot]:
+    """Boot a network and start its nodes. It ends when no boot slave process runs any more.
+
+        listen      seconds to wait at least for the boot-up messages of optional nodes
+        timeout     seconds for each SDO response
+        on_event    called with each BootEvent
+        progress    called with each step of a boot slave process
+
+    With a boot time of 0, mandatory nodes are waited for without limit. Faults of nodes are in the result; they raise
+    no error.
+    """
+    manager = BootManager(network, timeout=timeout, channels=channels, progress=progress)
+    heard: Heard[CanFrame] = yield Listen(float("-inf"))
+    end = heard.now + listen
+    while True:
+        for item in manager.feed(heard.item, heard.now):
+            if isinstance(item, CanFrame):
+                yield Send(item)
+            elif on_event is not None:
+                on_event(item)
+        complete = all(any(one.node == slave.node for one in manager.results) for slave in network.slaves)
+        if not manager.busy and (heard.now >= end or complete):
+            return NetworkBoot(manager.ready, manager.results)
+        deadline = manager.deadline
+        heard = yield Listen(end if deadline is None or (not manager.busy and deadline > end) else deadline)
+
+
+def _nmt(command: NmtCommand, node: int) -> CanFrame:
+    return NmtMessage(command, node).encode()

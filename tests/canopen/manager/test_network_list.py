@@ -1,0 +1,80 @@
+"""The network list in the object dictionary of a manager, and the slave of a DCF."""
+
+from __future__ import annotations
+
+import pytest
+
+from barewire.canopen import (
+    BootSlave,
+    ConciseValue,
+    Entry,
+    NetworkList,
+    ObjectDictionary,
+    device_configuration,
+    encode_concise_dcf,
+    network_list,
+    slave_of,
+)
+from barewire.codecs import Value
+from barewire.errors import DecodeError, EncodeError
+from tests.canopen.configuration.plant import DATE, dcf
+
+CONCISE = encode_concise_dcf([ConciseValue(0x1017, 0, b"\x01\x00")])
+
+
+def manager(startup: int, **values: Value) -> ObjectDictionary:
+    """Return a manager's dictionary; `values` are objects such as x1F81_05=0xD."""
+    entries = [Entry(0x1F80, 0, "startup", "u32", default=startup)]
+    for name, value in values.items():
+        index, sub = (int(part, 16) for part in name[1:].split("_"))
+        entries.append(Entry(index, sub, name, "domain" if isinstance(value, bytes) else "u32", default=value))
+    return ObjectDictionary(entries)
+
+
+def test_every_object_of_a_node() -> None:
+    identity = {"x1F84_05": 0x191, "x1F85_05": 0x360, "x1F86_05": 7, "x1F87_05": 8, "x1F88_05": 9}
+    objects = manager(
+        0x53, x1016_01=0x0005_03E8, x1F89_00=2500, x1F81_05=0x0064_037D, x1F81_06=0xC, x1F81_07=1,
+        x1F22_05=CONCISE, x1F26_05=15519, x1F27_05=1000, x1F55_05=0x22, x1F58_05=b"program", **identity,
+    )  # fmt: skip
+    found = network_list(objects)
+    assert found == NetworkList(
+        (
+            BootSlave(
+                5, mandatory=True, keep_alive=True, check_program=True, update_program=True, guard_time=0.1,
+                retry_factor=3, heartbeat=1.0, device_type=0x191, vendor=0x360, product=7, revision=8, serial=9,
+                date=(15519, 1000), configuration=(ConciseValue(0x1017, 0, b"\x01\x00"),),
+                software=0x22, program=b"program",
+            ),
+            BootSlave(7, boot=False),
+        ),
+        start_all=True, reset_all=True, stop_all=True, boot_time=2.5,
+    )  # fmt: skip
+    assert repr(found) == "<NetworkList: 2 nodes, 1 of them mandatory>"
+    assert repr(found.slaves[0]) == "<BootSlave 5: mandatory, keep alive, check program, update program>"
+
+
+def test_the_startup_bits() -> None:
+    assert network_list(manager(0x09)).start_slaves is False
+    assert network_list(manager(0x01)) == NetworkList(())
+    with pytest.raises(EncodeError, match="1F80h = 2h: expected bit 0"):
+        network_list(manager(2))
+
+
+def test_a_broken_concise_dcf_names_its_node() -> None:
+    with pytest.raises(DecodeError, match="concise DCF of node 5, 1F22h:05"):
+        network_list(manager(1, x1F81_05=5, x1F22_05=CONCISE[:-1]))
+
+
+def test_the_slave_of_a_dcf() -> None:
+    configuration = device_configuration(dcf({"Heartbeat": 500}, 9))
+    assert slave_of(configuration, mandatory=True, heartbeat=1.5) == BootSlave(
+        9,
+        mandatory=True,
+        heartbeat=1.5,
+        device_type=0x191,
+        vendor=0x360,
+        product=7,
+        date=(DATE["Configuration.Date"], DATE["Configuration.Time"]),
+        configuration=configuration,
+    )

@@ -1,0 +1,73 @@
+"""A network that is booted by its manager, blocking and with asyncio, over python-can's virtual bus."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from barewire import AsyncCanopenClient, CanopenClient, CanopenServer
+from barewire.canopen import BootEvent, LocalNode, NetworkList, NmtState, device_configuration, pdos_of, slave_of
+from tests.canopen.configuration.plant import dcf, described
+
+pytest.importorskip("can")
+
+
+async def get(given: Any) -> Any:
+    return await given if inspect.isawaitable(given) else given
+
+
+def device(number: int) -> LocalNode:
+    objects = described().dictionary(number)
+    return LocalNode(number, objects, pdos_of(objects, number))
+
+
+@pytest.mark.parametrize("kind", ["blocking", "asyncio"])
+def test_nodes_are_configured_and_started(kind: str, tmp_path: Path) -> None:
+    url = f"can://virtual/{tmp_path.name}-{kind}"
+    nodes = {number: device(number) for number in (5, 6)}
+    slaves = [slave_of(device_configuration(dcf({"Heartbeat": 100}, number)), mandatory=True) for number in nodes]
+    network = NetworkList(slaves, boot_time=60)
+
+    async def calls(client: Any) -> None:
+        events: list[str] = []
+        steps: list[tuple[int, str]] = []
+        result = await get(
+            client.nmt.boot(
+                network,
+                on_event=lambda event: events.append(event.kind),
+                progress=lambda node, step: steps.append((node, step)),
+                timeout=10.0,
+            )
+        )
+        assert repr(result) == "<NetworkBoot: ready, 2 nodes booted>"
+        assert sorted(events) == ["booted", "booted", "ready", "started", "started"]
+        assert (5, "write 1017h:00 Heartbeat = 100") in steps
+        for number, node in nodes.items():
+            await get(client.node(number).nmt.wait_for_state(NmtState.OPERATIONAL, timeout=30))
+            assert node.objects["Heartbeat"] == 100
+        assert await get(client.node(5).sdo.upload(0x1017)) == b"\x64\x00"  # the channels are free again
+        ready = threading.Event()
+
+        def on_event(event: BootEvent) -> None:
+            if event.kind == "ready":
+                ready.set()
+
+        with client.nmt.start_manager(network, on_event, timeout=10.0):
+            await asyncio.to_thread(ready.wait, 60)
+        assert ready.is_set()
+
+    async def with_asyncio() -> None:
+        async with AsyncCanopenClient(url) as client:
+            await calls(client)
+
+    async def blocking() -> None:
+        with CanopenClient(url) as client:
+            await calls(client)
+
+    with CanopenServer(url, device=nodes[5]), CanopenServer(url, device=nodes[6]):
+        asyncio.run(with_asyncio() if kind == "asyncio" else blocking())
