@@ -382,3 +382,7 @@ def test_bytes_too_short_for_a_frame_are_noise(role: Role, strict: bool) -> None
 
 def test_the_longest_request_is_counted() -> None:
     assert measure_request(decode(REQUESTS["the longest"]).pdu) == 252
+
+
+def test_a_line_is_that_of_a_client_by_default() -> None:
+    assert repr(RtuLine(Timing.of(19200))) == "<RtuLine: client>"
