@@ -56,7 +56,7 @@ CIA_CASES: tuple[tuple[str, str, str, str, str], ...] = (
     ("PDO", "26", "objects that are too long", "RPD-18 TPD-18", ""),
     ("PDO", "27 28 29", "mappable or not, and the direction, of RPDOs", "OD-RPDO", ""),
     ("PDO", "30 31 32", "mappable or not, and the direction, of TPDOs", "OD-TPDO", ""),
-    ("PDO", "33", "dummy objects", "", "DummyUsage of the EDS is not tested"),
+    ("PDO", "33", "dummy objects", "OD-DUMMY", ""),
     ("OD", "01 07", "access, of 1000h to 1FFFh and of all others", "OD-READ OD-WRITE", ""),
     ("OD", "02 08", "default values", "OD-DEFAULT", "not those that a device computes"),
     ("OD", "03", "write read-only objects", "OD-ACCESS", ""),

@@ -131,6 +131,7 @@ FAILED  OD-LIMIT-2000:00  2000h:00 speed: refuses less than 10 and more than 100
 | OD-LENGTH-2000:00 | tries | one byte more and one less are refused (0607001x) |
 | OD-LIMIT-2000:00 | tries | values below LowLimit and above HighLimit are refused (0609003x) |
 | OD-RPDO-6040:00, OD-TPDO-6040:00 | writes | PDOMapping and AccessType say if it can be mapped (or 06040041) |
+| OD-DUMMY-0005 | writes | a data type that [DummyUsage] allows can be mapped into an RPDO, with its width only |
 
 The device is reset (NMT reset node) before, and should have its factory settings: stored values are no defaults.
 These are not judged, since good devices differ: the value of a read-only object, except the device type, the identity
@@ -139,7 +140,7 @@ direction of an object whose AccessType is `rw`, which CiA 306 leaves open; a wr
 state of the device (0800002x). Bit 0 of an object's ObjFlags leaves out its writes, bit 1 its reads.
 
 From Python: `conform_can(endpoint, eds=parse(data))` of `barewire.io.canopen.conformance`, and in virtual time
-`probe(5, objects=eds.objects)` and `cases(subject, eds.objects)` in the example above.
+`probe(5, objects=eds.objects)` and `cases(subject, eds.objects, eds.dummies)` in the example above.
 
 ## The cases
 

@@ -179,7 +179,7 @@ def _beginnings(only: str, eds: Eds | None) -> tuple[str, ...]:
     from barewire.canopen.conformance.battery import case_names
 
     wanted = tuple(name.strip().upper() for name in only.split(","))
-    names = case_names(None if eds is None else eds.objects)
+    names = case_names() if eds is None else case_names(eds.objects, eds.dummies)
     for beginning in wanted:
         if eds is None and beginning.startswith("OD"):
             raise EncodeError(

@@ -13,7 +13,7 @@ from barewire.canopen.conformance.battery import case_names, cases
 from barewire.canopen.conformance.probe import probe
 from barewire.canopen.eds import EdsItem, EdsObject
 from tests.canopen.conformance.described import MORE, OBJECTS, described_with, device
-from tests.canopen.conformance.devices import NODE, bus_with, failures
+from tests.canopen.conformance.devices import NODE, bus_with, failures, run_after_reset
 from tests.canopen.virtual_bus import VirtualBus
 
 
@@ -133,3 +133,42 @@ def test_defaults_with_the_node_id() -> None:
 
     assert failed_of(device(), described_with(0x1014, 0, default=Formula(0x80))) == {}
     assert set(failed_of(device(), described_with(0x1014, 0, default=Formula(0x81)))) == {"OD-DEFAULT-1014:00"}
+
+
+def dummy_failures(node: LocalNode, dummies: tuple[int, ...]) -> set[str]:
+    """Return the failures of the cases of these dummies, and check that there is one for each."""
+    bus = bus_with(node)
+    subject = bus.run(probe(NODE, timeout=0.1, objects=OBJECTS))
+    made = [case for case in cases(subject, OBJECTS, dummies) if case.name.startswith("OD-DUMMY-")]
+    assert [case.name for case in made] == [f"OD-DUMMY-{code:04X}" for code in dummies]
+    return {case.name for case in made if run_after_reset(bus, subject, case).failure is not None}
+
+
+def test_dummies_that_the_eds_allows_can_be_mapped_with_their_width() -> None:
+    assert dummy_failures(device(), (1, 2, 3, 4, 5, 6, 7)) == set()
+    assert dummy_failures(device(), ()) == set()
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("585#600016010000", "585#80001601410004"), ("585#80001601410004", "585#600016010000")],
+    ids=["dummies are refused", "any width is accepted"],
+)
+def test_a_device_that_departs_in_dummies(old: str, new: str) -> None:
+    """A refused dummy; one of 16 bits for a type of 8, which is accepted both as an entry and with the count."""
+    node = device()
+
+    class Other:
+        deadline = None
+
+        def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+            sent = [str(answer) for answer in node.feed(frame, now)]
+            if frame is not None and str(frame).startswith("605#23001601"):
+                sent = [text.replace(old, new).ljust(20, "0")[:20] for text in sent]
+            return [CanFrame.parse(text) for text in sent]
+
+    bus = VirtualBus()
+    bus.add(Other(), sent=node.start(0.0))
+    subject = bus.run(probe(NODE, timeout=0.1, objects=OBJECTS))
+    (case,) = (case for case in cases(subject, OBJECTS, (5,)) if case.name == "OD-DUMMY-0005")
+    assert run_after_reset(bus, subject, case).failure is not None

@@ -13,7 +13,7 @@ Depends on: the model, the files with the cases.  Used by: `io.canopen.conforman
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from barewire.canopen.conformance.configuration import configuration_cases
 from barewire.canopen.conformance.eds_objects import object_cases
@@ -39,23 +39,25 @@ _SHOWN = 8
 """The text of a difference shows at most this many received frames."""
 
 
-def cases(subject: Subject, objects: Mapping[int, EdsObject] | None = None) -> tuple[NodeCase, ...]:
+def cases(
+    subject: Subject, objects: Mapping[int, EdsObject] | None = None, dummies: Iterable[int] = ()
+) -> tuple[NodeCase, ...]:
     """Return all cases for one device, in order. A case that needs something the device lacks names it in `lacks`.
 
-    `objects` are those of the EDS of the device, which add the cases of `eds_objects`. They come first, while all
-    objects have the values that they have after a reset.
+    `objects` and `dummies` are those of the EDS of the device, which add the cases of `eds_objects`. They come first,
+    while all objects have the values that they have after a reset.
     """
     services = (
         *(expedited_cases, segmented_cases, block_cases, nmt_cases, emcy_sync_time_cases, pdo_cases, lss_cases),
         configuration_cases,
     )
-    described = () if objects is None else object_cases(subject, objects)
+    described = () if objects is None else object_cases(subject, objects, dummies)
     return (*described, *(case for service in services for case in service(subject)))
 
 
-def case_names(objects: Mapping[int, EdsObject] | None = None) -> tuple[str, ...]:
+def case_names(objects: Mapping[int, EdsObject] | None = None, dummies: Iterable[int] = ()) -> tuple[str, ...]:
     """Return the names of all cases, in order. Every device has them, except RPD-33 if its RPDO has 8 bytes."""
-    return tuple(case.name for case in cases(Subject(1, {}), objects))
+    return tuple(case.name for case in cases(Subject(1, {}), objects, dummies))
 
 
 def needs_reset(case: NodeCase, previous: NodeOutcome | None) -> bool:

@@ -9,13 +9,14 @@
         OD-LENGTH-2000:00    one byte more and one less are refused
         OD-LIMIT-2000:00     values beyond LowLimit and HighLimit are refused
         OD-RPDO-6040:00      it can be mapped into a PDO, or cannot, as PDOMapping and AccessType say; OD-TPDO
+        OD-DUMMY-0005        a data type of [DummyUsage] can be mapped into an RPDO as a placeholder, with its width
 
 Bit 0 of ObjFlags leaves out the writes of an object, bit 1 its reads.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Literal
 
 from barewire.canopen.conformance.frames import (
@@ -30,9 +31,9 @@ from barewire.canopen.conformance.frames import (
     segment,
     silence,
 )
-from barewire.canopen.conformance.model import Effect, NodeCase, NodeStep, Subject
+from barewire.canopen.conformance.model import Effect, NodeCase, NodeStep, Subject, SubjectPdo
 from barewire.canopen.conformance.probe import STANDARD_OBJECTS, may_be_read
-from barewire.canopen.datatypes import object_codec
+from barewire.canopen.datatypes import BY_CODE, DataType, object_codec
 from barewire.canopen.eds.model import MAPPABLE, EdsItem, EdsObject, every_item
 from barewire.canopen.eds.value_syntax import Expression, Formula
 from barewire.codecs import Value
@@ -53,8 +54,8 @@ _CHANNELS_AND_PDOS = range(0x1200, 0x1C00)
 """SDO channels and PDOs: what can be written depends on whether they are in use, as the cases of PDOs test."""
 
 
-def object_cases(subject: Subject, objects: Mapping[int, EdsObject]) -> Iterator[NodeCase]:
-    """Yield the cases of all objects of an EDS for one device."""
+def object_cases(subject: Subject, objects: Mapping[int, EdsObject], dummies: Iterable[int] = ()) -> Iterator[NodeCase]:
+    """Yield the cases of all objects of an EDS, and of the dummies that it allows, for one device."""
     described = [_Described(subject, of, item) for of, item in every_item(objects.values())]
     yield from (case for item in described for case in item.reads())
     yield from (case for of in objects.values() if of.items for case in _sub_indices(subject, of))
@@ -66,6 +67,7 @@ def object_cases(subject: Subject, objects: Mapping[int, EdsObject]) -> Iterator
     yield from (case for item in described for case in item.defaults())
     yield from (case for item in described for case in item.writes())
     yield from (case for item in described for case in item.mappings())
+    yield from (_dummy(subject, BY_CODE[code]) for code in sorted(dummies) if code in BY_CODE)
 
 
 def _case(
@@ -87,6 +89,28 @@ def _sub_indices(subject: Subject, of: EdsObject) -> Iterator[NodeCase]:
     listed = ", ".join(f"{sub:02X}" for sub in missing)
     yield _case(subject, f"OD-SUB-{of.index:04X}", f"{of.index:04X}h {of.name}: no sub-index {listed}", *steps,
                 clause=_EDS, effect="reads", needs=(f"{of.index:04X}h:{there.sub:02X}",), why="06090011")  # fmt: skip
+
+
+def _dummy(subject: Subject, kind: DataType) -> NodeCase:
+    """Return the case that maps a data type as a placeholder into the first RPDO, with its width and with another."""
+    s, pdo = Sdo(subject.node), subject.pdo(0x1400, 0x1600)
+    off, empty, mapping = _emptied(s, pdo, 0x1400)
+    entry, count = s.write(mapping, 1, kind.code << 16 | kind.bits, 4), s.write(mapping, 0, 1, 1)
+    wrong = s.write(mapping, 1, kind.code << 16 | (kind.bits ^ 24), 4)._replace(
+        ends=(s.refused(mapping, 1, *_UNMAPPED, 0x0609_0030),)
+    )
+    uncounted = s.refuse(mapping, 0, 1, 1, *_UNMAPPED, 0x0609_0030)
+    return _case(subject, f"OD-DUMMY-{kind.code:04X}",
+                 f"the dummy {kind.standard} can be mapped into an RPDO, with {kind.bits} bits only", off, empty, entry,
+                 count, empty, wrong, uncounted, clause=_PDO, effect="writes", needs=("RPDO",), why="")  # fmt: skip
+
+
+def _emptied(s: Sdo, pdo: SubjectPdo | None, first: int) -> tuple[NodeStep, NodeStep, int]:
+    """Return the steps that switch a PDO off and empty its mapping (a fixed one ends the case), and its index."""
+    communication, mapping = (pdo.communication, pdo.mapping) if pdo else (first, first + 0x0200)
+    off = s.write(communication, 1, (pdo.cob.pack() if pdo else 0) | _OFF, 4)
+    fixed = s.refused(mapping, 0, *READ_ONLY_CODES, 0x0609_0030, 0x0800_0022)
+    return off, s.write(mapping, 0, 0, 1)._replace(ends=(fixed,)), mapping
 
 
 class _Described:
@@ -191,10 +215,7 @@ class _Described:
 
     def _mapping(self, kind: Literal["RPDO", "TPDO"], first: int, bits: int, *, mappable: bool) -> NodeCase:
         s, pdo = self.s, self.subject.pdo(first, first + 0x0200)
-        communication, mapping = (pdo.communication, pdo.mapping) if pdo else (first, first + 0x0200)
-        off = s.write(communication, 1, (pdo.cob.pack() if pdo else 0) | _OFF, 4)
-        fixed = s.refused(mapping, 0, *READ_ONLY_CODES, 0x0609_0030, 0x0800_0022)
-        empty = s.write(mapping, 0, 0, 1)._replace(ends=(fixed,))
+        off, empty, mapping = _emptied(s, pdo, first)
         entry = s.write(mapping, 1, self.index << 16 | self.sub << 8 | bits, 4)
         count = s.write(mapping, 0, 1, 1)
         if not mappable:

@@ -70,7 +70,7 @@ def conform_can(
     from barewire.io.ports.socketcan import can_port
 
     node, patience = endpoint.integer("node", 1), endpoint.seconds("timeout", NODE_ANSWER_TIMEOUT)
-    objects = None if eds is None else eds.objects
+    objects, dummies = (None, frozenset[int]()) if eds is None else (eds.objects, eds.dummies)
     port: Port[CanFrame] = can_port(endpoint)
     try:
         subject, boot = _probe(port, node, patience, gentle, large, only, objects)
@@ -81,7 +81,7 @@ def conform_can(
             save=save or on_power_cycle is not None,
             power_cycle=on_power_cycle is not None,
         )
-        wanted = [case for case in cases(subject, objects) if case.name.startswith(only)]
+        wanted = [case for case in cases(subject, objects, dummies) if case.name.startswith(only)]
         previous = None
         for place, case in enumerate(wanted):
             if left_out := why(case):
