@@ -127,7 +127,7 @@ def test_a_bus_that_fails_and_is_opened_again(log: pytest.LogCaptureFixture) -> 
 
 def test_a_bus_that_cannot_be_opened_again(log: pytest.LogCaptureFixture) -> None:
     with CanBus(Breaking(PortError("can://test/can0: the interface is down"))) as bus:
-        bus._reader.join(30)
+        bus._reader.join(30)  # type: ignore[union-attr]
     assert lines(log, "bus") == [
         "INFO can://test/can0: opened",
         "WARNING can://test/can0: failed: the interface is down",

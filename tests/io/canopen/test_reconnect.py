@@ -177,7 +177,7 @@ def test_a_bus_can_be_closed_during_a_pause() -> None:
     bus.close()
     with pytest.raises(PortError, match="closed"):
         stream.get(30.0)
-    assert not bus._reader.is_alive()
+    assert not bus._reader.is_alive()  # type: ignore[union-attr]
     assert bus.when_open(lambda: None)
 
 

@@ -17,9 +17,8 @@ import pytest
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import EncodeError, PortError
-from barewire.io.canopen.shared_bus import can_endpoint
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports.socketcan import SocketCanPort, can_port
+from barewire.io.ports.socketcan import SocketCanPort, can_endpoint, can_port
 
 URL = "can://socketcan/can0?bitrate=500000"
 SOL_SOCKET, RCVTIMEO, MEMINFO = socket.SOL_SOCKET, socket.SO_RCVTIMEO, 55

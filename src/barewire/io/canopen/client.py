@@ -56,7 +56,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
     def _prepare(self) -> None:
         self._receiving = threading.Lock()
         self._everything: Subscriber | None = None
-        self._bus = self._new_bus()
+        self._bus = self._new_bus(lazy=True)
 
     def _device_node(self, number: int, device: Device, **settings: Any) -> DeviceNode:
         return DeviceNode(self, number, device, **settings)
@@ -108,16 +108,18 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
     def carry_out(self, operation: BusOperation[T]) -> T:
         """Wait for the locks of an operation, then carry it out. If the bus is being opened again, wait for it too."""
         self._check_open()
-        self.bus.wait_until_open(self.timeout if operation.timeout is None else operation.timeout)
+        patience = self.timeout if operation.timeout is None else operation.timeout
+        self.bus.wait_until_open(patience)
+        bus, receives = self.bus, operation.receives
         with (
-            channels_locked(self.bus, operation.locks),
-            Subscriber(self.bus, operation.receives) as subscriber,
+            channels_locked(bus, operation.locks),
+            bus.direct(receives, patience) or Subscriber(bus, receives) as port,
             self._logged(operation.channel),
         ):
             try:
-                return run(operation.conversation, subscriber)
+                return run(operation.conversation, port)
             except BarewireError as error:
-                subscriber.note_losses(error)
+                port.note_losses(error)
                 raise
 
     def subscribe(self, subscription: Subscription[E]) -> Stream[E]:

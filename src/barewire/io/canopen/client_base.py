@@ -35,11 +35,12 @@ from barewire.io.canopen.methods.operations import (
 )
 from barewire.io.canopen.node import EdsNode, Node, check_node_id, dictionary_of
 from barewire.io.canopen.node_runner import Speaker, checked_machine
-from barewire.io.canopen.shared_bus import CanBus, can_endpoint
+from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.subscriber import Key, check_key
 from barewire.io.endpoint import check_timeout
 from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
+from barewire.io.ports.socketcan import can_endpoint
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -137,11 +138,11 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         if self._closed:
             raise PortError(f"{self._endpoint or self.bus.name}: the client was closed")
 
-    def _new_bus(self) -> CanBus:
+    def _new_bus(self, *, lazy: bool = False) -> CanBus:
         """Return the bus that the constructor was given, or a new one for its URL or port."""
         if self._endpoint is not None:
-            return CanBus.open(self._endpoint, watch=self._watch)
-        return self.bus if self._port is None else CanBus(self._port)
+            return CanBus.open(self._endpoint, watch=self._watch, lazy=lazy)
+        return self.bus if self._port is None else CanBus(self._port, lazy=lazy)
 
     @contextmanager
     def _logged(self, channel: Channel | None) -> Iterator[None]:

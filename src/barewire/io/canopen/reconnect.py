@@ -91,3 +91,41 @@ class Reopening:
                 self._log.warning("up", f"up again after {clock() - since:.2f} s")
             self._good_from = clock()
             return port, first
+
+
+class AwaitedBus:
+    """A bus for which others wait while it is being opened again. `failure` is why it is not open."""
+
+    def __init__(self) -> None:
+        self.failure: str | None = None
+        self._has_ended = False  # failed or closed, and not opened again
+        self._waiting: set[Callable[[], None]] = set()
+        self._changing = threading.RLock()
+
+    def _wake(self) -> None:
+        with self._changing:
+            waiting, self._waiting = self._waiting, set()
+        for wake in waiting:
+            wake()
+
+    def when_open(self, wake: Callable[[], None]) -> bool:
+        """Return whether the bus is open, or has ended. If it is neither, `wake` is called when it is."""
+        with self._changing:
+            if self.failure is None or self._has_ended:
+                return True
+            self._waiting.add(wake)
+            return False
+
+    def cancel_wake(self, wake: Callable[[], None]) -> None:
+        """Cancel the `wake` of a call of `when_open`."""
+        with self._changing:
+            self._waiting.discard(wake)
+
+    def wait_until_open(self, timeout: float) -> None:
+        """If the bus is being opened again, wait for it, `timeout` seconds at most."""
+        if self.failure is None:
+            return
+        is_open = threading.Event()
+        if not self.when_open(is_open.set):
+            is_open.wait(timeout)
+            self.cancel_wake(is_open.set)

@@ -27,10 +27,20 @@ from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.canopen.nmt.node_monitor import NodeMonitor
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect
-from barewire.errors import EncodeError, PortError
-from barewire.io.canopen.reconnect import Dial, Reopening, receiver
-from barewire.io.canopen.subscriber import BusDown, BusItem, BusUp, FramesLost, Subscriber
-from barewire.io.endpoint import CAN_OPTIONS, PAUSES, Endpoint
+from barewire.errors import PortError
+from barewire.io.canopen.reconnect import AwaitedBus, Dial, Reopening, receiver
+from barewire.io.canopen.subscriber import (
+    BusDown,
+    BusItem,
+    BusUp,
+    DirectPort,
+    FramesLost,
+    Key,
+    Sender,
+    Subscriber,
+    SubscriberTable,
+)
+from barewire.io.endpoint import PAUSES, Endpoint
 from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
 from barewire.io.log import PortLog, watch_both
 from barewire.io.ports.base import Port, send_when_room
@@ -46,13 +56,14 @@ INSIDE_ONE_PROCESS = "can://virtual is inside one process"
 WatchFrames: TypeAlias = "Callable[[Direction, CanFrame], Any]"
 
 
-class CanBus:
+class CanBus(SubscriberTable, AwaitedBus):
     """A shared CAN bus. Closing it ends the reader thread; after that its subscribers raise PortError.
 
     port        what `can_port` returns, or any other port of frames
     watch       called as watch("sent" or "received", frame) with every frame
     dial        opens a new port after the port failed; until then `failure` is the reason. By default the bus ends
     pauses      the first and the longest pause, in seconds, after failed attempts to open it
+    lazy        the reader thread starts with the second listener; until then the only one reads by itself (`direct`)
     """
 
     def __init__(
@@ -62,53 +73,52 @@ class CanBus:
         watch: WatchFrames | None = None,
         dial: Dial | None = None,
         pauses: tuple[float, float] = PAUSES,
+        lazy: bool = False,
     ) -> None:
+        SubscriberTable.__init__(self)
+        AwaitedBus.__init__(self)
         self.port = port
         self.name: str = getattr(port, "name", "the bus")
         self.place = self.name if "/" not in self.name else f"can://{self.name}"
         """The URL of the bus, without options, in the lines of the log."""
         self._log = PortLog("barewire.canopen.bus", self.place)
         self.monitor = NodeMonitor(INSIDE_ONE_PROCESS if str(self.name).startswith("virtual/") else "")
-        self.failure: str | None = None
         self._receive = receiver(port)
         self._try_send: Callable[[CanFrame], bool] | None = getattr(port, "try_send", None)
         self._watch: WatchFrames | None = watch_both(watch, self._log.watch())
-        self._subscribers: set[Subscriber] = set()
-        # The tuples are replaced, never changed in place: the reader takes no lock.
-        self._by_id: dict[bool, dict[int, tuple[Subscriber, ...]]] = {False: {}, True: {}}
-        self._of_all: tuple[Subscriber, ...] = ()
         self._channels: dict[tuple[int, SdoDialect], Channel] = {}
         self._locks = ChannelLocks()
         self._new_locks()
         self._lost = 0  # of the port
         self._closed = False
         self._is_inherited = False  # by a forked process, which must not close the port
-        self._has_ended = False  # failed or closed, and not opened again
         self._reopening = None if dial is None else Reopening(dial, threading.Event(), pauses=pauses, log=self._log)
-        self._waiting: set[Callable[[], None]] = set()
-        self._reader = threading.Thread(target=self._read, name=f"reader of {self.name}", daemon=True)
+        self._reader: threading.Thread | None = None
+        self._direct: DirectPort | None = None
         self._log.info("opened", "opened")
-        self._reader.start()
+        if not (lazy and getattr(port, "keeps_frames", False)):
+            self._start_reader(None)
         end_after_fork(self)
 
     def _new_locks(self) -> None:
-        self._changing = threading.Lock()
+        self._changing = threading.RLock()
         self._sending = threading.Lock()
         self._locking = threading.Lock()
+        self._reading = threading.Lock()  # held by the only thread that reads the port
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name}>"
 
     @classmethod
-    def open(cls, bus: str | Endpoint, *, watch: WatchFrames | None = None, **options: Any) -> Self:
+    def open(cls, bus: str | Endpoint, *, watch: WatchFrames | None = None, lazy: bool = False, **options: Any) -> Self:
         """Open the bus of a can:// URL, whose options `options` override. If its port fails later, it is opened again.
 
         Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened.
         """
-        from barewire.io.ports.socketcan import can_port
+        from barewire.io.ports.socketcan import can_endpoint, can_port
 
         endpoint = bus if isinstance(bus, Endpoint) else can_endpoint(bus, **options)
-        return cls(can_port(endpoint), watch=watch, dial=lambda: can_port(endpoint), pauses=endpoint.pauses)
+        return cls(can_port(endpoint), watch=watch, dial=lambda: can_port(endpoint), pauses=endpoint.pauses, lazy=lazy)
 
     def __enter__(self) -> Self:
         return self
@@ -118,19 +128,92 @@ class CanBus:
 
     # Frames in
 
-    def _read(self) -> None:
-        while not self._closed:
-            self._report_losses()
-            try:
-                item = self._receive(_RECEIVE_TIMEOUT)
-            except Exception as error:
-                # A PortError has a text for the user; any other error comes from python-can.
-                prefix = "" if isinstance(error, PortError) else f"reading {self.name} ended: {type(error).__name__}: "
-                if not self._reopen(f"{prefix}{error}"):
-                    return
-                continue
-            if item is not None and not self._deliver(item):
+    def _start_reader(self, failure: str | None) -> None:
+        """Start the reader thread, unless it runs. `failure`: why the port failed for a conversation that read it."""
+        if self._reader is None and not self._closed:
+            name = f"reader of {self.name}"
+            self._reader = threading.Thread(target=self._read, args=(failure,), name=name, daemon=True)
+            self._reader.start()
+
+    def _read(self, failure: str | None) -> None:
+        with self._reading:  # until a conversation that reads by itself hands over
+            if failure is not None and not self._reopen(failure):
                 return
+            while not self._closed:
+                self._report_losses()
+                try:
+                    item = self.read_now(_RECEIVE_TIMEOUT)
+                except PortError as error:
+                    if not self._reopen(str(error)):
+                        return
+                    continue
+                if item is not None and not self._deliver(item):
+                    return
+
+    def read_now(self, timeout: float) -> BusItem | None:
+        """Read the port, which only the holder of the lock may do. Raises PortError, also for errors of python-can."""
+        try:
+            return self._receive(timeout)
+        except PortError:
+            raise
+        except Exception as error:
+            raise PortError(f"reading {self.name} ended: {type(error).__name__}: {error}") from error
+
+    # One conversation that reads by itself, see `direct_port`
+
+    @property
+    def has_reader(self) -> bool:
+        """Whether the reader thread was started."""
+        return self._reader is not None
+
+    def direct(self, keys: frozenset[Key] | None, patience: float) -> DirectPort | None:
+        """Return a port for a conversation that reads the bus itself; None if a thread reads it."""
+        if self._reader is not None or self.failure is not None or not self._reading.acquire(blocking=False):
+            return None
+        direct = DirectPort(self, keys, patience)
+        with self._changing:
+            if self._reader is None and not self._closed:
+                self._direct = direct
+                return direct
+        self._reading.release()
+        return None
+
+    def take(self, item: BusItem) -> bool:
+        """Deliver an item that a conversation read to all others. Return whether it is a frame."""
+        if not isinstance(item, CanFrame):
+            self._report(item, time.monotonic())
+            return False
+        if self._watch is not None:
+            self._watch("received", item)
+        now = time.monotonic()
+        self.monitor.feed(item, now)
+        self.put(item, now, None)
+        return True
+
+    def subscribe_instead(self, keys: frozenset[Key] | None) -> Subscriber:
+        """Return a subscriber in place of the conversation that reads, so that the reader reads. Raises PortError."""
+        try:
+            with self._changing:
+                self._direct = None
+                return Subscriber(self, keys)
+        finally:
+            self._reading.release()
+
+    def fail_directly(self, why: str) -> None:
+        """Start the reader, which opens the port again: a read of the conversation failed."""
+        with self._changing:
+            self._direct = None
+            self.failure = self.failure or why
+            self._start_reader(why)
+        self._reading.release()
+
+    def end_direct(self, direct: DirectPort) -> None:
+        """Let others read, at the end of a conversation."""
+        with self._changing:
+            if self._direct is not direct:
+                return
+            self._direct = None
+        self._reading.release()
 
     def _report_losses(self) -> None:
         """Report the frames that the system dropped, because they were not read in time."""
@@ -153,22 +236,24 @@ class CanBus:
             return False
         return True
 
-    def _distribute(self, frame: CanFrame, at: float, sender: Subscriber | None) -> None:
+    def _distribute(self, frame: CanFrame, at: float, sender: Sender | None) -> None:
         """Deliver a frame to all subscribers but its sender. The node monitor does not get the frames of clients."""
         if sender is None or sender.node:
             self.monitor.feed(frame, at)
-        for subscriber in self._by_id[frame.extended].get(frame.id, ()):
-            if subscriber is not sender:
-                subscriber.put(frame, at)
-        for subscriber in self._of_all:
-            if subscriber is not sender:
-                subscriber.put(frame, at)
+        if self._direct is None or self._direct is sender:
+            self.put(frame, at, sender)
+            return
+        with self._changing:  # `_direct` may become a subscriber now
+            direct = self._direct
+            if direct is not None and direct.wants(frame):
+                direct.inbox.append(frame)
+            self.put(frame, at, sender)
 
     def _report(self, item: BusItem, at: float) -> None:
         if isinstance(item, ErrorFrame):
             self.monitor.report(item, at)
             self._log.info("controller", f"controller: {item.text}")
-        for subscriber in tuple(self._subscribers):
+        for subscriber in tuple(self.subscribers):
             if subscriber.reports:
                 subscriber.put(item, at)
 
@@ -183,7 +268,7 @@ class CanBus:
         with self._changing:
             self.failure = self.failure or why
             self._has_ended = True
-            subscribers = tuple(self._subscribers)
+            subscribers = tuple(self.subscribers)
         for subscriber in subscribers:
             subscriber.fail(why)
         self._wake()
@@ -196,7 +281,7 @@ class CanBus:
         since = time.monotonic()
         with self._changing:
             self.failure = why
-            subscribers = tuple(self._subscribers)
+            subscribers = tuple(self.subscribers)
         for subscriber in subscribers:
             if subscriber.reports:
                 subscriber.put(BusDown(why), since)
@@ -216,42 +301,14 @@ class CanBus:
         self._wake()
         return first is None or self._deliver(first)
 
-    def _wake(self) -> None:
-        with self._changing:
-            waiting, self._waiting = self._waiting, set()
-        for wake in waiting:
-            wake()
-
-    def when_open(self, wake: Callable[[], None]) -> bool:
-        """Return whether the bus is open, or has ended. If it is neither, `wake` is called when it is."""
-        with self._changing:
-            if self.failure is None or self._has_ended:
-                return True
-            self._waiting.add(wake)
-            return False
-
-    def cancel_wake(self, wake: Callable[[], None]) -> None:
-        """Cancel the `wake` of a call of `when_open`."""
-        with self._changing:
-            self._waiting.discard(wake)
-
-    def wait_until_open(self, timeout: float) -> None:
-        """If the bus is being opened again, wait for it, `timeout` seconds at most."""
-        if self.failure is None:
-            return
-        is_open = threading.Event()
-        if not self.when_open(is_open.set):
-            is_open.wait(timeout)
-            self.cancel_wake(is_open.set)
-
     # Frames out
 
-    def send(self, frame: CanFrame, sender: Subscriber | None = None) -> None:
+    def send(self, frame: CanFrame, sender: Sender | None = None) -> None:
         """Send a frame when the controller has room. All other subscribers receive it. Raises PortError."""
         if not self.try_send(frame, sender):
             send_when_room(lambda: self.try_send(frame, sender, again=True), self.name)
 
-    def try_send(self, frame: CanFrame, sender: Subscriber | None = None, *, again: bool = False) -> bool:
+    def try_send(self, frame: CanFrame, sender: Sender | None = None, *, again: bool = False) -> bool:
         """Send a frame, or return False if the controller has no room now. Further attempts are made with `again`."""
         if self.failure is not None:
             raise PortError(self.failure)
@@ -269,31 +326,35 @@ class CanBus:
 
     def add(self, subscriber: Subscriber) -> None:
         """Add a subscriber. Raises PortError if the bus failed and the subscriber cannot wait for it."""
+        if self._reader is None:
+            self._discard_old()
         with self._changing:
             if self.failure is not None and (self._has_ended or not subscriber.reports):
                 raise PortError(self.failure)
             if self.failure is not None:
                 subscriber.put(BusDown(self.failure), time.monotonic())
-            self._subscribers.add(subscriber)
-            if subscriber.keys is None:
-                self._of_all = (*self._of_all, subscriber)
-            else:
-                for identifier, extended in subscriber.keys:
-                    table = self._by_id[extended]
-                    table[identifier] = (*table.get(identifier, ()), subscriber)
+            self.register(subscriber)
+            self._start_reader(None)
+
+    def _discard_old(self) -> None:
+        """Read the frames that arrived while nobody listened, for the node monitor only."""
+        if not self._reading.acquire(blocking=False):
+            return  # a conversation reads
+        try:
+            until = time.monotonic() + _RECEIVE_TIMEOUT
+            while time.monotonic() < until and (item := self.read_now(0.0)) is not None:
+                self._deliver(item)
+        except PortError as error:
+            with self._changing:
+                self._start_reader(str(error))
+        finally:
+            self._lost = getattr(self.port, "lost", 0)
+            self._reading.release()
 
     def remove(self, subscriber: Subscriber) -> None:
         """Remove a subscriber."""
         with self._changing:
-            self._subscribers.discard(subscriber)
-            self._of_all = tuple(other for other in self._of_all if other is not subscriber)
-            for identifier, extended in subscriber.keys or ():
-                table = self._by_id[extended]
-                others = tuple(other for other in table.get(identifier, ()) if other is not subscriber)
-                if others:
-                    table[identifier] = others
-                else:
-                    table.pop(identifier, None)
+            self.unregister(subscriber)
 
     def channel(self, node: int, dialect: SdoDialect) -> Channel:
         """Return the default SDO channel to a node, the same for all clients of the bus."""
@@ -323,7 +384,11 @@ class CanBus:
         if self._reopening is not None:
             self._reopening.stop.set()
         self._fail(f"{self.name}: the bus was closed")
-        if self._reader is not threading.current_thread():
+        if self._reader is None:
+            direct = self._direct
+            if direct is not None and direct.thread != threading.get_ident() and self._reading.acquire(timeout=1.0):
+                self._reading.release()  # the conversation that read has noticed the end
+        elif self._reader is not threading.current_thread():
             self._reader.join()
         with suppress(PortError):
             self.port.close()
@@ -333,18 +398,3 @@ class CanBus:
         self._new_locks()  # those of threads that do not exist here
         self._is_inherited = self._closed = self._has_ended = True
         self.failure = f"{self.name}: the bus was {OPENED_BEFORE_FORK}"
-
-
-def can_endpoint(url: str, **options: Any) -> Endpoint:
-    """Return the endpoint of a can:// URL; `options` override its options.
-
-    Raises EncodeError for any other URL, and for an option that neither barewire nor the interface has.
-    """
-    endpoint = Endpoint.parse(url, options)
-    if endpoint.scheme != "can":
-        raise EncodeError(f"endpoint {str(url)!r}: CANopen needs can://INTERFACE/CHANNEL, such as can://socketcan/can0")
-    if endpoint.options.keys() - CAN_OPTIONS:
-        from barewire.io.ports.socketcan import check_interface  # may load python-can
-
-        check_interface(endpoint)
-    return endpoint

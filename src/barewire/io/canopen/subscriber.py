@@ -5,6 +5,15 @@
 
 A bounded queue. Its consumer is woken only while it waits, so a burst of frames wakes it once.
 
+A conversation to which nobody else listens needs no queue, and no reader thread: `DirectPort` reads the bus itself.
+
+        conversation  ->  DirectPort  ->  port of the bus               one thread: nobody is woken
+        a second listener comes: the reader thread of the bus starts, and waits until this port hands over
+        conversation  ->  DirectPort  ->  Subscriber  <-  reader        from here as every other subscriber
+
+It delivers the frames that it reads to all subscribers, and becomes a subscriber before the reader reads: no frame is
+lost, and none is delivered twice. Frames that others send meanwhile wait in its `inbox`.
+
 Depends on: a bus to add itself to.  Used by: clients, streams, nodes.
 """
 
@@ -14,7 +23,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterable
-from typing import NamedTuple, Protocol, Self, TypeAlias
+from typing import Any, NamedTuple, Protocol, Self, TypeAlias
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import BarewireError, EncodeError, PortError, shown
@@ -74,9 +83,30 @@ class FrameBus(Protocol):
 
     def remove(self, subscriber: Subscriber, /) -> None: ...
 
-    def send(self, frame: CanFrame, sender: Subscriber | None = None, /) -> None: ...
+    def send(self, frame: CanFrame, sender: Any = None, /) -> None: ...
 
-    def try_send(self, frame: CanFrame, sender: Subscriber | None = None, /, *, again: bool = False) -> bool: ...
+    def try_send(self, frame: CanFrame, sender: Any = None, /, *, again: bool = False) -> bool: ...
+
+
+class ReadableBus(FrameBus, Protocol):
+    """The operations of a bus that a `DirectPort` uses; those of `CanBus` are described there."""
+
+    failure: str | None
+
+    @property
+    def has_reader(self) -> bool: ...
+
+    def read_now(self, timeout: float, /) -> BusItem | None: ...
+
+    def take(self, item: BusItem, /) -> bool: ...
+
+    def subscribe_instead(self, keys: frozenset[Key] | None, /) -> Subscriber: ...
+
+    def fail_directly(self, why: str, /) -> None: ...
+
+    def end_direct(self, direct: DirectPort, /) -> None: ...
+
+    def wait_until_open(self, timeout: float, /) -> None: ...
 
 
 class Subscriber:
@@ -193,3 +223,146 @@ class Subscriber:
         """Leave the bus. `take` raises PortError after the items in the queue."""
         self.bus.remove(self)
         self.fail("this was closed")
+
+
+class SubscriberTable:
+    """The subscribers of a bus, by the identifiers that they receive."""
+
+    def __init__(self) -> None:
+        self.subscribers: set[Subscriber] = set()
+        # The tuples are replaced, never changed in place: who delivers takes no lock.
+        self._by_id: dict[bool, dict[int, tuple[Subscriber, ...]]] = {False: {}, True: {}}
+        self._of_all: tuple[Subscriber, ...] = ()
+
+    def register(self, subscriber: Subscriber) -> None:
+        """Add a subscriber."""
+        self.subscribers.add(subscriber)
+        if subscriber.keys is None:
+            self._of_all = (*self._of_all, subscriber)
+            return
+        for identifier, extended in subscriber.keys:
+            table = self._by_id[extended]
+            table[identifier] = (*table.get(identifier, ()), subscriber)
+
+    def unregister(self, subscriber: Subscriber) -> None:
+        """Remove a subscriber."""
+        self.subscribers.discard(subscriber)
+        self._of_all = tuple(other for other in self._of_all if other is not subscriber)
+        for identifier, extended in subscriber.keys or ():
+            table = self._by_id[extended]
+            others = tuple(other for other in table.get(identifier, ()) if other is not subscriber)
+            if others:
+                table[identifier] = others
+            else:
+                table.pop(identifier, None)
+
+    def put(self, frame: CanFrame, at: float, sender: object) -> None:
+        """Deliver a frame to all subscribers of its identifier but `sender`."""
+        for subscriber in self._by_id[frame.extended].get(frame.id, ()):
+            if subscriber is not sender:
+                subscriber.put(frame, at)
+        for subscriber in self._of_all:
+            if subscriber is not sender:
+                subscriber.put(frame, at)
+
+
+_SLICE = 0.05
+"""Seconds of one read, after which it is checked whether the bus was closed, or a second listener came."""
+_BACKLOG = 0.1
+"""Seconds that reading the waiting frames of others may take at most: a busy bus is never silent."""
+
+
+class DirectPort:
+    """A port for one conversation. `CanBus.direct` makes it; `close` lets others read."""
+
+    node = False
+
+    def __init__(self, bus: ReadableBus, keys: frozenset[Key] | None, patience: float) -> None:
+        """`patience`: seconds to wait for a bus that failed before anything was sent, and is opened again."""
+        self.inbox: deque[CanFrame] = deque()
+        self._bus = bus
+        self._keys = keys
+        self._patience = patience
+        self._has_sent = False
+        self.thread = threading.get_ident()
+        self._subscriber: Subscriber | None = None
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self._bus.name}>"
+
+    def wants(self, frame: CanFrame) -> bool:
+        """Return whether the conversation receives this frame."""
+        return self._keys is None or (frame.id, frame.extended) in self._keys
+
+    def send(self, item: CanFrame) -> None:
+        """Send a frame. Raises PortError."""
+        self._has_sent = True
+        self._bus.send(item, self._subscriber or self)
+
+    def receive(self, timeout: float) -> CanFrame | None:
+        """Return the next frame of this conversation, or None after `timeout` seconds. Raises PortError."""
+        if self._subscriber is not None:
+            return self._next_of(self._subscriber, timeout)
+        bus, clock = self._bus, time.monotonic
+        until = clock() + timeout
+        give_up = until + _BACKLOG
+        while True:
+            if self.inbox:
+                return self.inbox.popleft()
+            if bus.failure is not None:
+                raise PortError(bus.failure)
+            if bus.has_reader:
+                return self._next_of(self._hand_over(), max(0.0, until - clock()))
+            try:
+                item = bus.read_now(_SLICE if timeout > _SLICE else timeout)
+            except PortError as error:
+                return self._survive(str(error), max(0.0, until - clock()))
+            if item is not None and bus.take(item):
+                frame: CanFrame = item  # type: ignore[assignment]  # `take` is False for a report
+                if self.wants(frame):
+                    return frame
+            now = clock()
+            timeout = until - now
+            if timeout <= 0.0:
+                timeout = 0.0
+                if item is None or now >= give_up:
+                    return None
+
+    def _next_of(self, subscriber: Subscriber, timeout: float) -> CanFrame | None:
+        return self.inbox.popleft() if self.inbox else subscriber.receive(timeout)
+
+    def _hand_over(self) -> Subscriber:
+        """Become a subscriber, then let the reader read."""
+        self._subscriber = subscriber = self._bus.subscribe_instead(self._keys)
+        return subscriber
+
+    def _survive(self, why: str, timeout: float) -> CanFrame | None:
+        """Let the reader open the port that failed again. If nothing was sent yet, wait for that, and go on."""
+        bus = self._bus
+        bus.fail_directly(why)
+        if self._has_sent:
+            raise PortError(why)
+        bus.wait_until_open(self._patience)
+        self._subscriber = Subscriber(bus, self._keys)
+        return self._subscriber.receive(timeout)
+
+    def note_losses(self, error: BarewireError) -> None:
+        """Add a note about dropped frames to the error of a conversation."""
+        if self._subscriber is not None:
+            self._subscriber.note_losses(error)
+
+    def __enter__(self) -> DirectPort:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the use of the bus."""
+        if self._subscriber is not None:
+            self._subscriber.close()
+        else:
+            self._bus.end_direct(self)
+
+
+Sender: TypeAlias = Subscriber | DirectPort

@@ -70,6 +70,9 @@ class SocketCanPort:
     in seconds since 1970, as the system recorded it.
     """
 
+    keeps_frames = True
+    """The system holds a limited number of frames while nobody reads."""
+
     def __init__(self, endpoint: Endpoint, *, stamps: bool = False, opened: socket.socket | None = None) -> None:
         """`opened` is used in place of a raw CAN socket: any socket of datagrams, each of which is a frame."""
         channel = endpoint.place.partition("/")[2]
@@ -360,3 +363,16 @@ def check_interface(endpoint: Endpoint) -> None:
     from barewire.io.ports.python_can import check_python_can_options
 
     check_python_can_options(endpoint)
+
+
+def can_endpoint(url: str, **options: object) -> Endpoint:
+    """Return the endpoint of a can:// URL; `options` override its options.
+
+    Raises EncodeError for any other URL, and for an option that neither barewire nor the interface has.
+    """
+    endpoint = Endpoint.parse(url, options)
+    if endpoint.scheme != "can":
+        raise EncodeError(f"endpoint {str(url)!r}: CANopen needs can://INTERFACE/CHANNEL, such as can://socketcan/can0")
+    if endpoint.options.keys() - CAN_OPTIONS:
+        check_interface(endpoint)
+    return endpoint

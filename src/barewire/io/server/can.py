@@ -21,13 +21,13 @@ from barewire.devices.device import Device
 from barewire.errors import EncodeError, PortError, shown
 from barewire.io.canopen.node_runner import Action, NodeDriver, NodeStatistics, check_instance, ended_text
 from barewire.io.canopen.reconnect import Reopening, receiver
-from barewire.io.canopen.shared_bus import CanBus, can_endpoint
+from barewire.io.canopen.shared_bus import CanBus
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint, socketcand_address
 from barewire.io.engine.locking import CanopenNode, SharedNode
 from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
-from barewire.io.ports.socketcan import can_port
+from barewire.io.ports.socketcan import can_endpoint, can_port
 from barewire.io.server.base import AsyncServer, ThreadedServer
 
 if TYPE_CHECKING:
