@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from barewire.canopen import CanFrame, Channel, SdoAbort, SdoServer, download, upload
+from barewire.conversation import Abandoned, Listen, Send, abort_frames
 from barewire.errors import NoAnswer
 from tests.canopen.sdo.sdo_bus import Bus, Store
 from tests.model.choices import Choices
@@ -44,6 +45,8 @@ class Transfers:
     outcomes: tuple[Fault, ...] = ("arrives", "is lost", "comes twice", "is late")
     delays: tuple[float, ...] = (0.15,)
     faults: int = 1
+    cancelled: tuple[int, ...] = ()
+    """At which of its waits a transfer may be cancelled; the first one is before its request."""
 
 
 @dataclass
@@ -112,7 +115,8 @@ def sdo_scenario(setup: Transfers, tally: SdoTally) -> Callable[[Choices], None]
         channel = Channel(5)
         for number in range(1, setup.length + 1):
             verb, mode = choices.take(setup.verbs), choices.take(setup.modes)
-            _transfer(bus, channel, store, 100 + number, verb, mode, tally, choices)
+            waits = choices.take((0, *setup.cancelled)) if setup.cancelled else 0
+            _transfer(bus, channel, store, 100 + number, verb, mode, tally, choices, waits)
         left = 0
         for _ in range(2):
             before = tally.right
@@ -133,6 +137,7 @@ def _transfer(
     mode: Mode,
     tally: SdoTally,
     choices: Choices,
+    waits: int = 0,
 ) -> None:
     store.length = SIZES[mode != "expedited"]
     where = f"transfer {number} ({verb}, {mode}) of {choices.script}"
@@ -140,9 +145,9 @@ def _transfer(
     oldest, store.previous = store.previous + 1, store.reads
     written, blocks = value_of(number, store.length), mode == "blocks"
     if verb == "upload":
-        result = bus.run(_result_of(upload(channel, INDEX, timeout=TIMEOUT, block=blocks)))
+        result = bus.run(_result_of(upload(channel, INDEX, timeout=TIMEOUT, block=blocks), waits))
     else:
-        result = bus.run(_result_of(download(channel, INDEX, 0, written, timeout=TIMEOUT, block=blocks)))
+        result = bus.run(_result_of(download(channel, INDEX, 0, written, timeout=TIMEOUT, block=blocks), waits))
     read = [value_of(count, size) for count in range(oldest, store.reads + 1) for size in SIZES]
     if isinstance(result, Exception):
         tally.errors += 1
@@ -154,8 +159,19 @@ def _transfer(
         tally.right += 1
 
 
-def _result_of(conversation: Generator[Any, Any, Any]) -> Generator[Any, Any, Any]:
+def _result_of(conversation: Generator[Any, Any, Any], waits: int) -> Generator[Any, Any, Any]:
+    """Return the result of a transfer, or its error. It is cancelled at this wait, with 0 never."""
+    step = next(conversation)
     try:
-        return (yield from conversation)
+        while True:
+            waits -= isinstance(step, Listen)
+            if not waits and isinstance(step, Listen):
+                break
+            step = conversation.send((yield step))
+    except StopIteration as stop:
+        return stop.value
     except (SdoAbort, NoAnswer) as error:
         return error
+    for frame in abort_frames(conversation):
+        yield Send(frame)
+    return Abandoned("cancelled")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import SdoServer
+from barewire.canopen import Channel, SdoServer
 from tests.canopen.sdo.sdo_bus import RefusingServer
 from tests.model.choices import run_all, run_random
 from tests.model.sdo import SdoTally, Transfers, sdo_scenario
@@ -28,6 +28,34 @@ def test_no_value_is_delivered_to_another_transfer_in_any_order_of_faults(setup:
     assert not tally.wrong, tally.wrong[0]
     assert not tally.stuck, tally.stuck[0]
     assert min(tally.right, tally.errors) > 20
+
+
+@pytest.mark.parametrize(
+    "setup",
+    [
+        Transfers(cancelled=(2, 3, 4), outcomes=("arrives", "is lost", "is late")),
+        Transfers(length=3, cancelled=(2,), modes=("expedited",), outcomes=("arrives", "is lost", "is late")),
+        Transfers(length=3, cancelled=(2, 3), faults=0),
+    ],
+    ids=["two transfers, one fault", "three expedited transfers, one fault", "three transfers, no fault"],
+)
+def test_no_value_is_delivered_to_the_transfer_after_a_cancelled_one(setup: Transfers) -> None:
+    tally = SdoTally()
+    assert run_all(sdo_scenario(setup, tally)) > 100
+    assert not tally.wrong, tally.wrong[0]
+    assert not tally.stuck, tally.stuck[0]
+    assert min(tally.right, tally.errors) > 20
+
+
+def test_the_checker_finds_a_channel_that_does_not_wait_after_a_cancelled_transfer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Channel, "be_quiet", lambda *args: None)
+    tally = SdoTally()
+    run_all(
+        sdo_scenario(Transfers(length=3, cancelled=(2,), modes=("expedited",), outcomes=("arrives", "is late")), tally)
+    )
+    assert tally.wrong
 
 
 def test_no_value_is_delivered_to_another_transfer_with_many_faults() -> None:
