@@ -133,6 +133,9 @@ FAILED  OD-LIMIT-2000:00  2000h:00 speed: refuses less than 10 and more than 100
 | OD-RPDO-6040:00, OD-TPDO-6040:00 | writes | PDOMapping and AccessType say if it can be mapped (or 06040041) |
 | OD-DUMMY-0005 | writes | a data type that [DummyUsage] allows can be mapped into an RPDO, with its width only |
 
+OD-RPDO and OD-TPDO reset the communication before each object: an EDS of hundreds of objects takes minutes, without
+them (`--only OD-READ,OD-SUB,OD-ABSENT,OD-DEFAULT,OD-ACCESS,OD-WRITE,OD-LENGTH,OD-LIMIT`) seconds.
+
 The device is reset (NMT reset node) before, and should have its factory settings: stored values are no defaults.
 These are not judged, since good devices differ: the value of a read-only object, except the device type, the identity
 without the serial number, and the highest sub-index; writes of 1003h, 1010h and 1011h, of SDO channels and PDOs; the
