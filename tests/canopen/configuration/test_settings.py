@@ -70,7 +70,14 @@ def test_the_value_of_1020h_is_taken_before_the_date_of_the_file_and_that_of_its
 
 
 def test_an_eds_is_not_a_configuration() -> None:
-    with pytest.raises(EncodeError, match="has no ParameterValue: expected a DCF"):
-        device_configuration(described(), 5)
+    for node in (5, None):
+        with pytest.raises(EncodeError, match="has no ParameterValue: expected a DCF"):
+            device_configuration(described(), node)
+
+
+def test_a_dcf_without_a_node_id_needs_one() -> None:
+    document = described()
+    document.set(0x1017, 0, "ParameterValue", 5)
+    assert device_configuration(document, 9).node == 9
     with pytest.raises(EncodeError, match="the DCF has no node-ID"):
-        device_configuration(described())
+        device_configuration(document)

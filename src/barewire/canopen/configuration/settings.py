@@ -107,14 +107,14 @@ def device_configuration(dcf: Eds, node: int | None = None) -> DeviceConfigurati
 
     Raise EncodeError if the file has no ParameterValue, which is an EDS, or no node-ID and none is given.
     """
+    items = {(described.index, item.sub): item for described, item in every_item(dcf.objects.values())}
+    if not any(item.value is not None for item in items.values()):
+        raise EncodeError("the file has no ParameterValue: expected a DCF, such as eds.to_dcf makes of an EDS", "dcf")
     number = dcf.node_id if node is None else node
     if number is None:
         raise EncodeError("the DCF has no node-ID: expected NodeID in [DeviceComissioning], or a node", "dcf")
     check_node(number)
     objects = dcf.dictionary(number)
-    items = {(described.index, item.sub): item for described, item in every_item(dcf.objects.values())}
-    if not any(item.value is not None for item in items.values()):
-        raise EncodeError("the file has no ParameterValue: expected a DCF, such as eds.to_dcf makes of an EDS", "dcf")
     left_out = [str(one) for one in dcf.diagnostics if "ParameterValue" in one.text and one.text.endswith("; ignored")]
     settings = list(_settings(objects, items, left_out))
     return DeviceConfiguration(
