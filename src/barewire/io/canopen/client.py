@@ -140,11 +140,12 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
 @contextlib.contextmanager
 def channels_locked(bus: CanBus, keys: LockKeys | None) -> Iterator[None]:
     """Wait until these channels are free, and hold their locks. None means the whole bus."""
-    is_free = threading.Event()
-    lock = bus.request_lock(keys, threading.get_ident(), is_free.set)
+    is_free = threading.Lock()  # made sooner than an event: most channels are free
+    is_free.acquire()
+    lock = bus.request_lock(keys, threading.get_ident(), is_free.release)
     try:
         if not lock.granted:
-            is_free.wait()
+            is_free.acquire()
         yield
     finally:
         bus.release_lock(lock)

@@ -60,6 +60,8 @@ _SHORT = 0.02
 """Seconds below which `poll` waits: SO_RCVTIMEO has the resolution of the system's timer."""
 
 _new = tuple.__new__
+_pack = _FRAME.pack
+_NOW = socket.MSG_DONTWAIT if hasattr(socket, "MSG_DONTWAIT") else 0
 
 
 class SocketCanPort:
@@ -101,6 +103,7 @@ class SocketCanPort:
         self._burst = max(1, min(_LONGEST_BURST, half))
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
+        self._send = self._socket.send
         self._recv = self._receive_with_time if stamps else self._socket.recv
 
     def __repr__(self) -> str:
@@ -122,11 +125,11 @@ class SocketCanPort:
         identifier, data, extended, remote, requested = item
         if extended:
             identifier |= _EXTENDED
-        length = len(data)
-        if remote:
-            identifier, length = identifier | _REMOTE, requested
         try:
-            self._socket.send(_FRAME.pack(identifier, length, data), socket.MSG_DONTWAIT)
+            if remote:
+                self._send(_pack(identifier | _REMOTE, requested, data), _NOW)
+            else:
+                self._send(_pack(identifier, len(data), data), _NOW)
         except OSError as error:
             if error.errno in (errno.ENOBUFS, errno.EAGAIN):
                 return False
@@ -191,7 +194,7 @@ class SocketCanPort:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, option)
 
     def _receive_now(self) -> bytes:
-        return self._recv(_LONGEST, socket.MSG_DONTWAIT)
+        return self._recv(_LONGEST, _NOW)
 
     def _receive_with_time(self, size: int, flags: int = 0) -> bytes:
         """Do the same as `recv`, and record when the frame arrived."""
