@@ -193,3 +193,18 @@ def test_the_table_follows_the_simple_rule_for_any_sequence_of_events(
                 assert now < again <= min(row)[0] + found.idle_timeout
         times = {int(connection.peer): received_at for connection, received_at in found.open.items()}
         assert times == {number: received_at for received_at, number in row}
+
+
+def test_the_unsent_bytes_may_be_asked_for_while_connections_come_and_go() -> None:
+    """Another thread than that of the server may ask."""
+    found = table_with()
+
+    class Hasty(Fake):
+        @property
+        def unsent(self) -> int:  # type: ignore[override]
+            connected(found, "b")  # as the thread of the server does meanwhile
+            return 5
+
+    found.add(Hasty("a", found), 0.0)
+    assert found.unsent == 5
+    assert len(found) == 2

@@ -94,7 +94,7 @@ class ConnectionTable(Generic[C]):
     @property
     def unsent(self) -> int:
         """How many bytes of answers the clients have not read yet."""
-        return sum(connection.unsent for connection in self.open)
+        return sum(connection.unsent for connection in list(self.open))  # a copy: any thread may ask
 
     def add(self, connection: C, now: float) -> None:
         """Record a new connection. If there are too many then, close another one."""
