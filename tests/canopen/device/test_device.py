@@ -378,3 +378,13 @@ def test_a_monitored_node_that_boots_is_an_error_until_its_next_heartbeat() -> N
     assert device.state is NmtState.PRE_OPERATIONAL, "1029h is 0"
     assert feed(device, None, 9.0) == [], "said once"
     assert feed(device, "707#7F", 9.1) == ["085#0000000700000000"], "the next heartbeat"
+
+
+def test_the_boot_up_of_a_node_that_is_not_monitored_is_no_error() -> None:
+    device = LocalNode(5, ObjectDictionary([*standard_objects(watched=1)]))
+    device.start(0.0)
+    feed(device, "605#23161001E8030700")  # node 7 is in 1016h, node 6 is not
+    feed(device, "000#0105", 0.1)
+    for frame in ("706#05", "706#00", "706#7F"):
+        assert feed(device, frame, 0.2) == []
+    assert device.state is NmtState.OPERATIONAL

@@ -110,8 +110,9 @@ class ErrorControl:
         events: list[ErrorControlEvent] = []
         if frame is None or frame.id >> 7 == 0x700 >> 7 or self.consumer.deadline is not None:
             for event in self.consumer.feed(frame, now):
-                if event.kind in ("lost", "rebooted"):  # a boot-up ends the monitoring until the next heartbeat
-                    self._missing.add(event.node)
+                monitored = event.node in self.consumer.times  # the consumer follows all nodes
+                if monitored and event.kind in ("lost", "rebooted"):
+                    self._missing.add(event.node)  # a boot-up ends the monitoring until the next heartbeat
                     events.append(ErrorControlEvent(event.node, resolved=False))
                 elif event.kind == "active" and event.node in self._missing:
                     self._missing.discard(event.node)
