@@ -81,7 +81,8 @@ class BootManager:
         network     the nodes, and how they are started
         timeout     seconds for each SDO response
         channels    returns the SDO channel to a node
-        progress    called with each step of a boot slave process, in words
+        progress    called with each step of a boot slave process, in words; its errors are raised by `feed`, and end
+                    the process of that node
 
     The first `feed` resets the communication of the nodes. `results` has the last result of each node.
 
@@ -145,6 +146,8 @@ class BootManager:
         if self._stopped:
             return output
         output += self._watch(frame, now)
+        if self._stopped:
+            return output
         if frame is not None and not frame.extended and not frame.remote:
             node = self._nodes.get(frame.id & 0x7F)
             if node is not None and frame.id & _FUNCTION_CODE in _RECEIVED:
@@ -209,13 +212,21 @@ class BootManager:
         node.begin_at = None
         conversation = boot_slave(node.slave, self._channels(number), timeout=self.timeout, progress=self._progress)
         node.process = _Process(conversation)
-        yield from node.process.step(None, now, first=True)
+        yield from self._step(node, None, now, first=True)
         yield from self._end(node, now)
 
     def _go_on(self, node: _Node, frame: CanFrame | None, now: float) -> _Output:
-        assert node.process is not None
-        yield from node.process.step(frame, now)
+        yield from self._step(node, frame, now)
         yield from self._end(node, now)
+
+    def _step(self, node: _Node, frame: CanFrame | None, now: float, *, first: bool = False) -> list[CanFrame]:
+        """Let the process of a node go on. An error of `progress` ends it, and is raised."""
+        assert node.process is not None
+        try:
+            return node.process.step(frame, now, first=first)
+        except BaseException:
+            node.process = None
+            raise
 
     def _end(self, node: _Node, now: float) -> _Output:
         """Go on with the network if the boot slave process of a node has ended."""
@@ -299,7 +310,7 @@ class BootManager:
         slave = node.slave
         yield BootEvent(slave.node, "lost", now)
         if slave.mandatory and self.network.stop_all:
-            self._stopped = True
+            self._stopped, self._boot_end = True, None
             for one in self._nodes.values():
                 self._forget(one)
             yield _nmt(NmtCommand.STOP, 0)
