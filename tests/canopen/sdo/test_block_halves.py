@@ -112,6 +112,12 @@ def test_a_receiver_acknowledges_after_silence() -> None:
         half.feed(None, 3.8)
 
 
+def test_a_receiver_to_which_nothing_was_sent_acknowledges_nothing() -> None:
+    half, _ = receiver()
+    assert half.untouched
+    assert half.feed(None, 0.7) == [bytes.fromhex("A200040000000000")]
+
+
 def test_a_receiver_does_not_repeat_an_ambiguous_acknowledgement() -> None:
     """With one segment in a block, the acknowledgement or the next block may have been lost."""
     half, _ = receiver(1)
@@ -263,6 +269,15 @@ def test_a_sender_says_what_was_not_acknowledged_or_came_too_early() -> None:
     with pytest.raises(ProtocolViolation) as end:
         half.feed(None, 2.0)
     assert end.value.why == "no acknowledgement of the end within 1 s"
+
+
+def test_a_sender_refuses_the_acknowledgement_of_a_segment_that_was_not_sent() -> None:
+    half = sender(50, 6, burst=2)
+    half.feed(None, 0.0)
+    with pytest.raises(ProtocolViolation) as caught:
+        half.feed(BlockAck(3, 6), 0.1)
+    assert caught.value.code == AbortCode.SEQUENCE_NUMBER
+    assert caught.value.why == "segment 3 was acknowledged, but only 2 were sent"
 
 
 def test_a_receiver_moves_its_deadline_at_most_64_times_in_a_time_out() -> None:

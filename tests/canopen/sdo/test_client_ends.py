@@ -100,6 +100,13 @@ def test_an_abort_in_doubt_is_the_outcome_if_nothing_else_comes(abort: str) -> N
     assert (wire.now, channel.quiet_until) == (0.5, 1.0)
 
 
+def test_aborts_in_doubt_are_counted() -> None:
+    channel = Channel(5)
+    script = Script((REQUEST, "585#8004100000000206", "585#8005100000000206", RESPONSE))
+    assert play(upload(channel, 0x6041), script)[0] == b"\x37\6"
+    assert channel.counters.late == 2
+
+
 @pytest.mark.parametrize("abort", ["585#8030313200000305", "585#8000000001000405"])
 def test_after_the_first_response_an_abort_ends_the_transfer_whatever_it_names(abort: str) -> None:
     script = Script((REQUEST, "585#4141600014000000"), ("605#6000000000000000", abort))
@@ -143,13 +150,13 @@ def test_the_transfer_of_another_client_is_not_aborted() -> None:
 # Abandoned transfers: a cancelled task, Ctrl-C
 
 
-def abandoned(conversation: Conversation[CanFrame, Any], *responses: str) -> list[CanFrame]:
-    """Play the beginning of a transfer at time 0, abandon it, and return its final frames."""
+def abandoned(conversation: Conversation[CanFrame, Any], *responses: str, at: float = 0.0) -> list[CanFrame]:
+    """Play the beginning of a transfer at one time, abandon it, and return its final frames."""
     step, texts = next(conversation), list(responses)
-    step = conversation.send(Heard(None, 0.0))
+    step = conversation.send(Heard(None, at))
     while texts or not isinstance(step, Listen):
         item = CanFrame.parse(f"585#{texts.pop(0)}") if isinstance(step, Listen) else None
-        step = conversation.send(Heard(item, 0.0))
+        step = conversation.send(Heard(item, at))
     return abort_frames(conversation)
 
 
@@ -204,11 +211,20 @@ def test_the_response_to_the_abandoned_request_ends_the_wait() -> None:
     assert channel.quiet_until is None
 
 
-@pytest.mark.parametrize(("at", "frame", "wait"), [(0.1, RESPONSE, 0.0), (0.0, RESPONSE, 2.0), (0.1, "585#20", 2.0)])
+def test_a_transfer_that_the_server_begins_for_an_abandoned_request_is_aborted() -> None:
+    channel = Channel(5)
+    abandoned(upload(channel, 0x6041))
+    conversation = upload(channel, 0x6041)
+    assert next(conversation) == Listen(2.0)
+    closing = conversation.send(Heard(CanFrame.parse("585#4141600014000000"), 0.01))
+    assert closing == Send(CanFrame.parse("605#8041600000000405"))
+
+
+@pytest.mark.parametrize(("at", "frame", "wait"), [(5.1, RESPONSE, 0.0), (5.0, RESPONSE, 7.0), (5.1, "585#20", 7.0)])
 def test_the_response_may_have_come_while_nobody_listened(at: float, frame: str, wait: float) -> None:
     """A bus gives a channel the frames of its transfers only, but the node monitor sees them all."""
     channel = Channel(5, node_monitor=NodeMonitor())
-    abandoned(upload(channel, 0x6041))
+    abandoned(upload(channel, 0x6041), at=5.0)
     assert channel.node_monitor is not None
     channel.node_monitor.feed(CanFrame.parse(frame), at)
     assert wait_of(channel, 0x6041) == wait
