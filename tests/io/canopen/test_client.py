@@ -181,6 +181,7 @@ def test_node_guarding(kind: str, thing: tuple[str, LocalNode]) -> None:
                 assert time.monotonic() < deadline, reported
                 await asyncio.sleep(0.001)
 
+        await get(client.node().sdo.upload(0x1000))  # its boot-up message came before
         guarding = client.nmt.start_guarding({5: Guard(0.02, 200)}, reported.append)
         await until("answered")
         await get(client.node().nmt.send(NmtCommand.STOP))
