@@ -135,6 +135,16 @@ def test_a_receiver_limits_segments_out_of_order() -> None:
     assert caught.value.code == AbortCode.SEQUENCE_NUMBER
 
 
+def test_a_receiver_limits_repeats_of_the_last_segment() -> None:
+    half, _ = receiver()
+    repeated = segment(1 | LAST, 1)
+    half.feed(repeated, 0.0)
+    for _ in range(STRAYS_MAX):
+        assert half.feed(repeated, 0.0) == []
+    with pytest.raises(ProtocolViolation, match="segments came out of order"):
+        half.feed(repeated, 0.0)
+
+
 # The rules, one by one.
 
 

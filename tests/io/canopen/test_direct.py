@@ -260,3 +260,30 @@ def test_an_interrupt_leaves_the_bus_to_the_next_request() -> None:
         client.channel().quiet_until = None
         assert client.node().sdo.upload(0x1000) == bytes.fromhex("92010200")
         assert not readers()
+
+
+def test_another_thread_is_served_while_a_function_of_the_caller_runs() -> None:
+    """The functions of the caller (`progress`, the sink of an upload) may take longer than any time-out."""
+    size, first, second = "585#4100300008000000", "585#0041424344454647", "585#1D48000000000000"
+    port = KeepingPort(
+        {
+            CanFrame.parse("605#4000300000000000"): [CanFrame.parse(size)],
+            CanFrame.parse("605#6000000000000000"): [CanFrame.parse(first)],
+            CanFrame.parse("605#7000000000000000"): [CanFrame.parse(second)],
+            CanFrame.parse("606#4000100000000000"): [CanFrame.parse("586#4300100092010200")],
+        }
+    )
+    others: list[bytes] = []
+
+    with client_on(port) as client:
+
+        def progress(done: int, total: int | None) -> None:
+            if not others:
+                # An unread frame of this transfer waits while the other thread reads.
+                thread = threading.Thread(target=lambda: others.append(client.node(6).sdo.upload(0x1000)))
+                thread.start()
+                thread.join(timeout=20.0)
+
+        assert client.node(5).sdo.upload(0x3000, progress=progress) == b"ABCDEFGH"
+        assert others == [bytes.fromhex("92010200")]
+        assert client.node(5).sdo.upload(0x3000) == b"ABCDEFGH"

@@ -290,9 +290,7 @@ class BlockReceiver:
         sequence, last = data[0] & ~LAST, data[0] & LAST
         if not 1 <= sequence <= self._blksize:
             raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came: expected 1..{self._blksize}")
-        self._strays += 1
-        if self._strays > STRAYS_MAX:
-            raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"{STRAYS_MAX} segments came out of order")
+        self._count_stray()
         parts = self._parts
         if sequence <= len(parts):
             if parts[sequence - 1][1:] != data[1:]:
@@ -300,6 +298,11 @@ class BlockReceiver:
         elif parts and (last or sequence == self._blksize):
             return self._acknowledge()
         return []
+
+    def _count_stray(self) -> None:
+        self._strays += 1
+        if self._strays > STRAYS_MAX:
+            raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"{STRAYS_MAX} segments came out of order")
 
     def _remind(self, now: float) -> list[bytes]:
         if self._reminded:
@@ -317,6 +320,7 @@ class BlockReceiver:
 
     def _end(self, data: bytes) -> list[bytes]:
         if self.has(data):
+            self._count_stray()
             return []
         if not BlockEnd.pattern.matches(data[0]) or len(data) < 3:
             raise ProtocolViolation(

@@ -136,7 +136,7 @@ class CanBus(SubscriberTable, AwaitedBus):
             self._reader.start()
 
     def _read(self, failure: str | None) -> None:
-        with self._reading:  # until a conversation that reads by itself hands over
+        with self._reading:  # not while a conversation reads by itself
             if failure is not None and not self._reopen(failure):
                 return
             while not self._closed:
@@ -168,15 +168,13 @@ class CanBus(SubscriberTable, AwaitedBus):
 
     def direct(self, keys: frozenset[Key] | None, patience: float) -> DirectPort | None:
         """Return a port for a conversation that reads the bus itself; None if a thread reads it."""
-        if self._reader is not None or self.failure is not None or not self._reading.acquire(blocking=False):
+        if self._reader is not None or self.failure is not None:
             return None
-        direct = DirectPort(self, keys, patience)
         with self._changing:
-            if self._reader is None and not self._closed:
-                self._direct = direct
-                return direct
-        self._reading.release()
-        return None
+            if self._direct is not None or self._reader is not None or self._closed:
+                return None
+            self._direct = direct = DirectPort(self, self._reading, keys, patience)
+        return direct
 
     def take(self, item: BusItem) -> bool:
         """Deliver an item that a conversation read to all others. Return whether it is a frame."""
@@ -192,12 +190,11 @@ class CanBus(SubscriberTable, AwaitedBus):
 
     def subscribe_instead(self, keys: frozenset[Key] | None) -> Subscriber:
         """Return a subscriber in place of the conversation that reads, so that the reader reads. Raises PortError."""
-        try:
-            with self._changing:
-                self._direct = None
+        with self._changing:  # the reader may read already: no frame comes between the two
+            try:
                 return Subscriber(self, keys)
-        finally:
-            self._reading.release()
+            finally:
+                self._direct = None
 
     def fail_directly(self, why: str) -> None:
         """Start the reader, which opens the port again: a read of the conversation failed."""
@@ -205,15 +202,12 @@ class CanBus(SubscriberTable, AwaitedBus):
             self._direct = None
             self.failure = self.failure or why
             self._start_reader(why)
-        self._reading.release()
 
     def end_direct(self, direct: DirectPort) -> None:
         """Let others read, at the end of a conversation."""
         with self._changing:
-            if self._direct is not direct:
-                return
-            self._direct = None
-        self._reading.release()
+            if self._direct is direct:
+                self._direct = None
 
     def _report_losses(self) -> None:
         """Report the frames that the system dropped, because they were not read in time."""

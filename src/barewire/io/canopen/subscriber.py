@@ -277,10 +277,13 @@ class DirectPort:
 
     node = False
 
-    def __init__(self, bus: ReadableBus, keys: frozenset[Key] | None, patience: float) -> None:
-        """`patience`: seconds to wait for a bus that failed before anything was sent, and is opened again."""
+    def __init__(self, bus: ReadableBus, reading: threading.Lock, keys: frozenset[Key] | None, patience: float) -> None:
+        """`reading`: the lock of whoever reads; this port holds it only inside `receive`, since between two calls the
+        caller's functions may take long. `patience`: seconds to wait for a bus that failed before anything was sent,
+        and is opened again."""
         self.inbox: deque[CanFrame] = deque()
         self._bus = bus
+        self._reading = reading
         self._keys = keys
         self._patience = patience
         self._has_sent = False
@@ -306,27 +309,33 @@ class DirectPort:
         bus, clock = self._bus, time.monotonic
         until = clock() + timeout
         give_up = until + _BACKLOG
-        while True:
-            if self.inbox:
-                return self.inbox.popleft()
-            if bus.failure is not None:
-                raise PortError(bus.failure)
-            if bus.has_reader:
-                return self._next_of(self._hand_over(), max(0.0, until - clock()))
+        why = None
+        if self._reading.acquire(blocking=False):
             try:
-                item = bus.read_now(_SLICE if timeout > _SLICE else timeout)
-            except PortError as error:
-                return self._survive(str(error), max(0.0, until - clock()))
-            if item is not None and bus.take(item):
-                frame: CanFrame = item  # type: ignore[assignment]  # `take` is False for a report
-                if self.wants(frame):
-                    return frame
-            now = clock()
-            timeout = until - now
-            if timeout <= 0.0:
-                timeout = 0.0
-                if item is None or now >= give_up:
-                    return None
+                while not bus.has_reader:
+                    if self.inbox:
+                        return self.inbox.popleft()
+                    if bus.failure is not None:
+                        raise PortError(bus.failure)
+                    try:
+                        item = bus.read_now(_SLICE if timeout > _SLICE else timeout)
+                    except PortError as error:
+                        why = str(error)
+                        bus.fail_directly(why)
+                        break
+                    if item is not None and bus.take(item):
+                        frame: CanFrame = item  # type: ignore[assignment]  # `take` is False for a report
+                        if self.wants(frame):
+                            return frame
+                    timeout = until - clock()
+                    if timeout <= 0.0:
+                        if item is None or give_up <= clock():
+                            return None
+                        timeout = 0.0
+            finally:
+                self._reading.release()
+        left = max(0.0, until - clock())
+        return self._next_of(self._hand_over(), left) if why is None else self._survive(why, left)
 
     def _next_of(self, subscriber: Subscriber, timeout: float) -> CanFrame | None:
         return self.inbox.popleft() if self.inbox else subscriber.receive(timeout)
@@ -337,9 +346,8 @@ class DirectPort:
         return subscriber
 
     def _survive(self, why: str, timeout: float) -> CanFrame | None:
-        """Let the reader open the port that failed again. If nothing was sent yet, wait for that, and go on."""
+        """If nothing was sent yet, wait for the reader to open the port that failed again, and go on."""
         bus = self._bus
-        bus.fail_directly(why)
         if self._has_sent:
             raise PortError(why)
         bus.wait_until_open(self._patience)
