@@ -24,7 +24,7 @@ SRC = ROOT / "src"
 HOME = SRC / "barewire"
 FILES = sorted(HOME.rglob("*.py"))
 
-BASE = {"errors", "conversation", "codecs", "_lazy", "_html"}
+BASE = {"errors", "conversation", "codecs", "_callbacks", "_lazy", "_html"}
 PROTOCOLS = {"modbus", "rtu", "ascii", "tcp", "canopen"}
 MEANING = BASE | PROTOCOLS | {"devices"}
 
@@ -33,6 +33,7 @@ ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "_lazy": set(),
     "_html": set(),
+    "_callbacks": {"errors"},
     "conversation": {"errors"},
     "codecs": {"errors"},
     "modbus": BASE,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
@@ -239,3 +240,29 @@ def test_types_may_have_the_names_of_the_standard() -> None:
     assert (objects.read(0x1008, 0), objects.read(0x2002, 0)) == (b"pump", b"\xfe\xff")
     with pytest.raises(EncodeError, match=r"type 'INT16': expected one of bool \(BOOLEAN\), i8 \(INTEGER8\)"):
         ObjectDictionary([Entry(0x2003, 0, "wrong", "INT16")])
+
+
+async def _deferred_read() -> int:
+    return 5
+
+
+def _deferred_write(value: Value) -> Iterator[None]:
+    yield
+
+
+@pytest.mark.parametrize(
+    ("hooks", "text"),
+    [
+        ({"on_read": _deferred_read}, "2000h:00 on_read = .*: a call returns a coroutine .*; expected def"),
+        ({"on_write": _deferred_write}, "2000h:00 on_write = .*: a call returns a generator and runs nothing"),
+        ({"on_write": 5}, "2000h:00 on_write = 5: expected a function"),
+    ],
+    ids=["async def", "generator", "number"],
+)
+def test_a_function_that_would_not_run_is_refused(hooks: dict[str, Any], text: str) -> None:
+    with pytest.raises(EncodeError, match=text):
+        Entry(0x2000, 0, "sensor", "u8", **hooks)
+    objects = ObjectDictionary([Entry(0x2000, 0, "sensor", "u8")])
+    with pytest.raises(EncodeError, match=text):
+        objects.hook("sensor", **hooks)
+    assert objects.read(0x2000, 0) == b"\0"

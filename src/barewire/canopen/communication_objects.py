@@ -29,12 +29,19 @@ _IDENTITY = 0x1018
 
 
 def integer_value(objects: ObjectDictionary, index: int, sub: int = 0, default: int = 0) -> int:
-    """Return the value of an object as an integer, or `default` if it is missing or cannot be read."""
+    """Return the value of an object as an integer, or `default` if it is missing or cannot be read.
+
+    A value that `on_read` returns and that is not of the type of the object counts as one that cannot be read; it is
+    reported to `on_failure` of the dictionary.
+    """
     if (index, sub) not in objects:
         return default
     try:
+        entry = objects.entry(index, sub)
+        if entry.on_read is not None:
+            return int(entry.codec.decode(objects.read(index, sub)))
         return int(objects.get(index, sub))
-    except (BarewireError, ValueError):
+    except (BarewireError, ValueError, OverflowError):
         return default
 
 

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, NoReturn, get_args
 
+from barewire._callbacks import check_function
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.datatypes import ObjectCodec, object_codec, type_name
 from barewire.codecs import Value
@@ -52,6 +53,9 @@ class Entry:
     object_name        the name of the record or array that the entry belongs to
     mappable           the kinds of PDO into which the entry may be mapped; if it is not given, both for objects from
                        2000h on, none for communication objects
+
+    Raises EncodeError for an `on_read` or `on_write` that is not a function, or that is an `async def` or a generator:
+    a call would not run it.
     """
 
     index: int
@@ -69,6 +73,12 @@ class Entry:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "type", type_name(self.type))
+        self._check_hooks(self.on_read, self.on_write)
+
+    def _check_hooks(self, on_read: object, on_write: object) -> None:
+        for field, function in (("on_read", on_read), ("on_write", on_write)):
+            if function is not None:
+                check_function(f"{self.index:04X}h:{self.sub:02X} {field}", function, field)
 
     def is_mappable(self, direction: Literal["RPDO", "TPDO"]) -> bool:
         """Return whether the entry may be mapped into a PDO of this kind."""
@@ -326,9 +336,11 @@ class ObjectDictionary:
     ) -> None:
         """Attach functions to an existing entry, for example to one from an EDS.
 
-        An `on_write` that the entry already has is called before the new one.
+        An `on_write` that the entry already has is called before the new one. Raise EncodeError for a function that
+        `Entry` refuses.
         """
         entry = self.at(ref)
+        entry._check_hooks(on_read, on_write)
         address, checks = (entry.index, entry.sub), entry.on_write
 
         def both(value: Value) -> None:

@@ -245,3 +245,27 @@ def test_a_simulator_whose_machine_fails() -> None:
     request = "605#4000100000000000"
     assert feed(adapter, request, 0.1)[0].startswith("585#43001000")
     assert application.failures == ["machine: OSError: no motor"]
+
+
+WRONG = [300, -1, "x", float("nan"), float("inf"), [1], object()]
+
+
+@pytest.mark.parametrize("value", WRONG, ids=lambda value: type(value).__name__)
+@pytest.mark.parametrize("index", [0x1001, 0x100C, 0x1014, 0x1015, 0x1016, 0x1017], ids=hex)
+def test_a_value_that_a_communication_object_cannot_have_is_reported(index: int, value: Any) -> None:
+    application = Application()
+    sub = 1 if index == 0x1016 else 0
+    application.objects.replace(Entry(index, sub, "computed", "u8", "ro", on_read=lambda: value))
+    device = application.device()
+    feed(device, "000#0105")
+    device.error(0x1000, 0.2)
+    feed(device, None, 0.3)
+    assert feed(device, "605#4004200000000000", 0.4)[0] == "585#4B04200007000000"
+    assert application.failures[0].startswith(f"{index:04X}h:{sub:02X}: EncodeError: ")
+
+
+def test_an_error_register_of_more_than_8_bits_is_sent_with_its_low_byte() -> None:
+    application = Application()
+    application.objects.replace(Entry(0x1001, 0, "error register", "u16", "ro", on_read=lambda: 0x1FE))
+    device = application.device()
+    assert [str(frame) for frame in device.error(0x1000, 0.2)] == ["085#0010FE0000000000"]

@@ -104,7 +104,7 @@ class EmcyProducer:
     def register(self) -> int:
         """The error register: the bits of all active errors, and bit 0 whenever there is one."""
         if self._own_register:
-            return integer_value(self.objects, _REGISTER)
+            return integer_value(self.objects, _REGISTER) & 0xFF
         bits = 0
         for error_bits in self._active.values():
             bits |= error_bits | 1

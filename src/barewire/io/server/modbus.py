@@ -17,12 +17,12 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
+from barewire._callbacks import deferred
 from barewire.errors import EncodeError, PortError, shown
 from barewire.io.endpoint import CARRIERS
 from barewire.io.engine.locking import SharedUnits
 from barewire.io.modbus.carriers import modbus_endpoint
 from barewire.io.server.base import ThreadedServer
-from barewire.modbus.server.callbacks import deferred
 
 if TYPE_CHECKING:
     from typing import Unpack

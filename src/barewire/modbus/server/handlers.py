@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any, NamedTuple
 
+from barewire._callbacks import check_function
 from barewire.errors import EncodeError, shown
 from barewire.modbus.exceptions import ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.messages import coils, combined, files, registers
@@ -18,7 +19,6 @@ from barewire.modbus.messages.base import Request, Response
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.messages.fifo import ReadFifoQueue, ReadFifoQueueResponse
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId, ReportServerIdResponse
-from barewire.modbus.server.callbacks import check_function
 from barewire.modbus.server.identity import Identity
 
 ReadBits = Callable[[int, int], Sequence[bool | int]]

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import index
 from typing import Any
 
+from barewire._callbacks import check_function
 from barewire.codecs import from_registers
 from barewire.codecs.order import is_whole
 from barewire.errors import EncodeError, shown
@@ -30,7 +31,6 @@ from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExcept
 from barewire.modbus.messages.fifo import FIFO_LIMIT, ReadFifoQueue, ReadFifoQueueResponse
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId, ReportServerIdResponse
 from barewire.modbus.server.blocks import ADDRESSES, BitBlock, RegisterBlock
-from barewire.modbus.server.callbacks import check_function
 from barewire.modbus.server.identity import Identity
 
 _BLOCKS = ("coils", "discrete_inputs", "holding_registers", "input_registers")

@@ -1,6 +1,7 @@
-"""Checks of the functions that an application gives to a unit.
+"""Checks of the functions that an application gives to a Modbus unit or to an entry of an object dictionary.
 
-Depends on: nothing but errors.  Used by: table, handlers, and the servers of io for `handle`.
+Depends on: nothing but errors.  Used by: `Table` and handlers of modbus, `Entry` of canopen, and the
+servers of io for `handle`.
 """
 
 from __future__ import annotations
