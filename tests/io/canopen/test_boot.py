@@ -11,7 +11,16 @@ from typing import Any
 import pytest
 
 from barewire import AsyncCanopenClient, CanopenClient, CanopenServer
-from barewire.canopen import BootEvent, LocalNode, NetworkList, NmtState, device_configuration, pdos_of, slave_of
+from barewire.canopen import (
+    BootEvent,
+    BootSlave,
+    LocalNode,
+    NetworkList,
+    NmtState,
+    device_configuration,
+    pdos_of,
+    slave_of,
+)
 from tests.canopen.configuration.plant import dcf, described
 
 pytest.importorskip("can")
@@ -70,4 +79,40 @@ def test_nodes_are_configured_and_started(kind: str, tmp_path: Path) -> None:
             await calls(client)
 
     with CanopenServer(url, device=nodes[5]), CanopenServer(url, device=nodes[6]):
+        asyncio.run(with_asyncio() if kind == "asyncio" else blocking())
+
+
+@pytest.mark.parametrize("kind", ["blocking", "asyncio"])
+def test_errors_of_the_callbacks_are_kept_and_the_nodes_are_started(kind: str, tmp_path: Path) -> None:
+    url = f"can://virtual/{tmp_path.name}-{kind}"
+    node = device(5)
+
+    def on_event(event: BootEvent) -> None:
+        raise ZeroDivisionError(event.kind)
+
+    def progress(number: int, step: str) -> None:
+        raise ZeroDivisionError(f"{number} {step}")
+
+    async def calls(client: Any) -> None:
+        network = NetworkList([BootSlave(5, mandatory=True)])
+        with client.nmt.start_manager(network, on_event, timeout=10.0, progress=progress) as manager:
+            await get(client.node(5).nmt.wait_for_state(NmtState.OPERATIONAL, timeout=30))
+        assert manager.statistics.errors == [
+            "callback: ZeroDivisionError: 5 read 1000h:00 device type",
+            "callback: ZeroDivisionError: booted",
+            "callback: ZeroDivisionError: started",
+            "callback: ZeroDivisionError: ready",
+        ]
+
+    async def with_asyncio() -> None:
+        async with AsyncCanopenClient(url) as client:
+            await calls(client)
+
+    async def blocking() -> None:
+        with CanopenClient(url) as client:
+            await calls(client)
+
+    node.objects.set(0x1017, 0, 50)
+    node.stored.values[0x1017, 0] = 50
+    with CanopenServer(url, device=node):
         asyncio.run(with_asyncio() if kind == "asyncio" else blocking())

@@ -89,11 +89,15 @@ def checked_machine(machine: Speaker) -> Speaker:
 
 class CallbackAdapter:
     """A machine whose results are frames and events, such as the master of node guarding. Its frames go to the bus, its
-    events to `callback`, in the thread or task of the machine."""
+    events to `callback`, in the thread or task of the machine.
+
+    An error of a callback is reported to `on_failure`, and the machine goes on. Without `on_failure` it is raised.
+    """
 
     def __init__(self, machine: Any, callback: Callable[[Any], object]) -> None:
         self.machine = machine
         self.callback = callback
+        self.on_failure: Callable[[str, Exception], object] | None = None
 
     @property
     def deadline(self) -> float | None:
@@ -108,8 +112,17 @@ class CallbackAdapter:
             if isinstance(item, CanFrame):
                 frames.append(item)
             else:
-                self.callback(item)
+                self.call(self.callback, item)
         return frames
+
+    def call(self, callback: Callable[..., object], *values: Any) -> None:
+        """Call a callback of the application, and report its error."""
+        try:
+            callback(*values)
+        except Exception as error:
+            if self.on_failure is None:
+                raise
+            self.on_failure("callback", error)
 
 
 class NodeDriver:

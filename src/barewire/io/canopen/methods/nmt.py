@@ -187,15 +187,19 @@ class NetworkNmtMethods(NmtMethods[R]):
         progress: Callable[[int, str], object] | None = None,
     ) -> BackgroundTask:
         """Boot a network as `boot` does, and watch its nodes until it is stopped: a node that is lost is reset, and
-        boots again. `callback` is called with each event, in the thread or task of the manager.
+        boots again. `callback` is called with each event, in the thread or task of the manager. An error that it or
+        `progress` raises is logged and kept in `statistics.errors`; the manager goes on.
 
         It takes no locks: have no SDO transfers with a node while it boots.
         """
-        wait = self.runner.timeout if timeout is None else timeout
         manager = canopen.BootManager(
-            network, timeout=wait, channels=lambda node: canopen.Channel(node, self.runner.dialect), progress=progress
+            network,
+            timeout=self.runner.timeout if timeout is None else timeout,
+            channels=lambda node: canopen.Channel(node, self.runner.dialect),
+            progress=progress and (lambda node, step: adapter.call(progress, node, step)),
         )
-        return BackgroundTask(CallbackAdapter(manager, callback), ERROR_CONTROL | _RESPONSES)
+        adapter = CallbackAdapter(manager, callback)
+        return BackgroundTask(adapter, ERROR_CONTROL | _RESPONSES)
 
     @background
     def start_guarding(
