@@ -10,10 +10,12 @@ from contextlib import contextmanager, suppress
 import pytest
 
 from barewire.canopen import CanFrame
+from barewire.canopen.frame import ErrorFrame
 from barewire.errors import PortError
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.python_can import CanPort
+from barewire.io.ports.socketcand import read_hub_answer
 from tests.helpers import free_port, refused
 
 
@@ -119,6 +121,91 @@ def test_another_answer_is_an_error(answers: tuple[bytes, ...], message: str, mo
     monkeypatch.setattr("barewire.io.ports.socketcand.HANDSHAKE_TIMEOUT", 0.3)
     with server_that_answers(*answers) as port, refused(PortError, message):
         member(port)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b"< frame 18Z 1.0 01 >",
+        b"< frame 185 1.0 0 >",
+        b"< frame 185 nan 01 >",
+        b"< frame 185 >",
+        b"< frame -5 1.0 01 >",
+        b"< frame FFF 1.0 01 >",
+        b"< frame 3FFFFFFF 1.0 01 >",
+        b"< frame FFFFFFFFFFFF 1.0 01 >",
+        b"< frame 185 1.0 010203040506070809 >",
+        b"< frame 185 1.0 " + b"01" * 100 + b" >",
+        b"< error 1 nan >",
+        b"< error unknown command >",
+        b">",
+        b"< \xff >",
+        b"\xff\xfe",
+        b"< frame 185 1.0 0",
+    ],
+)
+def test_a_message_that_is_no_frame_is_garbled_and_the_frames_around_it_are_received(message: bytes) -> None:
+    before, behind = b"< frame 181 1.0 01 >", b"< frame 182 1.0  >< frame 00000183 1.0 01 02 >"
+    with server_that_answers(b"< ok >", b"< ok >" + before + message + behind) as port:
+        joined = member(port)
+        try:
+            assert [str(joined.receive(2.0)) for _ in range(3)] == ["181#01", "182#", "00000183#0102"]
+            assert joined.receive(0.05) is None
+            assert joined.garbled == 1
+        finally:
+            joined.close()
+
+
+def test_a_message_without_an_end_is_dropped_and_the_port_goes_on() -> None:
+    with server_that_answers(b"< ok >", b"< ok >" + b"<" * 3000 + b">< frame 182 1.0 >") as port:
+        joined = member(port)
+        try:
+            assert joined.receive(2.0) == CanFrame(0x182)
+            assert joined.garbled > 0
+        finally:
+            joined.close()
+
+
+def test_an_error_frame_of_the_server_is_a_report_of_the_controller() -> None:
+    with server_that_answers(b"< ok >", b"< ok >< error 20000040 1.0 >") as port:
+        joined = member(port)
+        try:
+            report = joined.receive_any(2.0)
+            assert isinstance(report, ErrorFrame)
+            assert report.text == "bus off"
+        finally:
+            joined.close()
+
+
+def test_a_bus_of_a_server_that_hangs_up_later_fails() -> None:
+    with server_that_answers(b"< ok >", b"< ok >< frame 181 1.0 01 >") as port:
+        joined = member(port)
+        try:
+            assert joined.receive(2.0) == CanFrame(0x181, b"\x01")
+            joined._bus._tcp_send("< end >")  # type: ignore[attr-defined]  # the server above closes then
+            with refused(PortError, "the server hung up"):
+                joined.receive(2.0)
+        finally:
+            joined.close()
+
+
+def test_an_answer_that_arrives_in_drops_is_awaited_for_the_same_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+
+    class Connection:
+        """A server that sends a byte each second."""
+
+        def settimeout(self, seconds: float) -> None:
+            assert 0.0 < seconds <= 3.0
+
+        def recv(self, size: int) -> bytes:
+            clock[0] += 1.0
+            return b"x"
+
+    monkeypatch.setattr("barewire.io.ports.socketcand.monotonic", lambda: clock[0])
+    with pytest.raises(TimeoutError, match="timed out"):
+        read_hub_answer(Connection())  # type: ignore[arg-type]
+    assert clock[0] == 3.0
 
 
 def test_a_server_that_hangs_up_is_an_error() -> None:

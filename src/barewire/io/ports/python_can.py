@@ -17,7 +17,7 @@ from importlib import import_module
 from inspect import signature
 from typing import Any
 
-from barewire.canopen.frame import EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import EncodeError, PortError, shown
 from barewire.io.endpoint import CAN_OPTIONS, DEFAULT_BITRATE, Endpoint, unknown_option
 from barewire.io.ports.base import send_when_room
@@ -35,6 +35,8 @@ logging.getLogger("can").setLevel(logging.CRITICAL)
 
 GARBLED_LIMIT = 256
 """Undecodable inputs in a row after which the port has failed."""
+
+_FD_DATA_MAX = 64
 
 
 class CanPort:
@@ -106,6 +108,9 @@ class CanPort:
         while True:
             try:
                 message = self._bus.recv(timeout if timeout > 0.0 else 0.0)
+                if message is None:
+                    return None
+                _check(message)
                 break
             except Exception as error:
                 # Each interface has its own errors, for a port that failed and for bytes that are no frame.
@@ -121,24 +126,12 @@ class CanPort:
                 self.garbled += 1
                 self._garbled_in_a_row += 1
                 _drop_slcan_line(self._bus)
-        if message is None:
-            self._check_connection()
-            return None
         self._garbled_in_a_row = 0
         if message.is_error_frame or message.is_fd:
             return _strange(message)
         if message.is_remote_frame:
             return CanFrame(message.arbitration_id, b"", message.is_extended_id, True, message.dlc)
         return CanFrame(message.arbitration_id, bytes(message.data), message.is_extended_id)
-
-    def _check_connection(self) -> None:
-        """PortError if the bus is a connection, and the server closed it."""
-        if not isinstance(self._bus, SocketcandBus):
-            return
-        try:
-            self._bus.check()
-        except (can.CanError, OSError, ValueError) as error:
-            raise PortError(f"can://{self.name}: {_first_line(error)}") from None
 
     def _failure(self, error: Exception) -> str:
         """Why an open bus failed: the interface is down, gone, or the first line of the error."""
@@ -162,6 +155,16 @@ def _message(item: CanFrame) -> can.Message:
             arbitration_id=item.id, is_extended_id=item.extended, is_remote_frame=True, dlc=item.requested
         )
     return can.Message(arbitration_id=item.id, is_extended_id=item.extended, data=item.data)
+
+
+def _check(message: can.Message) -> None:
+    """Raise ValueError for a message that CAN cannot carry: an adapter or a server passes on what it reads."""
+    limit = EXTENDED_MAX if message.is_extended_id else BASE_MAX
+    size = len(message.data) if message.is_fd else max(len(message.data), message.dlc)
+    if not message.is_error_frame and (
+        not 0 <= message.arbitration_id <= limit or size > (_FD_DATA_MAX if message.is_fd else DATA_MAX)
+    ):
+        raise ValueError(f"{message} is no CAN frame")
 
 
 def _is_full(error: Exception) -> bool:
