@@ -87,6 +87,10 @@ def test_wrong_usage(eds: Path, tmp_path: Path) -> None:
     assert "did you mean 'sdo'" in error_of("replay", str(log), *against, "--only", "sod", status=2)
     assert "no frames on it" in error_of("replay", str(log), *against, "--bus", "can1")
     assert "not a recording of CAN" in error_of("replay", str(eds), *against)
+    assert "ends in .eds or .dcf" in error_of("replay", str(log), "--against", str(log), status=2)
+    done = run_command("replay", str(log), *against, "--node", "9")
+    assert "node 9 does not answer in the recording; node 5 does" in done.stderr
+    assert "`barewire replay` plays the recording" in error_of("record", str(log), status=2)
     assert "No such file" in error_of("replay", str(tmp_path / "none.log"), *against)
     assert "has no CANopen" in error_of("replay", str(log), "--against", "adxl", status=2)
     (tmp_path / "empty.eds").write_text("")

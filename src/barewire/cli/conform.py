@@ -51,8 +51,9 @@ def conform_command(
 
     A Modbus server is sent valid and invalid requests, and its responses are compared with the clauses of the standard.
     This writes registers and coils 0 to 9 of the unit: do not run it on a machine that is operating. The timeout of the
-    endpoint is how long each response is waited for (1 s). If the server stops responding, the run ends, and the number
-    of cases that were not run is printed.
+    endpoint is how long each response is waited for (1 s; on a CAN bus 0.5 s). If the server stops responding, the run
+    ends, and the number of cases that were not run is printed. A run that is interrupted leaves the device as the last
+    case has made it, possibly stopped: reset it.
 
     Cases for which the server does not have the function or the registers and coils 0 to 9 are printed as "-" and not
     judged. Exit status 1 if a case failed or was not run, or if none could be judged.

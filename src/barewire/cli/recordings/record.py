@@ -21,6 +21,8 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
 from barewire.modbus.sniffer import WINDOW, SnifferEvent
 
+_FOR_CAN = "`barewire sniff --write` records a bus, `barewire replay` plays the recording against a device"
+
 
 @click.command("record")
 @click.argument("source", metavar="ENDPOINT|FILE")
@@ -61,7 +63,7 @@ def record_command(
     protocol: SerialProtocol | None,
     ports: tuple[int, ...],
 ) -> None:
-    """Make a simulated device of the traffic of a line.
+    """Make a simulated device of the traffic of a Modbus line.
 
     The source is a FILE as `barewire sniff` takes it, such as one that `sniff --write` wrote, or the ENDPOINT of a
     serial line, to which nothing is sent. The result is a TOML file with each unit: which registers are read and
@@ -106,7 +108,7 @@ def _live(source: str, seconds: float | None, window: float, *, shown: bool) -> 
     """Yield the events of a line, and print its exchanges if they are `shown`."""
     endpoint = Endpoint.parse(source)
     if endpoint.scheme == "can":
-        raise EncodeError(f"{source}: a CAN bus; `record` is for Modbus")
+        raise EncodeError(f"{source}: a CAN bus; `record` is for Modbus: {_FOR_CAN}")
     stop = threading.Event()
     with stopped_by_interrupt(stop):
         for event in listen(endpoint, stop, seconds=seconds, window=window):
@@ -121,7 +123,7 @@ def _replayed(
     """Yield the events of a recording."""
     data = recording_content(source, seconds)
     if is_can_recording(data):
-        raise EncodeError(f"{source}: a recording of a CAN bus; `record` is for Modbus")
+        raise EncodeError(f"{source}: a recording of a CAN bus; `record` is for Modbus: {_FOR_CAN}")
     yield from replayed(source, data, window, ports, protocol)
 
 

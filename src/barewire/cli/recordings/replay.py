@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import click
 
@@ -138,9 +139,12 @@ def _items(file: str, data: bytes, bus: str | None) -> list[RecordedItem]:
 
 def _node(file: str, items: Sequence[RecordedItem], node: int | None) -> int:
     """Return the node to compare with. Raises EncodeError if the recording does not tell it."""
-    if node is not None:
-        return node
     found = nodes_of(items)
+    if node is not None:
+        if found and node not in found:
+            listed = ", ".join(map(str, found))
+            click.echo(f"barewire: {file}: node {node} does not answer in the recording; node {listed} does", err=True)
+        return node
     if len(found) != 1:
         listed = f"nodes {', '.join(map(str, found))} answer" if found else "no node answers"
         raise EncodeError(f"{file}: {listed} in the recording: give the node-ID of the device with --node")
@@ -155,6 +159,8 @@ def _described(name: str) -> Device:
     """Return a device of the catalogue, or one of your own. Raises EncodeError if it has no CANopen."""
     from barewire.devices import load
 
+    if Path(name).is_file():
+        raise EncodeError(f"--against {name}: expected a file that ends in .eds or .dcf, or the name of a device")
     device = load(name)
     if device.canopen is None:
         raise EncodeError(f"--against {name}: {device.name} has no CANopen")
