@@ -4,7 +4,18 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import BootManager, BootSlave, CanFrame, NetworkList
+from barewire.canopen import (
+    BootManager,
+    BootSlave,
+    CanFrame,
+    ConciseValue,
+    LocalNode,
+    NetworkList,
+    boot_network,
+    boot_slave,
+)
+from tests.canopen.configuration.plant import bus_with
+from tests.canopen.virtual_bus import VirtualBus
 
 DEVICE_TYPE = "585#4300100001000000"
 
@@ -53,3 +64,83 @@ def test_an_error_of_progress_ends_the_process_of_the_node(step: int) -> None:
         fed(manager, "705#00" if step == 1 else DEVICE_TYPE, 0.1)
     assert (manager.deadline, manager.busy) == (None, False)
     assert fed(manager, "705#00", 0.2) == ["605#4000100000000000"]  # its boot-up message starts it again
+
+
+def rebooting(after: int, times: int = 1) -> tuple[VirtualBus, LocalNode]:
+    """Return a bus with node 5, which reboots after the given number of responses, again and again `times` times."""
+    bus, device = bus_with()
+    responses = 0
+
+    def lose(number: int, frame: CanFrame) -> bool:
+        nonlocal responses, times
+        responses += frame.id == 0x585
+        if times and responses == after:
+            responses, times = 0, times - 1
+            bus.inject("000#8105", bus.now)
+        return False
+
+    bus.lose = lose
+    return bus, device
+
+
+CONFIGURATION = (ConciseValue(0x6040, 0, b"\7\0"), ConciseValue(0x1017, 0, b"\x32\0"))
+
+
+@pytest.mark.parametrize(
+    ("after", "letter", "step"),
+    [(1, "D", "read 1018h:01 vendor-ID"), (2, "J", "write 6040h:00"), (3, "J", "write 1017h:00")],
+)
+def test_a_node_that_reboots_while_it_boots(after: int, letter: str, step: str) -> None:
+    bus, _ = rebooting(after)
+    result = bus.run(boot_slave(BootSlave(5, vendor=0x360, configuration=CONFIGURATION), timeout=0.1))
+    assert not result.configured
+    assert str(result).startswith(f"node 5: {letter}: ")
+    assert str(result).endswith(f": the node rebooted meanwhile, its boot-up message came (step: {step})")
+
+
+@pytest.mark.parametrize("after", [1, 2, 3])
+def test_a_node_that_rebooted_while_it_booted_is_configured_completely(after: int) -> None:
+    bus, device = rebooting(after)
+    events: list[str] = []
+    slave = BootSlave(5, mandatory=True, vendor=0x360, configuration=CONFIGURATION, heartbeat=0.3)
+    result = bus.run(boot_network(NetworkList([slave]), timeout=0.1, on_event=lambda event: events.append(event.kind)))
+    assert events == ["rebooted", "booted", "started", "ready"]
+    assert (str(result.results[0]), device.objects.get(0x6040), device.objects.get(0x1017)) == (
+        "node 5: booted, configured",
+        7,
+        50,
+    )
+
+
+def test_a_node_that_reboots_before_its_first_heartbeat_boots_again() -> None:
+    manager = BootManager(NetworkList([BootSlave(5, mandatory=True, heartbeat=0.2)]))
+    fed(manager, "705#00", 0.1)
+    assert fed(manager, DEVICE_TYPE, 0.11) == []
+    assert fed(manager, "705#00", 0.12) == ["node 5: rebooted", "605#4000100000000000"]
+
+
+def test_a_node_that_reboots_again_and_again_fails() -> None:
+    bus, _ = rebooting(3, times=1000)
+    events: list[str] = []
+    slave = BootSlave(5, mandatory=True, vendor=0x360, configuration=CONFIGURATION)
+    result = bus.run(boot_network(NetworkList([slave]), timeout=0.1, on_event=lambda event: events.append(event.kind)))
+    assert (events, result.ready) == (["rebooted", "rebooted", "rebooted", "failed"], False)
+    assert bus.now < 2
+
+
+def test_a_late_boot_up_message_before_the_first_response_is_no_reboot() -> None:
+    manager = BootManager(NetworkList([BootSlave(5, mandatory=True)]))
+    fed(manager, None, 0.0)
+    assert fed(manager, None, 1.0) == ["605#4000100000000000"]
+    assert fed(manager, "705#00", 1.1) == []
+    assert fed(manager, DEVICE_TYPE, 1.2)[0] == "node 5: booted"
+
+
+def test_a_node_that_is_kept_alive_and_boots_late_is_reset_once() -> None:
+    manager = BootManager(NetworkList([BootSlave(5, mandatory=True, keep_alive=True)]))
+    fed(manager, None, 0.0)
+    fed(manager, DEVICE_TYPE, 0.01)
+    assert fed(manager, "705#7F", 0.02) == ["000#8205"]
+    assert fed(manager, None, 1.1)[0].startswith("node 5: F: ")
+    assert fed(manager, "705#00", 1.5) == ["605#4000100000000000"]
+    assert fed(manager, DEVICE_TYPE, 1.6)[:2] == ["node 5: booted", "000#0105"]

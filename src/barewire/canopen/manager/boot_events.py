@@ -26,7 +26,7 @@ class BootEvent(NamedTuple):
     started     the node was started, or with node 0 all nodes
     ready       all mandatory nodes have booted
     lost        the heartbeat of the node, or its response to node guarding, did not arrive in time
-    rebooted    the node has sent its boot-up message although it had booted before
+    rebooted    the node has sent its boot-up message although it had booted, or while it booted
     reset       the node, or with node 0 the network, is reset
     stopped     all nodes are stopped
     """

@@ -12,7 +12,8 @@
 `BootManager` is the machine: `feed` returns frames to send and `BootEvent`s. `boot_network` is a conversation that runs
 it until the network has booted; it does not watch the nodes afterwards.
 
-A node that failed boots again when it sends its boot-up message, for example because it was exchanged.
+A node that failed boots again when it sends its boot-up message, for example because it was exchanged. So does a node
+that reboots while it boots, because it has lost what was written; it fails after three times (`REBOOTS`).
 """
 
 from __future__ import annotations
@@ -33,6 +34,9 @@ from barewire.errors import DecodeError
 
 RETRY_TIME = 1.0
 """Seconds between two boot slave processes of a mandatory node that does not respond."""
+
+REBOOTS = 3
+"""How often a boot slave process begins again because the node rebooted meanwhile; then it fails."""
 
 _FUNCTION_CODE = 0x780
 _ERROR_CONTROL = 0x700
@@ -72,6 +76,7 @@ class _Node:
         self.begin_at: float | None = None
         self.result: BootResult | None = None
         self.booted = self.started = self.waiting = False
+        self.reboots = 0
         self.guarding: GuardingMaster | None = None
 
 
@@ -177,6 +182,7 @@ class BootManager:
         self._boot_end = now + self.network.boot_time if self.network.boot_time else None
         for node in self._nodes.values():
             self._forget(node)
+            node.reboots = 0
             if node.slave.keep_alive:
                 node.begin_at = now
             elif node.slave.mandatory:
@@ -200,17 +206,29 @@ class BootManager:
             except DecodeError:
                 return
         if node.process is not None:
-            yield from self._go_on(node, frame, now)
-        elif booting:
-            if node.booted:
-                yield BootEvent(node.slave.node, "rebooted", now)
-            self._forget(node)
-            yield from self._boot(node, now)
+            yield from self._step(node, frame, now)
+            ended = node.process.result
+            if not booting or ended is None or ended.ok or node.reboots == REBOOTS:
+                yield from self._end(node, now)
+                return
+            node.reboots += 1
+        elif not booting:
+            return
+        if node.booted or node.process is not None:
+            yield BootEvent(node.slave.node, "rebooted", now)
+        self._forget(node)
+        yield from self._boot(node, now, after_boot_up=True)
 
-    def _boot(self, node: _Node, now: float) -> _Output:
+    def _boot(self, node: _Node, now: float, *, after_boot_up: bool = False) -> _Output:
         number = node.slave.node
         node.begin_at = None
-        conversation = boot_slave(node.slave, self._channels(number), timeout=self.timeout, progress=self._progress)
+        conversation = boot_slave(
+            node.slave,
+            self._channels(number),
+            timeout=self.timeout,
+            progress=self._progress,
+            after_boot_up=after_boot_up,
+        )
         node.process = _Process(conversation)
         yield from self._step(node, None, now, first=True)
         yield from self._end(node, now)
@@ -233,7 +251,7 @@ class BootManager:
         if node.process is None or node.process.result is None:
             return
         slave, result = node.slave, node.process.result
-        node.process, node.result = None, result
+        node.process, node.result, node.reboots = None, result, 0
         if result.ok:
             node.booted, node.waiting = True, False
             yield BootEvent(slave.node, "booted", now, result)

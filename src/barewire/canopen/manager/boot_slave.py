@@ -10,6 +10,8 @@ The process ends with a `BootResult`. Each failure has a letter of the standard,
 read and what was expected. L is not a failure: the node was operational, and the network may go on with it.
 
 A node that was just reset may not answer yet: its first object of a step is read again after a time-out, three times.
+A node that reboots meanwhile has lost what was written: its boot-up message ends the process, with the letter of the
+step.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
 from barewire.canopen.sdo import Channel, download, upload
 from barewire.canopen.sdo.client.channel import channel_to
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Send
-from barewire.errors import BarewireError, NoAnswer
+from barewire.errors import BarewireError, DecodeError, NoAnswer
 
 RETRIES = 3
 """How often an object is read again after a time-out, where the node may just have been reset."""
@@ -111,35 +113,71 @@ def boot_slave(
     *,
     timeout: float = DEFAULT_TIMEOUT,
     progress: BootProgress | None = None,
+    after_boot_up: bool = False,
 ) -> Conversation[CanFrame, BootResult]:
     """Carry out the boot slave process of a node. It does not start the node: `BootManager` does that.
 
-        slave       the expected values
-        channel     the SDO channel to the node, by default that of the predefined connection set
-        timeout     seconds for each SDO response
-        progress    called before each step
+        slave           the expected values
+        channel         the SDO channel to the node, by default that of the predefined connection set
+        timeout         seconds for each SDO response
+        progress        called before each step
+        after_boot_up   the node has just sent its boot-up message: if it is to be kept alive, it is not reset again
 
     The process raises nothing: each failure is the `error` and the `reason` of the result.
     """
-    return _Boot(slave, channel_to(slave.node if channel is None else channel, None), timeout, progress).run()
+    where = channel_to(slave.node if channel is None else channel, None)
+    return _Boot(slave, where, timeout, progress, after_boot_up).run()
 
 
 class _Boot:
-    def __init__(self, slave: BootSlave, channel: Channel, timeout: float, progress: BootProgress | None) -> None:
+    def __init__(
+        self,
+        slave: BootSlave,
+        channel: Channel,
+        timeout: float,
+        progress: BootProgress | None,
+        after_boot_up: bool,
+    ) -> None:
         self.slave = slave
         self.channel = channel
         self.timeout = timeout
         self.progress = progress
+        self.after_boot_up = after_boot_up
         self.state: int | None = None
         self.configured = False
+        self.step = ""
+        self.error = BootError.B  # of the present step
+        self.must_not_boot = False  # from its first response on, except where a reset is expected
 
     def run(self) -> Conversation[CanFrame, BootResult]:
         try:
-            yield from self._steps()
+            yield from self._watched(self._steps())
         except BootFailed as failed:
             return BootResult(self.slave.node, failed.error, failed.reason, self.state, self.configured)
         operational = self.state == NmtState.OPERATIONAL
         return BootResult(self.slave.node, BootError.L if operational else None, "", self.state, self.configured)
+
+    def _watched(self, steps: Conversation[CanFrame, None]) -> Conversation[CanFrame, None]:
+        """Carry out the steps until the node reboots. Raise BootFailed then."""
+        try:
+            step = next(steps)
+            while True:
+                heard = yield step
+                if self.must_not_boot and heard.item is not None and self._is_boot_up(heard.item):
+                    steps.close()
+                    self.configured = False
+                    reason = f"the node rebooted meanwhile, its boot-up message came (step: {self.step})"
+                    raise BootFailed(self.error, reason)
+                step = steps.send(heard)
+        except StopIteration:
+            return
+
+    def _is_boot_up(self, frame: CanFrame) -> bool:
+        try:
+            received = NodeState.decode(frame)
+        except DecodeError:
+            return False
+        return received.node == self.slave.node and received.is_boot_up
 
     def _steps(self) -> Conversation[CanFrame, None]:
         slave = self.slave
@@ -147,7 +185,7 @@ class _Boot:
             raise BootFailed(BootError.A)
         if slave.boot:
             yield from self.check_identity()
-            running = (yield from self.is_kept_alive()) if slave.keep_alive else False
+            running = (yield from self.is_kept_alive()) if slave.keep_alive and not self.after_boot_up else False
             if not running:
                 if slave.check_program:
                     yield from self._check_program()
@@ -155,6 +193,7 @@ class _Boot:
         yield from self._start_error_control()
 
     def tell(self, step: str) -> None:
+        self.step = step
         if self.progress is not None:
             self.progress(self.slave.node, step)
 
@@ -178,10 +217,12 @@ class _Boot:
         self, index: int, sub: int, error: BootError, name: str, *, size: int = 4, retries: int = 0
     ) -> Conversation[CanFrame, int]:
         """Read a number. Raise BootFailed with `error` if the node refuses it, or does not respond."""
+        self.error = error
         self.tell(f"read {index:04X}h:{sub:02X} {name}")
         while True:
             try:
                 data = yield from upload(self.channel, index, sub, size=size, timeout=self.timeout)
+                self.must_not_boot = True
                 return int.from_bytes(data[:size], "little")
             except NoAnswer as silence:
                 if not retries:
@@ -195,7 +236,7 @@ class _Boot:
     def is_kept_alive(self) -> Conversation[CanFrame, bool]:
         """Return whether the node is operational, so that it goes on; otherwise reset its communication."""
         slave = self.slave
-        error = BootError.E if slave.heartbeat else BootError.F
+        self.error = error = BootError.E if slave.heartbeat else BootError.F
         self.tell("wait for its heartbeat" if slave.heartbeat else "request its state by node guarding")
         try:
             if slave.heartbeat:
@@ -212,8 +253,10 @@ class _Boot:
 
     def reset(self) -> Conversation[CanFrame, None]:
         self.tell("reset its communication")
+        self.must_not_boot = False
         yield Send(NmtMessage(NmtCommand.RESET_COMMUNICATION, self.slave.node).encode())
         yield from wait_for_boot_up(self.slave.node, timeout=RESET_TIME)
+        self.must_not_boot = True
 
     # Program and configuration
 
@@ -231,6 +274,7 @@ class _Boot:
             raise BootFailed(BootError.H, other)
         if not slave.program:
             raise BootFailed(BootError.I, f"{other}; there is no program to download (1F58h)")
+        self.error, self.must_not_boot = BootError.I, False  # a node may restart when its program stops or starts
         try:
             yield from download_program(self.channel, slave.program, slave.software, self.timeout, self.tell)
         except BarewireError as failure:
@@ -250,6 +294,7 @@ class _Boot:
                     return
             except BootFailed:
                 pass  # a device without 1020h is always configured
+        self.error = BootError.J
         try:
             if isinstance(slave.configuration, DeviceConfiguration):
                 yield from configure_device(
@@ -270,6 +315,7 @@ class _Boot:
 
     def _start_error_control(self) -> Conversation[CanFrame, None]:
         slave = self.slave
+        self.error = BootError.K
         if slave.heartbeat:
             self.tell("wait for its heartbeat")
             try:
