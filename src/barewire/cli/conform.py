@@ -158,16 +158,22 @@ def _test_node(
         raise EncodeError(f"--eds {eds}: describes no objects: expected sections like [1000]")
     where, address, names = Endpoint.parse(endpoint), _object_address(large), _beginnings(only, document)
     ask = partial(print, "switch the device off and on", file=sys.stderr, flush=True) if power else None
-    for result in conform_can(
-        where, gentle=gentle, large=address, only=names, eds=document, save=save, on_power_cycle=ask
-    ):
-        count += result.outcome is not None
-        failed += result.failure is not None
-        left_out += result.outcome is None
-        if as_json:
-            print_json(_node_case_fields(result))
-        else:
-            print(_node_case_line(result), flush=True)
+    last = ""
+    try:
+        for result in conform_can(
+            where, gentle=gentle, large=address, only=names, eds=document, save=save, on_power_cycle=ask
+        ):
+            last = f" after {result.case.name}"
+            count += result.outcome is not None
+            failed += result.failure is not None
+            left_out += result.outcome is None
+            if as_json:
+                print_json(_node_case_fields(result))
+            else:
+                print(_node_case_line(result), flush=True)
+    except KeyboardInterrupt:
+        click.echo(f"interrupted{last}: the device is as the last case made it, possibly stopped: reset it", err=True)
+        raise
     if not count + left_out:
         raise EncodeError(f"--only {only}: this device has no case with a name that begins so")
     if not as_json:

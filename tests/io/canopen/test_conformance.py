@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
+import signal
+import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -19,7 +22,7 @@ from barewire.io.canopen.conformance import NodeCaseResult, conform_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.conformance import Unfinished
 from tests.canopen.conformance.devices import LARGE, NODE, plain
-from tests.cli.helpers import run_command, simulated_at
+from tests.cli.helpers import COMMAND, run_command, simulated_at
 from tests.helpers import free_port, refused
 from tests.io.peers import again
 
@@ -135,6 +138,18 @@ def test_the_command() -> None:
         (line,) = map(json.loads, done.stdout.splitlines())
         assert (line["case"], line["ok"], line["left_out"]) == ("SDO-05", True, None)
         assert line["received"] == [["585#4300100092010200"]] * 5
+
+
+def test_ctrl_c_says_that_the_device_is_not_as_before() -> None:
+    with simulated_at("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5", client_option="") as url:
+        command = [*COMMAND, "conform", f"{url}&timeout=5", "--only", "sdo"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            assert process.stdout.readline().startswith("ok      SDO-01")
+            process.send_signal(signal.SIGINT)
+            assert process.wait(20) == 130
+            assert re.search(r"interrupted after SDO-\d\d: the device .*: reset it", process.stderr.read())
 
 
 def test_the_command_refuses_wrong_options() -> None:
