@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from barewire import AsyncModbusClient, CanopenClient, ModbusClient, ModbusServer, Table
+from barewire import AsyncCanopenClient, AsyncModbusClient, CanopenClient, ModbusClient, ModbusServer, Table
 from barewire.canopen import CanFrame
 from barewire.errors import NoAnswer, PortError
 from tests.io.schemes import EVERY_SCHEME_WITHOUT_TLS, SERIAL
@@ -144,3 +144,41 @@ def test_a_can_bus() -> None:
 
         assert in_child(use) == "recorded: the bus was opened before fork: open one in this process []"
         assert client.bus.failure is None
+
+
+def test_a_stream_of_a_can_bus() -> None:
+    """The child has no thread that reads the bus, and a lock of the stream may be held by one of the parent."""
+    refusal = "recorded: the bus was opened before fork: open one in this process"
+    with CanopenClient(Port()) as client, client.frames() as stream:
+
+        def use() -> object:
+            with pytest.raises(PortError) as caught:
+                stream.get(3.0)
+            with pytest.raises(PortError):
+                next(iter(stream))
+            stream.close()
+            return caught.value
+
+        with stream._subscriber._lock:
+            assert in_child(use) == refusal
+        client.bus.send(CanFrame(0x185))
+        assert stream.get(0.0) == CanFrame(0x185)
+
+
+def test_a_stream_of_an_asyncio_can_client() -> None:
+    async def main() -> None:
+        async with AsyncCanopenClient(Port()) as client:
+            stream = client.frames()
+
+            async def use() -> object:
+                try:
+                    return await stream.get(3.0)
+                finally:
+                    stream.close()
+
+            assert in_child(lambda: asyncio.run(use())).startswith(
+                "PortError: recorded: the bus was opened before fork"
+            )
+            assert await stream.get(0.0) is None
+
+    asyncio.run(main())

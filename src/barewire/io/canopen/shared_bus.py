@@ -90,8 +90,7 @@ class CanBus(SubscriberTable, AwaitedBus):
         self._locks = ChannelLocks()
         self._new_locks()
         self._lost = 0  # of the port
-        self._closed = False
-        self._is_inherited = False  # by a forked process, which must not close the port
+        self._closed = self._is_inherited = False  # inherited by a forked process, which must not close the port
         self._reopening = None if dial is None else Reopening(dial, threading.Event(), pauses=pauses, log=self._log)
         self._reader: threading.Thread | None = None
         self._direct: DirectPort | None = None
@@ -388,7 +387,8 @@ class CanBus(SubscriberTable, AwaitedBus):
             self.port.close()
 
     def end_in_child(self) -> None:
-        """Refuse to send in a forked process, which has no reader thread; the port is left to its opener."""
+        """Refuse to send and receive in a forked process: it has no reader thread. The port is left to its opener."""
         self._new_locks()  # those of threads that do not exist here
         self._is_inherited = self._closed = self._has_ended = True
         self.failure = f"{self.name}: the bus was {OPENED_BEFORE_FORK}"
+        self.fail_all_in_child(self.failure)

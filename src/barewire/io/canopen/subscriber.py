@@ -175,6 +175,12 @@ class Subscriber:
             self._waiting = False
         self._wake()
 
+    def fail_in_child(self, why: str) -> None:
+        """The same in a forked process: a thread of the parent may hold the lock, and no thread waits here."""
+        self._lock, self._woken = threading.Lock(), threading.Event()
+        self._waiting = False  # to wake a task of the parent's event loop from here would disturb the parent
+        self._why = self._why or why
+
     def _wake(self) -> None:
         self._woken.set()
 
@@ -243,6 +249,11 @@ class SubscriberTable:
         for identifier, extended in subscriber.keys:
             table = self._by_id[extended]
             table[identifier] = (*table.get(identifier, ()), subscriber)
+
+    def fail_all_in_child(self, why: str) -> None:
+        """End the queues of all subscribers in a forked process."""
+        for subscriber in tuple(self.subscribers):
+            subscriber.fail_in_child(why)
 
     def unregister(self, subscriber: Subscriber) -> None:
         """Remove a subscriber."""
