@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import (
+    BootError,
     BootManager,
     BootSlave,
     CanFrame,
@@ -144,3 +145,56 @@ def test_a_node_that_is_kept_alive_and_boots_late_is_reset_once() -> None:
     assert fed(manager, None, 1.1)[0].startswith("node 5: F: ")
     assert fed(manager, "705#00", 1.5) == ["605#4000100000000000"]
     assert fed(manager, DEVICE_TYPE, 1.6)[:2] == ["node 5: booted", "000#0105"]
+
+
+def endless(manager: BootManager, unused: int, until: float) -> tuple[list[str], list[CanFrame], float]:
+    """Answer each upload with segments without end, 0.9 s after each request: events, frames sent, and the time.
+
+    `unused` is the number of bytes of a segment that contain no data, 7 in an empty one.
+    """
+    now = 0.0
+    events: list[str] = []
+    requests: list[CanFrame] = []
+    arrivals = [(0.1, CanFrame.parse("705#00"))]
+    while now < until:
+        frame = arrivals.pop(0)[1] if arrivals and arrivals[0][0] <= now else None
+        for item in manager.feed(frame, now):
+            if isinstance(item, CanFrame):
+                requests.append(item)
+                if item.id == 0x605 and item.data[0] != 0x80:
+                    segment = f"585#{item.data[0] & 0x10 | unused << 1:02X}41414141414141"
+                    text = "585#4000100000000000" if item.data[0] == 0x40 else segment
+                    arrivals.append((now + 0.9, CanFrame.parse(text)))
+            else:
+                events.append(item.kind)
+        due = [at for at in (manager.deadline, arrivals[0][0] if arrivals else None) if at is not None]
+        if not due:
+            break
+        now = max(now, min(due))
+    return events, requests, now
+
+
+@pytest.mark.parametrize(("mandatory", "kind"), [(True, "waiting"), (False, "failed")])
+def test_a_number_that_has_too_many_bytes_is_refused(mandatory: bool, kind: str) -> None:
+    manager = BootManager(NetworkList([BootSlave(5, mandatory=mandatory)]))
+    events, requests, _ = endless(manager, 0, 20.0)
+    assert (kind in events, manager.results[0].error) == (True, BootError.B)
+    assert "605#8000100005000405" in [str(frame) for frame in requests]  # out of memory: more than 4 bytes
+    assert "more than 4 bytes came" in str(manager.results[0])
+
+
+def test_the_boot_time_ends_the_process_of_a_mandatory_node() -> None:
+    manager = BootManager(NetworkList([BootSlave(5, mandatory=True)], boot_time=3.0))
+    events, _, now = endless(manager, 7, 100.0)
+    assert (events, manager.busy, now < 4.0) == (["failed", "missing"], False, True)
+    assert str(manager.results[0]).endswith(": the boot time is over (step: read 1000h:00 device type)")
+
+
+def test_a_configuration_that_is_being_written_is_completed_after_the_boot_time() -> None:
+    manager = BootManager(NetworkList([BootSlave(5, mandatory=True, configuration=CONFIGURATION)], boot_time=1.5))
+    fed(manager, None, 0.0)
+    fed(manager, None, 1.0)
+    assert fed(manager, DEVICE_TYPE, 1.1) == ["605#2B40600007000000"]
+    assert fed(manager, None, 1.5) == ["node 5: mandatory, and has not booted in time"]
+    assert fed(manager, "585#6040600000000000", 1.6) == ["605#2B17100032000000"]
+    assert fed(manager, "585#6017100000000000", 1.7)[0] == "node 5: booted, configured"

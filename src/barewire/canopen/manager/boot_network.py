@@ -228,6 +228,7 @@ class BootManager:
             timeout=self.timeout,
             progress=self._progress,
             after_boot_up=after_boot_up,
+            end=self._boot_end if self._boot_end is not None and node.slave.mandatory else float("inf"),
         )
         node.process = _Process(conversation)
         yield from self._step(node, None, now, first=True)
@@ -259,13 +260,16 @@ class BootManager:
             if self.ready or not self.network.start_all:
                 yield from self._start(node, now)
             yield from self._check_ready(now)
-        elif result.error is BootError.B and slave.mandatory and (self._boot_end or not self.network.boot_time):
+        elif result.error is BootError.B and slave.mandatory and self._may_wait(now):
             node.begin_at = now + RETRY_TIME
             if not node.waiting:
                 node.waiting = True
                 yield BootEvent(slave.node, "waiting", now, result)
         elif not (node.waiting and result.error is BootError.B):  # a node that is waited for is reported as missing
             yield BootEvent(slave.node, "failed", now, result)
+
+    def _may_wait(self, now: float) -> bool:
+        return not self.network.boot_time or (self._boot_end is not None and now < self._boot_end)
 
     def _end_of_boot_time(self, now: float) -> _Output:
         for node in self._nodes.values():

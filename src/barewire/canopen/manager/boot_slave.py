@@ -29,7 +29,7 @@ from barewire.canopen.nmt.master import request_state, wait_for_boot_up, wait_fo
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
 from barewire.canopen.sdo import Channel, download, upload
 from barewire.canopen.sdo.client.channel import channel_to
-from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Send
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Listen, Send
 from barewire.errors import BarewireError, DecodeError, NoAnswer
 
 RETRIES = 3
@@ -114,6 +114,7 @@ def boot_slave(
     timeout: float = DEFAULT_TIMEOUT,
     progress: BootProgress | None = None,
     after_boot_up: bool = False,
+    end: float = float("inf"),
 ) -> Conversation[CanFrame, BootResult]:
     """Carry out the boot slave process of a node. It does not start the node: `BootManager` does that.
 
@@ -122,11 +123,12 @@ def boot_slave(
         timeout         seconds for each SDO response
         progress        called before each step
         after_boot_up   the node has just sent its boot-up message: if it is to be kept alive, it is not reset again
+        end             the time at which the process fails; a program or configuration that it writes is completed
 
     The process raises nothing: each failure is the `error` and the `reason` of the result.
     """
     where = channel_to(slave.node if channel is None else channel, None)
-    return _Boot(slave, where, timeout, progress, after_boot_up).run()
+    return _Boot(slave, where, timeout, progress, after_boot_up, end).run()
 
 
 class _Boot:
@@ -137,12 +139,14 @@ class _Boot:
         timeout: float,
         progress: BootProgress | None,
         after_boot_up: bool,
+        end: float,
     ) -> None:
         self.slave = slave
         self.channel = channel
         self.timeout = timeout
         self.progress = progress
         self.after_boot_up = after_boot_up
+        self.end = end
         self.state: int | None = None
         self.configured = False
         self.step = ""
@@ -158,16 +162,20 @@ class _Boot:
         return BootResult(self.slave.node, BootError.L if operational else None, "", self.state, self.configured)
 
     def _watched(self, steps: Conversation[CanFrame, None]) -> Conversation[CanFrame, None]:
-        """Carry out the steps until the node reboots. Raise BootFailed then."""
+        """Carry out the steps until the node reboots, or the time is over. Raise BootFailed then."""
         try:
             step = next(steps)
             while True:
-                heard = yield step
+                heard = yield Listen(min(step.until, self.end)) if isinstance(step, Listen) else step
+                reason = ""
                 if self.must_not_boot and heard.item is not None and self._is_boot_up(heard.item):
+                    reason = "the node rebooted meanwhile, its boot-up message came"
+                elif heard.now >= self.end:
+                    reason = "the boot time is over"
+                if reason:
                     steps.close()
                     self.configured = False
-                    reason = f"the node rebooted meanwhile, its boot-up message came (step: {self.step})"
-                    raise BootFailed(self.error, reason)
+                    raise BootFailed(self.error, f"{reason} (step: {self.step})")
                 step = steps.send(heard)
         except StopIteration:
             return
@@ -221,7 +229,7 @@ class _Boot:
         self.tell(f"read {index:04X}h:{sub:02X} {name}")
         while True:
             try:
-                data = yield from upload(self.channel, index, sub, size=size, timeout=self.timeout)
+                data = yield from upload(self.channel, index, sub, size=size, limit=size, timeout=self.timeout)
                 self.must_not_boot = True
                 return int.from_bytes(data[:size], "little")
             except NoAnswer as silence:
@@ -274,7 +282,8 @@ class _Boot:
             raise BootFailed(BootError.H, other)
         if not slave.program:
             raise BootFailed(BootError.I, f"{other}; there is no program to download (1F58h)")
-        self.error, self.must_not_boot = BootError.I, False  # a node may restart when its program stops or starts
+        self.error, self.end = BootError.I, float("inf")
+        self.must_not_boot = False  # it may restart when its program stops or starts
         try:
             yield from download_program(self.channel, slave.program, slave.software, self.timeout, self.tell)
         except BarewireError as failure:
@@ -294,7 +303,7 @@ class _Boot:
                     return
             except BootFailed:
                 pass  # a device without 1020h is always configured
-        self.error = BootError.J
+        self.error, self.end = BootError.J, float("inf")
         try:
             if isinstance(slave.configuration, DeviceConfiguration):
                 yield from configure_device(

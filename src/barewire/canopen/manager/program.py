@@ -61,7 +61,7 @@ def download_program(
     yield from _repeated(lambda: download(channel, _DATA, 1, program, block="auto", timeout=timeout))
     tell("wait for its flash")
     yield from _wait_for_flash(channel, timeout)
-    data = yield from upload(channel, _IDENTIFICATION, 1, size=4, timeout=timeout)
+    data = yield from upload(channel, _IDENTIFICATION, 1, size=4, limit=4, timeout=timeout)
     found = int.from_bytes(data[:4], "little")
     if found != identification:
         raise ProgramFailed(f"after the download 1F56h:01 is {found:08X}h, expected {identification:08X}h")
@@ -71,7 +71,7 @@ def download_program(
 
 
 def _control(channel: Channel, timeout: float) -> Conversation[CanFrame, int]:
-    data = yield from upload(channel, _CONTROL, 1, size=1, timeout=timeout)
+    data = yield from upload(channel, _CONTROL, 1, size=1, limit=4, timeout=timeout)
     return data[0] if data else 0
 
 
@@ -113,7 +113,7 @@ def _wait_for_flash(channel: Channel, timeout: float) -> Conversation[CanFrame, 
         now = yield from _pause(FLASH_INTERVAL)
         end = now + FLASH_TIME if end is None else end
         try:
-            data = yield from upload(channel, _FLASH, 1, size=4, timeout=timeout)
+            data = yield from upload(channel, _FLASH, 1, size=4, limit=4, timeout=timeout)
         except NoAnswer:
             data = b"\1"  # busy
         status = int.from_bytes(data[:4], "little")
