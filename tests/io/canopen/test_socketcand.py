@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 
 import pytest
 
@@ -74,6 +74,53 @@ def test_messages_that_are_not_frames_are_not_passed_on(port: int, message: byte
             assert two.receive(2.0) == CanFrame(0x123, b"\x01")
             assert two.receive(0.05) is None
     finally:
+        one.close()
+        two.close()
+
+
+def read_until(connection: socket.socket, end: bytes) -> None:
+    received = b""
+    while not received.endswith(end):
+        byte = connection.recv(1)
+        assert byte, received
+        received += byte
+
+
+def test_a_client_is_on_the_bus_that_it_opened_last_and_a_bus_without_clients_is_forgotten() -> None:
+    number = free_port()
+    with closing(SocketcandHub("127.0.0.1", number)) as hub:
+        with socket.create_connection(("127.0.0.1", number), timeout=5) as foreign:
+            read_until(foreign, b"< hi >")
+            for name in ("a", "b"):
+                foreign.sendall(f"< open {name} >< rawmode >".encode())
+                read_until(foreign, b"< ok >< ok >")
+            assert list(hub._buses) == ["b"]
+            foreign.sendall(b"".join(b"< open n%d >" % each for each in range(100)))
+            read_until(foreign, b"< ok >" * 100)
+            assert not hub._buses
+            foreign.sendall(b"< rawmode >")
+            read_until(foreign, b"< ok >")
+            assert list(hub._buses) == ["n99"]
+            foreign.shutdown(socket.SHUT_WR)
+            assert foreign.recv(100) == b""  # the hub has closed
+        assert not hub._buses
+
+
+def test_a_client_that_sends_but_never_reads_is_not_read_either() -> None:
+    """Its answers would fill the memory. Others go on, and the hub closes without waiting for it."""
+    number = free_port()
+    with socket.socket() as foreign, closing(SocketcandHub("127.0.0.1", number)) as hub:
+        foreign.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        foreign.connect(("127.0.0.1", number))
+        foreign.settimeout(1.0)
+        foreign.sendall(b"< open z >< rawmode >")
+        with pytest.raises(TimeoutError):
+            foreign.sendall(b"<x>" * 10_000_000)
+        (writer,) = hub._buses["z"]
+        assert writer.transport.get_write_buffer_size() < 0x40000
+        one, two = member(number), member(number)
+        one.send(CanFrame(0x123))
+        assert two.receive(2.0) == CanFrame(0x123)
         one.close()
         two.close()
 

@@ -60,8 +60,7 @@ class SocketcandHub:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        bus: set[asyncio.StreamWriter] = set()
-        text = ""
+        name = text = ""
         writer.write(b"< hi >")
         try:
             while (data := await reader.read(_LONGEST)) and len(text) < _LONGEST:
@@ -70,22 +69,35 @@ class SocketcandHub:
                     message, _, text = text.partition(">")
                     words = message.partition("<")[2].split()
                     if words[:1] == ["open"] and len(words) == 2:
-                        bus = self._buses.setdefault(words[1], set())
+                        self._leave(name, writer)
+                        name = words[1]
                         writer.write(b"< ok >")
-                    elif words == ["rawmode"]:
-                        bus.add(writer)
+                    elif words == ["rawmode"] and name:
+                        self._buses.setdefault(name, set()).add(writer)
                         writer.write(b"< ok >")
                     elif words == ["echo"]:
                         writer.write(b"< echo >")
-                    elif words[:1] != ["send"] or not self._pass_on(words[1:], bus - {writer}):
+                    elif words[:1] != ["send"] or not self._pass_on(words[1:], self._buses.get(name, set()) - {writer}):
                         writer.write(b"< error unknown command >")
-        except (ConnectionError, asyncio.CancelledError):
+                    else:
+                        continue
+                    await writer.drain()  # a client that does not read its answers is not read either
+        except ConnectionError:
             pass
+        except asyncio.CancelledError:
+            writer.transport.abort()  # what a client did not read is not waited for
         finally:
-            bus.discard(writer)
+            self._leave(name, writer)
             writer.close()
             with contextlib.suppress(ConnectionError, asyncio.CancelledError):
                 await writer.wait_closed()
+
+    def _leave(self, name: str, writer: asyncio.StreamWriter) -> None:
+        """Remove a client from a bus, and the bus if it was the last."""
+        members = self._buses.get(name, set())
+        members.discard(writer)
+        if not members:
+            self._buses.pop(name, None)
 
     def _pass_on(self, words: list[str], others: set[asyncio.StreamWriter]) -> bool:
         """Pass a frame, IDENTIFIER LENGTH BYTE..., on to all others. Return False if the text is not a frame."""
