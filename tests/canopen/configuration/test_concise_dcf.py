@@ -6,6 +6,8 @@ import pytest
 
 from barewire.canopen import (
     ConciseValue,
+    DeviceConfiguration,
+    Setting,
     concise_dcf,
     concise_values,
     decode_concise_dcf,
@@ -114,3 +116,21 @@ def test_values_that_do_not_fit_the_dictionary() -> None:
         concise_values([ConciseValue(0x5000, 0, b"")], objects)
     with pytest.raises(DecodeError, match="<ConciseValue 1017h:00 = 01> is to be Heartbeat, u16"):
         concise_values([ConciseValue(0x1017, 0, b"\1")], objects)
+
+
+def test_entries_of_a_mapping_are_written_while_their_number_is_zero() -> None:
+    values = concise_dcf(device_configuration(dcf({(0x1800, 1): 0x185, (0x1A00, 1): 0x60640020})))
+    assert [f"{one.index:X}:{one.sub}={one.data[0]:X}" for one in values if one.index == 0x1A00] == [
+        *("1A00:0=0", "1A00:1=20", "1A00:0=1"),
+    ]
+    bus, device = bus_with()
+    for one in values:
+        bus.run(download(5, one.index, one.sub, one.data))
+    assert device.objects[0x1A00, 1] == 0x60640020
+
+
+def test_entries_of_a_mapping_need_their_number() -> None:
+    entry = described().dictionary(5).entry
+    settings = Setting(entry(0x1800, 1), 0x185), Setting(entry(0x1A00, 1), 0x60640020)
+    with pytest.raises(EncodeError, match=r"TPDO1: its mapping is .*, but not its number .* of 1A00h:00"):
+        concise_dcf(DeviceConfiguration(5, settings))

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import ConfigurationFailed, SdoAbort, compare_device, configure_device, device_configuration, eds
+from barewire.canopen import (
+    ConfigurationFailed,
+    DeviceConfiguration,
+    SdoAbort,
+    Setting,
+    compare_device,
+    configure_device,
+    device_configuration,
+    eds,
+)
 from barewire.errors import EncodeError, NoAnswer
 from tests.canopen.configuration.plant import DATE, bus_with, dcf, described, writes
 
@@ -170,3 +179,35 @@ def test_no_device() -> None:
     bus, _ = bus_with(6)
     with pytest.raises(NoAnswer):
         bus.run(configure_device(5, device_configuration(dcf({"Heartbeat": 500}))))
+
+
+PRESENT_DATE = {"x1020_01": DATE["Configuration.Date"], "x1020_02": DATE["Configuration.Time"]}
+
+
+@pytest.mark.parametrize(
+    ("second", "text"),
+    [
+        ({(0x1801, 1): 0x285, (0x1A01, 0): 3, (0x1A01, 3): 0x60640020}, "TPDO2 maps 3 objects: .* for 1A01h:02"),
+        ({(0x1A01, 0): 2, (0x1A01, 2): 0x60640040}, "TPDO2: 1A01h maps 80 bits: expected at most 64"),
+    ],
+    ids=["an entry is missing", "more than 64 bits with the present entry"],
+)
+@pytest.mark.parametrize("dry_run", [False, True])
+def test_a_mapping_that_is_not_possible_is_found_before_anything_is_written(
+    second: dict[tuple[int, int] | str, int], text: str, dry_run: bool
+) -> None:
+    wanted = device_configuration(dcf({"Heartbeat": 500, (0x1800, 2): 1, **second}))
+    bus, _ = bus_with(**PRESENT_DATE)
+    with pytest.raises(EncodeError, match=text) as error:
+        bus.run(configure_device(5, wanted, dry_run=dry_run))
+    assert writes(bus) == []
+    assert not hasattr(error.value, "__notes__")
+
+
+def test_an_entry_beyond_the_number_is_found_before_anything_is_written() -> None:
+    entry = described().dictionary(5).entry
+    wanted = DeviceConfiguration(5, (Setting(entry(0x1800, 2), 1), Setting(entry(0x1A00, 2), 0x60640020)))
+    bus, _ = bus_with()
+    with pytest.raises(EncodeError, match=r"TPDO1 maps 1 objects, but 1A00h:02 is configured: expected .* 1A00h:00"):
+        bus.run(configure_device(5, wanted))
+    assert writes(bus) == []

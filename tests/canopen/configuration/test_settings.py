@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.canopen import device_configuration, eds
+from barewire.canopen import DeviceConfiguration, Setting, device_configuration, eds
 from barewire.errors import EncodeError
 from tests.canopen.configuration.plant import DATE, dcf, described
 
@@ -29,7 +29,7 @@ def test_commands_and_unused_mapping_entries_are_left_out() -> None:
     document = dcf({(0x1010, 1): 0x65766173, (0x1A00, 1): 0x60410010, (0x1A00, 2): 0x60640020, "Heartbeat": 1})
     document.set(0x1017, 0, "ObjFlags", "1")
     found = device_configuration(document)
-    assert texts(found.settings) == ["<Setting 1A00h:01 mapping 1800.entry 1 = 60410010h>"]
+    assert texts(found.settings)[1:] == ["<Setting 1A00h:01 mapping 1800.entry 1 = 60410010h>"]
     assert found.left_out == (
         "1010h:01 Store.Store all: writing it is a command",
         "1017h:00 Heartbeat: ObjFlags=1 excludes it",
@@ -81,3 +81,75 @@ def test_a_dcf_without_a_node_id_needs_one() -> None:
     assert device_configuration(document, 9).node == 9
     with pytest.raises(EncodeError, match="the DCF has no node-ID"):
         device_configuration(document)
+
+
+def one_object(place: str, code: int, value: str, *others: str) -> eds.Eds:
+    """Return a DCF of node 5 with one object, `place` such as 1800sub1, and further lines."""
+    head = f"[{place[:4]}]\nParameterName=record\nObjectType=9\n" if "sub" in place else ""
+    text = f"{head}[{place}]\nParameterName=value\nDataType={code}\nAccessType=rw\nParameterValue={value}\n"
+    return eds.parse(("[DeviceComissioning]\nNodeID=5\n" + text + "\n".join(others)).encode())
+
+
+BOOLEAN, I8, I32, U8, U16, U32, REAL32, STRING, OCTETS, DOMAIN, U64 = 1, 2, 4, 5, 6, 7, 8, 9, 10, 15, 27
+
+
+@pytest.mark.parametrize(
+    ("place", "code", "value", "expected"),
+    [
+        ("1800sub1", STRING, "abc", "1800h:01 record.value is string: expected u32"),
+        ("1800sub1", DOMAIN, "00", "1800h:01 record.value is domain: expected u32"),
+        ("1800sub1", REAL32, "1.5", "1800h:01 record.value is f32: expected u32"),
+        ("1800sub1", I8, "-5", "1800h:01 record.value is i8: expected u32"),
+        ("1800sub2", U32, "99999", "1800h:02 record.value is u32: expected u8"),
+        ("1800sub2", BOOLEAN, "1", "1800h:02 record.value is bool: expected u8"),
+        ("1405sub5", U32, "5", "1405h:05 record.value is u32: expected u16"),
+        ("1A00sub0", STRING, "x", "1A00h:00 record.value is string: expected u8"),
+        ("1A00sub0", U8, "100", r"1A00h:00 record.value = 100: expected 0..64, FEh or FFh"),
+        ("1005", I32, "-1", r"1005h:00 value = -1: expected 0..FFFFFFFFh"),
+        ("1006", STRING, "abc", "1006h:00 value is string: expected u32"),
+        ("1014", U64, "0x8000000012345678", "1014h:00 value is u64: expected u32"),
+        ("1016sub1", STRING, "abc", "1016h:01 record.value is string: expected u32"),
+        ("1019", U32, "5", "1019h:00 value is u32: expected u8"),
+        ("1201sub2", U8, "5", "1201h:02 record.value is u8: expected u32"),
+        ("1201sub3", OCTETS, "5", "1201h:03 record.value is octets: expected u8"),
+    ],
+)
+def test_a_communication_object_of_a_wrong_type_or_value(place: str, code: int, value: str, expected: str) -> None:
+    with pytest.raises(EncodeError, match=f"^{expected}"):
+        device_configuration(one_object(place, code, value))
+
+
+def test_identity_and_date_of_a_wrong_type() -> None:
+    sub = "[{0}sub{1}]", "ParameterName=value", "DataType={2}", "AccessType={3}", "{4}=abc"
+    for index, access, key in (("1018", "ro", "DefaultValue"), ("1020", "rw", "ParameterValue")):
+        record = [f"[{index}]", "ParameterName=record", "ObjectType=9"]
+        lines = [line.format(index, number, STRING, access, key) for number in (1, 2) for line in sub]
+        with pytest.raises(EncodeError, match=f"{index}h:01 record.value is string: expected u32"):
+            device_configuration(one_object("1017", U16, "5", *record, *lines))
+
+
+def test_values_that_are_given_in_a_program_are_checked_too() -> None:
+    label, cob_id = described().dictionary(5).find("Label"), described().dictionary(5).entry(0x1800, 1)
+    for setting, text in ((Setting(label, 5), "2001h:00 Label: 5 is "), (Setting(cob_id, "x"), "1800h:01 .* 'x'")):
+        with pytest.raises(EncodeError, match=text):
+            DeviceConfiguration(5, (setting,))
+
+
+def test_a_mapping_of_more_than_64_bits() -> None:
+    with pytest.raises(EncodeError, match=r"TPDO1: 1A00h maps 65 bits: expected at most 64"):
+        device_configuration(dcf({(0x1A00, 0): 2, (0x1A00, 1): 0x60640020, (0x1A00, 2): 0x60640021}))
+    found = device_configuration(dcf({(0x1A00, 0): 1, (0x1A00, 1): 0x60640020, (0x1A00, 2): 0x60640021}))
+    assert len(found.settings) == 2, "the second one is not mapped"
+
+
+def test_configured_entries_configure_their_number() -> None:
+    found = device_configuration(dcf({(0x1A00, 1): 0x60640020}))
+    assert texts(found.settings) == [
+        "<Setting 1A00h:00 mapping 1800.mapped objects = 1>",
+        "<Setting 1A00h:01 mapping 1800.entry 1 = 60640020h>",
+    ]
+
+
+def test_a_mapping_without_a_number_in_the_file() -> None:
+    found = device_configuration(one_object("1A00sub1", U32, "0x60640020"))
+    assert [one.place for one in found.settings] == [(0x1A00, 1)]

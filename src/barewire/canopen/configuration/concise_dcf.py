@@ -89,7 +89,8 @@ def concise_dcf(configuration: DeviceConfiguration) -> list[ConciseValue]:
     """Return the writes of a configuration in an order that is safe for any device.
 
     First all PDOs are switched off; then follow the other objects, the mapping and the parameters of each PDO, its
-    COB-ID, and last 1020h, the date. Raise EncodeError if a mapping is configured without the COB-ID of its PDO.
+    COB-ID, and last 1020h, the date. Raise EncodeError if a mapping is configured without the COB-ID of its PDO or
+    without the number of its objects.
     """
     return list(_writes(configuration))
 
@@ -102,11 +103,15 @@ def _writes(configuration: DeviceConfiguration) -> Iterator[ConciseValue]:
             pdos.setdefault(pdo.communication, (pdo, {}))[1][one.place] = one
     for pdo, settings in pdos.values():
         cob_id = settings.get((pdo.communication, 1))
+        if any(index == pdo.map for index, _ in settings):
+            for missing, index, sub in (("COB-ID", pdo.communication, 1), ("number of objects", pdo.map, 0)):
+                if (index, sub) not in settings:
+                    text = (
+                        f"its mapping is configured, but not its {missing}: expected a value of {index:04X}h:{sub:02X}"
+                    )
+                    raise EncodeError(f"{pdo.direction}{pdo.number}: {text}")
         if cob_id is not None:
             yield ConciseValue(*cob_id.place, (int(cob_id.value) | _OFF).to_bytes(4, "little"))
-        elif any(index == pdo.map for index, _ in settings):
-            name, place = f"{pdo.direction}{pdo.number}", f"{pdo.communication:04X}h:01"
-            raise EncodeError(f"{name}: its mapping is configured, but not its COB-ID: expected a value of {place}")
     cycle = None if any(one.entry.index == CYCLE for one in plain) else 0
     for entry, data in plain_writes([Difference(one.entry, None, one.value) for one in plain], cycle):
         yield ConciseValue(entry.index, entry.sub, data)

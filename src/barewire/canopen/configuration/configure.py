@@ -2,6 +2,7 @@
 
         1  read       1000h, 1018h    a device of another type is not configured at all
                       all settings    equal ones are not written
+                      PDO records     as they will be: an impossible mapping is found before anything is written
         2  write      18xxh:01 | bit 31            all PDOs that change: off, before anything else changes
                       other objects                see `write_order`
                       1Axxh:00 = 0, :01 ..., :00   the mapping of each PDO; then type and times (`pdo.remote_config`)
@@ -26,6 +27,7 @@ from barewire.canopen.configuration.settings import (
     DeviceConfiguration,
     Difference,
     Setting,
+    check_bits,
     object_text,
     pdo_of,
     value_text,
@@ -119,16 +121,17 @@ def _configure(
     missing = [one for one in found if one.reason and one.entry.access != "wo"]
     if missing:
         raise ConfigurationFailed(f"node {steps.channel.node}: nothing was written: {'; '.join(map(str, missing))}")
+    changes = [one for one in found if one.entry.index != DATE]
+    pdos = yield from _changed_pdos(steps, configuration, changes)
     if dry_run:
         return ConfigurationResult(tuple(found), False, configuration.left_out)
-    changes = [one for one in found if one.entry.index != DATE]
     dates = [one for one in found if one.entry.index == DATE]
     if changes:
         try:
             if configuration.date and not dates:
                 # The device has the date of this configuration, but not its values: not to remain if a write fails.
                 yield from steps.write(configuration.date[0].entry, bytes(4), "the date is removed")
-            yield from _write_changes(steps, configuration, changes)
+            yield from _write_changes(steps, changes, pdos)
             yield from _read_back(steps, configuration, changes)
         except BarewireError as error:
             error.add_note(f"node {steps.channel.node} has {steps.written_text()}; configure it again")
@@ -207,27 +210,35 @@ class _Steps:
         return f"{text}{off and f', and these PDOs switched off: {off}'}, and not the date of the configuration"
 
 
-def _write_changes(
+def _changed_pdos(
     steps: _Steps, configuration: DeviceConfiguration, changes: list[Difference]
+) -> Conversation[CanFrame, list[tuple[PdoConfig, PdoConfig]]]:
+    """Return each PDO that changes as it is, and as it is to be."""
+    numbers = {(pdo.direction, pdo.number): pdo for one in changes if (pdo := pdo_of(one.entry.index)) is not None}
+    pdos = []
+    for pdo in numbers.values():
+        present = yield from read_pdo(steps.channel, pdo.direction, pdo.number, timeout=steps.timeout)
+        pdos.append((present, _wanted_pdo(present, configuration.settings, changes)))
+    return pdos
+
+
+def _write_changes(
+    steps: _Steps, changes: list[Difference], pdos: list[tuple[PdoConfig, PdoConfig]]
 ) -> Conversation[CanFrame, None]:
     plain = [one for one in changes if pdo_of(one.entry.index) is None]
-    numbers = {(pdo.direction, pdo.number): pdo for one in changes if (pdo := pdo_of(one.entry.index)) is not None}
     cycle = None
     if any(one.entry.index == OVERFLOW for one in plain):
         cycle = yield from _present_cycle(steps)
     writes = list(plain_writes(plain, cycle))
-    steps.total += len(writes) + 2 * len(numbers) + len(changes)
-    wanted = []
-    for pdo in numbers.values():
-        present = yield from read_pdo(steps.channel, pdo.direction, pdo.number, timeout=steps.timeout)
-        wanted.append(_wanted_pdo(present, configuration.settings))
+    steps.total += len(writes) + 2 * len(pdos) + len(changes)
+    for present, _ in pdos:
         if not (present.cob_id or 0) & _OFF:
-            off = Entry(pdo.communication, 1, f"COB-ID of {pdo.direction}{pdo.number}", "u32")
+            off = Entry(present.communication, 1, f"COB-ID of {present.direction}{present.number}", "u32")
             yield from steps.write(off, ((present.cob_id or 0) | _OFF).to_bytes(4, "little"), "off")
-            steps.off.append(pdo_of(pdo.communication) or pdo)
+            steps.off.append(present)
     for entry, data in writes:
         yield from steps.write(entry, data)
-    for pdo in wanted:
+    for _, pdo in pdos:
         steps.tell(f"write {pdo!r}")
         yield from write_pdo(steps.channel, pdo, policy=_ONLY_CHANGES, timeout=steps.timeout)
         steps.written.append(f"{pdo.direction}{pdo.number}")
@@ -262,7 +273,7 @@ def _present_cycle(steps: _Steps) -> Conversation[CanFrame, int]:
     return int.from_bytes(data[:4], "little")
 
 
-def _wanted_pdo(present: PdoConfig, settings: Iterable[Setting]) -> PdoConfig:
+def _wanted_pdo(present: PdoConfig, settings: Iterable[Setting], changes: Iterable[Difference]) -> PdoConfig:
     """Return a PDO as it is to be: the settings of its two records, and for all else the present values."""
     records = {present.communication, present.map}
     values = {one.place: int(one.value) for one in settings if one.entry.index in records}
@@ -272,6 +283,11 @@ def _wanted_pdo(present: PdoConfig, settings: Iterable[Setting]) -> PdoConfig:
             fields[name] = values[present.communication, sub]
     count = values.get((present.map, 0), present.count)
     multiplexed = MPDO_COUNTS.get(count)
+    for one in changes:
+        if one.entry.index == present.map and one.entry.sub > (0 if multiplexed else count):
+            name, place = f"{present.direction}{present.number}", f"{present.map:04X}h:{one.entry.sub:02X}"
+            text = f"expected a value for {present.map:04X}h:00 that includes it"
+            raise EncodeError(f"{name} maps {count} objects, but {place} is configured: {text}")
     words = []
     for sub in range(1, count + 1) if multiplexed is None else ():
         before = present.mapping[sub - 1] if sub <= len(present.mapping) else None
@@ -280,4 +296,5 @@ def _wanted_pdo(present: PdoConfig, settings: Iterable[Setting]) -> PdoConfig:
             name, place = f"{present.direction}{present.number}", f"{present.map:04X}h:{sub:02X}"
             raise EncodeError(f"{name} maps {count} objects: expected a value for {place} in the configuration")
         words.append(word)
+    check_bits(present, words)
     return replace(present, mapping=tuple(words), multiplexed=multiplexed, **fields)

@@ -4,7 +4,8 @@
     [1018sub1] DefaultValue=0x360                identity: the device must have this vendor-ID
     [FileInfo] ModificationDate=06-28-2026       the date that 1020h of the device gets
 
-Only a ParameterValue is a setting: an object without one may have any value. Left out are objects that are read-only,
+Only a ParameterValue is a setting: an object without one may have any value. The number of mapped objects is one too if
+an entry of the mapping is, because entries change only while the number is 0. Left out are objects that are read-only,
 objects whose write is a command (`_COMMANDS`), mapping entries beyond the number of mapped objects, and those that the
 file excludes by ObjFlags.
 """
@@ -12,7 +13,7 @@ file excludes by ObjFlags.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import NamedTuple
@@ -20,18 +21,22 @@ from typing import NamedTuple
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.eds.eds_file import Eds
 from barewire.canopen.eds.model import EdsItem, every_item
-from barewire.canopen.object_dictionary import Entry, ObjectDictionary
+from barewire.canopen.object_dictionary import Entry, ObjectAddress, ObjectDictionary
 from barewire.canopen.pdo.config import PDOS_MAX, PdoConfig, PdoDirection
-from barewire.canopen.pdo.mapping import ENTRIES_MAX
+from barewire.canopen.pdo.mapping import BITS_MAX, ENTRIES_MAX
+from barewire.canopen.pdo.multiplexed import MPDO_COUNTS
 from barewire.canopen.time_types import DAY, TimeOfDay
 from barewire.codecs import Value
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 
 DEVICE_TYPE, IDENTITY, DATE = 0x1000, 0x1018, 0x1020
 _COMMANDS = {0x1003, 0x1010, 0x1011, DATE, 0x1023, 0x1024, 0x1025, 0x1026, 0x1F50, 0x1F51}
 """Objects whose write is a command or deletes something: error history, store, restore, OS commands, programs."""
 
-_PDO_SUBS = (1, 2, 3, 5, 6)
+_PDO_TYPES = {1: "u32", 2: "u8", 3: "u16", 5: "u16", 6: "u8"}
+_VARIABLE_TYPES = dict.fromkeys((DEVICE_TYPE, 0x1005, 0x1006, 0x1012, 0x1014), "u32") | {0x1019: "u8"}
+_RECORD_TYPES = dict.fromkeys((0x1016, IDENTITY, DATE), "u32")
+_SDO_TYPES = {1: "u32", 2: "u32", 3: "u8"}
 _MODIFIED = re.compile(r"(\d\d?)-(\d\d?)-(\d{4})"), re.compile(r"(\d\d?):(\d\d)\s*([AP]M)?", re.IGNORECASE)
 
 
@@ -85,6 +90,10 @@ class DeviceConfiguration:
     identity    values of 1000h and 1018h that the device must have
     date        1020h:01 and :02, configuration date and time; empty if the DCF has no date or no such object
     left_out    a sentence for each value of the file that is not written
+
+    Raises EncodeError for a value that does not fit its type, for a communication object that is not of the type that
+    CiA 301 gives it, if a configuration interprets it (1005h, 1016h, PDO records ...), and for a mapping of more than
+    64 bits.
     """
 
     node: int
@@ -92,6 +101,11 @@ class DeviceConfiguration:
     identity: tuple[Setting, ...] = ()
     date: tuple[Setting, ...] = ()
     left_out: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for one in (*self.settings, *self.identity, *self.date):
+            _check(one)
+        _check_mappings({one.place: one for one in self.settings})
 
     def __repr__(self) -> str:
         return f"<DeviceConfiguration of node {self.node}: {len(self.settings)} settings>"
@@ -105,7 +119,8 @@ def device_configuration(dcf: Eds, node: int | None = None) -> DeviceConfigurati
     >>> device_configuration(eds.parse("\\n".join(lines).encode()), 5).settings
     (<Setting 1017h:00 Heartbeat = 500>,)
 
-    Raise EncodeError if the file has no ParameterValue, which is an EDS, or no node-ID and none is given.
+    Raise EncodeError if the file has no ParameterValue, which is an EDS, or no node-ID and none is given, and for
+    values that a `DeviceConfiguration` cannot have.
     """
     items = {(described.index, item.sub): item for described, item in every_item(dcf.objects.values())}
     if not any(item.value is not None for item in items.values()):
@@ -125,6 +140,7 @@ def device_configuration(dcf: Eds, node: int | None = None) -> DeviceConfigurati
 def _settings(
     objects: ObjectDictionary, items: dict[tuple[int, int], EdsItem], left_out: list[str]
 ) -> Iterator[Setting]:
+    counted: set[int] = set()  # mappings whose number is a setting because an entry is one
     for place, item in sorted(items.items()):
         if item.value is None:
             continue
@@ -139,16 +155,67 @@ def _settings(
         elif (pdo := pdo_of(entry.index)) is None:
             yield Setting(entry, objects.get(*place))
         elif entry.index == pdo.communication:
-            if entry.sub in _PDO_SUBS:
+            if entry.sub in _PDO_TYPES:
                 yield Setting(entry, objects.get(*place))
             elif entry.sub != 4:  # reserved
                 reason = "a PDO has no such parameter"
         else:
             count = objects.get(pdo.map, 0) if (pdo.map, 0) in objects else 0
-            if entry.sub == 0 or (isinstance(count, int) and entry.sub <= count <= ENTRIES_MAX):
+            if entry.sub == 0:
+                yield Setting(entry, objects.get(*place))
+            elif isinstance(count, int) and entry.sub <= count <= ENTRIES_MAX:
+                number, written = objects.entry(pdo.map, 0), items.get((pdo.map, 0))
+                is_default = written is not None and written.value is None and number.access not in ("ro", "const")
+                if is_default and pdo.map not in counted:
+                    counted.add(pdo.map)
+                    yield Setting(number, count)
                 yield Setting(entry, objects.get(*place))
         if reason:
             left_out.append(f"{object_text(entry)}: {reason}")
+
+
+def _type_of(entry: Entry) -> str | None:
+    """Return the type that an object has by CiA 301, if a configuration interprets its value; otherwise None."""
+    pdo = pdo_of(entry.index)
+    if pdo is not None:
+        return _PDO_TYPES.get(entry.sub) if entry.index == pdo.communication else "u32" if entry.sub else "u8"
+    if 0x1200 <= entry.index < 0x1300:
+        return _SDO_TYPES.get(entry.sub)
+    return (_RECORD_TYPES if entry.sub else _VARIABLE_TYPES).get(entry.index)
+
+
+def _check(setting: Setting) -> None:
+    """Raise EncodeError for a value that does not fit its type, or the type that its object has by CiA 301."""
+    entry, value, wanted = setting.entry, setting.value, _type_of(setting.entry)
+    if wanted is not None:
+        kind, bits = entry.type[0], int(wanted[1:])
+        if kind not in "ui" or entry.type[1:] != wanted[1:]:
+            raise EncodeError(f"{object_text(entry)} is {entry.type}: expected {wanted}; its value is {shown(value)}")
+        if not isinstance(value, int) or not 0 <= value < 1 << bits:
+            raise EncodeError(f"{object_text(entry)} = {shown(value)}: expected 0..{(1 << bits) - 1:X}h")
+    try:
+        entry.codec.encode(value)
+    except EncodeError as error:
+        raise EncodeError(f"{object_text(entry)}: {error}") from None
+
+
+def _check_mappings(settings: Mapping[ObjectAddress, Setting]) -> None:
+    """Raise EncodeError for a number of mapped objects that does not exist, and for more than 64 bits."""
+    for (index, sub), one in settings.items():
+        pdo, count = pdo_of(index), one.value
+        if pdo is None or index != pdo.map or sub or not isinstance(count, int) or count in MPDO_COUNTS:
+            continue
+        if count > ENTRIES_MAX:
+            raise EncodeError(f"{object_text(one.entry)} = {count}: expected 0..{ENTRIES_MAX}, FEh or FFh")
+        entries = [settings[index, sub].value for sub in range(1, count + 1) if (index, sub) in settings]
+        check_bits(pdo, [int(word) for word in entries])
+
+
+def check_bits(pdo: PdoConfig, words: Iterable[int]) -> None:
+    """Raise EncodeError if the objects of these mapping entries have more than 64 bits together."""
+    bits = sum(word & 0xFF for word in words)
+    if bits > BITS_MAX:
+        raise EncodeError(f"{pdo.direction}{pdo.number}: {pdo.map:04X}h maps {bits} bits: expected at most {BITS_MAX}")
 
 
 def pdo_of(index: int) -> PdoConfig | None:
