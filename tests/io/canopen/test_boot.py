@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
 import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from barewire import AsyncCanopenClient, CanopenClient, CanopenServer
+from barewire import CanopenServer
 from barewire.canopen import (
     BootEvent,
     BootSlave,
@@ -22,12 +21,9 @@ from barewire.canopen import (
     slave_of,
 )
 from tests.canopen.configuration.plant import dcf, described
+from tests.io.canopen.either_client import KINDS, get, run_with
 
 pytest.importorskip("can")
-
-
-async def get(given: Any) -> Any:
-    return await given if inspect.isawaitable(given) else given
 
 
 def device(number: int) -> LocalNode:
@@ -35,7 +31,7 @@ def device(number: int) -> LocalNode:
     return LocalNode(number, objects, pdos_of(objects, number))
 
 
-@pytest.mark.parametrize("kind", ["blocking", "asyncio"])
+@KINDS
 def test_nodes_are_configured_and_started(kind: str, tmp_path: Path) -> None:
     url = f"can://virtual/{tmp_path.name}-{kind}"
     nodes = {number: device(number) for number in (5, 6)}
@@ -70,19 +66,11 @@ def test_nodes_are_configured_and_started(kind: str, tmp_path: Path) -> None:
             await asyncio.to_thread(ready.wait, 60)
         assert ready.is_set()
 
-    async def with_asyncio() -> None:
-        async with AsyncCanopenClient(url) as client:
-            await calls(client)
-
-    async def blocking() -> None:
-        with CanopenClient(url) as client:
-            await calls(client)
-
     with CanopenServer(url, device=nodes[5]), CanopenServer(url, device=nodes[6]):
-        asyncio.run(with_asyncio() if kind == "asyncio" else blocking())
+        run_with(calls, kind, url)
 
 
-@pytest.mark.parametrize("kind", ["blocking", "asyncio"])
+@KINDS
 def test_errors_of_the_callbacks_are_kept_and_the_nodes_are_started(kind: str, tmp_path: Path) -> None:
     url = f"can://virtual/{tmp_path.name}-{kind}"
     node = device(5)
@@ -104,15 +92,7 @@ def test_errors_of_the_callbacks_are_kept_and_the_nodes_are_started(kind: str, t
             "callback: ZeroDivisionError: ready",
         ]
 
-    async def with_asyncio() -> None:
-        async with AsyncCanopenClient(url) as client:
-            await calls(client)
-
-    async def blocking() -> None:
-        with CanopenClient(url) as client:
-            await calls(client)
-
     node.objects.set(0x1017, 0, 50)
     node.stored.values[0x1017, 0] = 50
     with CanopenServer(url, device=node):
-        asyncio.run(with_asyncio() if kind == "asyncio" else blocking())
+        run_with(calls, kind, url)

@@ -6,10 +6,9 @@ The bus is python-can's virtual one, with the client on one side and our device 
 from __future__ import annotations
 
 import asyncio
-import inspect
 import threading
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -24,34 +23,18 @@ from barewire.canopen.sync import SyncEvent
 from barewire.canopen.time_stamp import TimeReceived
 from barewire.devices import load
 from barewire.errors import EncodeError, NoAnswer
-from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.node_runner import Running
 from barewire.io.canopen.shared_bus import CanBus
+from tests.io.canopen.either_client import KINDS, Calls, get, run_with as run_with_either
 from tests.io.canopen.memory_bus import IDENTITY, MemoryPort, device
 
 pytest.importorskip("can")
 
-Calls = Callable[[Any], Awaitable[None]]
-
-
-async def get(sent_texts: Any) -> Any:
-    """What a verb gave: on one client the value, on the other a coroutine of it."""
-    return await sent_texts if inspect.isawaitable(sent_texts) else sent_texts
-
 
 def run_with(calls: Calls, kind: str, url: str) -> None:
-    """The calls with one of the two clients."""
-
-    async def with_asyncio() -> None:
-        async with AsyncCanopenClient(url) as client:
-            await calls(client)
-
-    async def blocking() -> None:
-        with CanopenClient(url) as client:
-            await calls(client)
-
+    """The calls with one of the two clients, which leaves no thread behind."""
     threads = threading.active_count()
-    asyncio.run(with_asyncio() if kind == "asyncio" else blocking())
+    run_with_either(calls, kind, url)
     assert threading.active_count() - threads <= (1 if kind == "asyncio" else 0)  # the loop's own helper may stay
 
 
@@ -62,9 +45,6 @@ def thing(request: pytest.FixtureRequest) -> Iterator[tuple[str, LocalNode]]:
     channel = f"can://virtual/{request.node.name}"
     with CanopenServer(channel, device=node):
         yield f"{channel}?node=5&timeout=30", node
-
-
-KINDS = pytest.mark.parametrize("kind", ["blocking", "asyncio"])
 
 
 @KINDS

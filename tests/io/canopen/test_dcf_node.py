@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
-import inspect
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from barewire import AsyncCanopenClient, CanopenClient, CanopenServer
+from barewire import CanopenClient, CanopenServer
 from barewire.canopen import ConfigurationFailed, LocalNode, pdos_of
 from barewire.errors import EncodeError
 from tests.canopen.configuration.plant import dcf, described
+from tests.io.canopen.either_client import KINDS, get, run_with
 
 pytest.importorskip("can")
-
-
-async def get(given: Any) -> Any:
-    return await given if inspect.isawaitable(given) else given
 
 
 def device() -> LocalNode:
@@ -26,7 +21,7 @@ def device() -> LocalNode:
     return LocalNode(5, objects, pdos_of(objects, 5))
 
 
-@pytest.mark.parametrize("kind", ["blocking", "asyncio"])
+@KINDS
 def test_a_device_is_compared_configured_and_stores(kind: str, tmp_path: Path) -> None:
     url, file = f"can://virtual/{tmp_path.name}-{kind}", tmp_path / "pump.dcf"
     file.write_bytes(dcf({"Heartbeat": 500, (0x1800, 2): 1}).encode())
@@ -51,16 +46,8 @@ def test_a_device_is_compared_configured_and_stores(kind: str, tmp_path: Path) -
         with pytest.raises(ConfigurationFailed, match="node 5 is another device"):
             await get(node.configure())
 
-    async def with_asyncio() -> None:
-        async with AsyncCanopenClient(url) as client:
-            await calls(client)
-
-    async def blocking() -> None:
-        with CanopenClient(url) as client:
-            await calls(client)
-
     with CanopenServer(url, device=local):
-        asyncio.run(with_asyncio() if kind == "asyncio" else blocking())
+        run_with(calls, kind, url)
 
 
 def test_mistakes_name_what_was_expected(tmp_path: Path) -> None:
