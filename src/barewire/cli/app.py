@@ -31,7 +31,7 @@ COMMANDS = {
     "drive": ("drive", "Enable, move and stop a CiA 402 drive."),
     "explain": ("explain", "Explain a frame byte by byte and check it."),
     "sniff": ("sniff", "Decode the traffic of a line or bus; send nothing."),
-    "record": ("recordings.record", "Make a simulated device of the traffic of a line."),
+    "record": ("recordings.record", "Make a simulated device of the traffic of a Modbus line."),
     "replay": ("recordings.replay", "Play a recording of a CAN bus against a device."),
     "conform": ("conform", "Test a server or device against the standard."),
     "canopen": ("canopen", "Compare a CANopen device with its DCF, and configure it."),
