@@ -293,7 +293,7 @@ class BlockReceiver:
         self._count_stray()
         parts = self._parts
         if sequence <= len(parts):
-            if parts[sequence - 1][1:] != data[1:]:
+            if not self.has(data):
                 raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came again with different data")
         elif parts and (last or sequence == self._blksize):
             return self._acknowledge()

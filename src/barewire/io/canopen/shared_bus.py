@@ -158,7 +158,7 @@ class CanBus(SubscriberTable, AwaitedBus):
         except Exception as error:
             raise PortError(f"reading {self.name} ended: {type(error).__name__}: {error}") from error
 
-    # One conversation that reads by itself, see `direct_port`
+    # One conversation that reads by itself, see `DirectPort`
 
     @property
     def has_reader(self) -> bool:

@@ -8,11 +8,11 @@ A bounded queue. Its consumer is woken only while it waits, so a burst of frames
 A conversation to which nobody else listens needs no queue, and no reader thread: `DirectPort` reads the bus itself.
 
         conversation  ->  DirectPort  ->  port of the bus               one thread: nobody is woken
-        a second listener comes: the reader thread of the bus starts, and waits until this port hands over
+        a second listener comes: the reader thread of the bus starts, and reads when this port does not
         conversation  ->  DirectPort  ->  Subscriber  <-  reader        from here as every other subscriber
 
-It delivers the frames that it reads to all subscribers, and becomes a subscriber before the reader reads: no frame is
-lost, and none is delivered twice. Frames that others send meanwhile wait in its `inbox`.
+It delivers the frames that it reads to all subscribers, and becomes a subscriber at its next call: no frame is lost,
+and none is delivered twice. Frames that others send or the reader reads until then wait in its `inbox`.
 
 Depends on: a bus to add itself to.  Used by: clients, streams, nodes.
 """
@@ -352,7 +352,7 @@ class DirectPort:
         return self.inbox.popleft() if self.inbox else subscriber.receive(timeout)
 
     def _hand_over(self) -> Subscriber:
-        """Become a subscriber, then let the reader read."""
+        """Become a subscriber: from now on only the reader reads."""
         self._subscriber = subscriber = self._bus.subscribe_instead(self._keys)
         return subscriber
 
