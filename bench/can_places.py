@@ -22,8 +22,8 @@ from unittest.mock import patch
 import can
 
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports.python_can import CanPort
-from barewire.io.ports.socketcan import SocketCanPort
+from barewire.io.ports.can.python_can import CanPort
+from barewire.io.ports.can.socketcan import SocketCanPort
 from bench.can_responder import FRAME, serve
 
 _numbers = count()

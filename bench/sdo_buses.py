@@ -19,7 +19,7 @@ import canopen
 from barewire import AsyncCanopenClient, CanopenClient
 from barewire.canopen import SdoServer
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports.python_can import CanPort
+from barewire.io.ports.can.python_can import CanPort
 from bench.sdo_peers import NODE, Store, their_download, their_node, their_objects, their_upload
 
 URL = f"can://virtual/bench?node={NODE}&timeout=10"

@@ -65,7 +65,7 @@ IMPORTS = {
     "canopen": "import canopen",
     "barewire CANopen client": "from barewire import CanopenClient",
     "barewire CANopen client, and can": (
-        "from barewire import CanopenClient; import barewire.io.ports.python_can, can"
+        "from barewire import CanopenClient; import barewire.io.ports.can.python_can, can"
     ),
 }
 _memory: dict[str, list[int]] = {}

@@ -242,7 +242,7 @@ REFUSED = {
     "rich in cli only": ("explain/api.py", "from rich.table import Table"),
     "no other third party": ("io/engine/asyncio.py", "import trio"),
     "no fieldbus library": ("io/gateway.py", "from pymodbus.client import ModbusTcpClient"),
-    "no canopen of PyPI": ("io/ports/python_can.py", "import canopen"),
+    "no canopen of PyPI": ("io/ports/can/python_can.py", "import canopen"),
     "no checksum library": ("rtu/crc.py", "import crcmod.predefined"),
 }
 

@@ -16,8 +16,8 @@ from barewire.canopen import CanFrame
 from barewire.explain.capture.pcapng import read_packets
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint
+from barewire.io.ports.can.python_can import CanPort
 from barewire.io.ports.pty import PseudoTerminal
-from barewire.io.ports.python_can import CanPort
 from barewire.rtu import encode as rtu_frame
 from tests.cli.helpers import (
     COMMAND,

@@ -252,7 +252,7 @@ def test_a_refused_connection_is_reported_in_the_same_words(url: str) -> None:
 
 
 def test_a_client_that_is_cancelled_while_it_connects_leaves_no_bus_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    from barewire.io.canopen.shared_bus import CanBus
+    from barewire.io.canopen.bus.shared_bus import CanBus
 
     opening, go_on, opened = threading.Event(), threading.Event(), CanBus.open
 

@@ -39,7 +39,7 @@ from barewire.explain.capture.modbus_replay import SerialProtocol, replay
 from barewire.explain.capture.model import Recorded, RecordedItem, Unread
 from barewire.explain.capture.pcapng import file_header, packet_block
 from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_line
-from barewire.io.canopen.capture import listen_can
+from barewire.io.canopen.bus.capture import listen_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
 from barewire.io.ports.tcp import reason

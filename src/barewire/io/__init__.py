@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.io.canopen.shared_bus import CanBus as CanBus
-    from barewire.io.canopen.subscriber import BusDown as BusDown, BusUp as BusUp, FramesLost as FramesLost
+    from barewire.io.canopen.bus.shared_bus import CanBus as CanBus
+    from barewire.io.canopen.bus.subscriber import BusDown as BusDown, BusUp as BusUp, FramesLost as FramesLost
     from barewire.io.endpoint import Endpoint as Endpoint
     from barewire.io.engine.blocking import run as run
     from barewire.io.ports.base import Port as Port
@@ -32,7 +32,7 @@ __getattr__, __dir__, __all__ = lazy(
         "endpoint": "Endpoint",
         "engine.blocking": "run",
         "ports.base": "Port",
-        "canopen.shared_bus": "CanBus",
-        "canopen.subscriber": "FramesLost BusDown BusUp",
+        "canopen.bus.shared_bus": "CanBus",
+        "canopen.bus.subscriber": "FramesLost BusDown BusUp",
     },
 )

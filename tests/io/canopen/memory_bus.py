@@ -20,7 +20,7 @@ from barewire.canopen import (
 )
 from barewire.canopen.communication_objects import standard_objects
 from barewire.errors import PortError
-from barewire.io.canopen.shared_bus import CanBus
+from barewire.io.canopen.bus.shared_bus import CanBus
 
 IDENTITY = LssAddress(0x360, 0xDEADBEEF, 0x10002, 0xFFFFFFFF)
 

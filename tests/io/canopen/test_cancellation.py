@@ -10,7 +10,7 @@ import pytest
 from barewire import CanopenClient
 from barewire.canopen import CanFrame
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.canopen.shared_bus import CanBus
+from barewire.io.canopen.bus.shared_bus import CanBus
 from tests.io.canopen.memory_bus import MemoryPort, device, memory_bus
 
 

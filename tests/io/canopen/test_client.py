@@ -23,8 +23,8 @@ from barewire.canopen.sync import SyncEvent
 from barewire.canopen.time_stamp import TimeReceived
 from barewire.devices import load
 from barewire.errors import EncodeError, NoAnswer
-from barewire.io.canopen.node_runner import Running
-from barewire.io.canopen.shared_bus import CanBus
+from barewire.io.canopen.bus.node_runner import Running
+from barewire.io.canopen.bus.shared_bus import CanBus
 from tests.io.canopen.either_client import KINDS, Calls, get, run_with as run_with_either
 from tests.io.canopen.memory_bus import IDENTITY, MemoryPort, device
 

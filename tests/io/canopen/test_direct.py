@@ -13,8 +13,8 @@ from barewire import CanopenClient
 from barewire.canopen import CanFrame, ErrorFrame
 from barewire.conversation import Conversation, Listen, Send
 from barewire.errors import NoAnswer, PortError
-from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import BusItem, Subscriber
+from barewire.io.canopen.bus.shared_bus import CanBus
+from barewire.io.canopen.bus.subscriber import BusItem, Subscriber
 
 VALUE = CanFrame.parse("585#4300100092010200")
 ANSWER = {CanFrame.parse("605#4000100000000000"): [VALUE]}

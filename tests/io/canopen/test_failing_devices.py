@@ -15,7 +15,7 @@ from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, SdoAb
 from barewire.canopen.communication_objects import standard_objects
 from barewire.codecs import Value
 from barewire.errors import PortError
-from barewire.io.canopen.node_runner import NodeStatistics
+from barewire.io.canopen.bus.node_runner import NodeStatistics
 
 pytest.importorskip("can")
 PATIENCE = 30.0

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from barewire import CanopenClient
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import FramesLost
+from barewire.io.canopen.bus.shared_bus import CanBus
+from barewire.io.canopen.bus.subscriber import FramesLost
 from tests.io.canopen.memory_bus import MemoryPort, device
 
 ANSWER = bytes.fromhex("4300100092010200")

@@ -11,7 +11,7 @@ can = pytest.importorskip("can")
 
 
 def test_error_and_fd_frames_have_their_own_types() -> None:
-    from barewire.io.ports.python_can import CanPort
+    from barewire.io.ports.can.python_can import CanPort
 
     port = CanPort(Endpoint.parse("can://virtual/kinds"))
     other = can.Bus(interface="virtual", channel="kinds")
@@ -33,7 +33,7 @@ def test_error_and_fd_frames_have_their_own_types() -> None:
     [("", False), ("?receive_own_messages=true", True), ("?receive_own_messages=false", False)],
 )
 def test_a_port_knows_whether_it_returns_what_it_sends(options: str, own_frames: bool) -> None:
-    from barewire.io.ports.python_can import CanPort
+    from barewire.io.ports.can.python_can import CanPort
 
     port = CanPort(Endpoint.parse(f"can://virtual/own-frames{options}"))
     try:

@@ -17,7 +17,7 @@ from barewire.canopen.emcy.consumer import EmcyEvent
 from barewire.devices import load
 from barewire.devices.sim import simulator
 from barewire.errors import EncodeError, PortError
-from barewire.io.canopen.shared_bus import CanBus
+from barewire.io.canopen.bus.shared_bus import CanBus
 from tests.helpers import refused
 from tests.io.canopen.memory_bus import MemoryPort, device
 

@@ -8,7 +8,7 @@ import pytest
 
 from barewire import CanopenClient, CanopenServer
 from barewire.errors import PortError
-from barewire.io.ports.python_can import CanPort
+from barewire.io.ports.can.python_can import CanPort
 from tests.io.canopen.memory_bus import device
 
 pytest.importorskip("can")

@@ -11,11 +11,11 @@ import pytest
 from barewire import CanopenClient
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame, upload
 from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.io.canopen.async_bus import AsyncStream, AsyncSubscriber
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.canopen.event_stream import FrameListener, Stream
-from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import FramesLost, Subscriber
+from barewire.io.canopen.bus.async_bus import AsyncStream, AsyncSubscriber
+from barewire.io.canopen.bus.event_stream import FrameListener, Stream
+from barewire.io.canopen.bus.shared_bus import CanBus
+from barewire.io.canopen.bus.subscriber import FramesLost, Subscriber
 from tests.io.canopen.memory_bus import MemoryPort, device, memory_bus
 
 BUS_OFF = ErrorFrame(0x40, bytes(8))
@@ -252,7 +252,8 @@ def test_frames_for_a_full_controller_wait_for_room() -> None:
 def test_a_port_with_a_full_buffer_tries_again(monkeypatch: pytest.MonkeyPatch) -> None:
     can = pytest.importorskip("can")
     from barewire.io.endpoint import Endpoint
-    from barewire.io.ports import base, python_can as can_bus
+    from barewire.io.ports import base
+    from barewire.io.ports.can import python_can as can_bus
 
     port = can_bus.CanPort(Endpoint.parse("can://virtual/full"))
     other = can.Bus(interface="virtual", channel="full")
@@ -281,7 +282,7 @@ def test_a_port_with_a_full_buffer_tries_again(monkeypatch: pytest.MonkeyPatch) 
 def test_each_receiver_on_the_virtual_bus_gets_its_own_message() -> None:
     can = pytest.importorskip("can")
     from barewire.io.endpoint import Endpoint
-    from barewire.io.ports.python_can import CanPort
+    from barewire.io.ports.can.python_can import CanPort
 
     port = CanPort(Endpoint.parse("can://virtual/copies?receive_own_messages=true"))
     others = [can.Bus(interface="virtual", channel="copies") for _ in range(2)]

@@ -9,7 +9,7 @@ import pytest
 
 from barewire import CanopenClient, CanopenServer
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.canopen.shared_bus import CanBus
+from barewire.io.canopen.bus.shared_bus import CanBus
 from tests.io.canopen.memory_bus import device, memory_bus
 
 NUMBERS = 100

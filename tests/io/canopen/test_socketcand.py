@@ -14,8 +14,8 @@ from barewire.canopen.frame import ErrorFrame
 from barewire.errors import PortError
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports.python_can import CanPort
-from barewire.io.ports.socketcand import read_hub_answer
+from barewire.io.ports.can.python_can import CanPort
+from barewire.io.ports.can.socketcand import read_hub_answer
 from tests.helpers import free_port, refused
 
 
@@ -165,7 +165,7 @@ def test_a_frame_that_comes_along_with_the_last_ok_is_received() -> None:
     ],
 )
 def test_another_answer_is_an_error(answers: tuple[bytes, ...], message: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("barewire.io.ports.socketcand.HANDSHAKE_TIMEOUT", 0.3)
+    monkeypatch.setattr("barewire.io.ports.can.socketcand.HANDSHAKE_TIMEOUT", 0.3)
     with server_that_answers(*answers) as port, refused(PortError, message):
         member(port)
 
@@ -249,7 +249,7 @@ def test_an_answer_that_arrives_in_drops_is_awaited_for_the_same_time(monkeypatc
             clock[0] += 1.0
             return b"x"
 
-    monkeypatch.setattr("barewire.io.ports.socketcand.monotonic", lambda: clock[0])
+    monkeypatch.setattr("barewire.io.ports.can.socketcand.monotonic", lambda: clock[0])
     with pytest.raises(TimeoutError, match="timed out"):
         read_hub_answer(Connection())  # type: ignore[arg-type]
     assert clock[0] == 3.0

@@ -12,7 +12,7 @@ from barewire import CanopenClient
 from barewire.canopen import CanFrame, Entry, ObjectDictionary, PdoConfig
 from barewire.errors import EncodeError
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.canopen.shared_bus import CanBus
+from barewire.io.canopen.bus.shared_bus import CanBus
 from tests.helpers import refused
 from tests.io.canopen.memory_bus import MemoryPort, device
 

@@ -14,8 +14,8 @@ from barewire import AsyncModbusClient
 from barewire.canopen import CanFrame
 from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint
+from barewire.io.ports.can.python_can import CanPort
 from barewire.io.ports.pty import PseudoTerminal
-from barewire.io.ports.python_can import CanPort
 from barewire.io.ports.serial import SerialPort
 from tests.helpers import refused
 

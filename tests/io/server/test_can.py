@@ -15,7 +15,7 @@ from barewire.canopen.eds import parse
 from barewire.devices import load
 from barewire.devices.sim import simulator
 from barewire.errors import DecodeError, EncodeError, PortError
-from barewire.io.ports.python_can import CanPort
+from barewire.io.ports.can.python_can import CanPort
 
 pytest.importorskip("can")
 

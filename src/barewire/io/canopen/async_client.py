@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 from barewire.canopen import CanFrame
 from barewire.conversation import Conversation
 from barewire.errors import BarewireError, PortError
-from barewire.io.canopen.async_bus import (
+from barewire.io.canopen.bus.async_bus import (
     AsyncRunning,
     AsyncStream,
     AsyncSubscriber,
@@ -25,11 +25,11 @@ from barewire.io.canopen.async_bus import (
     open_in_thread,
     wait_until_open,
 )
+from barewire.io.canopen.bus.event_stream import Listener
+from barewire.io.canopen.bus.subscriber import Key
 from barewire.io.canopen.client_base import ClientBase
-from barewire.io.canopen.event_stream import Listener
 from barewire.io.canopen.methods.operations import AsyncBusRunner, BackgroundTask, BusOperation, Subscription
 from barewire.io.canopen.node import AsyncDeviceNode
-from barewire.io.canopen.subscriber import Key
 from barewire.io.endpoint import check_timeout
 from barewire.io.engine.asyncio import run
 

@@ -23,13 +23,13 @@ from barewire.canopen import CanFrame
 from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.conversation import Conversation
 from barewire.errors import BarewireError, PortError
+from barewire.io.canopen.bus.event_stream import Listener, Stream
+from barewire.io.canopen.bus.node_runner import Running
+from barewire.io.canopen.bus.shared_bus import CanBus
+from barewire.io.canopen.bus.subscriber import Key, Subscriber
 from barewire.io.canopen.client_base import ClientBase
-from barewire.io.canopen.event_stream import Listener, Stream
 from barewire.io.canopen.methods.operations import BackgroundTask, BlockingBusRunner, BusOperation, Subscription
 from barewire.io.canopen.node import DeviceNode
-from barewire.io.canopen.node_runner import Running
-from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import Key, Subscriber
 from barewire.io.endpoint import check_timeout
 from barewire.io.engine.blocking import run
 

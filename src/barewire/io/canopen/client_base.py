@@ -20,7 +20,10 @@ from barewire import canopen
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import EncodeError, NoAnswer, PortError, shown
-from barewire.io.canopen.event_stream import FrameListener
+from barewire.io.canopen.bus.event_stream import FrameListener
+from barewire.io.canopen.bus.node_runner import Speaker, checked_machine
+from barewire.io.canopen.bus.shared_bus import CanBus
+from barewire.io.canopen.bus.subscriber import Key, check_key
 from barewire.io.canopen.methods.nmt import ERROR_CONTROL, NetworkNmtMethods
 from barewire.io.canopen.methods.operations import (
     BackgroundTask,
@@ -34,13 +37,10 @@ from barewire.io.canopen.methods.operations import (
     subscription,
 )
 from barewire.io.canopen.node import EdsNode, Node, check_node_id, dictionary_of
-from barewire.io.canopen.node_runner import Speaker, checked_machine
-from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import Key, check_key
 from barewire.io.endpoint import check_timeout
 from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
-from barewire.io.ports.socketcan import can_endpoint
+from barewire.io.ports.can.socketcan import can_endpoint
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,10 +50,10 @@ if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.canopen.sdo.client.channel import Channel
     from barewire.devices.device import Device
+    from barewire.io.canopen.bus.shared_bus import WatchFrames
     from barewire.io.canopen.dcf_node import DcfNode
     from barewire.io.canopen.methods.lss import LssMethods
     from barewire.io.canopen.methods.sync_time import SyncMethods, TimeMethods
-    from barewire.io.canopen.shared_bus import WatchFrames
     from barewire.io.endpoint import Endpoint
 
 _NODES = range(1, 128)

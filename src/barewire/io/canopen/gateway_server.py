@@ -23,11 +23,11 @@ from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.canopen.gateway.codes import GatewayCode, error_line
 from barewire.canopen.gateway.session import MAX_LINE, GatewaySession
 from barewire.errors import EncodeError, PortError, shown
-from barewire.io.canopen.async_bus import AsyncSubscriber
 from barewire.io.canopen.async_client import AsyncCanopenClient
+from barewire.io.canopen.bus.async_bus import AsyncSubscriber
+from barewire.io.canopen.bus.subscriber import LONGEST_PULL, FramesLost
 from barewire.io.canopen.methods.lss import LSS_LOCK, LSS_RECEIVES
 from barewire.io.canopen.methods.operations import NO_FRAMES, NO_LOCKS, BusOperation, sdo_transfer
-from barewire.io.canopen.subscriber import LONGEST_PULL, FramesLost
 from barewire.io.log import PortLog
 from barewire.io.ports.tcp import place_of, reason
 

@@ -19,6 +19,7 @@ from barewire import canopen
 from barewire._html import html_table
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import DecodeError, EncodeError, Refused, shown
+from barewire.io.canopen.bus.subscriber import Key, check_key
 from barewire.io.canopen.methods.nmt import NodeNmtMethods
 from barewire.io.canopen.methods.operations import (
     AsyncBusRunner,
@@ -32,7 +33,6 @@ from barewire.io.canopen.methods.operations import (
     subscription,
 )
 from barewire.io.canopen.methods.sdo import SdoMethods
-from barewire.io.canopen.subscriber import Key, check_key
 from barewire.io.named_values import AsyncNamedValues, CanopenNames, NamedValues
 
 if TYPE_CHECKING:

@@ -3,8 +3,7 @@
     base            the protocols of a port, for the blocking and the asyncio engine
     tcp, udp, tls   network connections of blocking clients; listening sockets of servers; certificates and roles
     serial, pty     serial ports, RS-485; pseudo-terminals
-    socketcan       CAN buses of Linux, and `can_port`, which opens any bus
-    python_can, socketcand     CAN buses of all other interfaces
+    can/            CAN buses: SocketCAN of Linux, and all interfaces of python-can
     async_tcp, async_tls, async_udp, async_serial     the same for asyncio clients
     mailbox         holds the bytes that an asyncio connection received until a conversation takes them
     trace           shows all items to a function of the caller

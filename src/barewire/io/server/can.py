@@ -19,15 +19,15 @@ from typing import TYPE_CHECKING, Any, cast
 from barewire.canopen import CanFrame
 from barewire.devices.device import Device
 from barewire.errors import EncodeError, PortError, shown
-from barewire.io.canopen.node_runner import Action, NodeDriver, NodeStatistics, check_instance, ended_text
-from barewire.io.canopen.reconnect import Reopening, receiver
-from barewire.io.canopen.shared_bus import CanBus
+from barewire.io.canopen.bus.node_runner import Action, NodeDriver, NodeStatistics, check_instance, ended_text
+from barewire.io.canopen.bus.reconnect import Reopening, receiver
+from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint, socketcand_address
 from barewire.io.engine.locking import CanopenNode, SharedNode
 from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
-from barewire.io.ports.socketcan import can_endpoint, can_port
+from barewire.io.ports.can.socketcan import can_endpoint, can_port
 from barewire.io.server.base import AsyncServer, ThreadedServer
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from barewire.canopen.eds.eds_file import Eds
     from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.devices.sim.core.simulator import Simulator
-    from barewire.io.canopen.async_bus import AsyncRunning
-    from barewire.io.canopen.shared_bus import WatchFrames
+    from barewire.io.canopen.bus.async_bus import AsyncRunning
+    from barewire.io.canopen.bus.shared_bus import WatchFrames
     from barewire.io.fault_injection.targets import GivenFaults
 
     Served = str | Device | Simulator | CanopenNode | ObjectDictionary | Eds
@@ -203,7 +203,7 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
         return CanBus(self.dial(), dial=self.dial)
 
     async def _open(self) -> None:
-        from barewire.io.canopen.async_bus import AsyncRunning, open_in_thread
+        from barewire.io.canopen.bus.async_bus import AsyncRunning, open_in_thread
 
         self._bus = await open_in_thread(self._open_bus)
         self._running = AsyncRunning(self._bus, self._node, None, self.statistics, self._log)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from barewire import canopen
 from barewire.canopen import NmtCommand
+from barewire.io.canopen.bus.node_runner import CallbackAdapter
 from barewire.io.canopen.methods.operations import (
     NO_LOCKS,
     BackgroundTask,
@@ -26,7 +27,6 @@ from barewire.io.canopen.methods.operations import (
     send_frame,
     subscription,
 )
-from barewire.io.canopen.node_runner import CallbackAdapter
 
 if TYPE_CHECKING:
     from barewire.canopen import CanFrame

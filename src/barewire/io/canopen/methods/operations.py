@@ -31,17 +31,17 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.conversation import Conversation, Send
-from barewire.io.canopen.event_stream import Listener, Stream
-from barewire.io.canopen.node_runner import Running, Speaker
-from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import Key
+from barewire.io.canopen.bus.event_stream import Listener, Stream
+from barewire.io.canopen.bus.node_runner import Running, Speaker
+from barewire.io.canopen.bus.shared_bus import CanBus
+from barewire.io.canopen.bus.subscriber import Key
 from barewire.io.endpoint import check_timeout
 from barewire.io.engine.methods import called_on_class, documented
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
 
-    from barewire.io.canopen.async_bus import AsyncRunning, AsyncStream
+    from barewire.io.canopen.bus.async_bus import AsyncRunning, AsyncStream
 
 P = ParamSpec("P")
 T = TypeVar("T")

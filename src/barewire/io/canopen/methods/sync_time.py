@@ -10,6 +10,7 @@ import time
 
 from barewire import canopen
 from barewire.canopen.cob_ids import SYNC_KEY, TIME_KEY
+from barewire.io.canopen.bus.subscriber import Key
 from barewire.io.canopen.methods.operations import (
     NO_FRAMES,
     BackgroundTask,
@@ -22,7 +23,6 @@ from barewire.io.canopen.methods.operations import (
     send_frame,
     subscription,
 )
-from barewire.io.canopen.subscriber import Key
 
 
 class SyncMethods(Methods[R]):

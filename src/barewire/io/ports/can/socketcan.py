@@ -31,7 +31,7 @@ from barewire.io.ports.base import send_when_room
 from barewire.io.ports.tcp import UNPLUGGED, reason
 
 if TYPE_CHECKING:
-    from barewire.io.ports.python_can import CanPort
+    from barewire.io.ports.can.python_can import CanPort
 
 SOCKETCAN_OPTIONS = frozenset({"receive_own_messages", "local_loopback", "fd", "filter", "receive_buffer"})
 """The options of can://socketcan endpoints, besides `CAN_OPTIONS`."""
@@ -352,7 +352,7 @@ def can_port(endpoint: Endpoint, *, stamps: bool = False) -> SocketCanPort | Can
     """
     if endpoint.place.startswith("socketcan/"):
         return SocketCanPort(endpoint, stamps=stamps)
-    from barewire.io.ports.python_can import CanPort
+    from barewire.io.ports.can.python_can import CanPort
 
     return CanPort(endpoint)
 
@@ -363,7 +363,7 @@ def check_interface(endpoint: Endpoint) -> None:
     if endpoint.place.startswith("socketcan/"):
         check_socketcan_options(endpoint)
         return
-    from barewire.io.ports.python_can import check_python_can_options
+    from barewire.io.ports.can.python_can import check_python_can_options
 
     check_python_can_options(endpoint)
 

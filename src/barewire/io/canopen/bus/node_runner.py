@@ -13,7 +13,7 @@ from typing import Any, Protocol, Self
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import EncodeError, PortError, shown
-from barewire.io.canopen.subscriber import BusDown, BusItem, FrameBus, FramesLost, Key, Subscriber
+from barewire.io.canopen.bus.subscriber import BusDown, BusItem, FrameBus, FramesLost, Key, Subscriber
 from barewire.io.engine.locking import SharedNode, exclusive
 from barewire.io.log import PortLog
 

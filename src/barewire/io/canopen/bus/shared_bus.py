@@ -28,8 +28,8 @@ from barewire.canopen.nmt.node_monitor import NodeMonitor
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import PortError
-from barewire.io.canopen.reconnect import AwaitedBus, Dial, Reopening, receiver
-from barewire.io.canopen.subscriber import (
+from barewire.io.canopen.bus.reconnect import AwaitedBus, Dial, Reopening, receiver
+from barewire.io.canopen.bus.subscriber import (
     BusDown,
     BusItem,
     BusUp,
@@ -114,7 +114,7 @@ class CanBus(SubscriberTable, AwaitedBus):
 
         Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened.
         """
-        from barewire.io.ports.socketcan import can_endpoint, can_port
+        from barewire.io.ports.can.socketcan import can_endpoint, can_port
 
         endpoint = bus if isinstance(bus, Endpoint) else can_endpoint(bus, **options)
         return cls(can_port(endpoint), watch=watch, dial=lambda: can_port(endpoint), pauses=endpoint.pauses, lazy=lazy)

@@ -21,7 +21,7 @@ from contextlib import suppress
 from typing import TypeAlias
 
 from barewire.canopen.frame import CanFrame
-from barewire.io.canopen.subscriber import BusItem
+from barewire.io.canopen.bus.subscriber import BusItem
 from barewire.io.endpoint import PAUSES
 from barewire.io.engine.backoff import BackOff
 from barewire.io.log import PortLog

@@ -22,7 +22,7 @@ from typing import Generic, Protocol, Self, TypeAlias, TypeVar
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import PortError
-from barewire.io.canopen.subscriber import (
+from barewire.io.canopen.bus.subscriber import (
     Arrived,
     BusDown,
     BusUp,

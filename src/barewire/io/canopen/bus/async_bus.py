@@ -23,10 +23,10 @@ from typing import Self, TypeVar
 from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
-from barewire.io.canopen.event_stream import STREAM_ROOM, Listener, Report, StreamBase
-from barewire.io.canopen.node_runner import Action, NodeDriver, NodeStatistics, Speaker, ended_text
-from barewire.io.canopen.shared_bus import CanBus
-from barewire.io.canopen.subscriber import (
+from barewire.io.canopen.bus.event_stream import STREAM_ROOM, Listener, Report, StreamBase
+from barewire.io.canopen.bus.node_runner import Action, NodeDriver, NodeStatistics, Speaker, ended_text
+from barewire.io.canopen.bus.shared_bus import CanBus
+from barewire.io.canopen.bus.subscriber import (
     LONGEST_PULL,
     SUBSCRIBER_ROOM,
     Arrived,

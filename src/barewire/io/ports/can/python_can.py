@@ -26,7 +26,7 @@ from barewire.io.ports.tcp import UNPLUGGED, reason
 try:
     import can
 
-    from barewire.io.ports.socketcand import SocketcandBus
+    from barewire.io.ports.can.socketcand import SocketcandBus
 except ModuleNotFoundError as missing:  # pragma: no cover - tried by CI in an environment without it
     raise PortError("CAN buses need python-can: pip install 'barewire[can]'") from missing
 
