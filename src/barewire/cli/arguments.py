@@ -36,7 +36,7 @@ class EndpointArgument(click.ParamType[str]):
             endpoint = Endpoint.parse(value)
             if endpoint.scheme == "can":
                 with suppress(PortError):  # python-can is missing: opening the bus reports that
-                    from barewire.io.ports.can.socketcan import check_interface
+                    from barewire.io.ports.can.interfaces import check_interface
 
                     check_interface(endpoint)
         except EncodeError as error:

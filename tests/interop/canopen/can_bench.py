@@ -30,8 +30,9 @@ from barewire.canopen import (
 from barewire.conversation import Conversation
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.blocking import run
+from barewire.io.ports.can.interfaces import can_port
 from barewire.io.ports.can.python_can import CanPort
-from barewire.io.ports.can.socketcan import SocketCanPort, can_port
+from barewire.io.ports.can.socketcan import SocketCanPort
 from tests.interop.canopen.can_hubs import hub
 
 Result = TypeVar("Result")

@@ -17,7 +17,7 @@ from barewire.errors import NoAnswer, PortError
 from barewire.io import BusDown, BusUp, FramesLost
 from barewire.io.canopen.bus.event_stream import Stream
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports.can.socketcan import can_port
+from barewire.io.ports.can.interfaces import can_port
 
 URL = "can://socketcan/vcan0?node=5&timeout=3"
 PATIENCE = 30.0

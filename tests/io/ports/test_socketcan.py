@@ -18,7 +18,8 @@ import pytest
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports.can.socketcan import SocketCanPort, can_endpoint, can_port
+from barewire.io.ports.can.interfaces import can_endpoint, can_port
+from barewire.io.ports.can.socketcan import SocketCanPort
 
 URL = "can://socketcan/can0?bitrate=500000"
 SOL_SOCKET, RCVTIMEO, MEMINFO = socket.SOL_SOCKET, socket.SO_RCVTIMEO, 55
@@ -250,7 +251,7 @@ def test_an_interface_that_does_not_exist_says_how_to_make_one(
     def fail(*_: Any) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr("barewire.io.ports.can.socketcan._raw_socket", fail)
+    monkeypatch.setattr("barewire.io.ports.can.socketcan.raw_socket", fail)
     with pytest.raises(PortError) as raised:
         can_port(Endpoint.parse(f"can://socketcan/{channel}?bitrate=500000"))
     assert str(raised.value) == f"can://socketcan/{channel}: {os.strerror(number).lower()}; {advice}"

@@ -40,7 +40,7 @@ from barewire.io.canopen.node import EdsNode, Node, check_node_id, dictionary_of
 from barewire.io.endpoint import check_timeout
 from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
-from barewire.io.ports.can.socketcan import can_endpoint
+from barewire.io.ports.can.interfaces import can_endpoint
 
 if TYPE_CHECKING:
     from pathlib import Path

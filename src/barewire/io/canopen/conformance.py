@@ -67,7 +67,7 @@ def conform_can(
         raise EncodeError(f"endpoint {str(endpoint)!r}: these cases are for can://")
     if eds is not None and not eds.objects:
         raise EncodeError("the EDS describes no objects: expected sections like [1000]")
-    from barewire.io.ports.can.socketcan import can_port
+    from barewire.io.ports.can.interfaces import can_port
 
     node, patience = endpoint.integer("node", 1), endpoint.seconds("timeout", NODE_ANSWER_TIMEOUT)
     objects, dummies = (None, frozenset[int]()) if eds is None else (eds.objects, eds.dummies)

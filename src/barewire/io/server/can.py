@@ -27,7 +27,7 @@ from barewire.io.endpoint import Endpoint, socketcand_address
 from barewire.io.engine.locking import CanopenNode, SharedNode
 from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
-from barewire.io.ports.can.socketcan import can_endpoint, can_port
+from barewire.io.ports.can.interfaces import can_endpoint, can_port
 from barewire.io.server.base import AsyncServer, ThreadedServer
 
 if TYPE_CHECKING:

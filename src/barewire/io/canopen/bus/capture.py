@@ -26,7 +26,7 @@ def listen_can(
 
     Raises PortError for a bus that cannot be opened, or fails.
     """
-    from barewire.io.ports.can.socketcan import can_port
+    from barewire.io.ports.can.interfaces import can_port
 
     port = can_port(endpoint, stamps=True)
     start = time.time() - time.monotonic()

@@ -114,7 +114,7 @@ class CanBus(SubscriberTable, AwaitedBus):
 
         Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened.
         """
-        from barewire.io.ports.can.socketcan import can_endpoint, can_port
+        from barewire.io.ports.can.interfaces import can_endpoint, can_port
 
         endpoint = bus if isinstance(bus, Endpoint) else can_endpoint(bus, **options)
         return cls(can_port(endpoint), watch=watch, dial=lambda: can_port(endpoint), pauses=endpoint.pauses, lazy=lazy)

@@ -1,6 +1,7 @@
 """Ports that carry CAN frames.
 
-    socketcan       CAN buses of Linux, and `can_port`, which opens any bus
+    interfaces      `can_port` opens any bus: which interface of a URL has which port
+    socketcan       CAN buses of Linux, on a `raw_socket`
     python_can      CAN buses of all other interfaces, by python-can
     socketcand      the socketcand protocol over TCP, with answers read strictly
 

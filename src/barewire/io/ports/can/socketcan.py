@@ -9,7 +9,7 @@ goes down the system reports that once to each socket, and is silent until it is
 PortError each time. Frames for which the socket had no room are counted in `lost`: the system has the count
 (SO_MEMINFO), which is read when many frames came one after the other.
 
-Other interfaces go through python-can: `can_port` opens either.
+Depends on: `raw_socket`.  Used by: `interfaces`.
 """
 
 from __future__ import annotations
@@ -22,35 +22,24 @@ import time
 from collections import deque
 from contextlib import suppress
 from struct import Struct
-from typing import TYPE_CHECKING
 
 from barewire.canopen.frame import BASE_MAX, EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
-from barewire.errors import DecodeError, EncodeError, PortError, shown
-from barewire.io.endpoint import CAN_OPTIONS, DEFAULT_BITRATE, Endpoint, unknown_option
+from barewire.errors import PortError
+from barewire.io.endpoint import DEFAULT_BITRATE, Endpoint
 from barewire.io.ports.base import send_when_room
+from barewire.io.ports.can.raw_socket import check_socketcan_options, flag, raw_socket
 from barewire.io.ports.tcp import UNPLUGGED, reason
-
-if TYPE_CHECKING:
-    from barewire.io.ports.can.python_can import CanPort
-
-SOCKETCAN_OPTIONS = frozenset({"receive_own_messages", "local_loopback", "fd", "filter", "receive_buffer"})
-"""The options of can://socketcan endpoints, besides `CAN_OPTIONS`."""
 
 _FRAME = Struct("=IB3x8s")
 _FD_FRAME = Struct("=IBB2x")
 _LONGEST = 72  # struct canfd_frame
 _EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
-_FILTER = Struct("=II")
 _TIME = Struct("@ll")
 _MEMORY = Struct("=9I")  # the last one is SK_MEMINFO_DROPS
 
-# Numbers that Python 3.11 has no names for. [Linux, asm-generic/socket.h, linux/can/raw.h]
-_SOL_CAN_RAW = 101
-_CAN_RAW_FILTER, _CAN_RAW_ERR_FILTER, _CAN_RAW_LOOPBACK, _CAN_RAW_RECV_OWN_MSGS, _CAN_RAW_FD_FRAMES = 1, 2, 3, 4, 5
-_SO_RCVBUFFORCE, _SO_TIMESTAMPNS, _SO_MEMINFO = 33, 35, 55
+# Numbers that Python 3.11 has no names for. [Linux, asm-generic/socket.h]
+_SO_TIMESTAMPNS, _SO_MEMINFO = 35, 55
 
-_ROOM = 1 << 21
-"""Bytes of the receive buffer; the system counts some 800 for a frame, and by default has room for 278."""
 _FRAME_ROOM = 1024
 """Bytes of the receive buffer that a frame takes at most, in the count of the system."""
 _LONGEST_BURST = 64
@@ -83,7 +72,7 @@ class SocketCanPort:
         self.others = self.garbled = self.lost = 0
         self.strange: deque[ErrorFrame | FdFrame] = deque(maxlen=64)
         self.received_at: float | None = None
-        self.own_frames = _flag(endpoint, "receive_own_messages")
+        self.own_frames = flag(endpoint, "receive_own_messages")
         """Whether `receive` returns the frames that were sent here too."""
         self._in_a_row = 0
         self._dropped = 0
@@ -93,7 +82,7 @@ class SocketCanPort:
         if not channel.startswith("vcan"):
             self._bring_up += f" type can bitrate {endpoint.integer('bitrate', DEFAULT_BITRATE)}"
         try:
-            self._socket = _raw_socket(endpoint, channel) if opened is None else opened
+            self._socket = raw_socket(endpoint, channel) if opened is None else opened
         except OSError as error:
             raise PortError(f"can://{self.name}: {reason(error)}{self._how_to_make(channel, error)}") from None
         if stamps:
@@ -274,108 +263,3 @@ class SocketCanPort:
     def close(self) -> None:
         """Leave the bus."""
         self._socket.close()
-
-
-def _raw_socket(endpoint: Endpoint, channel: str) -> socket.socket:
-    """Return an open raw CAN socket on an interface. Raises OSError."""
-    if not hasattr(socket, "AF_CAN"):
-        raise OSError(errno.ENOSYS, "SocketCAN is a part of Linux, and this is another system")
-    opened = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-    try:
-        room = endpoint.integer("receive_buffer", _ROOM)
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, room)
-        with suppress(OSError):  # above the limit of the system: only with CAP_NET_ADMIN
-            opened.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, room)
-        opened.setsockopt(_SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, struct.pack("=I", EXTENDED_MAX))
-        opened.setsockopt(_SOL_CAN_RAW, _CAN_RAW_LOOPBACK, _flag(endpoint, "local_loopback", True))
-        opened.setsockopt(_SOL_CAN_RAW, _CAN_RAW_RECV_OWN_MSGS, _flag(endpoint, "receive_own_messages"))
-        if _flag(endpoint, "fd"):
-            opened.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FD_FRAMES, 1)
-        if filters := filters_of(endpoint):
-            opened.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, filters)
-        opened.bind((channel,))
-    except BaseException:
-        opened.close()
-        raise
-    return opened
-
-
-def _wrong(endpoint: Endpoint, key: str, expected: str) -> EncodeError:
-    text = f"{key}={shown(endpoint.options[key])}: expected {expected}"
-    return EncodeError(f"endpoint {shown(str(endpoint), 200)}: {text}", key)
-
-
-def _flag(endpoint: Endpoint, key: str, default: bool = False) -> bool:
-    """Return an option that is true or false."""
-    found = {"1": True, "true": True, "0": False, "false": False}.get(endpoint.options.get(key, str(default)).lower())
-    if found is None:
-        raise _wrong(endpoint, key, "0 or 1")
-    return found
-
-
-def filters_of(endpoint: Endpoint) -> bytes:
-    """Return the option `filter` as the system takes it: (identifier, mask) for each identifier.
-
-    A filter compares the identifier and its kind, so 585 does not pass 00000585; remote frames pass too.
-
-    >>> filters_of(Endpoint.parse("can://socketcan/can0?filter=585,00000705")).hex(" ", 8)
-    '85050000ff070080 05070080ffffff9f'
-    """
-    filters = b""
-    for text in endpoint.options.get("filter", "").split(",") if "filter" in endpoint.options else ():
-        try:
-            identifier = CanFrame.parse(f"{text}#")
-        except DecodeError:
-            raise _wrong(endpoint, "filter", "identifiers such as 585,705: 3 hex digits, or 8 if extended") from None
-        if identifier.extended:
-            filters += _FILTER.pack(identifier.id | _EXTENDED, EXTENDED_MAX | _EXTENDED)
-        else:
-            filters += _FILTER.pack(identifier.id, BASE_MAX | _EXTENDED)
-    return filters
-
-
-def check_socketcan_options(endpoint: Endpoint) -> None:
-    """Raise EncodeError for an option that a SocketCAN endpoint does not have, or for a wrong value."""
-    for option in sorted(endpoint.options.keys() - CAN_OPTIONS - SOCKETCAN_OPTIONS):
-        raise unknown_option(str(endpoint), option, CAN_OPTIONS | SOCKETCAN_OPTIONS)
-    for key in ("receive_own_messages", "local_loopback", "fd"):
-        _flag(endpoint, key)
-    if endpoint.integer("receive_buffer", _ROOM) < 1:
-        raise _wrong(endpoint, "receive_buffer", "1 or more bytes")
-    filters_of(endpoint)
-
-
-def can_port(endpoint: Endpoint, *, stamps: bool = False) -> SocketCanPort | CanPort:
-    """Open the bus of a can:// endpoint: SocketCAN by itself, any other interface by python-can.
-
-    `stamps`: a port that has the time of the system sets `received_at`. Raises EncodeError, PortError.
-    """
-    if endpoint.place.startswith("socketcan/"):
-        return SocketCanPort(endpoint, stamps=stamps)
-    from barewire.io.ports.can.python_can import CanPort
-
-    return CanPort(endpoint)
-
-
-def check_interface(endpoint: Endpoint) -> None:
-    """Raise EncodeError for an unknown interface, or an option that neither barewire nor the interface has. Raise
-    PortError if the interface needs python-can, and that is missing."""
-    if endpoint.place.startswith("socketcan/"):
-        check_socketcan_options(endpoint)
-        return
-    from barewire.io.ports.can.python_can import check_python_can_options
-
-    check_python_can_options(endpoint)
-
-
-def can_endpoint(url: str, **options: object) -> Endpoint:
-    """Return the endpoint of a can:// URL; `options` override its options.
-
-    Raises EncodeError for any other URL, and for an option that neither barewire nor the interface has.
-    """
-    endpoint = Endpoint.parse(url, options)
-    if endpoint.scheme != "can":
-        raise EncodeError(f"endpoint {str(url)!r}: CANopen needs can://INTERFACE/CHANNEL, such as can://socketcan/can0")
-    if endpoint.options.keys() - CAN_OPTIONS:
-        check_interface(endpoint)
-    return endpoint
