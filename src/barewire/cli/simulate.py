@@ -21,7 +21,7 @@ from barewire.devices.sim import MachineUnits, Simulator, recorded_units, simula
 from barewire.devices.sim.recorded.toml import is_recorded
 from barewire.devices.value_text import parse_value
 from barewire.errors import shown
-from barewire.io.canopen.bus.shared_bus import INSIDE_ONE_PROCESS
+from barewire.io.canopen.bus.receiving import INSIDE_ONE_PROCESS
 from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import LATE, faults_at, faults_on_can
 from barewire.io.fault_injection.targets import Fault, parse_faults

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.canopen.sdo.client.channel import Channel
     from barewire.devices.device import Device
-    from barewire.io.canopen.bus.shared_bus import WatchFrames
+    from barewire.io.canopen.bus.receiving import WatchFrames
     from barewire.io.canopen.dcf_node import DcfNode
     from barewire.io.canopen.methods.lss import LssMethods
     from barewire.io.canopen.methods.sync_time import SyncMethods, TimeMethods

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.devices.sim.core.simulator import Simulator
     from barewire.io.canopen.bus.async_bus import AsyncRunning
-    from barewire.io.canopen.bus.shared_bus import WatchFrames
+    from barewire.io.canopen.bus.receiving import WatchFrames
     from barewire.io.fault_injection.targets import GivenFaults
 
     Served = str | Device | Simulator | CanopenNode | ObjectDictionary | Eds

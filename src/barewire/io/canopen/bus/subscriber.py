@@ -5,15 +5,6 @@
 
 A bounded queue. Its consumer is woken only while it waits, so a burst of frames wakes it once.
 
-A conversation to which nobody else listens needs no queue, and no reader thread: `DirectPort` reads the bus itself.
-
-        conversation  ->  DirectPort  ->  port of the bus               one thread: nobody is woken
-        a second listener comes: the reader thread of the bus starts, and reads when this port does not
-        conversation  ->  DirectPort  ->  Subscriber  <-  reader        from here as every other subscriber
-
-It delivers the frames that it reads to all subscribers, and becomes a subscriber at its next call: no frame is lost,
-and none is delivered twice. Frames that others send or the reader reads until then wait in its `inbox`.
-
 Depends on: a bus to add itself to.  Used by: clients, streams, nodes.
 """
 
@@ -86,27 +77,6 @@ class FrameBus(Protocol):
     def send(self, frame: CanFrame, sender: Any = None, /) -> None: ...
 
     def try_send(self, frame: CanFrame, sender: Any = None, /, *, again: bool = False) -> bool: ...
-
-
-class ReadableBus(FrameBus, Protocol):
-    """The operations of a bus that a `DirectPort` uses; those of `CanBus` are described there."""
-
-    failure: str | None
-
-    @property
-    def has_reader(self) -> bool: ...
-
-    def read_now(self, timeout: float, /) -> BusItem | None: ...
-
-    def take(self, item: BusItem, /) -> bool: ...
-
-    def subscribe_instead(self, keys: frozenset[Key] | None, /) -> Subscriber: ...
-
-    def fail_directly(self, why: str, /) -> None: ...
-
-    def end_direct(self, direct: DirectPort, /) -> None: ...
-
-    def wait_until_open(self, timeout: float, /) -> None: ...
 
 
 class Subscriber:
@@ -275,113 +245,3 @@ class SubscriberTable:
         for subscriber in self._of_all:
             if subscriber is not sender:
                 subscriber.put(frame, at)
-
-
-_SLICE = 0.05
-"""Seconds of one read, after which it is checked whether the bus was closed, or a second listener came."""
-_BACKLOG = 0.1
-"""Seconds that reading the waiting frames of others may take at most: a busy bus is never silent."""
-
-
-class DirectPort:
-    """A port for one conversation. `CanBus.direct` makes it; `close` lets others read."""
-
-    node = False
-
-    def __init__(self, bus: ReadableBus, reading: threading.Lock, keys: frozenset[Key] | None, patience: float) -> None:
-        """`reading`: the lock of whoever reads; this port holds it only inside `receive`, since between two calls the
-        caller's functions may take long. `patience`: seconds to wait for a bus that failed before anything was sent,
-        and is opened again."""
-        self.inbox: deque[CanFrame] = deque()
-        self._bus = bus
-        self._reading = reading
-        self._keys = keys
-        self._patience = patience
-        self._has_sent = False
-        self.thread = threading.get_ident()
-        self._subscriber: Subscriber | None = None
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} of {self._bus.name}>"
-
-    def wants(self, frame: CanFrame) -> bool:
-        """Return whether the conversation receives this frame."""
-        return self._keys is None or (frame.id, frame.extended) in self._keys
-
-    def send(self, item: CanFrame) -> None:
-        """Send a frame. Raises PortError."""
-        self._has_sent = True
-        self._bus.send(item, self._subscriber or self)
-
-    def receive(self, timeout: float) -> CanFrame | None:
-        """Return the next frame of this conversation, or None after `timeout` seconds. Raises PortError."""
-        if self._subscriber is not None:
-            return self._next_of(self._subscriber, timeout)
-        bus, clock = self._bus, time.monotonic
-        until = clock() + timeout
-        give_up = until + _BACKLOG
-        why = None
-        if self._reading.acquire(blocking=False):
-            try:
-                while not bus.has_reader:
-                    if self.inbox:
-                        return self.inbox.popleft()
-                    if bus.failure is not None:
-                        raise PortError(bus.failure)
-                    try:
-                        item = bus.read_now(_SLICE if timeout > _SLICE else timeout)
-                    except PortError as error:
-                        why = str(error)
-                        bus.fail_directly(why)
-                        break
-                    if item is not None and bus.take(item):
-                        frame: CanFrame = item  # type: ignore[assignment]  # `take` is False for a report
-                        if self.wants(frame):
-                            return frame
-                    timeout = until - clock()
-                    if timeout <= 0.0:
-                        if item is None or give_up <= clock():
-                            return None
-                        timeout = 0.0
-            finally:
-                self._reading.release()
-        left = max(0.0, until - clock())
-        return self._next_of(self._hand_over(), left) if why is None else self._survive(why, left)
-
-    def _next_of(self, subscriber: Subscriber, timeout: float) -> CanFrame | None:
-        return self.inbox.popleft() if self.inbox else subscriber.receive(timeout)
-
-    def _hand_over(self) -> Subscriber:
-        """Become a subscriber: from now on only the reader reads."""
-        self._subscriber = subscriber = self._bus.subscribe_instead(self._keys)
-        return subscriber
-
-    def _survive(self, why: str, timeout: float) -> CanFrame | None:
-        """If nothing was sent yet, wait for the reader to open the port that failed again, and go on."""
-        bus = self._bus
-        if self._has_sent:
-            raise PortError(why)
-        bus.wait_until_open(self._patience)
-        self._subscriber = Subscriber(bus, self._keys)
-        return self._subscriber.receive(timeout)
-
-    def note_losses(self, error: BarewireError) -> None:
-        """Add a note about dropped frames to the error of a conversation."""
-        if self._subscriber is not None:
-            self._subscriber.note_losses(error)
-
-    def __enter__(self) -> DirectPort:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """End the use of the bus."""
-        if self._subscriber is not None:
-            self._subscriber.close()
-        else:
-            self._bus.end_direct(self)
-
-
-Sender: TypeAlias = Subscriber | DirectPort

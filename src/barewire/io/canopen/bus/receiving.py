@@ -1,0 +1,283 @@
+"""The receiving side of a shared CAN bus: who reads the port, what each received frame reaches, and a port that fails.
+
+        nobody                  until somebody listens, if the system keeps frames meanwhile; only of a lazy bus
+        one conversation        a blocking client that is alone reads by itself: `DirectPort`
+        the reader thread       as soon as a second one listens
+
+Depends on: a port, subscribers.  Used by: `CanBus`.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from barewire.canopen.frame import CanFrame, ErrorFrame
+from barewire.canopen.nmt.node_monitor import NodeMonitor
+from barewire.errors import PortError
+from barewire.io.canopen.bus.direct_port import DirectPort
+from barewire.io.canopen.bus.reconnect import AwaitedBus, Dial, Reopening, receiver
+from barewire.io.canopen.bus.subscriber import (
+    BusDown,
+    BusItem,
+    BusUp,
+    FramesLost,
+    Key,
+    Subscriber,
+    SubscriberTable,
+)
+from barewire.io.log import PortLog, watch_both
+from barewire.io.ports.base import Port
+
+if TYPE_CHECKING:
+    from barewire.io.ports.trace import Direction
+
+_RECEIVE_TIMEOUT = 0.05
+"""Seconds that the reader waits for a frame before it checks whether the bus was closed."""
+
+INSIDE_ONE_PROCESS = "can://virtual is inside one process"
+
+Sender: TypeAlias = Subscriber | DirectPort
+WatchFrames: TypeAlias = "Callable[[Direction, CanFrame], Any]"
+
+
+class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
+    """The base class of a shared bus. Its arguments are those of `CanBus`."""
+
+    def __init__(
+        self,
+        port: Port[CanFrame],
+        *,
+        watch: WatchFrames | None = None,
+        dial: Dial | None = None,
+        pauses: tuple[float, float],
+        lazy: bool,
+    ) -> None:
+        SubscriberTable.__init__(self)
+        AwaitedBus.__init__(self)
+        self.port = port
+        self.name: str = getattr(port, "name", "the bus")
+        self.place = self.name if "/" not in self.name else f"can://{self.name}"
+        """The URL of the bus, without options, in the lines of the log."""
+        self._log = PortLog("barewire.canopen.bus", self.place)
+        self.monitor = NodeMonitor(INSIDE_ONE_PROCESS if str(self.name).startswith("virtual/") else "")
+        self._receive = receiver(port)
+        self._try_send: Callable[[CanFrame], bool] | None = getattr(port, "try_send", None)
+        self._watch: WatchFrames | None = watch_both(watch, self._log.watch())
+        self._new_locks()
+        self._lost = 0  # of the port
+        self._closed = False
+        self._reopening = None if dial is None else Reopening(dial, threading.Event(), pauses=pauses, log=self._log)
+        self._reader: threading.Thread | None = None
+        self._direct: DirectPort | None = None
+        self._log.info("opened", "opened")
+        if not (lazy and getattr(port, "keeps_frames", False)):
+            self._start_reader(None)
+
+    def _new_locks(self) -> None:
+        self._changing = threading.RLock()
+        self._sending = threading.Lock()
+        self._reading = threading.Lock()  # held by the only thread that reads the port
+
+    @abstractmethod
+    def add(self, subscriber: Subscriber) -> None: ...
+
+    @abstractmethod
+    def remove(self, subscriber: Subscriber) -> None: ...
+
+    @abstractmethod
+    def send(self, frame: CanFrame, sender: Sender | None = None) -> None: ...
+
+    @abstractmethod
+    def try_send(self, frame: CanFrame, sender: Sender | None = None, *, again: bool = False) -> bool: ...
+
+    # Who reads
+
+    def _start_reader(self, failure: str | None) -> None:
+        """Start the reader thread, unless it runs. `failure`: why the port failed for a conversation that read it."""
+        if self._reader is None and not self._closed:
+            name = f"reader of {self.name}"
+            self._reader = threading.Thread(target=self._read, args=(failure,), name=name, daemon=True)
+            self._reader.start()
+
+    def _read(self, failure: str | None) -> None:
+        with self._reading:  # not while a conversation reads by itself
+            if failure is not None and not self._reopen(failure):
+                return
+            while not self._closed:
+                self._report_losses()
+                try:
+                    item = self.read_now(_RECEIVE_TIMEOUT)
+                except PortError as error:
+                    if not self._reopen(str(error)):
+                        return
+                    continue
+                if item is not None and not self._deliver(item):
+                    return
+
+    def read_now(self, timeout: float) -> BusItem | None:
+        """Read the port, which only the holder of the lock may do. Raises PortError, also for errors of python-can."""
+        try:
+            return self._receive(timeout)
+        except PortError:
+            raise
+        except Exception as error:
+            raise PortError(f"reading {self.name} ended: {type(error).__name__}: {error}") from error
+
+    # One conversation that reads by itself, see `DirectPort`
+
+    @property
+    def has_reader(self) -> bool:
+        """Whether the reader thread was started."""
+        return self._reader is not None
+
+    def direct(self, keys: frozenset[Key] | None, patience: float) -> DirectPort | None:
+        """Return a port for a conversation that reads the bus itself; None if a thread reads it."""
+        if self._reader is not None or self.failure is not None:
+            return None
+        with self._changing:
+            if self._direct is not None or self._reader is not None or self._closed:
+                return None
+            self._direct = direct = DirectPort(self, self._reading, keys, patience)
+        return direct
+
+    def take(self, item: BusItem) -> bool:
+        """Deliver an item that a conversation read to all others. Return whether it is a frame."""
+        if not isinstance(item, CanFrame):
+            self._report(item, time.monotonic())
+            return False
+        if self._watch is not None:
+            self._watch("received", item)
+        now = time.monotonic()
+        self.monitor.feed(item, now)
+        self.put(item, now, None)
+        return True
+
+    def subscribe_instead(self, keys: frozenset[Key] | None) -> Subscriber:
+        """Return a subscriber in place of the conversation that reads, so that the reader reads. Raises PortError."""
+        with self._changing:  # the reader may read already: no frame comes between the two
+            try:
+                return Subscriber(self, keys)
+            finally:
+                self._direct = None
+
+    def fail_directly(self, why: str) -> None:
+        """Start the reader, which opens the port again: a read of the conversation failed."""
+        with self._changing:
+            self._direct = None
+            self.failure = self.failure or why
+            self._start_reader(why)
+
+    def end_direct(self, direct: DirectPort) -> None:
+        """Let others read, at the end of a conversation."""
+        with self._changing:
+            if self._direct is direct:
+                self._direct = None
+
+    def _discard_old(self) -> None:
+        """Read the frames that arrived while nobody listened, for the node monitor only."""
+        if not self._reading.acquire(blocking=False):
+            return  # a conversation reads
+        try:
+            until = time.monotonic() + _RECEIVE_TIMEOUT
+            while time.monotonic() < until and (item := self.read_now(0.0)) is not None:
+                self._deliver(item)
+        except PortError as error:
+            with self._changing:
+                self._start_reader(str(error))
+        finally:
+            self._lost = getattr(self.port, "lost", 0)
+            self._reading.release()
+
+    # Delivery
+
+    def _report_losses(self) -> None:
+        """Report the frames that the system dropped, because they were not read in time."""
+        lost = getattr(self.port, "lost", 0)
+        if lost != self._lost:
+            frames, self._lost = lost - self._lost, lost
+            if frames > 0:  # a new port counts from 0 again
+                self._report(FramesLost(frames), time.monotonic())
+
+    def _deliver(self, item: BusItem) -> bool:
+        try:
+            if isinstance(item, CanFrame):
+                if self._watch is not None:
+                    self._watch("received", item)
+                self._distribute(item, time.monotonic(), None)
+            else:
+                self._report(item, time.monotonic())
+        except Exception as error:  # raised by `watch`
+            self._fail(f"reading {self.name} ended: {type(error).__name__}: {error}")
+            return False
+        return True
+
+    def _distribute(self, frame: CanFrame, at: float, sender: Sender | None) -> None:
+        """Deliver a frame to all subscribers but its sender. The node monitor does not get the frames of clients."""
+        if sender is None or sender.node:
+            self.monitor.feed(frame, at)
+        if self._direct is None or self._direct is sender:
+            self.put(frame, at, sender)
+            return
+        with self._changing:  # `_direct` may become a subscriber now
+            direct = self._direct
+            if direct is not None and direct.wants(frame):
+                direct.inbox.append(frame)
+            self.put(frame, at, sender)
+
+    def _report(self, item: BusItem, at: float) -> None:
+        if isinstance(item, ErrorFrame):
+            self.monitor.report(item, at)
+            self._log.info("controller", f"controller: {item.text}")
+        for subscriber in tuple(self.subscribers):
+            if subscriber.reports:
+                subscriber.put(item, at)
+
+    # A port that fails
+
+    def _fail(self, why: str) -> None:
+        """End this bus: every subscriber raises PortError with this reason."""
+        if not self._has_ended:
+            if self._closed:
+                self._log.info("closed", "closed")
+            else:
+                self._log.warning("failed", f"failed: {self._log.short(why)}")
+            self._log.flush()
+        with self._changing:
+            self.failure = self.failure or why
+            self._has_ended = True
+            subscribers = tuple(self.subscribers)
+        for subscriber in subscribers:
+            subscriber.fail(why)
+        self._wake()
+
+    def _reopen(self, why: str) -> bool:
+        """Replace the port that failed. Return False if it cannot be opened again, or if the bus was closed."""
+        if self._reopening is None or self._closed:
+            self._fail(why)
+            return False
+        since = time.monotonic()
+        with self._changing:
+            self.failure = why
+            subscribers = tuple(self.subscribers)
+        for subscriber in subscribers:
+            if subscriber.reports:
+                subscriber.put(BusDown(why), since)
+            else:
+                subscriber.fail(why)
+        opened = self._reopening.reopen(self.port, why)
+        if opened is None:
+            return False
+        with self._sending:
+            self.port, first = opened
+            self._receive, self._try_send = receiver(self.port), getattr(self.port, "try_send", None)
+        with self._changing:
+            if self._has_ended:
+                return False  # closed meanwhile: `close` waits for this thread, then closes the port
+            self.failure = None
+        self._report(BusUp(time.monotonic() - since), time.monotonic())
+        self._wake()
+        return first is None or self._deliver(first)
