@@ -17,7 +17,7 @@ from barewire.cli.arguments import (
     timing_option,
     unfinished_as_json,
 )
-from barewire.errors import EncodeError, shown
+from barewire.errors import EncodeError, NoAnswer, shown
 from barewire.io.endpoint import Endpoint
 
 if TYPE_CHECKING:
@@ -157,11 +157,13 @@ def _test_node(
     if document is not None and not document.objects:
         raise EncodeError(f"--eds {eds}: describes no objects: expected sections like [1000]")
     where, address, names = Endpoint.parse(endpoint), _object_address(large), _beginnings(only, document)
-    ask = partial(print, "switch the device off and on", file=sys.stderr, flush=True) if power else None
+    note = partial(print, file=sys.stderr, flush=True)
+    ask = partial(note, "switch the device off and on") if power else None
+    woken = partial(note, "the device did not answer before it got NMT 80h, enter pre-operational: it was STOPPED")
     last = ""
     try:
         for result in conform_can(
-            where, gentle=gentle, large=address, only=names, eds=document, save=save, on_power_cycle=ask
+            where, gentle=gentle, large=address, only=names, eds=document, save=save, on_power_cycle=ask, on_stopped=woken
         ):
             last = f" after {result.case.name}"
             count += result.outcome is not None
@@ -171,6 +173,11 @@ def _test_node(
                 print_json(_node_case_fields(result))
             else:
                 print(_node_case_line(result), flush=True)
+    except NoAnswer as error:
+        if gentle:
+            hint = "a device in STOPPED does not answer: without --gentle it is switched to PRE-OPERATIONAL"
+            raise NoAnswer(f"{error}; {hint}") from None
+        raise
     except KeyboardInterrupt:
         click.echo(f"interrupted{last}: the device is as the last case made it, possibly stopped: reset it", err=True)
         raise

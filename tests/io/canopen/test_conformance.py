@@ -63,6 +63,23 @@ def test_values_set_before_are_not_a_failure_of_the_device(device: str) -> None:
     assert [result.failure for result in results] == [None, None]
 
 
+def test_a_device_that_an_interrupted_run_left_stopped_is_tested(device: str) -> None:
+    """It gets NMT 80h, and the caller is told; a gentle run sends no command, and says what the reason may be."""
+    woken: list[str] = []
+    with CanopenClient(device) as client:
+        client.node().nmt.stop()
+    run_gently = run_command("conform", "can://virtual/empty?node=5&timeout=0.05", "--gentle", "--only", "SDO-01")
+    assert "without --gentle it is switched to PRE-OPERATIONAL" in run_gently.stderr
+    with pytest.raises(NoAnswer):
+        list(conform_can(Endpoint.parse(f"{URL}&timeout=0.1"), only=("SDO-01",), gentle=True))
+    stopped = Endpoint.parse(f"{URL}&timeout=0.3")
+    results = list(conform_can(stopped, only=("SDO-01",), on_stopped=lambda: woken.append("stopped")))
+    assert [(result.failure, result.left_out) for result in results] == [(None, "")]
+    assert woken == ["stopped"]
+    list(conform_can(stopped, only=("SDO-01",), on_stopped=lambda: woken.append("again")))
+    assert woken == ["stopped"]
+
+
 def test_a_missing_large_object_is_an_error(device: str) -> None:
     with refused(EncodeError, f"the large object 2FFF:00: node {NODE} has no such object"):
         list(conform_can(Endpoint.parse(device), large=(0x2FFF, 0)))

@@ -50,6 +50,7 @@ def conform_can(
     eds: Eds | None = None,
     save: bool = False,
     on_power_cycle: Callable[[], None] | None = None,
+    on_stopped: Callable[[], None] | None = None,
 ) -> Iterator[NodeCaseResult]:
     """Run the cases, and yield the result of each.
 
@@ -59,6 +60,7 @@ def conform_can(
     eds         the EDS of the device: every object is compared with it, in cases whose names begin with OD-
     save        run the cases that store values in the non-volatile memory of the device as well
     on_power_cycle   called when the device must be switched off and on, within two minutes; None: it never must
+    on_stopped  called when a silent device, STOPPED by a run that was interrupted, answers after NMT 80h
 
     Raises EncodeError for an endpoint that is not can:// and an EDS without objects, PortError for a bus that cannot be
     opened, NoAnswer if no device answers, Unfinished if the device stops answering for good.
@@ -73,6 +75,8 @@ def conform_can(
     objects, dummies = (None, frozenset[int]()) if eds is None else (eds.objects, eds.dummies)
     port: Port[CanFrame] = can_port(endpoint)
     try:
+        if not gentle:
+            _wake(port, node, patience, on_stopped)
         subject, boot = _probe(port, node, patience, gentle, large, only, objects)
         why = partial(
             why_left_out,
@@ -109,6 +113,29 @@ def conform_can(
             run(prepare(subject, after=previous.case, boot=boot, timeout=patience), port)
     finally:
         port.close()
+
+
+def _wake(port: Port[CanFrame], node: int, patience: float, on_stopped: Callable[[], None] | None) -> None:
+    """Switch a device that does not answer to PRE-OPERATIONAL: SDO does not work in STOPPED.   [CiA 301 7.3.2.2]
+
+    A run that was interrupted may have left it there. A device that answers gets no command. If it answers afterwards,
+    `on_stopped` is called; if it does not, `probe` will say so.
+    """
+    try:
+        run(_request_device_type(node, patience), port)
+        return
+    except NoAnswer:
+        run(_send(CanFrame(0, bytes([NmtCommand.ENTER_PRE_OPERATIONAL, node]))), port)
+    try:
+        run(_request_device_type(node, patience), port)
+    except NoAnswer:
+        return
+    if on_stopped is not None:
+        on_stopped()
+
+
+def _send(frame: CanFrame) -> Conversation[CanFrame, None]:
+    yield Send(frame)
 
 
 def _probe(
