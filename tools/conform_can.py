@@ -52,13 +52,17 @@ last case and the number of cases that were not run (with `--json` an object `un
 | `--large 2100:00` | an object for any bytes: it is written in several segments and blocks |
 | `--save` | also the cases that store values in the memory of the device |
 | `--power-cycle` | the same, and STO-08, in which you switch the device off and on within two minutes |
+| `--write-application` | with `--eds`, also other values for objects from 2000h on, [below](#application-objects) |
 | `--gentle` | leaves out the cases that change the device |
 
 After each case that changes the device its communication is reset, it is switched to pre-operational (it may start
 itself), and what the case wrote is read back and written if the device kept it. So one departure fails the cases that
 name it, and not all that follow: a device that starts itself fails NMT-19; one that keeps values over a reset of the
-communication fails NMT-17, RPD-19, TPD-19, SYN-05, CHN-06, CHN-12 and CFG-02, and STO-03 if that runs. COB-01 to
-COB-09 send some 800 requests each: 15 s in all at 125 kbit/s.
+communication fails NMT-17, RPD-19, TPD-19, SYN-05, CHN-06, CHN-08, CHN-12, CHN-13 and CFG-02, and STO-03 if that
+runs. COB-01 to COB-09 send some 800 requests each: 15 s in all at 125 kbit/s.
+
+Ctrl-C leaves the device as the last case has made it, possibly in STOPPED, where it does not answer. A run that finds
+it silent sends NMT 80h, *enter pre-operational*, first, and says so on stderr; `--gentle` sends no command.
 
 **Not for a machine that is running.** The column *effect* below:
 
@@ -70,6 +74,7 @@ COB-09 send some 800 requests each: 15 s in all at 125 kbit/s.
 | commands | the device is started, stopped and reset, gets RPDOs of zeros, SYNC, and heartbeats of a node 126 |
 | stores | values are stored by 1010h; afterwards those that the device had are stored again; only with `--save` |
 | power | the same, and the device is switched off and on; only with `--power-cycle` |
+| application | a drive may move, outputs may switch: other values from 2000h on; only with `--write-application` |
 
 Interfaces without remote frames (socketcand) leave out the cases that need them.
 
@@ -124,6 +129,7 @@ FAILED  OD-LIMIT-2000:00  2000h:00 speed: refuses less than 10 and more than 100
 |---|---|---|
 | OD-READ-2000:00 | reads | it can be read and has the length of its DataType; a write-only one is refused |
 | OD-SUB-2010 | reads | the sub-indices between and after the described ones do not exist (06090011) |
+| OD-TYPE-2000 | reads | sub-index FFh, if there is one, has its ObjectType and DataType |
 | OD-ABSENT-1011 | reads | a communication object that the EDS does not have does not exist (06020000) |
 | OD-DEFAULT-2000:00 | tries | after a reset it has its DefaultValue, with `$NODEID` |
 | OD-ACCESS-2002:00 | tries | a read-only object refuses a write (06010002) |
@@ -132,6 +138,8 @@ FAILED  OD-LIMIT-2000:00  2000h:00 speed: refuses less than 10 and more than 100
 | OD-LIMIT-2000:00 | tries | values below LowLimit and above HighLimit are refused (0609003x) |
 | OD-RPDO-6040:00, OD-TPDO-6040:00 | writes | PDOMapping and AccessType say if it can be mapped (or 06040041) |
 | OD-DUMMY-0005 | writes | a data type that [DummyUsage] allows can be mapped into an RPDO, with its width only |
+| OD-RANGE-2000:00 | application | values within its limits are accepted and kept, see [below](#application-objects) |
+| RND-05, RND-06 | reads, application | 50 reads and 50 writes of objects from 2000h on are answered in random order |
 
 OD-RPDO and OD-TPDO reset the communication before each object: an EDS of hundreds of objects takes minutes, without
 them (`--only OD-READ,OD-SUB,OD-ABSENT,OD-DEFAULT,OD-ACCESS,OD-WRITE,OD-LENGTH,OD-LIMIT`) seconds.
@@ -141,6 +149,19 @@ These are not judged, since good devices differ: the value of a read-only object
 without the serial number, and the highest sub-index; writes of 1003h, 1010h and 1011h, of SDO channels and PDOs; the
 direction of an object whose AccessType is `rw`, which CiA 306 leaves open; a write that is refused because of the
 state of the device (0800002x). Bit 0 of an object's ObjFlags leaves out its writes, bit 1 its reads.
+
+### Application objects
+
+Without `--write-application` the battery writes to an object from 2000h on only the value that it has, or one that it
+must refuse. So does CiA's tool, whose random writes stay within 1000h to 1FFFh: another value may start a motor or
+switch an output, and no EDS says which value is safe. With it, in PRE-OPERATIONAL, each writable number gets LowLimit,
+HighLimit and three values between them; one without both limits its DefaultValue alone, a BOOLEAN 0 and 1. Take the
+load off a drive, and disconnect what outputs switch.
+
+The controlword of a drive (6040h; 6840h, 7040h ... of further axes) is never written, since it switches the power stage
+on. Bit 0 of ObjFlags leaves out more: an object that is a command and reads otherwise than it was written fails. After
+each case the objects have the values that they had, unless the run is interrupted. A refusal because of the state of
+the device or of other objects (0800002x, 06040043, 06040047, 06090036) is not a failure.
 
 From Python: `conform_can(endpoint, eds=parse(data))` of `barewire.io.canopen.conformance`, and in virtual time
 `probe(5, objects=eds.objects)` and `cases(subject, eds.objects, eds.dummies)` in the example above.

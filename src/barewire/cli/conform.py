@@ -35,6 +35,11 @@ if TYPE_CHECKING:
 @click.option("--eds", metavar="FILE", help="The EDS of the device: compare every object with it (can:// only).")
 @click.option("--save", is_flag=True, help="Also cases that store values in the device's memory (can:// only).")
 @click.option("--power-cycle", is_flag=True, help="With --save, and a case in which you switch the device off and on.")
+@click.option(
+    "--write-application",
+    is_flag=True,
+    help="With --eds, also write objects from 2000h on with other values: a drive may move, outputs may switch.",
+)
 @click.option("--only", metavar="NAME,...", default="", help="Only cases whose names begin with NAME (can:// only).")
 def conform_command(
     endpoint: str,
@@ -45,6 +50,7 @@ def conform_command(
     eds: str | None,
     save: bool,
     power_cycle: bool,
+    write_application: bool,
     only: str,
 ) -> int:
     """Test a server or device against the standard.
@@ -75,17 +81,29 @@ def conform_command(
     adds a case that waits two minutes for you to switch the device off and on.
 
     With --eds every object is read, written with the value that it has, with values beyond its limits and of another
-    length, and mapped into PDOs; the device should have its factory settings.
+    length, and mapped into PDOs; the device should have its factory settings. --write-application adds writes of other
+    values within the limits to the objects from 2000h on, except controlwords: take the load off a drive, and disconnect
+    what outputs switch. Afterwards each object gets the value that it had.
     """
     with unfinished_as_json(as_json):
         if endpoint.startswith("can://"):
             if timing:
                 print_timing(endpoint)
+            if write_application and eds is None:
+                raise EncodeError("--write-application: the limits of values are in the EDS: give it with --eds FILE")
             return _test_node(
-                endpoint, as_json=as_json, gentle=gentle, large=large, eds=eds, save=save, power=power_cycle, only=only
+                endpoint,
+                as_json=as_json,
+                gentle=gentle,
+                large=large,
+                eds=eds,
+                save=save,
+                power=power_cycle,
+                application=write_application,
+                only=only,
             )
-        if gentle or only or save or power_cycle or large is not None or eds is not None:
-            options = "--gentle, --large, --eds, --save, --power-cycle and --only"
+        if gentle or only or save or power_cycle or write_application or large is not None or eds is not None:
+            options = "--gentle, --large, --eds, --save, --power-cycle, --write-application and --only"
             raise EncodeError(f"endpoint {shown(endpoint, 200)}: {options} are for can://")
         if timing:
             print_timing(endpoint)
@@ -146,6 +164,7 @@ def _test_node(
     eds: str | None,
     save: bool,
     power: bool,
+    application: bool,
     only: str,
 ) -> int:
     """Run the cases and print them; 1 if one failed."""
@@ -163,7 +182,15 @@ def _test_node(
     last = ""
     try:
         for result in conform_can(
-            where, gentle=gentle, large=address, only=names, eds=document, save=save, on_power_cycle=ask, on_stopped=woken
+            where,
+            gentle=gentle,
+            large=address,
+            only=names,
+            eds=document,
+            save=save,
+            write_application=application,
+            on_power_cycle=ask,
+            on_stopped=woken,
         ):
             last = f" after {result.case.name}"
             count += result.outcome is not None

@@ -29,10 +29,14 @@ ADDRESS = LssAddress(0x0000_0360, 0x1234, 0x0001_0002, 7)
 def plain(*more: Entry) -> LocalNode:
     """Return a device with the objects that most cases need, and `more`."""
     objects = [
-        *standard_objects(ADDRESS, device_type=0x0002_0192, name="barewire plain device", servers=2),
+        *standard_objects(ADDRESS, device_type=0x0002_0192, name="barewire plain device", servers=4),
         Entry(0x1020, 1, "configuration date", "u32", "rw", 0),
         Entry(0x1020, 2, "configuration time", "u32", "rw", 0),
-        *(Entry(0x1280, sub, "COB-ID of an SDO client", "u32", "rw", 0x8000_0000) for sub in (1, 2)),
+        *(
+            Entry(index, sub, "COB-ID of an SDO client", "u32", "rw", 0x8000_0000)
+            for index in (0x1280, 0x1281, 0x1282)
+            for sub in (1, 2)
+        ),
         Entry(0x1010, 1, "save all", "u32", "rw", 1),
         Entry(0x1011, 1, "restore all", "u32", "rw", 1),
         Entry(*LARGE, "anything", "domain", "rw", b""),

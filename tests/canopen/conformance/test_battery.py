@@ -217,6 +217,13 @@ def serves_in_stopped(device: LocalNode, received: CanFrame | None, sent: list[C
     return sent
 
 
+def keeps_1203h(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
+    """Restore every channel but this one after a reset of the communication."""
+    if received is not None and str(received) == "000#8205":
+        device.objects.set(0x1203, 1, 0x8000_06A0)
+    return sent
+
+
 def answers_remote_frames(device: LocalNode, received: CanFrame | None, sent: list[CanFrame]) -> list[CanFrame]:
     asked = received is not None and received.remote and received.id == 0x180 + NODE
     return [*sent, CanFrame(0x180 + NODE, bytes(2))] if asked and not sent else sent
@@ -267,8 +274,12 @@ SILENT_LSS = without(0x7E4)
         pytest.param(other("185#37", "185#0037"), {"TPD-30"}, id="a PDO that is too long"),
         pytest.param(other("080#02", "080#01"), {"SYN-04"}, id="a counter that does not count"),
         pytest.param(other("7E4#5A", "7E4#5B"), {"LSS-02"}, id="another LSS answer"),
-        pytest.param(takes_any_cob_id, {f"COB-0{number}" for number in range(1, 10)}, id="restricted CAN-IDs"),
+        pytest.param(takes_any_cob_id, {f"COB-{number:02d}" for number in range(1, 12)}, id="restricted CAN-IDs"),
         pytest.param(without(0x6A1), {"CHN-01", "CHN-02", "CHN-05"}, id="a second server that is silent"),
+        pytest.param(without(0x6A1), {"CHN-07"}, id="further servers that are silent"),
+        pytest.param(other("585#60031201", "585#80031201"), {"CHN-07", "CHN-08"}, id="1203h cannot be written"),
+        pytest.param(other("585#43821202A1", "585#43821202A2"), {"CHN-13"}, id="1282h is changed"),
+        pytest.param(keeps_1203h, {"CHN-08"}, id="1203h is kept over a reset"),
         pytest.param(serves_in_stopped, {"CHN-05", "RND-04"}, id="SDO on both channels in STOPPED"),
         pytest.param(answers_remote_frames, {"TPD-43", "TPD-44"}, id="a PDO for every remote frame"),
         pytest.param(sends_in_every_state, {"TPD-45", "TPD-46", "TPD-47"}, id="a PDO every 100 ms, in every state"),

@@ -32,7 +32,8 @@ def test_our_device_passes_with_its_own_eds() -> None:
     assert failures(bus, subject, objects=OBJECTS) == {}
     made = [case for case in cases(subject, OBJECTS) if case.name.startswith("OD-")]
     groups = Counter(case.name.split("-")[1] for case in made if not case.lacks)
-    assert set(groups) == {"READ", "SUB", "ABSENT", "DEFAULT", "ACCESS", "WRITE", "LENGTH", "LIMIT", "RPDO", "TPDO"}
+    written = {"DEFAULT", "ACCESS", "WRITE", "LENGTH", "LIMIT", "RANGE"}
+    assert set(groups) == {"READ", "SUB", "TYPE", "ABSENT", *written, "RPDO", "TPDO"}
     assert all(count >= 2 for count in groups.values()), groups
     assert all(case.clause.startswith(("CiA 301", "CiA 306")) for case in made)
     assert len({case.name for case in made}) == len(made)

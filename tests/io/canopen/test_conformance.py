@@ -21,6 +21,7 @@ from barewire.io.canopen import conformance as shell
 from barewire.io.canopen.conformance import NodeCaseResult, conform_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.conformance import Unfinished
+from tests.canopen.conformance.described import RIGHT, device as described_device
 from tests.canopen.conformance.devices import LARGE, NODE, plain
 from tests.cli.helpers import COMMAND, run_command, simulated_at
 from tests.helpers import free_port, refused
@@ -103,6 +104,26 @@ def test_cases_that_store_values_are_asked_for(device: str) -> None:
     assert left_out(save=True, gentle=True) == {"STO-01": "stores", "STO-08": "power", "CFG-01": "writes"}
 
 
+def test_application_objects_are_written_only_when_that_is_asked_for() -> None:
+    made = described_device()
+
+    def run(**options: Any) -> dict[str, str]:
+        with CanopenServer(URL, device=made):
+            found = conform_can(
+                Endpoint.parse(f"{URL}&timeout=1"), only=("OD-RANGE-2000", "RND-06"), eds=RIGHT, **options
+            )
+            results = list(found)
+        assert [result.failure for result in results if result.failure] == []
+        return {result.case.name: result.left_out for result in results}
+
+    needs = "writes application objects: needs --write-application"
+    assert run() == {"OD-RANGE-2000:00": needs, "RND-06": needs}
+    assert run(write_application=True, gentle=True) == {"OD-RANGE-2000:00": "application", "RND-06": "application"}
+    made.objects.set(0x2000, 0, 77)
+    assert run(write_application=True) == {"OD-RANGE-2000:00": "", "RND-06": ""}
+    assert made.objects.get(0x2000) == 20  # the reset of the node, before the run, restored its default
+
+
 def test_the_power_cycle_is_asked_for() -> None:
     """The device is replaced by one with the stored values; then the values before are stored again."""
     made = plain()
@@ -174,10 +195,23 @@ def test_the_command_refuses_wrong_options() -> None:
         (1, ("can://virtual/empty?node=5&timeout=0.05",), "node 5"),
         (2, ("can://virtual/empty", "--large", "1000:00"), "--large '1000:00': expected INDEX:SUB from 2000:00 on"),
         (2, ("can://virtual/empty", "--large", "here"), "--large 'here': expected INDEX:SUB"),
-        (2, ("tcp://127.0.0.1:1", "--gentle"), "--eds, --save, --power-cycle and --only are for can://"),
-        (2, ("tcp://127.0.0.1:1", "--eds", "x.eds"), "--eds, --save, --power-cycle and --only are for can://"),
+        (
+            2,
+            ("tcp://127.0.0.1:1", "--gentle"),
+            "--power-cycle, --write-application and --only are for can://",
+        ),
+        (
+            2,
+            ("tcp://127.0.0.1:1", "--eds", "x.eds"),
+            "--power-cycle, --write-application and --only are for can://",
+        ),
         (1, ("can://virtual/empty", "--eds", "no-such.eds"), "no-such.eds: No such file"),
         (2, ("can://virtual/empty", "--eds", __file__), "describes no objects: expected sections like [1000]"),
+        (
+            2,
+            ("can://virtual/empty", "--write-application"),
+            "limits of values are in the EDS: give it with --eds",
+        ),
         (2, ("can://virtual/empty", "--only", "OD-READ"), "--only OD-READ: the cases OD- compare the device with its"),
     ):
         done = run_command("conform", *arguments)

@@ -15,6 +15,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 
+from barewire.canopen.conformance.application import application_cases
 from barewire.canopen.conformance.configuration import configuration_cases
 from barewire.canopen.conformance.eds_objects import object_cases
 from barewire.canopen.conformance.emcy_sync_time import emcy_sync_time_cases
@@ -45,14 +46,15 @@ def cases(
     """Return all cases for one device, in order. A case that needs something the device lacks names it in `lacks`.
 
     `objects` and `dummies` are those of the EDS of the device, which add the cases of `eds_objects`. They come first,
-    while all objects have the values that they have after a reset.
+    while all objects have the values that they have after a reset; those of `application` come last.
     """
     services = (
         *(expedited_cases, segmented_cases, block_cases, nmt_cases, emcy_sync_time_cases, pdo_cases, lss_cases),
         configuration_cases,
     )
     described = () if objects is None else object_cases(subject, objects, dummies)
-    return (*described, *(case for service in services for case in service(subject)))
+    written = () if objects is None else application_cases(subject, objects)
+    return (*described, *(case for service in services for case in service(subject)), *written)
 
 
 def case_names(objects: Mapping[int, EdsObject] | None = None, dummies: Iterable[int] = ()) -> tuple[str, ...]:

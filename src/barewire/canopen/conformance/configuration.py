@@ -1,7 +1,7 @@
 """Conformance cases of the configuration: restricted identifiers, further SDO channels, 1020h, random reads and writes.
 
 COB     each COB-ID that can be configured refuses every restricted CAN-ID         [CiA 301 7.3.5]
-CHN     1201h is a further SDO server, 1280h the channel of a client               [CiA 301 7.2.4, 7.5.2]
+CHN     1201h to 127Fh are further SDO servers, 1280h to 12FFh the channels of clients   [CiA 301 7.2.4, 7.5.2]
 CFG     1020h, verify configuration, holds what was written until a reset
 RND     reads and writes in random order, in each NMT state; the order is the same in each run
 """
@@ -43,6 +43,7 @@ _OFF, _CONSUMES = 0x8000_0000, 0x8000_0000
 _REQUEST, _RESPONSE, _OTHER = 0x6A0, 0x6A1, 0x6A2
 """CAN-IDs that are free for SDO channels."""
 _SERVER, _CLIENT = 0x1201, 0x1280
+_FURTHER_SERVERS, _FURTHER_CLIENTS = range(0x1202, 0x1280), range(0x1281, 0x1300)
 _STAMP = {1: 15_000, 2: 43_200_000}
 """Days since 1984 and milliseconds after midnight, for 1020h."""
 
@@ -78,13 +79,32 @@ def _restricted(subject: Subject) -> Iterator[NodeCase]:
         yield make_case(subject, _RESTRICTED, (s.responses,), name,
                         f"{index:04X}h:{sub:02X} refuses all {len(identifiers)} restricted CAN-IDs", *off, *refused,
                         effect="writes", needs=needs, why="06090030")
+    # Of the further channels, which may be 253, the ends of each range: they have the code of the first.
+    ends = [word for word in identifiers if not (is_restricted(word - 1) and is_restricted(word + 1))]
+    for name, span in (("COB-10", _FURTHER_SERVERS), ("COB-11", _FURTHER_CLIENTS)):
+        refused = [s.refuse(index, sub, identifier, 4, *_VALUE, *READ_ONLY_CODES)
+                   for index in _present(subject, span) for sub in (1, 2) for identifier in ends]
+        yield make_case(subject, _RESTRICTED, (s.responses,), name,
+                        f"{span[0]:04X}h and above refuse {len(ends)} restricted CAN-IDs", *refused, effect="writes",
+                        needs=_channel_needs(subject, span), why="06090030")
+
+
+def _present(subject: Subject, span: range) -> list[int]:
+    """Return the SDO channels that the device has, of a range of indices; those with one CAN-ID alone do not count."""
+    return [index for index in span if subject.has(index, 1) and subject.has(index, 2)]
+
+
+def _channel_needs(subject: Subject, span: range) -> tuple[str, str]:
+    """Return what a case with the channels of a range needs: the first one."""
+    first = next(iter(_present(subject, span)), span[0])
+    return f"{first:04X}h:01", f"{first:04X}h:02"
 
 
 def _channels(subject: Subject) -> Iterator[NodeCase]:
     node = subject.node
     s = Sdo(node)
-    case = partial(make_case, subject, _CHANNEL, (f"{_RESPONSE:03X}#", s.responses), effect="commands",
-                   needs=("1201h:01", "1201h:02"))
+    make = partial(make_case, subject, _CHANNEL, (f"{_RESPONSE:03X}#", s.responses), effect="commands")
+    case = partial(make, needs=("1201h:01", "1201h:02"))
 
     def put(index: int, sub: int, word: int) -> NodeStep:
         return s.write(index, sub, word, 4)
@@ -105,13 +125,27 @@ def _channels(subject: Subject) -> Iterator[NodeCase]:
     yield case("CHN-05", "no SDO in STOPPED", *on(_SERVER), stop, quiet, back, answered)
     restored = [s.read(_SERVER, sub, subject.number(_SERVER, sub).to_bytes(4, "little")) for sub in (1, 2)]
     yield case("CHN-06", "a reset of the communication restores it", *on(_SERVER), boots, *restored)
-    client = partial(case, needs=("1280h:01", "1280h:02"))
+    client = partial(make, needs=("1280h:01", "1280h:02"))
     kept = [s.read(_CLIENT, sub, word.to_bytes(4, "little")) for sub, word in ((1, _REQUEST), (2, _RESPONSE))]
     yield client("CHN-10", "1280h: the CAN-IDs of a client are kept", *on(_CLIENT), *kept)
     yield client("CHN-11", "a CAN-ID of a client cannot be changed while it is on", *on(_CLIENT),
                  s.refuse(_CLIENT, 1, _OTHER, 4, *_VALUE), *kept, why="06090030")
     restored = [s.read(_CLIENT, sub, subject.number(_CLIENT, sub).to_bytes(4, "little")) for sub in (1, 2)]
     yield client("CHN-12", "a reset of the communication restores 1280h", *on(_CLIENT), boots, *restored)
+    in_turn = [step for index in _present(subject, _FURTHER_SERVERS)
+               for step in (*on(index), answered, answered, put(index, 1, _OFF | _REQUEST), quiet)]
+    yield make("CHN-07", "1202h and above: each further server answers on its own CAN-IDs", *in_turn, s.works,
+               needs=_channel_needs(subject, _FURTHER_SERVERS))
+    for name, span, what in (("CHN-08", _FURTHER_SERVERS, "servers"), ("CHN-13", _FURTHER_CLIENTS, "clients")):
+        # Switched off they may all have the same CAN-IDs.
+        places = [(index, sub) for index in _present(subject, span) for sub in (1, 2)]
+        words = [_OFF | (_REQUEST if sub == 1 else _RESPONSE) for _, sub in places]
+        off = [put(*place, _OFF) for place in places]
+        writes = [put(*place, word) for place, word in zip(places, words)]
+        kept = [s.read(*place, word.to_bytes(4, "little")) for place, word in zip(places, words)]
+        restored = [s.read(*place, subject.number(*place).to_bytes(4, "little")) for place in places]
+        yield make(name, f"{span[0]:04X}h and above: {what} keep their CAN-IDs until a reset of the communication",
+                   *off, *writes, *kept, boots, *restored, needs=_channel_needs(subject, span))
 
 
 def _verify(subject: Subject) -> Iterator[NodeCase]:
@@ -162,7 +196,7 @@ def _stored(subject: Subject) -> Iterator[NodeCase]:
                needs=needs)
 
 
-def _irregular(start: int) -> Iterator[int]:
+def irregular(start: int) -> Iterator[int]:
     """Yield numbers of 31 bits in an irregular order, the same for each start (Park and Miller's generator)."""
     number = start
     while True:
@@ -176,7 +210,7 @@ def _choice(order: Iterator[int], places: list[ObjectAddress]) -> ObjectAddress:
 
 def _random(subject: Subject) -> Iterator[NodeCase]:
     """Yield reads and writes whose order and values only depend on the node-ID."""
-    node, order = subject.node, _irregular(subject.node)
+    node, order = subject.node, irregular(subject.node)
     s = Sdo(node)
     short = sorted(place for place, data in subject.values.items() if 1 <= len(data) <= 4 and place[0] < 0x2000)
     reads = [NodeStep((s.upload(*place),), (s.sized(*place, len(subject.values[place])),))

@@ -2,6 +2,7 @@
 
         OD-READ-2000:00      it can be read and has the length of its DataType, or is write-only
         OD-SUB-2010          sub-indices that the EDS does not describe do not exist
+        OD-TYPE-2000         sub-index FFh, if it exists, has the ObjectType and the DataType   [CiA 301 7.4.1]
         OD-ABSENT-1011       a communication object that the EDS does not describe does not exist
         OD-DEFAULT-2000:00   after a reset it has its DefaultValue
         OD-ACCESS-2002:00    a read-only object refuses a write (of the value that it has)
@@ -34,7 +35,7 @@ from barewire.canopen.conformance.frames import (
 from barewire.canopen.conformance.model import Effect, NodeCase, NodeStep, Subject, SubjectPdo
 from barewire.canopen.conformance.probe import STANDARD_OBJECTS, may_be_read
 from barewire.canopen.datatypes import BY_CODE, DataType, object_codec
-from barewire.canopen.eds.model import MAPPABLE, EdsItem, EdsObject, every_item
+from barewire.canopen.eds.model import MAPPABLE, RECORD, EdsItem, EdsObject, every_item
 from barewire.canopen.eds.value_syntax import Expression, Formula
 from barewire.codecs import Value
 from barewire.errors import EncodeError
@@ -48,6 +49,7 @@ _NO_DATA = 0x0800_0024
 _LIMITS = (0x0609_0030, 0x0609_0031, 0x0609_0032)
 _UNMAPPED = (0x0604_0041, 0x0602_0000, 0x0604_0042)
 _OFF = 0x8000_0000
+_STRUCTURE = 0xFF
 _HISTORY, _STORES, _SERIAL_NUMBER = 0x1003, (0x1010, 0x1011), (0x1018, 4)
 _MAPPINGS = (*range(0x1600, 0x1800), *range(0x1A00, 0x1C00))
 _CHANNELS_AND_PDOS = range(0x1200, 0x1C00)
@@ -56,9 +58,10 @@ _CHANNELS_AND_PDOS = range(0x1200, 0x1C00)
 
 def object_cases(subject: Subject, objects: Mapping[int, EdsObject], dummies: Iterable[int] = ()) -> Iterator[NodeCase]:
     """Yield the cases of all objects of an EDS, and of the dummies that it allows, for one device."""
-    described = [_Described(subject, of, item) for of, item in every_item(objects.values())]
+    described = [DescribedItem(subject, of, item) for of, item in every_item(objects.values())]
     yield from (case for item in described for case in item.reads())
     yield from (case for of in objects.values() if of.items for case in _sub_indices(subject, of))
+    yield from (case for of in objects.values() if of.items for case in _structure(subject, of))
     for index in STANDARD_OBJECTS:
         if index not in objects:
             yield _case(subject, f"OD-ABSENT-{index:04X}", f"{index:04X}h is not in the EDS: it does not exist",
@@ -91,6 +94,27 @@ def _sub_indices(subject: Subject, of: EdsObject) -> Iterator[NodeCase]:
                 clause=_EDS, effect="reads", needs=(f"{of.index:04X}h:{there.sub:02X}",), why="06090011")  # fmt: skip
 
 
+def _structure(subject: Subject, of: EdsObject) -> Iterator[NodeCase]:
+    """Yield the case of sub-index FFh, which a device may have: the structure of the object.   [CiA 301 7.4.1]
+
+        585#43 00 20 FF 07 06 00 00     2000h is a variable (07h) of UNSIGNED16 (0006h)
+
+    The elements of an array have its type; the number of a record's own type is not in an EDS.
+    """
+    s, items = Sdo(subject.node), [item for item in of.items if item.sub or not of.is_record]
+    there = next((item for item in of.items if may_be_read(item)), None)
+    if there is None or not items or any(item.sub == _STRUCTURE for item in items):
+        return
+    kind = ".." if of.object_type == RECORD else f"{items[0].code & 0xFF:02X}"
+    accepted = s.response(f"43{multiplexer(of.index, _STRUCTURE)}{of.object_type:02X}{kind}0000")
+    asked = NodeStep(
+        (s.upload(of.index, _STRUCTURE),), (s.refused(of.index, _STRUCTURE, _NO_SUB, _NO_OBJECT), accepted)
+    )
+    yield _case(subject, f"OD-TYPE-{of.index:04X}", f"{of.index:04X}h {of.name}: the structure in sub-index FFh", asked,
+                clause=_OBJECTS, effect="reads", needs=(f"{of.index:04X}h:{there.sub:02X}",),
+                why="06090011: it has none")  # fmt: skip
+
+
 def _dummy(subject: Subject, kind: DataType) -> NodeCase:
     """Return the case that maps a data type as a placeholder into the first RPDO, with its width and with another."""
     s, pdo = Sdo(subject.node), subject.pdo(0x1400, 0x1600)
@@ -113,7 +137,7 @@ def _emptied(s: Sdo, pdo: SubjectPdo | None, first: int) -> tuple[NodeStep, Node
     return off, s.write(mapping, 0, 0, 1)._replace(ends=(fixed,)), mapping
 
 
-class _Described:
+class DescribedItem:
     """One item of an EDS, the value that the device has for it, and its cases."""
 
     def __init__(self, subject: Subject, of: EdsObject, item: EdsItem) -> None:
@@ -160,12 +184,12 @@ class _Described:
 
     def defaults(self) -> Iterator[NodeCase]:
         """Yield the case that compares the value after a reset with DefaultValue."""
-        item, data = self.item, self._encoded(self.item.default)
+        item, data = self.item, self.encoded(self.item.default)
         constant = item.access == "const" or (item.access == "ro" and (self.place in _IDENTITY or self._is_highest_sub))
         settable = item.access in ("rw", "rww") and self.index not in (_HISTORY, *_STORES)
         if data and may_be_read(item) and (constant or settable) and self.place != _SERIAL_NUMBER:
             needs = self.needs if len(data) <= 4 or self.value is None else (self.there,)
-            yield self.case("DEFAULT", "its default after a reset", *_read(self.s, *self.place, data), clause=_EDS,
+            yield self.case("DEFAULT", "its default after a reset", *read_steps(self.s, *self.place, data), clause=_EDS,
                             needs=needs, why=f"{item.default!r}")  # fmt: skip
 
     @property
@@ -185,8 +209,8 @@ class _Described:
         if self.index in (_HISTORY, *_STORES, *_CHANNELS_AND_PDOS):
             return
         if item.access != "wo":
-            yield self.case("WRITE", "accepts the value that it has", *_write(s, *self.place, value or b"\0"),
-                            *(_read(s, *self.place, value) if may_be_read(item) and value else ()))  # fmt: skip
+            yield self.case("WRITE", "accepts the value that it has", *write_steps(s, *self.place, value or b"\0"),
+                            *(read_steps(s, *self.place, value) if may_be_read(item) and value else ()))  # fmt: skip
         codes = (*_NOT_NOW, *READ_ONLY_CODES)  # a read-only object is reported by OD-WRITE
         if self.size is not None and self.size <= 4 and item.access != "wo":
             lengths = [size for size in (self.size + 1, self.size - 1) if 1 <= size <= 4]
@@ -227,18 +251,22 @@ class _Described:
 
     def _beyond(self) -> Iterator[tuple[str, bytes | None]]:
         """Yield the values below and above the limits, None for one that the type cannot hold."""
-        low, high = (_at(limit, self.subject.node) for limit in self.item.limits)
+        low, high = (self.at_node(limit) for limit in self.item.limits)
         if self.size is None:
             return
         # One is less than the resolution of a large REAL: such a limit is passed by a thousandth of it.
         if isinstance(low, (int, float)):
-            yield f"less than {low}", self._encoded(low - (1 if isinstance(low, int) else max(1, abs(low) / 1000)))
+            yield f"less than {low}", self.encoded(low - (1 if isinstance(low, int) else max(1, abs(low) / 1000)))
         if isinstance(high, (int, float)):
-            yield f"more than {high}", self._encoded(high + (1 if isinstance(high, int) else max(1, abs(high) / 1000)))
+            yield f"more than {high}", self.encoded(high + (1 if isinstance(high, int) else max(1, abs(high) / 1000)))
 
-    def _encoded(self, value: Expression | None) -> bytes | None:
+    def at_node(self, value: Expression | None) -> Value | None:
+        """Return a value of the EDS for the node-ID of the device: $NODEID+180h is 185h for node 5."""
+        return value.at(self.subject.node) if isinstance(value, Formula) else value
+
+    def encoded(self, value: Expression | None) -> bytes | None:
         """Return a value as bytes, None if the type cannot hold it."""
-        value = _at(value, self.subject.node)
+        value = self.at_node(value)
         try:
             return None if value is None else object_codec(self.item.type).encode(value)
         except EncodeError:
@@ -250,7 +278,7 @@ class _Described:
         if len(data) <= 4:
             return (s.refuse(*self.place, int.from_bytes(data, "little"), len(data), *codes),)
         refused = s.refused(*self.place, *codes)
-        steps = _write(s, *self.place, data)
+        steps = write_steps(s, *self.place, data)
         steps[0] = steps[0]._replace(ends=(refused,))
         last = steps[-1]._replace(accepts=(refused,))
         return (*(step._replace(ends=(refused,)) for step in steps[:-1]), last)
@@ -260,11 +288,7 @@ _IDENTITY = ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 3))
 """The read-only objects whose values are the same in each device of a kind."""
 
 
-def _at(value: Expression | None, node: int) -> Value | None:
-    return value.at(node) if isinstance(value, Formula) else value
-
-
-def _read(s: Sdo, index: int, sub: int, data: bytes) -> list[NodeStep]:
+def read_steps(s: Sdo, index: int, sub: int, data: bytes) -> list[NodeStep]:
     """Return the steps that read this value, in one frame or in segments."""
     if len(data) <= 4:
         return [s.read(index, sub, data)]
@@ -278,7 +302,7 @@ def _read(s: Sdo, index: int, sub: int, data: bytes) -> list[NodeStep]:
     return [NodeStep((s.upload(index, sub),), begin), *segments]
 
 
-def _write(s: Sdo, index: int, sub: int, data: bytes) -> list[NodeStep]:
+def write_steps(s: Sdo, index: int, sub: int, data: bytes) -> list[NodeStep]:
     """Return the steps that write this value, or that the state of the device forbids."""
     not_now = (s.refused(index, sub, *_NOT_NOW),)
     if len(data) <= 4:

@@ -18,11 +18,18 @@ from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.lss.messages import LssAddress
 from barewire.canopen.sdo.messages.segment import SEGMENT
 
-Effect = Literal["reads", "tries", "writes", "commands", "stores", "power"]
-"""What a case does to the device: "reads" changes nothing; "tries" needs the values after a reset and changes nothing
-in a right device, since it writes what the device has or must refuse; "writes" writes objects, which a reset restores;
-"commands" starts, stops and resets it, sends process data, and sends in the name of another node; "stores" writes its
-non-volatile memory; "power" does so and waits until somebody has switched the device off and on."""
+Effect = Literal["reads", "tries", "writes", "commands", "stores", "power", "application"]
+"""What a case does to the device.
+
+reads         nothing changes
+tries         needs the values after a reset and changes nothing in a right device: writes what the device has or must
+              refuse
+writes        writes objects, which a reset of the communication restores
+commands      starts, stops and resets it, sends process data, and sends in the name of another node
+stores        writes its non-volatile memory
+power         does so, and waits until somebody has switched the device off and on
+application   writes objects of the application: a machine may move, outputs may switch
+"""
 POWER_CYCLE = 120.0
 """Seconds that switching the device off and on may take."""
 

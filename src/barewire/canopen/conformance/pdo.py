@@ -214,6 +214,8 @@ def _sent(subject: Subject, pdo: SubjectPdo) -> Iterator[NodeCase]:
     running = NodeStep((), (f"{data}{{3,7}}",), wait=0.5, full_wait=True)
     yield case(38, "type 255 and an event timer of 100 ms", transmission(255), timer, start, running,
                needs=("TPDO", f"{record:04X}h:05"), why="3 to 7 in 500 ms; more where values change")
+    yield case(50, "type 254 and an event timer of 100 ms", transmission(254), timer, start, running,
+               needs=("TPDO", f"{record:04X}h:05"), why="as TPD-38; or the type is refused: 06090030")
     none = s.write(record, 5, 0, 2)
     still = NodeStep((), (SILENCE, f"{data}{{1,30}}"), wait=0.3, full_wait=True)
     yield case(39, "the event timer off again, while it runs", transmission(255), timer, start, running,

@@ -24,6 +24,8 @@ _SINGLES = (0x1000, 0x1001, 0x1002, 0x1005, 0x1006, 0x1007, 0x1008, 0x1009, 0x10
 _RECORDS = (0x1003, 0x1010, 0x1011, 0x1016, 0x1018, 0x1020, 0x1029, 0x1200, 0x1201, 0x1280)
 _PDOS = (0x1400, 0x1600, 0x1800, 0x1A00)
 
+_FURTHER_CHANNELS = (0x1202, 0x1281)
+"""SDO servers 1202h to 127Fh, and clients 1281h to 12FFh: those after the first ones of `_RECORDS`."""
 
 STANDARD_OBJECTS = (*_SINGLES, *_RECORDS, *(first + number for first in _PDOS for number in range(4)))
 """The communication objects that are looked for in every device."""
@@ -56,6 +58,13 @@ def probe(
             highest = min(highest, values[index, 0][0])
         for sub in range(1, highest + 1 if (index, 0) in values else 1):
             yield from _read(channel, index, sub, values, timeout)
+    for first in _FURTHER_CHANNELS:
+        # They are numbered without gaps: the first that is missing is the end.
+        index = first
+        while index & 0x7F and (index - 1, 0) in values:
+            for sub in range(4):
+                yield from _read(channel, index, sub, values, timeout)
+            index += 1
     for described, item in every_item((objects or {}).values()):
         unread = (described.index, item.sub) not in values and described.index not in _SINGLES
         if unread and may_be_read(item) and item.type != "domain":

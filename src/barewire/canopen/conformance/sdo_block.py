@@ -99,6 +99,7 @@ def _uploads(subject: Subject) -> Iterator[NodeCase]:
     yield case("BLK-03", "upload of a text with CRC", *block.up(index, text), works, needs=TEXT)
     yield case("BLK-04", "upload in blocks of one segment", *block.up(index, text, blksize=1), works, needs=TEXT)
     yield case("BLK-05", "upload in blocks of 127 segments", *block.up(index, text, blksize=127), works, needs=TEXT)
+    yield case("BLK-21", "upload of a text without CRC", *block.up(index, text, crc=False), works, needs=TEXT)
     for name, blksize in (("BLK-06", 0), ("BLK-07", 128), ("BLK-08", 255)):
         step = NodeStep((s.request(f"A4 0010 00 {blksize:02X}"),), (s.aborted(_SIZE, _COMMAND),))
         yield case(name, f"upload in blocks of {blksize} segments", step, works, why="05040002: 1 to 127")
@@ -154,6 +155,10 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     yield case("BLK-30", "download of two bytes with CRC", begin, send, end(value), read_back)
     plain = block.begin_down(0x1017, 0, 2, crc=False)
     yield case("BLK-31", "download without CRC", plain, send, end(value, 0), read_back)
+    for name, crc in (("BLK-45", True), ("BLK-46", False)):
+        start = block.begin_down(0x100C, 0, 2, crc=crc)
+        yield case(name, f"download to 100Ch with{'' if crc else 'out'} CRC", start, send,
+                   end(value, None if crc else 0), s.read(0x100C, 0, value), needs=("100Ch",))
     yield case("BLK-32", "download without a size", block.begin_down(0x1017, 0, None), send, end(value), read_back)
     strict = NodeStep(begin.sends, (s.response("A4171000"),), (block.none, s.response("A0171000")))
     yield case("BLK-33", "a wrong CRC, if the device supports CRC", strict, send,

@@ -91,6 +91,9 @@ def _downloads(subject: Subject) -> Iterator[NodeCase]:
     read_back = s.read(0x1017, 0, b"\x10\x27")
     abort = silence(s.abort, wait=0.02)
     yield case("SEG-20", "download of two bytes in one segment", begin, send, read_back)
+    guard = NodeStep((s.request("21 0C10 00 02"),), (s.accepted(0x100C),))
+    yield case("SEG-34", "download of two bytes to 100Ch in one segment", guard, send, s.read(0x100C, 0, b"\x10\x27"),
+               needs=("100Ch",))
     unsized = NodeStep((s.request("20 1710 00"),), (s.accepted(0x1017),))
     yield case("SEG-21", "the same without a size", unsized, send, read_back, why="the size is optional")
     yield case("SEG-22", "the first segment with toggle 1", begin,

@@ -49,6 +49,7 @@ def conform_can(
     only: tuple[str, ...] = ("",),
     eds: Eds | None = None,
     save: bool = False,
+    write_application: bool = False,
     on_power_cycle: Callable[[], None] | None = None,
     on_stopped: Callable[[], None] | None = None,
 ) -> Iterator[NodeCaseResult]:
@@ -59,6 +60,7 @@ def conform_can(
     only        the beginnings of the names of the cases to run; by default all run
     eds         the EDS of the device: every object is compared with it, in cases whose names begin with OD-
     save        run the cases that store values in the non-volatile memory of the device as well
+    write_application   with an EDS, give the objects from 2000h on other values within their limits; a drive may move
     on_power_cycle   called when the device must be switched off and on, within two minutes; None: it never must
     on_stopped  called when a silent device, STOPPED by a run that was interrupted, answers after NMT 80h
 
@@ -84,6 +86,7 @@ def conform_can(
             remote=not endpoint.place.startswith("socketcand/"),
             save=save or on_power_cycle is not None,
             power_cycle=on_power_cycle is not None,
+            application=write_application,
         )
         wanted = [case for case in cases(subject, objects, dummies) if case.name.startswith(only)]
         previous = None
@@ -185,7 +188,15 @@ def _request_device_type(node: int, patience: float) -> Conversation[CanFrame, N
     raise NoAnswer(f"node {node} does not answer")
 
 
-def why_left_out(case: NodeCase, gentle: bool, *, remote: bool, save: bool = False, power_cycle: bool = False) -> str:
+def why_left_out(
+    case: NodeCase,
+    gentle: bool,
+    *,
+    remote: bool,
+    save: bool = False,
+    power_cycle: bool = False,
+    application: bool = False,
+) -> str:
     """Return why a case is not run on a bus with or without remote frames; empty if it is run."""
     if case.lacks:
         return f"needs {case.lacks}"
@@ -195,5 +206,7 @@ def why_left_out(case: NodeCase, gentle: bool, *, remote: bool, save: bool = Fal
         return "stores values: needs --save"
     if case.effect == "power" and not power_cycle:
         return "needs --power-cycle"
+    if case.effect == "application" and not application:
+        return "writes application objects: needs --write-application"
     has_remote_frames = any("#R" in text for step in case.steps for text in step.sends)
     return "" if remote or not has_remote_frames else "needs remote frames, which socketcand does not carry"
