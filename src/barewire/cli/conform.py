@@ -82,8 +82,8 @@ def conform_command(
 
     With --eds every object is read, written with the value that it has, with values beyond its limits and of another
     length, and mapped into PDOs; the device should have its factory settings. --write-application adds writes of other
-    values within the limits to the objects from 2000h on, except controlwords: take the load off a drive, and disconnect
-    what outputs switch. Afterwards each object gets the value that it had.
+    values within the limits to the objects from 2000h on, except controlwords: take the load off a drive, and
+    disconnect what outputs switch. Afterwards each object gets the value that it had.
     """
     with unfinished_as_json(as_json):
         if endpoint.startswith("can://"):
