@@ -59,6 +59,7 @@ if TYPE_CHECKING:
         device_configuration as device_configuration,
     )
     from barewire.canopen.device.device import LocalNode as LocalNode
+    from barewire.canopen.device.node_group import NodeGroup as NodeGroup
     from barewire.canopen.device.sdo_channels import client_channel as client_channel
     from barewire.canopen.device.storage import StoredParameters as StoredParameters
     from barewire.canopen.emcy.consumer import EmcyConsumer as EmcyConsumer, EmcyEvent as EmcyEvent
@@ -218,6 +219,7 @@ __getattr__, __dir__, __all__ = lazy(
         ),
         "lss.fastscan": "fastscan assign_node_ids AssignedNode",
         "device.device": "LocalNode",
+        "device.node_group": "NodeGroup",
         "device.storage": "StoredParameters",
         "communication_objects": "standard_objects",
         "device.sdo_channels": "client_channel",

@@ -1,6 +1,7 @@
 """A local node: a whole CANopen device as one machine.   [CiA 301]
 
         device           `LocalNode`: all services of one node, each in the NMT states that allow it
+        node_group       `NodeGroup`: many nodes on one bus, each fed the identifiers that it receives
         error_control    heartbeat, node guarding and life guarding as the objects configure them
         sync             SYNC as the objects configure it
         consumers        TIME and EMCY consumers as the objects configure them

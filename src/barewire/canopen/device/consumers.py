@@ -8,7 +8,7 @@ While TIME is consumed or produced, its identifier cannot be changed: 0609 0030h
 
 from __future__ import annotations
 
-from barewire.canopen.cob_ids import CobEntry
+from barewire.canopen.cob_ids import CobEntry, cob_id
 from barewire.canopen.communication_objects import integer_value, validate_cob_id_writes
 from barewire.canopen.emcy.consumer import EmcyConsumer
 from barewire.canopen.frame import CanFrame
@@ -31,6 +31,12 @@ class DeviceConsumers:
         self.time = TimeConsumer()
         self.emergencies = EmcyConsumer(listed_only=True, history=_HISTORY)
         validate_cob_id_writes(objects, _TIME, lambda entry: entry.bit30 or entry.bit31, always_received=True)
+
+    @property
+    def receives(self) -> frozenset[tuple[int, bool]]:
+        """The (identifier, extended) of TIME, and of the emergencies and boot-up messages of the nodes in 1028h."""
+        nodes = self.emergencies.cob_ids
+        return frozenset({self.time.key, *nodes, *((cob_id("error control", node), False) for node in nodes.values())})
 
     def follow(self) -> None:
         """Read the present values of the objects."""

@@ -39,6 +39,7 @@ from barewire.canopen.device.sync import WRONG_LENGTH, DeviceSync, validate_sync
 from barewire.canopen.emcy.consumer import EmcyConsumer
 from barewire.canopen.emcy.producer import EmcyProducer
 from barewire.canopen.frame import CanFrame
+from barewire.canopen.lss.messages import REQUEST_KEY
 from barewire.canopen.lss.slave import LssSlave
 from barewire.canopen.nmt.heartbeat import HeartbeatProducer
 from barewire.canopen.nmt.messages import NmtCommand, NmtSlave, NmtState
@@ -53,7 +54,7 @@ from barewire.errors import EncodeError, shown
 _RECOVERED, _INTERNAL_SOFTWARE = 0x8140, 0x6100
 _FOLLOWED = {0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1012, 0x1016, 0x1017, 0x1019, 0x1028, *range(0x1201, 0x1280)}
 """The objects that configure the services."""
-_PAST, _NEVER = float("-inf"), -1
+_PAST, _NEVER, _NMT = float("-inf"), -1, (0, False)
 
 
 class LocalNode:
@@ -82,9 +83,9 @@ class LocalNode:
     """
 
     __slots__ = (
-        *("__weakref__", "_computed", "_due", "_has_failed", "_on", "_on_failure", "_pdos", "_seen", "_silent_until"),
-        *("channels", "consumers", "control", "dialect", "errors", "lss", "nmt", "node", "objects", "on_reset"),
-        *("pdo", "sdo", "stored", "sync"),
+        *("__weakref__", "_computed", "_due", "_has_failed", "_identifiers", "_on", "_on_failure", "_pdos", "_seen"),
+        *("_silent_until", "channels", "consumers", "control", "dialect", "errors", "lss", "nmt", "node", "objects"),
+        *("on_reset", "pdo", "sdo", "stored", "sync"),
     )
 
     def __init__(
@@ -131,6 +132,7 @@ class LocalNode:
     def _make_services(self, node: int | None) -> None:
         """Make the services for a node-ID. Without a node-ID they exist but are not fed."""
         self.node = node
+        self._identifiers: tuple[object, frozenset[tuple[int, bool]] | None] | None = None
         number = check_node(NODE_MAX if node is None else node)
         self.errors.renumber(number)
         self.nmt = NmtSlave(number)
@@ -165,6 +167,21 @@ class LocalNode:
         return self.consumers.emergencies
 
     @property
+    def receives(self) -> frozenset[tuple[int, bool]] | None:
+        """The (identifier, extended) of all frames that have an effect on the device as it is configured now, None if
+        any may have one. A `NodeGroup` feeds it no others."""
+        try:
+            pdos = self.pdo.receives
+        except Exception:
+            return None  # an object of the application cannot be read, which `feed` reports
+        if self._identifiers is None or self._identifiers[0] is not pdos:
+            parts = [service.receives for service in (self.sdo, self.channels, self.control, self.consumers)]
+            own = {_NMT, self.sync.key}.union(*parts if self.node is not None else ())
+            own |= {REQUEST_KEY} if self.lss is not None else set()
+            self._identifiers = pdos, None if pdos is None or self._computed else pdos | own
+        return self._identifiers[1]
+
+    @property
     def deadline(self) -> float | None:
         """The time at which the device next sends something without a request."""
         if not self._on or self.node is None:
@@ -181,7 +198,7 @@ class LocalNode:
 
     @property
     def on_failure(self) -> Callable[[str, Exception], None] | None:
-        """Called with each error in the code of the application or of the device."""
+        """Called with each error of the application or of the device."""
         return self._on_failure
 
     @on_failure.setter
@@ -190,8 +207,7 @@ class LocalNode:
         self.objects.on_failure = None if function is None else self.report_failure
 
     def report_failure(self, place: str, error: Exception) -> None:
-        """Report an error of the application to `on_failure`, and send emergency 6100h at the next `feed`. Without
-        `on_failure` the error is raised."""
+        """Report an error to `on_failure`, and send emergency 6100h at the next `feed`; without it, raise the error."""
         if self._on_failure is None:
             raise error
         self._has_failed = True
@@ -272,6 +288,7 @@ class LocalNode:
         control_frames, events = self.control.feed(frame, now)
         frames += control_frames
         for node, resolved in events:
+            self._identifiers = None  # the node is missing, or is not any more
             frames += self._error_control(node, resolved, now)
 
     def _feed_heartbeat(self, frame: CanFrame | None, now: float, frames: list[CanFrame]) -> None:
@@ -357,11 +374,10 @@ class LocalNode:
 
     def _follow(self, frame: CanFrame | None, now: float, frames: list[CanFrame]) -> None:
         """Read the communication objects, if any may have changed."""
-        objects = self.objects
-        if self._seen == objects.changes and not self._computed:
+        if self._seen == self.objects.changes and not self._computed:
             return
-        self._seen = objects.changes
-        self._computed = not _FOLLOWED.isdisjoint(objects.computed)
+        self._seen, self._identifiers = self.objects.changes, None
+        self._computed = not _FOLLOWED.isdisjoint(self.objects.computed)
         self.control.follow(now)
         self.channels.follow()
         if self._may_communicate:

@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
+from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.communication_objects import integer_value, validate_writes
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, HeartbeatProducer, consumer_entry
@@ -73,6 +74,13 @@ class ErrorControl:
     @property
     def _guarding_deadline(self) -> float | None:
         return None if self.heartbeat.period else self.guarded.deadline
+
+    @property
+    def receives(self) -> frozenset[tuple[int, bool]]:
+        """The (identifier, extended) of the requests of node guarding, and of the heartbeats of the nodes in 1016h, or
+        that were lost while they were there."""
+        nodes = self.heartbeat.node, *self.consumer.times, *self._missing
+        return frozenset((cob_id("error control", node), False) for node in nodes)
 
     def boot(self, now: float) -> CanFrame:
         """Reset everything, and return the boot-up message."""

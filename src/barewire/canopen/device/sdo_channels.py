@@ -134,6 +134,11 @@ class AdditionalServers:
         """The earliest deadline of the servers."""
         return min((due for server in self.servers.values() if (due := server.deadline) is not None), default=None)
 
+    @property
+    def receives(self) -> frozenset[tuple[int, bool]]:
+        """The (identifier, extended) of the requests to the servers."""
+        return frozenset(self._keys)
+
     def follow(self) -> None:
         """Read the present values of the objects. A server is replaced only if its channel has changed."""
         if not self._indices:

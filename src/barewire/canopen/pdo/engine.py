@@ -35,6 +35,7 @@ from barewire.canopen.sync import sync_counter
 from barewire.errors import DecodeError, EncodeError
 
 _TOO_SHORT, _TOO_LONG, _MISSED, _NO_DESTINATION = 0x8210, 0x8220, 0x8250, 0x8230
+_NOTHING: frozenset[tuple[int, bool]] = frozenset()
 
 
 class PdoEngine:
@@ -45,8 +46,8 @@ class PdoEngine:
     (0: no limit). `sync_key` is the (identifier, extended) of SYNC.
     """
 
-    __slots__ = ("_active", "_pdos_changed", "_refused", "_running", "_synced_at", "errors", "node", "objects",
-                 "outside_window", "pdos", "sync_key", "window")  # fmt: skip
+    __slots__ = ("_active", "_pdos_changed", "_receives", "_refused", "_running", "_synced_at", "errors", "node",
+                 "objects", "outside_window", "pdos", "sync_key", "window")  # fmt: skip
 
     def __init__(
         self, node: int, objects: ObjectDictionary, pdos: Iterable[PdoConfig], errors: EmcyProducer | None = None
@@ -63,6 +64,7 @@ class PdoEngine:
         self._synced_at: float | None = None
         self._active: dict[PdoConfig, ActivePdo] = {}
         self._pdos_changed = True
+        self._receives: frozenset[tuple[int, bool]] | None = _NOTHING
         numbers = [(config.direction, config.number) for config in self.pdos]
         for direction, number in numbers:
             if numbers.count((direction, number)) > 1:
@@ -90,7 +92,26 @@ class PdoEngine:
                 config: self._active.get(config) or ActivePdo(config, self.objects, self.node) for config in self.pdos
             }
             self._pdos_changed = False
+            self._receives = self._identifiers()
         return tuple(self._active.values())
+
+    @property
+    def receives(self) -> frozenset[tuple[int, bool]] | None:
+        """The (identifier, extended) of the RPDOs, and of the TPDOs that a remote frame may request, apart from SYNC.
+        None: any, because an RPDO may change the configuration. It is the same object until a record is written."""
+        if not self._running:
+            return _NOTHING
+        if self._pdos_changed:
+            _ = self.active
+        return self._receives
+
+    def _identifiers(self) -> frozenset[tuple[int, bool]] | None:
+        used = [pdo for pdo in self._active.values() if pdo.is_on and not (pdo.is_tpdo and pdo.cob.bit30)]
+        for pdo in used:
+            mapped = () if pdo.is_tpdo else pdo.mapping.entries
+            if pdo.mpdo_consumer is not None or any(0x1000 <= one.index < 0x2000 for one in mapped):
+                return None
+        return frozenset(pdo.key for pdo in used)
 
     @property
     def deadline(self) -> float | None:

@@ -164,6 +164,11 @@ class SdoServer:
         """When the present transfer continues or times out; None without one."""
         return None if self._transfer is None else self._transfer.deadline
 
+    @property
+    def receives(self) -> frozenset[tuple[int, bool]]:
+        """The (identifier, extended) of the requests."""
+        return frozenset({(self.request_id, self.request_extended)})
+
     def reset(self) -> None:
         """End the transfer and restart the counters, because the node or its communication is reset."""
         self.counters = ServerCounters()
