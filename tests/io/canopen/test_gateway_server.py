@@ -71,11 +71,12 @@ def test_lines_are_answered_in_order_in_whatever_pieces_they_come() -> None:
             for start in range(0, len(text), 7):
                 terminal.send_text(text[start : start + 7])
                 await asyncio.sleep(0)
-            answers = [await terminal.read_line() for _ in range(4)]
+            answers = [await terminal.read_line() for _ in range(6)]
             assert answers[0].startswith("[1] 0x")
-            assert answers[1] == "[2] OK"
-            assert answers[2].startswith("[3] ERROR:101 #")
-            assert answers[3] == "[4] 0"
+            assert answers[1:3] == ["", ""]  # a comment and an empty line
+            assert answers[3] == "[2] OK"
+            assert answers[4].startswith("[3] ERROR:100 #")
+            assert answers[5] == "[4] 0"
             await terminal.close()
 
     play(body)
@@ -105,7 +106,7 @@ def test_bytes_that_are_not_text_are_a_syntax_error() -> None:
             terminal.writer.write(b"\xff\xfb\x01\x00\x80" * 20 + b"\n\0\n[1] \xc3\x28\n")
             for _ in range(2):
                 assert (await terminal.read_line()).startswith("[0] ERROR:101 #")
-            assert (await terminal.read_line()).startswith("[1] ERROR:101 #")
+            assert (await terminal.read_line()).startswith("[1] ERROR:100 #")
             assert await terminal.ask("[2] set node 5") == "[2] OK"
             await terminal.close()
 
@@ -145,14 +146,14 @@ def test_a_client_that_closes_its_sending_half_is_answered() -> None:
     play(body)
 
 
-def test_all_connections_get_boot_ups_and_guarding_events() -> None:
+def test_a_connection_gets_the_boot_ups_and_guarding_events_that_it_asked_for() -> None:
     async def body() -> None:
         async with gateway("gateway-notices") as (made, _):
             one, other = await TextClient.connect(made), await TextClient.connect(made)
-            assert await other.ask("[1] set sdo_timeout 300") == "[1] OK"
+            assert await other.ask("[1] boot_up_indication enable") == "[1] OK"
             assert await one.ask("[1] 5 reset node") == "[1] OK"
-            assert await one.read_line() == "1 5 BOOT_UP"
             assert await other.read_line() == "1 5 BOOT_UP"
+            assert await one.ask("[2] 5 r 0x1017 0 u16") == "[2] 1000"  # and no line before
             assert await other.ask("[2] 99 enable guarding 20 2") == "[2] OK"
             assert await other.read_line() == "1 99 ERROR 201 #no answer to guarding"
             assert await other.ask("[3] 99 disable guarding") == "[3] OK"
@@ -197,7 +198,8 @@ def test_a_line_that_is_too_long_is_refused_and_the_next_is_read() -> None:
             terminal = await TextClient.connect(made)
             terminal.send_text("[1] 5 w 0x2000 0 d " + "A" * 200_000)
             assert (await terminal.read_line()).startswith("[0] ERROR:600 #")
-            assert await terminal.ask("\n[2] set node 5") == "[2] OK"
+            terminal.send_text("\n[2] set node 5\n")
+            assert await terminal.read_line() == "[2] OK"
             await terminal.close()
 
     play(body)
@@ -231,7 +233,8 @@ def test_bus_off_is_a_notice() -> None:
     async def body() -> None:
         async with gateway("gateway-bus-off") as (made, client):
             terminal = await TextClient.connect(made)
-            assert await terminal.ask("[1] set node 5") == "[1] OK"
+            client.bus._report(ErrorFrame(0x40), 0.0)
+            assert await terminal.ask("[1] _bus_indication enable") == "[1] OK"
             client.bus._report(ErrorFrame(0x40), 0.0)
             assert await terminal.read_line() == "1 ERROR 301 #bus off"
             client.bus._report(ErrorFrame(0x04, bytes([0, 0x20])), 0.0)

@@ -3,14 +3,15 @@
         people and scripts                   the gateway                          the bus
         [1] 5 read 0x6041 0 u16      ->      parsed, executed             ->      605h | 40 41 60 00 ...
         [1] 1591                     <-      the response as text         <-      585h | 4B 41 60 00 37 06 ...
-        1 5 BOOT_UP                  <-      a notice                     <-      705h | 00
+        1 5 BOOT_UP                  <-      a notice, if it is enabled   <-      705h | 00
 
 Files, in reading order:
 
     commands     each command as a value            values         words <-> bytes
     codes        error codes, error lines           parser         line -> command
     session      settings, execution of a line      lss_commands   execution of the LSS commands
-    notices      lines that no command requested    pdos           PDOs that the gateway sends and receives
+    notices      lines without a command of their own    pdos      PDOs that the gateway sends and receives
+    own_node     the gateway as a node of the net
 
 The syntax and the numbers are those of CiA 309-3. Its text is not public, so they are taken from two open gateways that
 follow it. What both leave open is stated where it is decided: unsigned numbers are written in decimal (`x16` for
@@ -26,6 +27,7 @@ from barewire._lazy import lazy
 if TYPE_CHECKING:
     from barewire.canopen.gateway.codes import GatewayCode as GatewayCode, GatewayError as GatewayError
     from barewire.canopen.gateway.notices import Notices as Notices
+    from barewire.canopen.gateway.own_node import GatewayNode as GatewayNode
     from barewire.canopen.gateway.session import GatewaySession as GatewaySession
 
 __getattr__, __dir__, __all__ = lazy(
@@ -33,6 +35,7 @@ __getattr__, __dir__, __all__ = lazy(
     {
         "codes": "GatewayCode GatewayError",
         "notices": "Notices",
+        "own_node": "GatewayNode",
         "session": "GatewaySession",
     },
 )

@@ -1,6 +1,6 @@
 """The error codes of the gateway, and the line that reports one.   [CiA 309-3, error codes]
 
-        [7] ERROR:101 #no command "raed"              a syntax error, or a command that the gateway does not support
+        [7] ERROR:100 #no command "raed"              a command that the gateway does not support; 101 a syntax error
         [8] ERROR:0x06020000 #no such object          the node refused: the abort code of the SDO transfer
          |        |           |
          |        |           a comment for people; programs read up to the number sign
@@ -57,8 +57,8 @@ class GatewayError(BarewireError):
 def error_line(sequence: int, code: int, text: str) -> str:
     """Return the line that reports an error.
 
-    >>> error_line(7, GatewayCode.SYNTAX, 'no command "raed"'), error_line(8, 0x06020000, "no such object")
-    ('[7] ERROR:101 #no command "raed"', '[8] ERROR:0x06020000 #no such object')
+    >>> error_line(7, GatewayCode.NOT_SUPPORTED, 'no command "raed"'), error_line(8, 0x06020000, "no such object")
+    ('[7] ERROR:100 #no command "raed"', '[8] ERROR:0x06020000 #no such object')
     """
     digits = str(int(code)) if code < 1000 else f"0x{code:08X}"
     return f"[{sequence}] ERROR:{digits} #{' '.join(text.split())}"

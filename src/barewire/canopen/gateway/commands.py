@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from barewire.canopen.nmt.messages import NmtCommand
 
@@ -40,7 +40,8 @@ class SendNmt:
 
 @dataclass(frozen=True, slots=True)
 class SetOption:
-    """`set network|node|sdo_timeout|sdo_block value`: a default for the commands that follow."""
+    """`set network|node|sdo_timeout|sdo_block value`: a default for the commands that follow; `set heartbeat|id value`:
+    the heartbeat time, in ms, and the next node-ID of the gateway's own node."""
 
     name: str
     value: int
@@ -62,9 +63,10 @@ class ConfigureHeartbeat:
 
 
 @dataclass(frozen=True, slots=True)
-class EnableBootUp:
-    """`boot_up_indication Enable|Disable`."""
+class EnableIndication:
+    """`boot_up_indication Enable|Disable`; `_emcy_indication` and `_bus_indication` are extensions."""
 
+    kind: Literal["boot_up", "emcy", "bus"]
     on: bool
 
 
@@ -109,10 +111,18 @@ class LssCommand:
 
 
 @dataclass(frozen=True, slots=True)
+class InitGateway:
+    """`init entry`: reset the communication of the gateway's own node. The entry of the bit rate table must be 9."""
+
+    bit_rate: int
+
+
+@dataclass(frozen=True, slots=True)
 class ShowInfo:
-    """`info version`, `help`: information about the gateway."""
+    """`info version`, `help [lss|datatype]`: information about the gateway."""
 
     topic: str
+    part: str = ""
 
 
 GatewayCommand = (
@@ -122,7 +132,8 @@ GatewayCommand = (
     | SetOption
     | ConfigureGuarding
     | ConfigureHeartbeat
-    | EnableBootUp
+    | EnableIndication
+    | InitGateway
     | SetPdo
     | ReadPdo
     | WritePdo

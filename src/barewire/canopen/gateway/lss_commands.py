@@ -5,6 +5,7 @@
         [3] lss_store                          OK, or ERROR:504, 505
         [4] lss_switch_glob 0                  back to waiting: OK
         [5] _lss_fastscan                      0x00000001 0x00000002 0x00000003 0x00000004
+        [6] lss_allnodes 100 9 0               # node 9: 0x00000001 ... | # 1 found | OK
 
 A service without a response ends with ERROR:103, except the global ones, which have no response.
 """
@@ -98,7 +99,7 @@ def _inquire(part: int | None = None) -> Conversation[CanFrame, str]:
 
 def _node() -> Conversation[CanFrame, str]:
     node = yield from inquire_node()
-    return str(UNCONFIGURED if node is None else node)
+    return f"0x{UNCONFIGURED if node is None else node:02X}"
 
 
 def _identity(*numbers: int) -> Conversation[CanFrame, str]:
@@ -122,13 +123,20 @@ def _fastscan(milliseconds: int = 0) -> Conversation[CanFrame, str]:
     return _shown(address)
 
 
-def _all_nodes(milliseconds: int = 0, first: int = 2, store: int = 1) -> Conversation[CanFrame, str]:
-    """Find all devices without a node-ID, and assign node-IDs from `first` upwards."""
-    if not 1 <= first <= NODE_MAX or store > 1:
-        raise GatewayError(GatewayCode.SYNTAX, "lss_allnodes: expected [timeout_ms [first_node 1..127 [store 0|1]]]")
-    found = yield from assign_node_ids(range(first, NODE_MAX + 1), store=bool(store), timeout=_seconds(milliseconds))
-    given = ", ".join(f"node {device.node}: {_shown(device.address)}" for device in found)
-    return f"OK #{len(found)} found{': ' if given else ''}{given}"
+def _all_nodes(milliseconds: int = 0, first: int = 2, store: int = 1, *scan: int) -> Conversation[CanFrame, str]:
+    """Find all devices without a node-ID, and assign node-IDs from `first` upwards.
+
+    `scan` has a scan type and a number for each part of the address: with type 2 the part must have this number, with 0
+    and 1 it may have any.
+    """
+    if not 1 <= first <= NODE_MAX or store > 1 or len(scan) not in (0, 8) or any(type > 2 for type in scan[::2]):
+        expected = "[timeout_ms [first_node 1..127 store 0|1 [scan_type 0..2 number, for each of the four parts]]]"
+        raise GatewayError(GatewayCode.SYNTAX, f"lss_allnodes: expected {expected}")
+    known = [number if type == 2 else None for type, number in zip(scan[::2], scan[1::2])] or [None] * 4
+    nodes, wait = range(first, NODE_MAX + 1), _seconds(milliseconds)
+    found = yield from assign_node_ids(nodes, known, store=bool(store), timeout=wait)
+    lines = [f"# node {device.node}: {_shown(device.address)}" for device in found]
+    return "\n".join([*lines, f"# {len(found)} found", "OK"])
 
 
 def _seconds(milliseconds: int) -> float:

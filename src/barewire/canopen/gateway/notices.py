@@ -1,16 +1,19 @@
 """Notices: the lines of a gateway that no command requested.   [CiA 309-3, events]
 
-        1 5 BOOT_UP                         node 5 of net 1 has booted (unless `boot_up_indication Disable`)
-        1 5 EMCY 8130 11 0 0 0 0 0          an emergency: code and error register in hexadecimal, five bytes
+        1 5 BOOT_UP                         with `boot_up_indication enable`: node 5 of net 1 has booted
+        1 5 EMCY 8130 11 0 0 0 0 0          with `_emcy_indication enable`: an emergency, its code and error
+                                            register in hexadecimal, five bytes
         1 5 ERROR 203 #heartbeat lost       with `enable heartbeat`: 202 first received, 203 lost, 204 an unwanted state
         1 5 ERROR 201 #...                  with `enable guarding`: 200 a wrong toggle bit, 201 lost
         1 pdo 1 2 0x0637 0x0000             a PDO configured with `set rpdo`
-        1 ERROR 301 #bus off                the CAN controller
+        1 ERROR 301 #bus off                with `_bus_indication enable`: the CAN controller
 
-A machine: it is fed every frame of the net, and the time.
+There is no such line before a command asked for it. A machine: it is fed every frame of the net, and the time.
 """
 
 from __future__ import annotations
+
+from typing import Literal
 
 from barewire.canopen.emcy.consumer import EmcyConsumer
 from barewire.canopen.frame import CanFrame
@@ -25,11 +28,13 @@ _GUARD_TEXTS = {"lost": "no answer to guarding", "toggle": "the toggle bit did n
 
 
 class Notices:
-    """The notices that one connection has enabled."""
+    """The notices that one connection has enabled. `indications`: boot-ups, emergencies, bus errors from the start."""
 
-    def __init__(self, net: int) -> None:
+    def __init__(self, net: int, *, indications: bool = False) -> None:
         self.net = net
-        self.boot_ups = True
+        self.enabled: dict[Literal["boot_up", "emcy", "bus"], bool] = dict.fromkeys(
+            ("boot_up", "emcy", "bus"), indications
+        )
         self.pdos: dict[tuple[bool, int], GatewayPdo] = {}
         self._emcy = EmcyConsumer(history=1)
         self._heartbeats = HeartbeatConsumer({})
@@ -86,7 +91,7 @@ class Notices:
                 frames.append(result)
             else:
                 lines += self._guarding_lines(result)
-        for emergency in self._emcy.feed(frame, now):
+        for emergency in self._emcy.feed(frame, now) if self.enabled["emcy"] else ():
             message = emergency.message
             info = " ".join(str(byte) for byte in message.info)
             lines.append(f"{self.net} {message.node} EMCY {message.code:04X} {message.register:02X} {info}")
@@ -96,16 +101,16 @@ class Notices:
                 lines.append(f"{self.net} pdo {pdo.settings.number} {pdo.text()}")
         return frames, lines
 
-    def bus_error(self, code: GatewayCode, text: str) -> str:
-        """Return the line for a report of the CAN controller or the port."""
-        return f"{self.net} ERROR {int(code)} #{' '.join(text.split())}"
+    def bus_error(self, code: GatewayCode, text: str) -> list[str]:
+        """Return the line for a report of the CAN controller or the port, if it is enabled."""
+        return [f"{self.net} ERROR {int(code)} #{' '.join(text.split())}"] if self.enabled["bus"] else []
 
     def _error(self, node: int, code: GatewayCode, text: str) -> str:
         return f"{self.net} {node} ERROR {int(code)} #{text}"
 
     def _heartbeat_lines(self, event: HeartbeatEvent) -> list[str]:
         if event.kind in ("booted", "rebooted"):
-            return [f"{self.net} {event.node} BOOT_UP"] if self.boot_ups else []
+            return [f"{self.net} {event.node} BOOT_UP"] if self.enabled["boot_up"] else []
         if event.node not in self._heartbeats.times:
             return []
         if event.kind == "lost":

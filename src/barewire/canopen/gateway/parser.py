@@ -12,18 +12,22 @@ together, and are doubled inside it:
 
         [1] 5 w 0x2000 0 vs "say ""no"" now" # a text    ->   w | 0x2000 | 0 | vs | say "no" now
 
-A missing or unexpected word raises GatewayError 101, whose text names it. Commands are executed by `session`.
+A missing or unexpected word raises GatewayError 101, whose text names it; an unknown command or setting 100. Commands
+are executed by `session`.
 """
 
 from __future__ import annotations
+
+from typing import Literal
 
 from barewire.canopen.gateway.codes import GatewayCode, GatewayError
 from barewire.canopen.gateway.commands import (
     CommandLine,
     ConfigureGuarding,
     ConfigureHeartbeat,
-    EnableBootUp,
+    EnableIndication,
     GatewayCommand,
+    InitGateway,
     LssCommand,
     ReadPdo,
     ReadSdo,
@@ -57,9 +61,25 @@ _LSS_NUMBERS = {
     "lss_identity": (6, 6),
     "lss_ident_nonconf": (0, 0),
     "_lss_fastscan": (0, 1),
-    "lss_allnodes": (0, 3),
+    "lss_allnodes": (0, 11),
 }
 """How many numbers each LSS command takes, at least and at most."""
+_INDICATIONS: dict[str, Literal["boot_up", "emcy", "bus"]] = {
+    "boot_up_indication": "boot_up",
+    "_emcy_indication": "emcy",
+    "_bus_indication": "bus",
+}
+_SETTINGS = {
+    "network": (0, 127),
+    "node": (0, 127),
+    "sdo_timeout": (1, 65_535),
+    "sdo_block": (0, 1),
+    "heartbeat": (0, 65_535),
+    "id": (1, 127),
+}
+"""The limits of the settings."""
+_OF_NET = (SetOption, LssCommand, SetPdo, ReadPdo, WritePdo, EnableIndication, InitGateway, ShowInfo)
+"""The commands to the gateway or to a net: they take no node."""
 
 
 def parse_line(line: str) -> CommandLine:
@@ -68,7 +88,7 @@ def parse_line(line: str) -> CommandLine:
     >>> parse_line("[12] 1 5 read 0x6041 0 u16")
     CommandLine(sequence=12, net=1, node=5, command=ReadSdo(index=24641, sub=0, type='u16'))
 
-    Raise GatewayError 101 for a line that breaks the syntax.
+    Raise GatewayError 101 for a line that breaks the syntax, 100 for an unknown command.
     """
     sequence, rest = sequence_of(line)
     words = _Words(split_line(rest))
@@ -78,8 +98,8 @@ def parse_line(line: str) -> CommandLine:
     command = _command(words)
     if words:
         raise GatewayError(GatewayCode.SYNTAX, f"{shown(words.take(''))} is unexpected after the command")
-    if isinstance(command, (SetOption, LssCommand, SetPdo, ReadPdo, WritePdo, EnableBootUp, ShowInfo)):
-        # Commands to the gateway or to a net have no node; a number before them is the net.
+    if isinstance(command, _OF_NET):
+        # A number before the command is the net.
         if len(numbers) > 1:
             raise GatewayError(GatewayCode.SYNTAX, "this command is for a net: it takes no node")
         return CommandLine(sequence, numbers[0] if numbers else None, None, command)
@@ -201,18 +221,19 @@ def _command(words: _Words) -> GatewayCommand:
         return _set(words)
     if word in ("enable", "disable"):
         return _control(words, word == "enable")
-    if word == "boot_up_indication":
-        return EnableBootUp(words.choice("choice", "enable", "disable") == "enable")
+    if word in _INDICATIONS:
+        return EnableIndication(_INDICATIONS[word], words.choice("choice", "enable", "disable") == "enable")
+    if word == "init":
+        return InitGateway(words.number("entry of the bit rate table", 0, 9))
     if word in _LSS_NUMBERS:
         return _lss(words, word)
     if word == "info":
         return ShowInfo(words.choice("kind of information", "version"))
     if word == "help":
-        words.rest()
-        return ShowInfo(word)
-    if word in ("init", "log", "led"):
-        raise GatewayError(GatewayCode.NOT_SUPPORTED, f"this gateway has no {word}")
-    raise GatewayError(GatewayCode.SYNTAX, f"no command {shown(word)}; help lists them")
+        return ShowInfo(word, words.choice("topic", "lss", "datatype") if words else "")
+    if word[:1].isdigit():
+        raise GatewayError(GatewayCode.SYNTAX, f"{shown(word)} is no command; at most a net and a node precede one")
+    raise GatewayError(GatewayCode.NOT_SUPPORTED, f"no command {shown(word)}; help lists them")
 
 
 def _object(words: _Words) -> tuple[int, int]:
@@ -253,18 +274,12 @@ def _write(words: _Words) -> GatewayCommand:
 
 
 def _set(words: _Words) -> GatewayCommand:
-    setting = words.choice(
-        "setting",
-        *("network", "node", "sdo_timeout", "sdo_block", "rpdo", "tpdo", "tpdox"),
-        *("heartbeat", "id", "command_timeout", "command_size"),
-    )
+    setting = words.take("a setting").lower()
     if setting in ("rpdo", "tpdo", "tpdox"):
         return _set_pdo(words, setting)
-    if setting in ("heartbeat", "id", "command_timeout", "command_size"):
-        reason = "is not a node itself" if setting in ("heartbeat", "id") else "has no limit of this kind"
-        raise GatewayError(GatewayCode.NOT_SUPPORTED, f"set {setting}: this gateway {reason}")
-    high = {"network": 127, "node": 127, "sdo_timeout": 65_535, "sdo_block": 1}[setting]
-    return SetOption(setting, words.number(setting, 0, high))
+    if setting not in _SETTINGS:
+        raise GatewayError(GatewayCode.NOT_SUPPORTED, f"set {shown(setting)}: this gateway has {', '.join(_SETTINGS)}")
+    return SetOption(setting, words.number(setting, *_SETTINGS[setting]))
 
 
 def _pdo_number(words: _Words) -> int:

@@ -23,7 +23,9 @@ from barewire.canopen.gateway.commands import (
     CommandLine,
     ConfigureGuarding,
     ConfigureHeartbeat,
-    EnableBootUp,
+    EnableIndication,
+    GatewayCommand,
+    InitGateway,
     LssCommand,
     ReadPdo,
     ReadSdo,
@@ -36,10 +38,11 @@ from barewire.canopen.gateway.commands import (
 )
 from barewire.canopen.gateway.lss_commands import lss_error_code, run_lss
 from barewire.canopen.gateway.notices import Notices
+from barewire.canopen.gateway.own_node import GatewayNode
 from barewire.canopen.gateway.parser import parse_line, sequence_of
 from barewire.canopen.gateway.values import is_wrong_length, to_text
 from barewire.canopen.lss.messages import LssRefused
-from barewire.canopen.nmt.messages import NmtMessage
+from barewire.canopen.nmt.messages import NmtCommand, NmtMessage
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.client.download import download
 from barewire.canopen.sdo.client.upload import upload
@@ -53,6 +56,9 @@ _SDO_TIMEOUT = 0.5  # seconds, until `set sdo_timeout`
 MAX_LINE = 65_536
 """Bytes of the longest line: room for a domain of some 48 KiB."""
 
+_BIT_RATE_UNCHANGED = 9
+"""The entry of CiA 305's bit rate table that is no bit rate: "automatic"."""
+
 _HELP = """\
 [seq] [[net] node] r[ead] index sub [type]            SDO upload
 [seq] [[net] node] w[rite] index sub type value       SDO download
@@ -62,12 +68,13 @@ _HELP = """\
 [seq] [net] set rpdo|tpdo n cob event|rtr|sync0..240 count (index sub type)...
 [seq] [net] set tpdox n cob type inhibit timer sync_start count (index sub type)...
 [seq] [net] r[ead] p[do] n | w[rite] p[do] n count value...
-[seq] [net] boot_up_indication enable|disable
+[seq] [net] boot_up_indication enable|disable | _emcy_indication enable|disable | _bus_indication enable|disable
+[seq] [net] set heartbeat ms | set id n | init 9      with --node-id: the node of the gateway itself
 [seq] [net] lss_switch_glob 0|1 | lss_switch_sel vendor product revision serial | lss_set_node n | lss_get_node
 [seq] [net] lss_conf_bitrate table index | lss_activate_bitrate delay_ms | lss_store | lss_inquire_addr [0..3]
 [seq] [net] lss_identity vendor product rev_low rev_high serial_low serial_high | lss_ident_nonconf
-[seq] [net] _lss_fastscan [timeout_ms] | lss_allnodes [timeout_ms [first_node [store]]]
-[seq] info version
+[seq] [net] _lss_fastscan [timeout_ms] | lss_allnodes [timeout_ms [first_node store [scan_type number]x4]]
+[seq] info version | help [lss|datatype]
 types: b i8..i64 u8..u64 x8..x64 r32 r64 vs os us d t td hex;  # begins a comment"""
 
 
@@ -83,11 +90,13 @@ class _WrongType(Exception):
 class GatewaySession:
     """The settings of one connection, and the execution of its lines.
 
-        net       the number of the net that the gateway serves
-        version   the answer to `info version`
-        dialect   the SDO dialect of the nodes
-        channel   returns the SDO channel to a node, for connections that share a bus; default: channels of its own
-        remote    whether the bus carries remote frames, which node guarding needs
+        net            the number of the net that the gateway serves
+        version        the answer to `info version`
+        dialect        the SDO dialect of the nodes
+        channel        returns the SDO channel to a node, for connections that share a bus; default: channels of its own
+        remote         whether the bus carries remote frames, which node guarding needs
+        indications    report boot-ups, emergencies and bus errors from the start
+        own            the gateway's own node, if it is one
 
     >>> from barewire.conversation import play
     >>> node = lambda frame, now: [(now + 0.001, CanFrame.parse("585#4B41600037060000"))]
@@ -103,13 +112,16 @@ class GatewaySession:
         dialect: SdoDialect = STANDARD,
         channel: _ChannelOf | None = None,
         remote: bool = True,
+        indications: bool = False,
+        own: GatewayNode | None = None,
     ) -> None:
         self.net = net
+        self.own = own
         self._remote = remote
-        self.notices = Notices(net)
+        self.notices = Notices(net, indications=indications)
         self._version = version
         self._channels: dict[int, Channel] = {}
-        self._channel = channel or (lambda node: self._channels.setdefault(node, Channel(node, dialect)))
+        self._channel_of = channel or (lambda node: self._channels.setdefault(node, Channel(node, dialect)))
         self._default_net: int | None = net
         self._default_node: int | None = None
         self._timeout = _SDO_TIMEOUT
@@ -119,7 +131,10 @@ class GatewaySession:
         return f"<{type(self).__name__}: net {self.net}>"
 
     def answer(self, text: str) -> Conversation[CanFrame, list[str]]:
-        """Execute one line. Return the lines of the answer: none for an empty line or a comment. Never raises."""
+        """Execute one line. Return the lines of the answer: none for an empty line or a comment. Never raises.
+
+        A line whose `target` is "own" must be carried out by `own.carry_out`.
+        """
         if not text.partition("#")[0].strip():
             return []
         sequence = 0
@@ -142,26 +157,33 @@ class GatewaySession:
             return [error_line(sequence, code, str(error))]
         except EncodeError as error:
             return [error_line(sequence, GatewayCode.SYNTAX, str(error))]
-        if isinstance(line.command, ShowInfo) and line.command.topic == "help":
-            return [*answer.splitlines(), f"[{sequence}] OK"]
-        return [f"[{sequence}] {answer}"]
+        *comments, last = answer.split("\n")
+        return [*comments, f"[{sequence}] {last}"]
 
-    def target(self, text: str) -> Channel | Literal["LSS"] | None:
-        """Return what a line needs for itself: an SDO channel, LSS, or nothing."""
+    def target(self, text: str) -> Channel | Literal["LSS", "own"] | None:
+        """Return what a line needs for itself: an SDO channel, LSS, the gateway's own node, or nothing."""
         try:
             line = parse_line(text)
             if isinstance(line.command, (ReadSdo, WriteSdo)):
-                return self._channel(self._node(line.node))
+                node = self._node(line.node)
+                return "own" if self._is_own(node) else self._channel_of(node)
         except GatewayError:
             return None
+        if self.own is not None and _is_for_own_node(line.command):
+            return "own"
         return "LSS" if isinstance(line.command, LssCommand) else None
+
+    def _is_own(self, node: int) -> bool:
+        return self.own is not None and self.own.device.node == node
 
     def _execute(self, line: CommandLine) -> Conversation[CanFrame, str]:
         command = line.command
         if isinstance(command, ShowInfo):
-            return _HELP if command.topic == "help" else self._version or "barewire"
+            return _help(command.part) if command.topic == "help" else self._version or "barewire"
         if not (isinstance(command, SetOption) and command.name == "network"):
             self._check_net(line.net)
+        if _is_for_own_node(command):
+            return (yield from self._own_node(command))
         if isinstance(command, SetOption):
             return self._set(command)
         if isinstance(command, (ReadSdo, WriteSdo)):
@@ -198,15 +220,30 @@ class GatewaySession:
         elif command.name == "node":
             self._default_node = value or None
         elif command.name == "sdo_timeout":
-            if not value:
-                raise GatewayError(GatewayCode.SYNTAX, "sdo_timeout 0: expected 1..65535 ms")
             self._timeout = value / 1000
         else:
             self._block = bool(value)
         return "OK"
 
+    def _own_node(self, command: GatewayCommand) -> Conversation[CanFrame, str]:
+        """Change the gateway's own node."""
+        own = self.own
+        if own is None:
+            text = "this gateway is not a node itself; barewire canopen-gateway --node-id N makes it one"
+            raise GatewayError(GatewayCode.NOT_SUPPORTED, text)
+        if isinstance(command, SetOption) and command.name == "id":
+            own.next_id = command.value
+        elif isinstance(command, SetOption):
+            own.set_heartbeat(command.value)
+        elif isinstance(command, InitGateway):
+            if command.bit_rate != _BIT_RATE_UNCHANGED:
+                text = f"init {command.bit_rate}: the bit rate is that of the open interface; init 9 leaves it as it is"
+                raise GatewayError(GatewayCode.NOT_SUPPORTED, text)
+            yield Send(NmtMessage(NmtCommand.RESET_COMMUNICATION, own.device.node or 0).encode())
+        return "OK"
+
     def _sdo_transfer(self, node: int, command: ReadSdo | WriteSdo) -> Conversation[CanFrame, str]:
-        channel = self._channel(node)
+        channel = Channel(node) if self._is_own(node) else self._channel_of(node)
         if isinstance(command, WriteSdo):
             block = self._block and len(command.data) > 4
             yield from download(channel, command.index, command.sub, command.data, timeout=self._timeout, block=block)
@@ -223,11 +260,11 @@ class GatewaySession:
     def _control(
         self,
         line: CommandLine,
-        command: ConfigureGuarding | ConfigureHeartbeat | EnableBootUp | SetPdo | ReadPdo | WritePdo,
+        command: GatewayCommand,
     ) -> Conversation[CanFrame, str]:
         notices = self.notices
-        if isinstance(command, EnableBootUp):
-            notices.boot_ups = command.on
+        if isinstance(command, EnableIndication):
+            notices.enabled[command.kind] = command.on
         elif isinstance(command, ConfigureHeartbeat):
             notices.heartbeat(self._node(line.node), command.time / 1000)
         elif isinstance(command, ConfigureGuarding):
@@ -241,11 +278,26 @@ class GatewaySession:
         elif isinstance(command, ReadPdo):
             pdo = notices.pdo(False, command.number)
             return f"{self.net} pdo {command.number} {pdo.text()}"
-        else:
+        elif isinstance(command, WritePdo):
             notices.pdo(True, command.number).write(command.words)
             for frame in notices.pdo(True, command.number).feed(None, (yield from _time())):
                 yield Send(frame)
         return "OK"
+
+
+def _is_for_own_node(command: GatewayCommand) -> bool:
+    """Return whether a command concerns the gateway's own node."""
+    return isinstance(command, InitGateway) or (isinstance(command, SetOption) and command.name in ("heartbeat", "id"))
+
+
+def _help(part: str) -> str:
+    """Return the help, or its lines about LSS or the data types, and OK."""
+    lines = _HELP.split("\n")
+    if part == "lss":
+        lines = [line for line in lines if "lss_" in line]
+    elif part == "datatype":
+        lines = lines[-1:]
+    return "\n".join([*lines, "OK"])
 
 
 def _time() -> Conversation[CanFrame, float]:

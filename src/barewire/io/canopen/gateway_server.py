@@ -2,10 +2,12 @@
 
         netcat ----+                         +--- transfers with different nodes at the same time
         a script --+-- one session each -----+--- one transfer at a time on each SDO channel
-        telnet ----+                         +--- boot-ups, emergencies, PDOs reported to all
+        telnet ----+                         +--- boot-ups, emergencies, PDOs to those that asked for them
+                                             +--- a node of the gateway itself, if it has one
 
-The commands of a connection are carried out one after the other; further ones wait in the socket. If a client does not
-read, notices to it are dropped, and their number is reported later; responses are never dropped.
+The commands of a connection are carried out one after the other; further ones wait in the socket. A response ends with
+CR LF, and its lines, if there are several, with LF, so a client can read up to CR LF. If a client does not read, its
+notices are dropped, and their number is reported later; responses are never dropped.
 
 Depends on: the asyncio client, `canopen.gateway` for the commands.  Used by: `barewire canopen-gateway`.
 """
@@ -21,10 +23,13 @@ from typing import Self
 
 from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.canopen.gateway.codes import GatewayCode, error_line
+from barewire.canopen.gateway.own_node import GatewayNode
 from barewire.canopen.gateway.session import MAX_LINE, GatewaySession
+from barewire.conversation import Conversation
 from barewire.errors import EncodeError, PortError, shown
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.canopen.bus.async_bus import AsyncSubscriber
+from barewire.io.canopen.bus.async_bus import AsyncRunning, AsyncSubscriber
+from barewire.io.canopen.bus.node_runner import Action
 from barewire.io.canopen.bus.subscriber import LONGEST_PULL, FramesLost
 from barewire.io.canopen.methods.lss import LSS_LOCK, LSS_RECEIVES
 from barewire.io.canopen.methods.operations import NO_FRAMES, NO_LOCKS, BusOperation, sdo_transfer
@@ -35,7 +40,7 @@ GATEWAY_CONNECTIONS = 64
 UNREAD_LIMIT = 0x10000
 """Bytes that may wait for a client that does not read; further notices are dropped."""
 _CHUNK = 4096
-_LINE_END = re.compile(rb"[\r\n]")
+_LINE_END = re.compile(rb"\r\n?|\n")
 
 _CONTROLLER, _BUS_OFF = 0x04, 0x40
 _PASSIVE = 0x30
@@ -63,10 +68,22 @@ class GatewayStatistics:
 class CanopenGateway:
     """A gateway on a TCP port. The end of its `async with` closes every connection, but not `client`."""
 
-    def __init__(self, client: AsyncCanopenClient, *, net: int = 1, version: str = "") -> None:
+    def __init__(
+        self,
+        client: AsyncCanopenClient,
+        *,
+        net: int = 1,
+        version: str = "",
+        own: GatewayNode | None = None,
+        indications: bool = False,
+    ) -> None:
         self.client = client
         self.net = net
         self.version = version
+        self.own = own
+        """The gateway's own node, if it is one."""
+        self.indications = indications
+        """Whether each connection gets boot-ups, emergencies and bus errors from the start."""
         self.ended = asyncio.Event()
         """Set when the bus was closed."""
         self.failure: PortError | None = None
@@ -75,6 +92,7 @@ class CanopenGateway:
         self._connections: set[_Connection] = set()
         self._is_closing = False
         self._server: asyncio.Server | None = None
+        self._running: _OwnNode | None = None
 
     async def listen(self, host: str, port: int) -> Self:
         """Start to listen. Raises PortError."""
@@ -87,6 +105,8 @@ class CanopenGateway:
             if not isinstance(error, OSError):
                 raise
             raise PortError(f"{host}:{port}: {reason(error)}") from None
+        if self.own is not None:
+            self._running = _OwnNode(self.client.bus, self.own.device, None)
         self.log.place = place_of(host, self.port)
         self.log.info("serving", f"serving net {self.net}")
         return self
@@ -108,6 +128,8 @@ class CanopenGateway:
         self._is_closing = True
         if self._server is not None:
             self._server.close()
+        if self._running is not None:
+            self._running.stop()
         for connection in list(self._connections):
             connection.end()
         while self._connections:
@@ -115,6 +137,20 @@ class CanopenGateway:
         if self._server is not None:
             self.log.info("closed", "closed")
             self.log.flush()
+
+    async def answer_own(self, answer: Conversation[CanFrame, list[str]]) -> list[str]:
+        """Carry out a line about the gateway's own node; the frames that the node sends meanwhile go to the bus."""
+        assert self.own is not None
+        assert self._running is not None
+        own, lines = self.own, list[str]()
+
+        def act(now: float) -> list[CanFrame]:
+            found, frames = own.carry_out(answer, now)
+            lines.extend(found)
+            return frames
+
+        await self._running.do(act)
+        return lines
 
     def fail(self, why: PortError) -> None:
         """Record that the bus was closed, for this reason, and set `ended`."""
@@ -146,6 +182,19 @@ class CanopenGateway:
             connection.ended.set()
 
 
+class _OwnNode(AsyncRunning):
+    """The gateway's own node on the bus. A line about it is carried out after the frames of the lines before."""
+
+    async def do(self, action: Action) -> None:
+        """Feed the node the frames that wait, such as an NMT command of the gateway, then call `action(now)`."""
+        while (arrived := self._subscriber.take()) is not None:
+            self.statistics.count(arrived.item)
+            for frame in self._driver.feed(arrived.item, time.monotonic()):
+                await self._send(frame)
+        self._subscriber.wake()  # the task of the node waits again
+        await super().do(action)
+
+
 class _Connection:
     """One connection, in three tasks: carry out its lines, send its notices, wait until it is closed."""
 
@@ -157,7 +206,14 @@ class _Connection:
         self._reader = reader
         self._writer = writer
         remote = not client.bus.name.startswith("socketcand/")  # a socketcand bus carries no remote frames
-        self._session = GatewaySession(gateway.net, version=gateway.version, channel=client.channel, remote=remote)
+        self._session = GatewaySession(
+            gateway.net,
+            version=gateway.version,
+            channel=client.channel,
+            remote=remote,
+            indications=gateway.indications,
+            own=gateway.own,
+        )
         self._subscriber = AsyncSubscriber(client.bus, None, reports=True)
         self._lost = 0
         self._tasks: tuple[asyncio.Task[None], ...] = ()
@@ -192,13 +248,15 @@ class _Connection:
     # Lines
 
     async def _carry_out_lines(self) -> None:
-        partial, skipping = b"", False
+        partial, skipping, after_cr = b"", False, False
         while True:
             try:
                 chunk = await self._reader.read(_CHUNK)
             except OSError:
                 return
-            *lines, partial = _LINE_END.split(partial + chunk)  # CR LF ends two lines; the empty one has no effect
+            received = chunk.removeprefix(b"\n") if after_cr else chunk  # CR LF may arrive in two parts
+            after_cr = chunk.endswith(b"\r")
+            *lines, partial = _LINE_END.split(partial + received)
             for line in lines:
                 if skipping:
                     skipping = False
@@ -218,16 +276,20 @@ class _Connection:
         if too_long:
             self.write([error_line(0, GatewayCode.OUT_OF_MEMORY, f"a line of more than {MAX_LINE} bytes")])
         else:
-            self._gateway.statistics.commands += bool(line.strip())  # CR LF ends two lines
+            self._gateway.statistics.commands += bool(line.strip())
             text = line.decode("utf-8", "replace")
-            self.write(await self._client.carry_out(self._operation(text)))
+            if self._session.target(text) == "own":
+                answer = await self._gateway.answer_own(self._session.answer(text))
+            else:
+                answer = await self._client.carry_out(self._operation(text))
+            self.write(["\n".join(answer)])  # an empty line or a comment gets an empty line
             self._feed_notices(None, time.monotonic())
             self._subscriber.wake()  # the deadline of the other task may have changed
         await self._writer.drain()
 
     def _operation(self, text: str) -> BusOperation[list[str]]:
         conversation, target = self._session.answer(text), self._session.target(text)
-        if target is None:
+        if target is None or target == "own":
             return BusOperation(conversation, NO_LOCKS, NO_FRAMES)
         if target == "LSS":
             return BusOperation(conversation, LSS_LOCK, LSS_RECEIVES)
@@ -248,9 +310,9 @@ class _Connection:
                 self._feed_notices(arrived.item, arrived.at)
             elif isinstance(arrived.item, FramesLost):
                 text = f"{arrived.item.frames} frames were lost"
-                self._notice([self._session.notices.bus_error(GatewayCode.CAN_OVERFLOW, text)])
+                self._notice(self._session.notices.bus_error(GatewayCode.CAN_OVERFLOW, text))
             elif isinstance(arrived.item, ErrorFrame) and (code := _code_of(arrived.item)):
-                self._notice([self._session.notices.bus_error(code, arrived.item.text)])
+                self._notice(self._session.notices.bus_error(code, arrived.item.text))
 
     def _feed_notices(self, frame: CanFrame | None, now: float) -> None:
         frames, lines = self._session.notices.feed(frame, now)
@@ -284,9 +346,21 @@ def _code_of(report: ErrorFrame) -> GatewayCode | None:
 
 
 async def serve_gateway(
-    client: AsyncCanopenClient, host: str = "127.0.0.1", port: int = 0, *, net: int = 1, version: str = ""
+    client: AsyncCanopenClient,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    *,
+    net: int = 1,
+    version: str = "",
+    own: GatewayNode | None = None,
+    indications: bool = False,
 ) -> CanopenGateway:
-    """Start a gateway to the bus of `client` on the TCP port `host`:`port`. `net` (1..127) is its net number.
+    """Start a gateway to the bus of `client` on the TCP port `host`:`port`.
+
+        net            its net number, 1 to 127
+        version        the answer to `info version`
+        own            the gateway's own node, which runs on the bus as long as the gateway; by default it has none
+        indications    report boot-ups, emergencies and bus errors to each connection, without a command for it
 
     Raises PortError if the port cannot be opened, EncodeError for a wrong net and for any other client.
     """
@@ -294,4 +368,4 @@ async def serve_gateway(
         raise EncodeError(f"client {shown(client)}: expected an AsyncCanopenClient", "client")
     if not 1 <= net <= 127:
         raise EncodeError(f"net {net}: expected 1..127")
-    return await CanopenGateway(client, net=net, version=version).listen(host, port)
+    return await CanopenGateway(client, net=net, version=version, own=own, indications=indications).listen(host, port)
