@@ -132,7 +132,8 @@ class Bus:
             except NoAnswer as error:
                 if attempts > retries:
                     error.add_context(f"{attempts} attempts")
-                if attempts > retries or self.line.broken is not None:
+                    raise
+                if self.line.broken is not None:
                     raise
                 may_probe, attempts = True, attempts + 1
 
