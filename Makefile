@@ -47,6 +47,9 @@ proof: $(VENV)/installed-bench ## every order of late answers, ours and those of
 hostile: $(VENV)/installed-dev ## CANopen devices after every configuration of two steps and random ones; ARGS=--help
 	@$(BIN)/python tools/hostile_master.py $(ARGS)
 
+plant: $(VENV)/installed-dev ## 127 CANopen nodes booted, configured and run with SYNC at 100 Hz, and their load; ARGS=--help
+	@$(BIN)/python -m bench.plant $(ARGS)
+
 mutants: $(VENV)/installed-mutants ## which changes of the core no test notices; writes docs/mutation.md
 	@$(BIN)/python tools/mutants.py $(ARGS)
 
@@ -69,5 +72,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide bench proof hostile format clean
+.PHONY: help demo check test style types suite pyodide bench proof hostile plant format clean
 .NOTPARALLEL:
