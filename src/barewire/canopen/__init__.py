@@ -10,6 +10,7 @@ CAN delivers whole frames, so there is no framing here. The rooms and files, in 
     datatypes, time_types  the types of objects                    object_dictionary        the objects of one device
     abort_codes            why an access to an object is refused
     communication_objects  reading and validating 1000h-1FFFh      sync, time_stamp         SYNC and TIME messages
+    cyclic                 frames that are sent again and again
     nmt/                   states, commands, heartbeats            sdo/     read and write objects of any length
     emcy/                  emergency messages                      pdo/     process data
     lss/                   assign node-IDs                         bus/     scan, time-out explanations, locks
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
         Setting as Setting,
         device_configuration as device_configuration,
     )
+    from barewire.canopen.cyclic import CyclicProducer as CyclicProducer
     from barewire.canopen.device.device import LocalNode as LocalNode
     from barewire.canopen.device.node_group import NodeGroup as NodeGroup
     from barewire.canopen.device.sdo_channels import client_channel as client_channel
@@ -201,6 +203,7 @@ __getattr__, __dir__, __all__ = lazy(
         "emcy.message": "Emergency error_text register_names register_of",
         "emcy.producer": "EmcyProducer",
         "emcy.consumer": "EmcyConsumer EmcyEvent",
+        "cyclic": "CyclicProducer",
         "sync": "SyncMessage SyncProducer SyncMonitor SyncEvent",
         "time_stamp": "TimeStamp TimeProducer TimeConsumer TimeReceived",
         "pdo.mapping": "MappedObject PdoMapping",

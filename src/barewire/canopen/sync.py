@@ -93,6 +93,14 @@ class SyncProducer:
         """When the next SYNC is due."""
         return self._next
 
+    @property
+    def frames(self) -> tuple[CanFrame, ...]:
+        """All different frames, in the order in which they are sent."""
+        identifier, extended = self.key
+        if not self.overflow:
+            return (CanFrame(identifier, b"", extended),)
+        return tuple(CanFrame(identifier, bytes([count]), extended) for count in range(1, self.overflow + 1))
+
     def start(self, now: float) -> None:
         """Send the first SYNC one period from now, with the counter 1."""
         self._counter = 0

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import pytest
 
 from tests.interop.canopen.canopen_exchanges import EXCHANGES, Exchange
-from tests.interop.canopen.guest import in_guest
+from tests.interop.canopen.guest import Done, in_guest
 from tests.interop.canopen.test_canopen_exchanges import proofs
 
 pytestmark = pytest.mark.needs("uml", "busybox", "cc", "candump", "ip")
@@ -73,7 +73,22 @@ def _running() -> str:
     return "\n".join(found)
 
 
-def test_client_and_device_recover_when_the_link_goes_down_and_up() -> None:
-    with in_guest([sys.executable, "-m", "tests.interop.canopen.link_down"], {}) as done:
-        assert done.status == 0, str(done)
-        assert done.out.count("gone and back: ") == 2, str(done)
+@pytest.fixture(scope="module")
+def programs() -> Iterator[Done]:
+    """Run the programs for the guest kernel in one guest, one after the other."""
+    names = "link_down", "kernel_cycles"
+    lines = [f"{sys.executable} -m tests.interop.canopen.{name}; echo {name} ended with $?" for name in names]
+    with in_guest(["sh", "-c", "; ".join(lines)], {}) as done:
+        yield done
+
+
+def test_client_and_device_recover_when_the_link_goes_down_and_up(programs: Done) -> None:
+    assert "link_down ended with 0" in programs.out, str(programs)
+    assert programs.out.count("gone and back: ") == 2, str(programs)
+
+
+def test_the_kernel_sends_cyclic_frames(programs: Done) -> None:
+    """Also while the program is stopped, and after the interface was down, but not after the end of the program."""
+    assert "kernel_cycles ended with 0" in programs.out, str(programs)
+    for part in ("check_data", "check_stopped", "check_down"):
+        assert f"{part}: ok" in programs.out, str(programs)

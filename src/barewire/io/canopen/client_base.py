@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from barewire.devices.device import Device
     from barewire.io.canopen.bus.receiving import WatchFrames
     from barewire.io.canopen.dcf_node import DcfNode
+    from barewire.io.canopen.methods.cyclic import SentBy
     from barewire.io.canopen.methods.lss import LssMethods
     from barewire.io.canopen.methods.sync_time import SyncMethods, TimeMethods
     from barewire.io.endpoint import Endpoint
@@ -336,10 +337,21 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         return BackgroundTask(checked_machine(device), None)
 
     @background
-    def start(self, machine: Speaker, receives: frozenset[Key] | None = None) -> BackgroundTask:
+    def start(
+        self, machine: Speaker, receives: frozenset[Key] | None = None, *, by: SentBy = "python"
+    ) -> BackgroundTask:
         """Run a machine that sends frames until it is stopped. `receives` are the (identifier, extended) of the frames
-        that it gets; by default it gets all."""
-        return BackgroundTask(checked_machine(machine), receives)
+        that it gets; by default it gets all.
+
+        by="kernel", for a `CyclicProducer` or `SyncProducer`: the kernel sends the frames if the bus is can://socketcan;
+        `by_kernel` of the result is whether it does.
+        """
+        checked_machine(machine)
+        if by == "python":
+            return BackgroundTask(machine, receives)
+        from barewire.io.canopen.methods.cyclic import cyclic_frames, cyclic_task
+
+        return cyclic_task(self.runner.bus, cyclic_frames(machine), by)
 
 
 def _canopen_device(device: str | Path | Device) -> Device:

@@ -258,6 +258,8 @@ class AsyncRunning:
         self._subscriber = AsyncSubscriber(bus, keys, node=True, reports=True)
         self.failure: BaseException | None = None
         """The error that ended the machine: it could not be started."""
+        self.by_kernel: bool = getattr(machine, "by_kernel", False)
+        """Whether the kernel sends the frames of the machine."""
         self._task = asyncio.create_task(self._run())
 
     def __enter__(self) -> Self:
@@ -313,6 +315,7 @@ class AsyncRunning:
 
     def stop(self) -> None:
         """Stop the machine: it sends no further frame."""
+        self._driver.release()
         self._subscriber.discard_queued()
         self._subscriber.close()
         self._task.cancel()

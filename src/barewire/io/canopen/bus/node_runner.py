@@ -157,7 +157,9 @@ class NodeDriver:
         return [*((start and start(now)) or ()), *self._feed(None, now)]
 
     def release(self) -> None:
-        """Give the machine back its own `on_failure`."""
+        """Give the machine back its own `on_failure`; end the frames that the kernel sends for it."""
+        if getattr(self.machine, "by_kernel", False):
+            self._reporter.close()
         if self._is_attached:
             self._is_attached = False
             self._reporter.on_failure = self._on_failure
@@ -246,6 +248,8 @@ class Running:
         self._subscriber = Subscriber(bus, keys, node=True, reports=True)
         self.failure: BaseException | None = None
         """The error that ended the machine: it could not be started."""
+        self.by_kernel: bool = getattr(machine, "by_kernel", False)
+        """Whether the kernel sends the frames of the machine."""
         self._thread = threading.Thread(target=self._run, name=f"{type(machine).__name__} on {bus.name}", daemon=True)
         self._thread.start()
 

@@ -6,6 +6,7 @@
     pdo           node.pdo      configuration, named values
     lss           bus.lss       node-IDs and bit rates
     sync_time     bus.sync, bus.time
+    cyclic        cyclic frames, sent by Python or by the Linux kernel
 
 Depends on: the conversations of `barewire.canopen`.  Used by: `node`, `client_base`.
 """

@@ -4,6 +4,7 @@ node.nmt.start()                                   sends the command, which the 
 node.nmt.send_confirmed(NmtCommand.START)          waits until the node reports the new state
 node.nmt.state()                                   requests the state by node guarding
 bus.nmt.reset()                                    every node of the bus
+bus.nmt.start_heartbeat(127, 0.5)                  the heartbeat of this master
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ from typing import TYPE_CHECKING
 
 from barewire import canopen
 from barewire.canopen import NmtCommand
+from barewire.canopen.cob_ids import check_node
 from barewire.io.canopen.bus.node_runner import CallbackAdapter
+from barewire.io.canopen.methods.cyclic import SentBy, cyclic_task
 from barewire.io.canopen.methods.operations import (
     NO_LOCKS,
     BackgroundTask,
@@ -200,6 +203,24 @@ class NetworkNmtMethods(NmtMethods[R]):
         )
         adapter = CallbackAdapter(manager, callback)
         return BackgroundTask(adapter, ERROR_CONTROL | _RESPONSES)
+
+    @background
+    def start_heartbeat(
+        self,
+        node: int,
+        period: float,
+        *,
+        state: canopen.NmtState = canopen.NmtState.OPERATIONAL,
+        by: SentBy = "python",
+    ) -> BackgroundTask:
+        """Send the heartbeat of a master whose node-ID is `node` every `period` seconds, the first one at once, until
+        it is stopped. Devices watch it by 1016h. Nothing else of the node exists; `bus.host` runs a whole one.
+
+        by="kernel": the kernel sends it if the bus is can://socketcan. Then it shows that the program has not ended,
+        but not that it works: a program that hangs has a heartbeat too. `by_kernel` of the result is whether it does.
+        """
+        heartbeat = canopen.NodeState(check_node(node), state).encode()
+        return cyclic_task(self.runner.bus, canopen.CyclicProducer(period, heartbeat), by)
 
     @background
     def start_guarding(

@@ -1,6 +1,7 @@
 """`bus.sync` and `bus.time`: SYNC and TIME messages, sent, produced, and received.   [CiA 301, SYNC and TIME]
 
 with bus.sync.start(0.01): ...                     a SYNC every 10 ms
+with bus.sync.start(0.01, by="kernel"): ...        the same, sent by the kernel if the bus is can://socketcan
 bus.time.send()                                    the time of this computer
 """
 
@@ -11,6 +12,7 @@ import time
 from barewire import canopen
 from barewire.canopen.cob_ids import SYNC_KEY, TIME_KEY
 from barewire.io.canopen.bus.subscriber import Key
+from barewire.io.canopen.methods.cyclic import SentBy, cyclic_task
 from barewire.io.canopen.methods.operations import (
     NO_FRAMES,
     BackgroundTask,
@@ -34,9 +36,13 @@ class SyncMethods(Methods[R]):
         return send_frame(canopen.SyncMessage(counter).encode(key))
 
     @background
-    def start(self, period: float, *, overflow: int = 0, key: Key = SYNC_KEY) -> BackgroundTask:
-        """Send a SYNC every `period` seconds, with a counter up to `overflow` if that is not 0, until it is stopped."""
-        return BackgroundTask(canopen.SyncProducer(period, overflow=overflow, key=key), NO_FRAMES)
+    def start(self, period: float, *, overflow: int = 0, key: Key = SYNC_KEY, by: SentBy = "python") -> BackgroundTask:
+        """Send a SYNC every `period` seconds, with a counter up to `overflow` if that is not 0, until it is stopped.
+
+        by="kernel": the kernel sends them if the bus is can://socketcan, at more equal intervals, and the first one at
+        once; `by_kernel` of the result is whether it does.
+        """
+        return cyclic_task(self.runner.bus, canopen.SyncProducer(period, overflow=overflow, key=key), by)
 
     @subscription
     def events(
