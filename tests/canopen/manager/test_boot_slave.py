@@ -182,3 +182,15 @@ def test_progress_is_told_in_words() -> None:
 def test_every_letter_has_its_meaning() -> None:
     assert "".join(error.name for error in BootError) == "ABCDEFGHIJKLMNO"
     assert str(BootError.A) == "A: the node is not in the network list (1F81h)"
+
+
+def test_a_concise_dcf_beside_a_dcf_is_written_after_it_and_before_the_date() -> None:
+    bus, device = bus_with()
+    configuration = device_configuration(dcf({(0x1017, 0): 500}))
+    slave = BootSlave(5, configuration=configuration, concise=(ConciseValue(0x1006, 0, b"\x10\x27\0\0"),), date=STAMP)
+    assert boot(bus, slave).configured
+    assert writes(bus) == ["1017:0=1F4", "1006:0=2710", f"1020:1={STAMP[0]:X}", f"1020:2={STAMP[1]:X}"]
+    assert device.objects.get(0x1006) == 10000
+    bus.log.clear()
+    assert not boot(bus, slave).configured
+    assert writes(bus) == []

@@ -7,6 +7,7 @@ import pytest
 from barewire.canopen import (
     BootSlave,
     ConciseValue,
+    DeviceConfiguration,
     Entry,
     NetworkList,
     ObjectDictionary,
@@ -52,6 +53,30 @@ def test_every_object_of_a_node() -> None:
     )  # fmt: skip
     assert repr(found) == "<NetworkList: 2 nodes, 1 of them mandatory>"
     assert repr(found.slaves[0]) == "<BootSlave 5: mandatory, keep alive, check program, update program>"
+
+
+def test_the_date_of_the_program() -> None:
+    found = network_list(manager(1, x1F81_05=0x25, x1F53_05=15519, x1F54_05=1000))
+    assert (found.slaves[0].software_date, found.slaves[0].software) == ((15519, 1000), 0)
+
+
+def test_a_stored_dcf_is_the_configuration_and_stamps_the_expected_date() -> None:
+    text = dcf({(0x1017, 0): 500}).encode()
+    (slave,) = network_list(manager(1, x1F81_05=5, x1F20_05=text)).slaves
+    assert slave.configuration == device_configuration(dcf({(0x1017, 0): 500}), 5)
+    assert (slave.date, slave.concise) == ((0, 0), ())
+    (slave,) = network_list(manager(1, x1F81_05=5, x1F20_05=text, x1F22_05=CONCISE, x1F26_05=7, x1F27_05=8)).slaves
+    assert isinstance(slave.configuration, DeviceConfiguration)
+    assert [one.value for one in slave.configuration.date] == [7, 8]
+    assert (slave.date, slave.concise) == ((7, 8), (ConciseValue(0x1017, 0, b"\x01\x00"),))
+
+
+def test_a_stored_dcf_that_cannot_be_read() -> None:
+    text = dcf({(0x1017, 0): 500}).encode()
+    with pytest.raises(EncodeError, match="DCF of node 5: 1F21h:05 = 1: expected 0, which is text"):
+        network_list(manager(1, x1F81_05=5, x1F20_05=text, x1F21_05=1))
+    with pytest.raises(EncodeError, match=r"has no ParameterValue.*DCF of node 5, 1F20h:05"):
+        network_list(manager(1, x1F81_05=5, x1F20_05=b"[1017]"))
 
 
 def test_the_startup_bits() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -19,16 +20,19 @@ SLAVE = BootSlave(5, check_program=True, update_program=True, software=NEW, prog
 class Loader:
     """The objects 1F50h to 1F57h of a node. `busy` is how often the flash status is busy, `flash` its last value."""
 
-    def __init__(self, *, busy: int = 2, flash: int = 0, written: int = NEW, starts: bool = True) -> None:
+    def __init__(self, *, busy: int = 2, flash: int = 0, written: int = NEW, starts: bool = True,
+                 dated: list[int] | None = None) -> None:  # fmt: skip
         self.commands: list[int] = []
         self.busy, self.flash, self.written = busy, flash, written
         self.starts = starts
+        self.date, self.dated = [1, 2], dated
         self.found, self.control, self.data = OLD, 1, b""
         objects = ObjectDictionary(
             [
                 *standard_objects(),
                 Entry(0x1F50, 1, "data", "domain", default=b"", on_write=self.write),
                 Entry(0x1F51, 1, "control", "u8", on_read=lambda: self.control, on_write=self.command),
+                *(Entry(0x1F52, sub, "date", "u32", "ro", on_read=partial(self.part, sub)) for sub in (1, 2)),
                 Entry(0x1F56, 1, "identification", "u32", "ro", on_read=lambda: self.found),
                 Entry(0x1F57, 1, "flash", "u32", "ro", on_read=self.status),
             ]
@@ -37,9 +41,12 @@ class Loader:
         self.bus.add(device, sent=device.start(0.0))
         self.bus.pass_time(0.01)
 
+    def part(self, sub: int) -> int:
+        return self.date[sub - 1]
+
     def write(self, data: Value) -> None:
         assert isinstance(data, bytes)
-        self.data, self.found = data, self.written
+        self.data, self.found, self.date = data, self.written, self.dated or self.date
 
     def command(self, value: Value) -> None:
         self.commands.append(int(value))
@@ -56,6 +63,34 @@ def test_the_expected_program_stays() -> None:
     loader.found = NEW
     assert loader.bus.run(boot_slave(SLAVE)).ok
     assert loader.commands == []
+
+
+def test_the_date_of_the_program_is_compared_too() -> None:
+    dated = BootSlave(5, check_program=True, update_program=True, software_date=(15519, 1000), program=PROGRAM)
+    loader = Loader()
+    loader.date = [15519, 1000]
+    assert loader.bus.run(boot_slave(dated)).ok
+    assert loader.commands == []
+    for date in ([15519, 999], [15518, 1000]):
+        loader = Loader(dated=[15519, 1000])
+        loader.date = date
+        assert loader.bus.run(boot_slave(dated)).error is None
+        assert (loader.commands, loader.data) == ([0, 3, 1], PROGRAM)
+    result = Loader().bus.run(boot_slave(replace(dated, update_program=False)))
+    assert (result.error, result.reason) == (BootError.H, "program date: 1, expected 15519")
+    result = Loader(dated=[15519, 7]).bus.run(boot_slave(dated))
+    assert result.error is BootError.I
+    assert result.reason.endswith("; after the download 1F52h:02 is 00000007h, expected 000003E8h")
+
+
+def test_date_and_identification_of_the_program_must_both_be_the_expected_ones() -> None:
+    both = replace(SLAVE, software_date=(1, 2), update_program=False)
+    loader = Loader()
+    assert loader.bus.run(boot_slave(both)).reason == "read 00000011h, expected 00000022h"
+    loader.found = NEW
+    assert loader.bus.run(boot_slave(both)).ok
+    loader.date = [1, 3]
+    assert loader.bus.run(boot_slave(both)).reason == "program time: 3, expected 2"
 
 
 def test_another_program_is_replaced_and_started() -> None:

@@ -2,7 +2,7 @@
 
         1000h, 1018h     device type, vendor, product, revision, serial number are the expected ones         B C D M N O
         700h+n           keep alive: an operational node goes on as it is, any other one is reset             E F L
-        1F56h            the program is the expected one; otherwise a new one is downloaded (`program`)       G H I
+        1F52h, 1F56h     the program is the expected one; otherwise a new one is downloaded (`program`)       G H I
         1020h            the configuration has the expected date; otherwise it is written                     J
         700h+n           error control starts: the first heartbeat, or the first guarding request             K
 
@@ -16,12 +16,14 @@ step.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from enum import Enum
 from typing import NamedTuple
 
+from barewire.canopen.configuration.concise_dcf import ConciseValue
 from barewire.canopen.configuration.configure import configure_device
-from barewire.canopen.configuration.settings import DATE, DEVICE_TYPE, IDENTITY, DeviceConfiguration
+from barewire.canopen.configuration.settings import DATE, DEVICE_TYPE, IDENTITY, DeviceConfiguration, Setting
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.manager.network_list import BootSlave
 from barewire.canopen.nmt.heartbeat import NodeState, guarding_request
@@ -54,9 +56,9 @@ class BootError(Enum):
     D = "another vendor-ID (1018h:01) than expected (1F85h)"
     E = "keep-alive check: no heartbeat of the node was received"
     F = "keep-alive check: the node did not respond to node guarding"
-    G = "the expected program is not configured (1F55h)"
-    H = "another program (1F56h), and an update is not allowed (1F81h)"
-    I = "another program (1F56h), and its download failed"  # noqa: E741 - the letter of the standard
+    G = "the expected program is not configured (1F53h to 1F55h)"
+    H = "another program (1F52h, 1F56h), and an update is not allowed (1F81h)"
+    I = "another program (1F52h, 1F56h), and its download failed"  # noqa: E741 - the letter of the standard
     J = "the download of the configuration failed"
     K = "no heartbeat of the node was received when its error control started"
     L = "the node was operational already"
@@ -269,15 +271,23 @@ class _Boot:
     # Program and configuration
 
     def _check_program(self) -> Conversation[CanFrame, None]:
-        from barewire.canopen.manager.program import download_program
+        from barewire.canopen.manager.program import download_program, program_objects
 
         slave = self.slave
-        if not slave.software:
+        objects = program_objects(slave.software, slave.software_date)
+        if not objects:
             raise BootFailed(BootError.G)
-        found = yield from self.read(0x1F56, 1, BootError.G, "program identification", retries=RETRIES)
-        if found == slave.software:
+        for index, sub, name, expected in objects:
+            found = yield from self.read(index, sub, BootError.G, name, retries=RETRIES)
+            if found != expected:
+                break
+        else:
             return
-        other = f"read {found:08X}h, expected {slave.software:08X}h"
+        other = (
+            f"read {found:08X}h, expected {expected:08X}h"
+            if index == 0x1F56
+            else f"{name}: {found}, expected {expected}"
+        )
         if not slave.update_program or slave.keep_alive:
             raise BootFailed(BootError.H, other)
         if not slave.program:
@@ -285,14 +295,14 @@ class _Boot:
         self.error, self.end = BootError.I, float("inf")
         self.must_not_boot = False  # it may restart when its program stops or starts
         try:
-            yield from download_program(self.channel, slave.program, slave.software, self.timeout, self.tell)
+            yield from download_program(self.channel, slave.program, objects, self.timeout, self.tell)
         except BarewireError as failure:
             raise BootFailed(BootError.I, f"{other}; {failure}") from None
         yield from self.check_identity()
 
     def _check_configuration(self) -> Conversation[CanFrame, None]:
         slave = self.slave
-        if not slave.configuration:
+        if not slave.configuration and not slave.concise:
             return
         if any(slave.date):
             try:
@@ -305,17 +315,23 @@ class _Boot:
                 pass  # a device without 1020h is always configured
         self.error, self.end = BootError.J, float("inf")
         try:
+            dates: tuple[Setting, ...] = ()
+            values: Sequence[ConciseValue] = slave.concise
             if isinstance(slave.configuration, DeviceConfiguration):
+                configuration = slave.configuration
+                if values:  # 1020h is written when these are there too
+                    configuration, dates = replace(configuration, date=()), configuration.date
                 yield from configure_device(
                     self.channel,
-                    slave.configuration,
+                    configuration,
                     timeout=self.timeout,
                     progress=lambda done, total, step: self.tell(step),
                 )
             else:
-                for one in slave.configuration:
-                    self.tell(f"write {one.index:04X}h:{one.sub:02X}")
-                    yield from download(self.channel, one.index, one.sub, one.data, timeout=self.timeout)
+                values = (*slave.configuration, *values)
+            for one in (*values, *(ConciseValue(*date.place, date.data) for date in dates)):
+                self.tell(f"write {one.index:04X}h:{one.sub:02X}")
+                yield from download(self.channel, one.index, one.sub, one.data, timeout=self.timeout)
         except BarewireError as failure:
             raise BootFailed(BootError.J, str(failure)) from None
         self.configured = True

@@ -9,11 +9,12 @@
                      guard time   | retry factor |  update  check   keep    mandatory  boot  |  in the network list
                      in ms                          program program alive              slave
 
-        1F84h:n      device type                 1F26h:n  configuration date     1F22h:n  concise DCF
-        1F85h:n      vendor-ID                   1F27h:n  configuration time     1F55h:n  program identification
-        1F86h:n      product code                1016h    heartbeat times        1F58h:n  program data
-        1F87h:n      revision number
-        1F88h:n      serial number               1F89h    boot time of the mandatory slaves, ms; 0: no limit
+        1F84h:n      device type                 1F20h:n  DCF, as text           1F53h:n  program date
+        1F85h:n      vendor-ID                   1F22h:n  concise DCF            1F54h:n  program time
+        1F86h:n      product code                1F26h:n  configuration date     1F55h:n  program identification
+        1F87h:n      revision number             1F27h:n  configuration time     1F58h:n  program data
+        1F88h:n      serial number               1016h    heartbeat times
+                                                 1F89h    boot time of the mandatory slaves, ms; 0: no limit
 
 An expected value of 0 is not checked. Below, these values are Python objects; `network_list` reads them from an object
 dictionary, for example from the DCF of a manager.
@@ -22,17 +23,18 @@ dictionary, for example from the DCF of a manager.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.configuration.concise_dcf import ConciseValue, decode_concise_dcf
-from barewire.canopen.configuration.settings import DEVICE_TYPE, DeviceConfiguration
+from barewire.canopen.configuration.settings import DEVICE_TYPE, DeviceConfiguration, device_configuration
 from barewire.canopen.nmt.heartbeat import consumer_entry
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.errors import DecodeError, EncodeError
+from barewire.errors import BarewireError, DecodeError, EncodeError
 
 _STARTUP, _ASSIGNMENT, _CONSUMERS, _BOOT_TIME = 0x1F80, 0x1F81, 0x1016, 0x1F89
-_CONCISE, _DATE, _TIME, _SOFTWARE, _PROGRAM = 0x1F22, 0x1F26, 0x1F27, 0x1F55, 0x1F58
+_DCF, _FORMAT, _CONCISE, _DATE, _TIME = 0x1F20, 0x1F21, 0x1F22, 0x1F26, 0x1F27
+_PROGRAM_DATE, _PROGRAM_TIME, _SOFTWARE, _PROGRAM = 0x1F53, 0x1F54, 0x1F55, 0x1F58
 _DEVICE_TYPE, _VENDOR, _PRODUCT, _REVISION, _SERIAL = 0x1F84, 0x1F85, 0x1F86, 0x1F87, 0x1F88
 
 
@@ -45,7 +47,7 @@ class BootSlave:
         boot             the manager boots and starts it; otherwise only its error control starts    1F81h bit 2
         keep_alive       it is not reset if it is operational                                        1F81h bit 4
         listed           it is in the network list                                                   1F81h bit 0
-        check_program    its program is compared with `software`                                     1F81h bit 5
+        check_program    its program is compared with `software` and `software_date`                 1F81h bit 5
         update_program   another program is replaced by `program`                                    1F81h bit 6
         guard_time       seconds between two requests of node guarding, if it has no heartbeat       1F81h
         retry_factor     after how many guard times without response it counts as lost               1F81h
@@ -53,8 +55,10 @@ class BootSlave:
         device_type, vendor, product, revision, serial      what it must be; 0: not checked          1F84h to 1F88h
         date             configuration date and time (1020h:01, :02); (0, 0): always configured      1F26h, 1F27h
         configuration    what is written if the date differs: a `DeviceConfiguration`, or the values
-                         of a concise DCF                                                            1F22h
-        software         the program identification (1F56h:01) that it must have                     1F55h
+                         of a concise DCF                                                     1F20h or 1F22h
+        concise          further values, written after `configuration`: the concise DCF beside a DCF  1F22h
+        software         the program identification (1F56h:01) that it must have; 0: not checked     1F55h
+        software_date    date and time of the program (1F52h:01, :02); (0, 0): not checked    1F53h, 1F54h
         program          the bytes of that program                                                   1F58h
 
     >>> BootSlave(5, mandatory=True, vendor=0x360)
@@ -80,6 +84,8 @@ class BootSlave:
     configuration: DeviceConfiguration | tuple[ConciseValue, ...] = ()
     software: int = 0
     program: bytes = b""
+    software_date: tuple[int, int] = (0, 0)
+    concise: tuple[ConciseValue, ...] = ()
 
     def __post_init__(self) -> None:
         check_node(self.node)
@@ -152,7 +158,10 @@ def slave_of(configuration: DeviceConfiguration, *, mandatory: bool = False, hea
 def network_list(objects: ObjectDictionary, node: int | None = None) -> NetworkList:
     """Return the network list in the object dictionary of a manager. Only nodes with bit 0 of 1F81h are slaves.
 
-    Raise EncodeError if 1F80h does not make it a manager, DecodeError for a 1F22h:n that is not a concise DCF.
+    Of a node with both a DCF (1F20h) and a concise DCF (1F22h), the values of the DCF are written first.
+
+    Raise EncodeError if 1F80h does not make it a manager, and for a DCF that is stored in another format than text;
+    DecodeError for a 1F22h:n that is not a concise DCF.
     """
     startup = _integer(objects, _STARTUP, 0)
     if not startup & 1:
@@ -183,6 +192,8 @@ def _slave(objects: ObjectDictionary, node: int, word: int, heartbeat: float) ->
     except DecodeError as error:
         error.add_context(f"concise DCF of node {node}, 1F22h:{node:02X}")
         raise
+    date = _integer(objects, _DATE, node), _integer(objects, _TIME, node)
+    configuration = _stored_dcf(objects, node, date)
     return BootSlave(
         node,
         mandatory=bool(word & 8),
@@ -198,11 +209,34 @@ def _slave(objects: ObjectDictionary, node: int, word: int, heartbeat: float) ->
         product=_integer(objects, _PRODUCT, node),
         revision=_integer(objects, _REVISION, node),
         serial=_integer(objects, _SERIAL, node),
-        date=(_integer(objects, _DATE, node), _integer(objects, _TIME, node)),
-        configuration=values,
+        date=date,
+        configuration=values if configuration is None else configuration,
+        concise=() if configuration is None else values,
         software=_integer(objects, _SOFTWARE, node),
         program=_bytes(objects, _PROGRAM, node),
+        software_date=(_integer(objects, _PROGRAM_DATE, node), _integer(objects, _PROGRAM_TIME, node)),
     )
+
+
+def _stored_dcf(objects: ObjectDictionary, node: int, date: tuple[int, int]) -> DeviceConfiguration | None:
+    """Return the configuration that 1F20h:n has, None without one. It stamps 1020h with the expected date."""
+    from barewire.canopen.eds.eds_file import parse
+
+    text = _bytes(objects, _DCF, node)
+    if not text:
+        return None
+    storage = _integer(objects, _FORMAT, node)
+    if storage:
+        place = f"DCF of node {node}: 1F21h:{node:02X} = {storage}"
+        raise EncodeError(f"{place}: expected 0, which is text; other formats are those of a manufacturer")
+    try:
+        found = device_configuration(parse(text), node)
+    except BarewireError as error:
+        error.add_context(f"DCF of node {node}, 1F20h:{node:02X}")
+        raise
+    if date == (0, 0):
+        return found
+    return replace(found, date=tuple(one._replace(value=value) for one, value in zip(found.date, date)))
 
 
 def _integer(objects: ObjectDictionary, index: int, sub: int) -> int:

@@ -4,8 +4,9 @@
         1F50h:01   program data          a domain, written in blocks if the node has them
         1F57h:01   flash status          | vendor-specific 16 | reserved 8 | error 7 | 1 while it is busy |
         1F56h:01   program identification
+        1F52h:01   its date, in days since 1984      1F52h:02   its time, in ms after midnight
 
-        stop -> clear -> write -> wait until the flash is ready -> check the identification -> start -> wait
+        stop -> clear -> write -> wait until the flash is ready -> check it is the program -> start -> wait
 
 A node may restart when its program stops or starts, so these two writes may stay without response. After a clear, and
 after a start, the node may not answer for a while: the next request is repeated after a time-out.
@@ -13,7 +14,8 @@ after a start, the node may not answer for a while: the next request is repeated
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from typing import TypeAlias
 
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo import Channel, download, upload
@@ -26,7 +28,7 @@ FLASH_INTERVAL = 0.1
 FLASH_TIME = 60.0
 """Seconds that a node has to write its flash, and to start its program."""
 
-_DATA, _CONTROL, _IDENTIFICATION, _FLASH = 0x1F50, 0x1F51, 0x1F56, 0x1F57
+_DATA, _CONTROL, _VERIFY, _IDENTIFICATION, _FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
 _STOP, _START, _CLEAR = 0, 1, 3
 _RETRIES = 3
 _FLASH_ERRORS = {
@@ -41,14 +43,33 @@ _FLASH_ERRORS = {
 }
 
 
+ProgramObject: TypeAlias = tuple[int, int, str, int]
+"""An object that identifies the program of a node: index, sub-index, name, expected value."""
+
+
 class ProgramFailed(BarewireError):
     """A node does not have the program after its download."""
 
 
+def program_objects(identification: int, date: tuple[int, int]) -> list[ProgramObject]:
+    """Return the objects by which the program of a node is checked; empty if neither of both is expected.
+
+    >>> [f"{index:04X}h:{sub:02X} = {expected}" for index, sub, _, expected in program_objects(7, (15519, 1000))]
+    ['1F52h:01 = 15519', '1F52h:02 = 1000', '1F56h:01 = 7']
+    """
+    dates = [(_VERIFY, 1, "program date", date[0]), (_VERIFY, 2, "program time", date[1])]
+    identified = (_IDENTIFICATION, 1, "program identification", identification)
+    return [*(dates if any(date) else ()), *([identified] if identification else ())]
+
+
 def download_program(
-    channel: Channel, program: bytes, identification: int, timeout: float, tell: Callable[[str], object]
+    channel: Channel,
+    program: bytes,
+    objects: Iterable[ProgramObject],
+    timeout: float,
+    tell: Callable[[str], object],
 ) -> Conversation[CanFrame, None]:
-    """Replace the program of a node, and start it. `tell` is called with each step in words.
+    """Replace the program of a node, check it by `objects`, and start it. `tell` is called with each step in words.
 
     Raise ProgramFailed, and SdoAbort or NoAnswer for a request that the node refuses or leaves without response.
     """
@@ -61,10 +82,12 @@ def download_program(
     yield from _repeated(lambda: download(channel, _DATA, 1, program, block="auto", timeout=timeout))
     tell("wait for its flash")
     yield from _wait_for_flash(channel, timeout)
-    data = yield from upload(channel, _IDENTIFICATION, 1, size=4, limit=4, timeout=timeout)
-    found = int.from_bytes(data[:4], "little")
-    if found != identification:
-        raise ProgramFailed(f"after the download 1F56h:01 is {found:08X}h, expected {identification:08X}h")
+    for index, sub, _, expected in objects:
+        data = yield from upload(channel, index, sub, size=4, limit=4, timeout=timeout)
+        found = int.from_bytes(data[:4], "little")
+        if found != expected:
+            text = f"{index:04X}h:{sub:02X} is {found:08X}h, expected {expected:08X}h"
+            raise ProgramFailed(f"after the download {text}")
     tell("start its program")
     yield from _command(channel, _START, timeout, may_be_silent=True)
     yield from _wait_until_started(channel, timeout)
