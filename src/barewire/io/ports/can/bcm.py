@@ -41,10 +41,10 @@ _GONE = (errno.ENODEV, errno.ENXIO, errno.ENOTCONN)
 
 def setup_message(frames: Sequence[CanFrame], period: float | None) -> bytes:
     """Return the message that starts to send frames in turn, every `period` seconds; without a period, the one that
-    replaces frames that are sent already.
+    replaces frames that are sent already. Below: 10,000 us, identifier 80h, 1 frame, and the frame.
 
     >>> setup_message([CanFrame.parse("080#01")], 0.01)[-32:].hex(" ", 4)
-    '00000000 10270000 00000000 80000000 01000000 80000000 01000000 01000000 00000000'
+    '10270000 00000000 80000000 01000000 80000000 01000000 01000000 00000000'
     """
     microseconds = 0 if period is None else round(period * 1e6)
     flags = 0 if period is None else _SET_TIMER | _START_TIMER
