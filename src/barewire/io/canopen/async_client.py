@@ -44,7 +44,8 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
     """A client of the nodes on a bus, for asyncio. The arguments are those of `CanopenClient`.
 
     The constructor opens nothing; `async with` or `await open()` opens a bus given by its URL. Without them the first
-    request does; a stream, and a machine in the background, need an open bus. `watch` is called in the reader thread.
+    request does; a stream, and a machine in the background, need an open bus. `watch` is called in the event
+    loop if that reads the bus, on SocketCAN without other listeners; else in the reader thread.
     """
 
     def _prepare(self) -> None:
@@ -52,7 +53,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
         self._connecting = asyncio.Lock()
         self._everything: AsyncSubscriber | None = None
         if self._endpoint is None:
-            self._bus = self._new_bus()
+            self._bus = self._new_bus(lazy=True)
 
     def _device_node(self, number: int, device: Device, **settings: Any) -> AsyncDeviceNode:
         return AsyncDeviceNode(self, number, device, **settings)
@@ -62,7 +63,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
         self._check_open()
         async with self._connecting:
             if self._bus is None:
-                self._bus = await open_in_thread(self._new_bus)
+                self._bus = await open_in_thread(lambda: self._new_bus(lazy=True))
                 if self._closed:
                     await asyncio.to_thread(self._bus.close)
 

@@ -200,7 +200,7 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
         self._hub = _hub(self._endpoint)
         if self._is_released and self._hub is not None:  # closed meanwhile
             self._hub.close()
-        return CanBus(self.dial(), dial=self.dial)
+        return CanBus(self.dial(), dial=self.dial, lazy=True)
 
     async def _open(self) -> None:
         from barewire.io.canopen.bus.async_bus import AsyncRunning, open_in_thread

@@ -1,11 +1,10 @@
 """A shared bus for asyncio: subscribers, streams and running machines that wake a task instead of a thread.
 
-        reader (thread) --> AsyncSubscriber --call_soon_threadsafe, once for a whole burst--> the task
+        event loop --> LoopReader --> AsyncSubscriber --> the task                           a port with a descriptor
+        reader (thread) --> AsyncSubscriber --call_soon_threadsafe, once for a whole burst--> the task           others
 
-A thread reads the bus because only some interfaces of python-can have a file descriptor for `loop.add_reader`; slcan
-may hold half a frame behind it, and `recv` of others blocks. `add_reader` for those few would save a wake-up, but the
-thread has three advantages: frames have the time at which they arrived even if the loop is busy, lost frames are
-counted here instead of being lost in the kernel, and blocking and asyncio clients may share one bus.
+Most interfaces of python-can have no file descriptor for `loop.add_reader`; slcan may hold half a frame behind it, and
+`recv` of others blocks. So a thread reads them, as it reads any bus that has listeners besides one event loop.
 
 Depends on: shared_bus, event_stream, node_runner.  Used by: the asyncio client, the text gateway.
 """
@@ -23,7 +22,7 @@ from typing import Self, TypeVar
 from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
-from barewire.io.canopen.bus.event_stream import STREAM_ROOM, Listener, Report, StreamBase
+from barewire.io.canopen.bus.event_stream import STREAM_ROOM, FrameListener, Listener, Report, StreamBase
 from barewire.io.canopen.bus.node_runner import Action, NodeDriver, NodeStatistics, Speaker, ended_text
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import (
@@ -55,7 +54,7 @@ class AsyncSubscriber(Subscriber):
         reports: bool = False,
         node: bool = False,
     ) -> None:
-        self._loop = asyncio.get_running_loop()
+        self.loop: asyncio.AbstractEventLoop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
         self._waiter: asyncio.Future[None] | None = None
         self._outbox: deque[CanFrame] = deque()
@@ -69,7 +68,7 @@ class AsyncSubscriber(Subscriber):
             self.wake()
             return
         with contextlib.suppress(RuntimeError):  # the loop is closed: no task waits
-            self._loop.call_soon_threadsafe(self.wake)
+            self.loop.call_soon_threadsafe(self.wake)
 
     def wake(self) -> None:
         """Wake the task that waits, so that it checks its deadline again."""
@@ -79,10 +78,12 @@ class AsyncSubscriber(Subscriber):
     async def pull_async(self, timeout: float) -> Arrived | None:
         """Return the next item, or None after `timeout` seconds."""
         arrived = self.take(wait=timeout > 0)
-        if arrived is not None or timeout <= 0:
+        if arrived is not None:
             return arrived
-        waiter = self._waiter = self._loop.create_future()
-        timer = self._loop.call_later(min(timeout, LONGEST_PULL), self.wake)
+        if timeout <= 0:
+            return self.take() if self.bus.read_in_loop(self.loop) else None
+        waiter = self._waiter = self.loop.create_future()
+        timer = self.loop.call_later(min(timeout, LONGEST_PULL), self.wake)
         try:
             await waiter
         finally:
@@ -100,11 +101,11 @@ class AsyncSubscriber(Subscriber):
         be the abort of a task that was cancelled."""
         if self._outbox or not self.bus.try_send(item, self):
             if not self._outbox:
-                self._give_up_at = self._loop.time() + SEND_TIMEOUT
+                self._give_up_at = self.loop.time() + SEND_TIMEOUT
             self._outbox.append(item)
             if not self._retrying:
                 self._retrying = True
-                self._loop.call_later(_SEND_RETRY, self._retry)
+                self.loop.call_later(_SEND_RETRY, self._retry)
 
     async def sent(self) -> float | None:
         """Wait until the controller has all frames. Raises PortError if a frame could not be sent."""
@@ -120,8 +121,8 @@ class AsyncSubscriber(Subscriber):
         try:
             while self._outbox and self.bus.try_send(self._outbox[0], self, again=True):
                 self._outbox.popleft()
-                self._give_up_at = self._loop.time() + SEND_TIMEOUT  # each frame has its own
-            if self._outbox and self._loop.time() >= self._give_up_at:
+                self._give_up_at = self.loop.time() + SEND_TIMEOUT  # each frame has its own
+            if self._outbox and self.loop.time() >= self._give_up_at:
                 raise no_room(self.bus.name)
         except PortError as error:
             self._outbox.clear()
@@ -131,7 +132,7 @@ class AsyncSubscriber(Subscriber):
         self._send_outbox()
         self._retrying = bool(self._outbox)
         if self._retrying:
-            self._loop.call_later(_SEND_RETRY, self._retry)
+            self.loop.call_later(_SEND_RETRY, self._retry)
 
     def discard_queued(self) -> None:
         """Do not send the frames that still wait for room."""
@@ -209,6 +210,8 @@ class AsyncStream(StreamBase[E]):
         self, bus: FrameBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = STREAM_ROOM
     ) -> None:
         super().__init__(machine, AsyncSubscriber(bus, keys, room=room, reports=True))
+        if not isinstance(machine, FrameListener):
+            bus.keep_times()
 
     async def get(self, timeout: float | None = None) -> E | Report | None:
         """Return the next event, or None after `timeout` seconds. Without a time-out it waits for ever.

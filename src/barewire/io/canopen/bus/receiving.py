@@ -2,7 +2,8 @@
 
         nobody                  until somebody listens, if the system keeps frames meanwhile; only of a lazy bus
         one conversation        a blocking client that is alone reads by itself: `DirectPort`
-        the reader thread       as soon as a second one listens
+        one event loop          asyncio clients of this loop are alone, on a port with a descriptor: `LoopReader`
+        the reader thread       as soon as others listen
 
 Depends on: a port, subscribers.  Used by: `CanBus`.
 """
@@ -33,6 +34,9 @@ from barewire.io.log import PortLog, watch_both
 from barewire.io.ports.base import Port
 
 if TYPE_CHECKING:
+    from asyncio import AbstractEventLoop
+
+    from barewire.io.canopen.bus.loop_reader import LoopReader
     from barewire.io.ports.trace import Direction
 
 _RECEIVE_TIMEOUT = 0.05
@@ -73,6 +77,7 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
         self._reopening = None if dial is None else Reopening(dial, threading.Event(), pauses=pauses, log=self._log)
         self._reader: threading.Thread | None = None
         self._direct: DirectPort | None = None
+        self.loop_reader: LoopReader | None = None
         self._log.info("opened", "opened")
         if not (lazy and getattr(port, "keeps_frames", False)):
             self._start_reader(None)
@@ -80,7 +85,7 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
     def _new_locks(self) -> None:
         self._changing = threading.RLock()
         self._sending = threading.Lock()
-        self._reading = threading.Lock()  # held by the only thread that reads the port
+        self.reading = threading.Lock()  # held by the only thread that reads the port
 
     @abstractmethod
     def add(self, subscriber: Subscriber) -> None: ...
@@ -98,24 +103,27 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
 
     def _start_reader(self, failure: str | None) -> None:
         """Start the reader thread, unless it runs. `failure`: why the port failed for a conversation that read it."""
+        if self.loop_reader is not None:
+            self.loop_reader.stop()
+            self.loop_reader = None
         if self._reader is None and not self._closed:
             name = f"reader of {self.name}"
             self._reader = threading.Thread(target=self._read, args=(failure,), name=name, daemon=True)
             self._reader.start()
 
     def _read(self, failure: str | None) -> None:
-        with self._reading:  # not while a conversation reads by itself
+        with self.reading:  # not while a conversation reads by itself
             if failure is not None and not self._reopen(failure):
                 return
             while not self._closed:
-                self._report_losses()
+                self.report_losses()
                 try:
                     item = self.read_now(_RECEIVE_TIMEOUT)
                 except PortError as error:
                     if not self._reopen(str(error)):
                         return
                     continue
-                if item is not None and not self._deliver(item):
+                if item is not None and not self.deliver(item):
                     return
 
     def read_now(self, timeout: float) -> BusItem | None:
@@ -135,13 +143,13 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
         return self._reader is not None
 
     def direct(self, keys: frozenset[Key] | None, patience: float) -> DirectPort | None:
-        """Return a port for a conversation that reads the bus itself; None if a thread reads it."""
+        """Return a port for a conversation that reads the bus itself; None if a thread or a loop reads it."""
         if self._reader is not None or self.failure is not None:
             return None
         with self._changing:
-            if self._direct is not None or self._reader is not None or self._closed:
+            if self._direct is not None or self.loop_reader is not None or self._reader is not None or self._closed:
                 return None
-            self._direct = direct = DirectPort(self, self._reading, keys, patience)
+            self._direct = direct = DirectPort(self, self.reading, keys, patience)
         return direct
 
     def take(self, item: BusItem) -> bool:
@@ -165,7 +173,7 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
                 self._direct = None
 
     def fail_directly(self, why: str) -> None:
-        """Start the reader, which opens the port again: a read of the conversation failed."""
+        """Start the reader, which opens the port again: a read of the conversation, or in the loop, failed."""
         with self._changing:
             self._direct = None
             self.failure = self.failure or why
@@ -177,24 +185,55 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
             if self._direct is direct:
                 self._direct = None
 
+    def _read_for(self, subscriber: Subscriber) -> None:
+        """Let the frames for a new subscriber be read: by its event loop if only that listens, else by the thread."""
+        loop, reader = subscriber.loop, self.loop_reader
+        if self._reader is None and loop is not None and self._direct is None and hasattr(self.port, "fileno"):
+            if reader is not None and reader.loop is loop:
+                return
+            if reader is None or reader.loop.is_closed():
+                if reader is not None:
+                    reader.stop()
+                from barewire.io.canopen.bus.loop_reader import LoopReader  # it imports asyncio
+
+                try:
+                    self.loop_reader = LoopReader(self)
+                    return
+                except (NotImplementedError, OSError):
+                    self.loop_reader = None
+        self._start_reader(None)
+
+    def read_in_loop(self, loop: AbstractEventLoop) -> bool:
+        """Deliver what has arrived, if this loop reads the port. Return whether it does."""
+        reader = self.loop_reader
+        if reader is None or reader.loop is not loop:
+            return False
+        reader.read()
+        return True
+
+    def keep_times(self) -> None:
+        """Deliver frames with the time at which they arrived, although the loop that reads may be late."""
+        if self.loop_reader is not None:
+            self.loop_reader.keep_times()
+
     def _discard_old(self) -> None:
-        """Read the frames that arrived while nobody listened, for the node monitor only."""
-        if not self._reading.acquire(blocking=False):
+        """Read the frames that arrived before a new listener came: those that nobody gets are for the node monitor."""
+        if not self.reading.acquire(blocking=False):
             return  # a conversation reads
         try:
             until = time.monotonic() + _RECEIVE_TIMEOUT
             while time.monotonic() < until and (item := self.read_now(0.0)) is not None:
-                self._deliver(item)
+                self.deliver(item)
         except PortError as error:
             with self._changing:
                 self._start_reader(str(error))
         finally:
-            self._lost = getattr(self.port, "lost", 0)
-            self._reading.release()
+            self.report_losses()
+            self.reading.release()
 
     # Delivery
 
-    def _report_losses(self) -> None:
+    def report_losses(self) -> None:
         """Report the frames that the system dropped, because they were not read in time."""
         lost = getattr(self.port, "lost", 0)
         if lost != self._lost:
@@ -202,14 +241,16 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
             if frames > 0:  # a new port counts from 0 again
                 self._report(FramesLost(frames), time.monotonic())
 
-    def _deliver(self, item: BusItem) -> bool:
+    def deliver(self, item: BusItem, at: float | None = None) -> bool:
+        """Deliver an item that arrived now, or at `at`, to all subscribers. Return False if the bus has ended."""
+        at = time.monotonic() if at is None else at
         try:
             if isinstance(item, CanFrame):
                 if self._watch is not None:
                     self._watch("received", item)
-                self._distribute(item, time.monotonic(), None)
+                self._distribute(item, at, None)
             else:
-                self._report(item, time.monotonic())
+                self._report(item, at)
         except Exception as error:  # raised by `watch`
             self._fail(f"reading {self.name} ended: {type(error).__name__}: {error}")
             return False
@@ -249,6 +290,9 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
         with self._changing:
             self.failure = self.failure or why
             self._has_ended = True
+            if self.loop_reader is not None:
+                self.loop_reader.stop()
+                self.loop_reader = None
             subscribers = tuple(self.subscribers)
         for subscriber in subscribers:
             subscriber.fail(why)
@@ -280,4 +324,4 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
             self.failure = None
         self._report(BusUp(time.monotonic() - since), time.monotonic())
         self._wake()
-        return first is None or self._deliver(first)
+        return first is None or self.deliver(first)

@@ -29,10 +29,12 @@ from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import PortError
 from barewire.io.canopen.bus.receiving import ReceivingBus, Sender, WatchFrames
 from barewire.io.canopen.bus.reconnect import Dial
-from barewire.io.canopen.bus.subscriber import BusDown, Subscriber
+from barewire.io.canopen.bus.subscriber import BusDown, Key, Subscriber
 from barewire.io.endpoint import PAUSES, Endpoint
 from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
 from barewire.io.ports.base import Port, send_when_room
+
+_NO_KEYS: frozenset[Key] = frozenset()
 
 
 class CanBus(ReceivingBus):
@@ -42,7 +44,7 @@ class CanBus(ReceivingBus):
     watch       called as watch("sent" or "received", frame) with every frame
     dial        opens a new port after the port failed; until then `failure` is the reason. By default the bus ends
     pauses      the first and the longest pause, in seconds, after failed attempts to open it
-    lazy        the reader thread starts with the second listener; until then the only one reads by itself (`direct`)
+    lazy        the reader thread starts when it is needed; until then the only listener, or event loop, reads
     """
 
     def __init__(
@@ -98,10 +100,15 @@ class CanBus(ReceivingBus):
         if self._watch is not None and not again:
             self._watch("sent", frame)
         with self._sending:
-            if self._try_send is None:
-                self.port.send(frame)
-            elif not self._try_send(frame):
-                return False
+            try:
+                if self._try_send is None:
+                    self.port.send(frame)
+                elif not self._try_send(frame):
+                    return False
+            except PortError:
+                if self._direct is None and self.loop_reader is None:
+                    self._start_reader(None)  # a reader notices whether the port has failed, and opens it again
+                raise
         self._distribute(frame, time.monotonic(), sender)
         return True
 
@@ -109,7 +116,8 @@ class CanBus(ReceivingBus):
 
     def add(self, subscriber: Subscriber) -> None:
         """Add a subscriber. Raises PortError if the bus failed and the subscriber cannot wait for it."""
-        if self._reader is None:
+        listens = subscriber.reports or subscriber.keys != _NO_KEYS
+        if listens and self._reader is None and (self.loop_reader is None or subscriber.reports or not subscriber.keys):
             self._discard_old()
         with self._changing:
             if self.failure is not None and (self._has_ended or not subscriber.reports):
@@ -117,7 +125,8 @@ class CanBus(ReceivingBus):
             if self.failure is not None:
                 subscriber.put(BusDown(self.failure), time.monotonic())
             self.register(subscriber)
-            self._start_reader(None)
+            if listens:
+                self._read_for(subscriber)
 
     def remove(self, subscriber: Subscriber) -> None:
         """Remove a subscriber."""
@@ -154,8 +163,8 @@ class CanBus(ReceivingBus):
         self._fail(f"{self.name}: the bus was closed")
         if self._reader is None:
             direct = self._direct
-            if direct is not None and direct.thread != threading.get_ident() and self._reading.acquire(timeout=1.0):
-                self._reading.release()  # the conversation that read has noticed the end
+            if direct is not None and direct.thread != threading.get_ident() and self.reading.acquire(timeout=1.0):
+                self.reading.release()  # the conversation that read has noticed the end
         elif self._reader is not threading.current_thread():
             self._reader.join()
         with suppress(PortError):

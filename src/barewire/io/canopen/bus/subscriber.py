@@ -14,10 +14,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterable
-from typing import Any, NamedTuple, Protocol, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import BarewireError, EncodeError, PortError, shown
+
+if TYPE_CHECKING:
+    from asyncio import AbstractEventLoop
 
 SUBSCRIBER_ROOM = 4096
 """Frames that a subscriber holds: 32 blocks of an SDO transfer, or a third of a second of a full bus."""
@@ -78,6 +81,10 @@ class FrameBus(Protocol):
 
     def try_send(self, frame: CanFrame, sender: Any = None, /, *, again: bool = False) -> bool: ...
 
+    def read_in_loop(self, loop: AbstractEventLoop, /) -> bool: ...
+
+    def keep_times(self) -> None: ...
+
 
 class Subscriber:
     """The port of one thread on a shared bus.
@@ -88,6 +95,9 @@ class Subscriber:
                 without, it fails with the bus
     node        its frames are those of a node, not of a client
     """
+
+    loop: AbstractEventLoop | None = None
+    """The event loop in which its frames are taken; None for a thread."""
 
     def __init__(
         self,

@@ -20,6 +20,7 @@ import socket
 import struct
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from struct import Struct
 
@@ -57,8 +58,8 @@ class SocketCanPort:
     """An open SocketCAN interface.
 
     `others` counts error frames and CAN FD frames, which CANopen has not; `strange` keeps the latest. `lost` counts
-    frames for which the buffer of the socket had no room. With `stamps`, `received_at` is when the last frame arrived,
-    in seconds since 1970, as the system recorded it.
+    frames for which the buffer of the socket had no room. With `stamps`, or after `keep_times`, `received_at` is when
+    the last frame arrived, in seconds since 1970, as the system recorded it.
     """
 
     keeps_frames = True
@@ -85,15 +86,15 @@ class SocketCanPort:
             self._socket = raw_socket(endpoint, channel) if opened is None else opened
         except OSError as error:
             raise PortError(f"can://{self.name}: {reason(error)}{self._how_to_make(channel, error)}") from None
-        if stamps:
-            self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         # Frames are lost while the buffer is full; after that at least half of it is read without a pause.
         half = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // (2 * _FRAME_ROOM)
         self._burst = max(1, min(_LONGEST_BURST, half))
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
         self._send = self._socket.send
-        self._recv = self._receive_with_time if stamps else self._socket.recv
+        self._recv: Callable[..., bytes] = self._socket.recv
+        if stamps:
+            self.keep_times()
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} can://{self.name}>"
@@ -101,6 +102,11 @@ class SocketCanPort:
     def fileno(self) -> int:
         """Return the descriptor of the socket, which is readable when a frame has arrived."""
         return self._socket.fileno()
+
+    def keep_times(self) -> None:
+        """Set `received_at` from now on."""
+        self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        self._recv = self._receive_with_time
 
     # Frames out
 
