@@ -70,6 +70,15 @@ def test_its_heartbeat_is_set_by_a_command() -> None:
     assert own.device.deadline <= 1.5
 
 
+def test_a_node_without_1017h_has_no_heartbeat() -> None:
+    device = LocalNode(1, ObjectDictionary([Entry(0x1000, 0, "device type", "u32", "ro", 0)]))
+    session = GatewaySession(own=GatewayNode(device))
+    device.start(0.0)
+    answer, frames = ask(session, "[1] set heartbeat 500")
+    assert answer.startswith("[1] ERROR:0x06020000 #1017h")
+    assert frames == []
+
+
 def test_a_new_node_id_is_valid_after_init_or_a_reset_of_communication() -> None:
     session, own = numbered()
     assert ask(session, "[1] set id 9") == ("[1] OK", [])

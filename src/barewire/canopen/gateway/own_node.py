@@ -41,7 +41,7 @@ class GatewayNode:
         return f"<{type(self).__name__} {self.device.node}: {self.device.state.name.lower().replace('_', '-')}>"
 
     def set_heartbeat(self, milliseconds: int) -> None:
-        """Send a heartbeat in this interval, 0 for none. Raise NoSuchObject if the node has no 1017h."""
+        """Send a heartbeat in this interval, 0 for none. Raise SdoAbort if the node has no 1017h."""
         self.device.objects.set(_HEARTBEAT, 0, milliseconds)
 
     def carry_out(self, conversation: Conversation[CanFrame, Result], now: float) -> tuple[Result, list[CanFrame]]:
