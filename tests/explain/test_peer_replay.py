@@ -211,6 +211,23 @@ def test_frames_that_the_recorder_lost_are_no_differences() -> None:
     assert outcomes(items) == []
 
 
+def test_the_work_grows_with_the_frames_not_with_the_identifiers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each frame that waits is looked at when it has waited long enough, not whenever time passes."""
+    looks: list[tuple[int, bool]] = []
+    pair = PeerReplay._pair
+
+    def counted(replay: PeerReplay, key: tuple[int, bool], sent_before: float, recorded_before: float) -> None:
+        looks.append(key)
+        pair(replay, key, sent_before, recorded_before)
+
+    monkeypatch.setattr(PeerReplay, "_pair", counted)
+    frames = [CanFrame(0x1000 + n, b"", extended=True) for n in range(600)]
+    items = [Recorded(n / 1000, "can0", frame, n, sent=False) for n, frame in enumerate(frames)]
+    found = played(items)
+    assert [str(one.recorded) for one in found if one.outcome == "missing"] == [str(frame) for frame in frames]
+    assert len(looks) <= 3 * len(frames)
+
+
 def test_a_device_whose_deadline_does_not_move_ends() -> None:
     class Stuck:
         deadline = 0.0

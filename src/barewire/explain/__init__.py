@@ -19,6 +19,7 @@ order:
     can_monitor/ a monitor for CANopen buses: transfers, states, broken rules
     recorded_values       what a recording reads from a device
     played, peer_replay   a recording of a CAN bus played against a device, and compared
+    client_replay         the same against our SDO client
     api          `explain` and `explain_text`
 
 Depends on: modbus, canopen, rtu, ascii, tcp, devices. No ports, files or clocks. Used by: io, cli, bench, tests.

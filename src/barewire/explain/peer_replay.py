@@ -107,6 +107,7 @@ class PeerReplay:
         self._asked_at = -1.0  # when the last request on the default SDO channel was received
         self._recorded: dict[tuple[int, bool], deque[_Waiting]] = {}
         self._sent: dict[tuple[int, bool], deque[_Waiting]] = {}
+        self._waiting: deque[tuple[float, tuple[int, bool]]] = deque()  # since when, and where, in order
         self._played: list[Played] = []
         self._differs = False  # the SDO transfer under way has a difference: the rest of it follows from that
         self._known: set[tuple[object, ...]] = set()
@@ -121,7 +122,7 @@ class PeerReplay:
         `values` are those of `values_of`: the device gets each before the request that reads it.
         """
         given = values or {}
-        boot_ups = [place for place, item in enumerate(items) if self._is_boot_up(item)]
+        last_boot_up = max((place for place, item in enumerate(items) if self._is_boot_up(item)), default=-1)
         self._now = items[0].at if items else 0.0
         self._begin(items)
         for place, item in enumerate(items):
@@ -136,7 +137,7 @@ class PeerReplay:
                 else:
                     if place in given:
                         self._set(given[place])
-                    self._receive(item.frame, any(later > place for later in boot_ups))
+                    self._receive(item.frame, place < last_boot_up)
             yield from self._taken()
         self._end()
         yield from self._taken()
@@ -284,7 +285,7 @@ class PeerReplay:
                 waiting.remove(same)
                 self._report(same, frame, self._cause(frame))
             else:
-                self._sent.setdefault(frame.key, deque()).append(_Waiting(self._now, frame, self._cause(frame)))
+                self._wait(self._sent, _Waiting(self._now, frame, self._cause(frame)))
 
     def _compare(self, item: Recorded, frame: CanFrame) -> None:
         """Take a recorded frame of the device: the same one is its counterpart, or else the oldest."""
@@ -295,11 +296,16 @@ class PeerReplay:
         entry = _Waiting(self._now if not self.timed else item.at, frame, self._cause(frame), item.line)
         sent = self._sent.get(frame.key, deque())
         if not sent:
-            self._recorded.setdefault(frame.key, deque()).append(entry)
+            self._wait(self._recorded, entry)
             return
         counterpart = next((candidate for candidate in sent if candidate.frame == frame), sent[0])
         sent.remove(counterpart)
         self._report(entry, counterpart.frame, counterpart.request)
+
+    def _wait(self, where: dict[tuple[int, bool], deque[_Waiting]], entry: _Waiting) -> None:
+        """Let a frame wait for its counterpart."""
+        where.setdefault(entry.frame.key, deque()).append(entry)
+        self._waiting.append((entry.at, entry.frame.key))
 
     def _cause(self, frame: CanFrame) -> CanFrame | None:
         """Return the request of an SDO answer, or else the last frame that the device received."""
@@ -326,8 +332,14 @@ class PeerReplay:
 
     def _close(self, before: float) -> None:
         """Report the frames that have waited since before this time."""
-        for key in [*self._recorded, *self._sent]:
+        due: dict[tuple[int, bool], None] = {}
+        while self._waiting and self._waiting[0][0] <= before:
+            due[self._waiting.popleft()[1]] = None
+        for key in due:
             self._pair(key, before, before)
+            left = [entries[key][0].at for entries in (self._recorded, self._sent) if entries.get(key)]
+            if left and min(left) <= before:  # recorded at this very time: it waits a little longer
+                self._waiting.appendleft((min(left), key))
 
     def _pair(self, key: tuple[int, bool], sent_before: float, recorded_before: float) -> None:
         """Report the frames with this identifier that came before these times: two of them as different."""
@@ -368,6 +380,7 @@ class PeerReplay:
         """Drop what waits: the recorder lost frames."""
         self._recorded.clear()
         self._sent.clear()
+        self._waiting.clear()
 
     def _taken(self) -> list[Played]:
         played, self._played = self._played, []

@@ -1,11 +1,11 @@
-"""One frame of a recording that was played against a device: the same, different, missing or extra.
+"""One frame of a recording that was played against a device or a client: the same, different, missing or extra.
 
-    same        the device sends the recorded frame
-    different   the device sends a frame with the same identifier and other data
-    missing     the device sends none with this identifier
-    extra       the device sends a frame that the recording does not have
+    same        it sends the recorded frame
+    different   it sends a frame with the same identifier and other data
+    missing     it sends none with this identifier
+    extra       it sends a frame that the recording does not have
 
-Depends on: canopen, explain.canopen, explain.capture. Used by: peer_replay, cli.
+Depends on: canopen, explain.canopen, explain.capture. Used by: peer_replay, client_replay, cli.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PLAYED_KINDS = ("sdo", "pdo", "node", "emcy", "sync", "time", "lss", "other")
 
 
 class Played(NamedTuple):
-    """One frame of the recording, of the device, or of both. `line` is 0 for a frame that only the device sent."""
+    """One frame of the recording, of the device or client, or of both. `line` is 0 for an extra frame."""
 
     at: float
     outcome: PlayedOutcome
@@ -34,13 +34,15 @@ class Played(NamedTuple):
     request: CanFrame | None  # the SDO request, or else the last frame that the device received before
     line: int
     repeated: bool = False  # the same difference was reported before, or one earlier in the same SDO transfer
+    sender: Literal["device", "client"] = "device"
+    """What the recording was played against. `request` is then the last frame that this side received before."""
 
     @property
     def text(self) -> str:
         """The frames in words. What the device received before is left out if both are the same."""
         parts = [f"recorded {_in_words(self.recorded)}"] if self.recorded is not None else []
         if self.outcome != "same":
-            parts += [f"the device sends {_in_words(self.sent)}"] if self.sent is not None else []
+            parts += [f"the {self.sender} sends {_in_words(self.sent)}"] if self.sent is not None else []
             parts += [f"after {_in_words(self.request)}"] if self.request is not None else []
         return "; ".join(parts)
 
