@@ -99,3 +99,34 @@ def test_wrong_usage(eds: Path, tmp_path: Path) -> None:
     assert "select one with --bus" in error_of("replay", str(log), *against, status=2)
     log.write_text("(1.0) can0 080#\n")
     assert "give the node-ID of the device with --node" in error_of("replay", str(log), *against, status=2)
+
+
+def test_against_our_client(tmp_path: Path) -> None:
+    """The recorded client repeats the toggle bit 0; ours sets it to 1."""
+    log = tmp_path / "run.log"
+    frames = [
+        *("605#4008100000000000", "585#4108100009000000", "605#6000000000000000", "585#0074686572736D6F"),
+        *("605#6000000000000000", "585#1B65740000000000", "605#4000100000000000", "585#4300100000000000"),
+    ]
+    log.write_text("".join(f"({10 + n / 10}) can0 {frame}\n" for n, frame in enumerate(frames)))
+    done = run_command("replay", str(log), "--against", "client")
+    assert (done.returncode, done.stderr) == (1, "")
+    first, summary = done.stdout.splitlines()
+    assert first.startswith("10.400000  DIFFERENT  recorded 605#6000000000000000 (")
+    assert "; the client sends 605#7000000000000000 (" in first
+    assert summary == (
+        "2 transfers with node 5; 4 recorded requests: 3 same, 1 different, 0 missing; 0 extra; "
+        "the client received 4 frames"
+    )
+    lines = run_command("replay", str(log), "--against", "client", "--json", "--only", "sdo").stdout.splitlines()
+    (found, totals) = map(json.loads, lines)
+    assert (found["event"], found["sent"], found["request"]) == ("different", "605#7000000000000000", frames[3])
+    assert (totals["transfers"], totals["left_out"], totals["received"], totals["different"]) == (2, 0, 4, 1)
+    log.write_text("\n".join(f"({n}) can0 {frame}" for n, frame in enumerate(frames[6:])))
+    assert output_of("replay", str(log), "--against", "client", "--window", "2").startswith(
+        "1 transfer with node 5; 1 "
+    )
+    for wrong in (("--values",), ("--only", "pdo")):
+        assert "--against client compares SDO requests" in error_of(
+            "replay", str(log), "--against", "client", *wrong, status=2
+        )

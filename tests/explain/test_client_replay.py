@@ -57,7 +57,7 @@ def test_every_kind_of_transfer_is_asked_for_again() -> None:
         download(channel, 0x6001, 0, b"\1\0", indicated=True),
         download(channel, 0x2100, 0, [b"of no size"], indicated=False, block=True),
     ):
-        bus.run(conversation)  # type: ignore[arg-type]
+        bus.run(conversation)
     with pytest.raises(SdoAbort):
         bus.run(download(channel, 0x1008, 0, b"a text that is refused", block=BlockSettings(falls_back=False)))
     items: list[RecordedItem] = [Recorded(at, "can0", CanFrame.parse(text)) for at, text in bus.log]

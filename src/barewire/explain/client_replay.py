@@ -31,7 +31,7 @@ from barewire.canopen.sdo.client.upload import upload
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.messages.block import InitiateBlockUpload
 from barewire.canopen.sdo.messages.codec import SdoRequest, decode_sdo_request
-from barewire.canopen.sdo.messages.initiate import ExpeditedDownload, InitiateDownload, InitiateUpload
+from barewire.canopen.sdo.messages.initiate import Abort, ExpeditedDownload, InitiateDownload, InitiateUpload
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen, Send, SendAll
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.explain.can_monitor.events import SdoTransferReport
@@ -169,7 +169,7 @@ class ClientReplay:
         if isinstance(request, ExpeditedDownload):
             data, indicated = request.data, request.indicated
             return download(channel, request.index, request.sub, data, timeout=self.timeout, indicated=indicated)
-        if report.data is None and report.count:
+        if isinstance(request, Abort) or (report.data is None and report.count):
             return None
         # What was not sent before an abort is zeros. An iterable of pieces is never sent expedited.
         data = (report.data or b"").ljust(request.size or 0, b"\0")

@@ -1,4 +1,4 @@
-"""`barewire replay`: play a recording of a CAN bus against a device, and list what the device does differently."""
+"""`barewire replay`: play a recording of a CAN bus against a device or our SDO client, and list the differences."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ from barewire.explain.result import counted
 @click.command("replay")
 @click.argument("file", type=click.Path())
 @click.option(
-    "--against", required=True, metavar="EDS|NAME", help="The device: an EDS or DCF file, or a simulated one."
+    "--against",
+    required=True,
+    metavar="EDS|NAME|client",
+    help="The device: an EDS or DCF file, or a simulated one; or our SDO client.",
 )
 @click.option(
     "--node", type=int, metavar="N", help="Its node-ID; by default the only node that answers in the recording."
@@ -35,7 +38,7 @@ from barewire.explain.result import counted
     default=COUNTERPART_WINDOW,
     show_default=True,
     metavar="S",
-    help="The longest time between a recorded frame and that of the device, in seconds.",
+    help="The longest time between a recorded frame and that of the device, in seconds; of a client its time-out.",
 )
 @click.option("--all", "everything", is_flag=True, help="Also frames that are the same, and repeated differences.")
 @json_option
@@ -50,7 +53,7 @@ def replay_command(
     everything: bool,
     as_json: bool,
 ) -> int:
-    """Play a recording of a CAN bus against a device.
+    """Play a recording of a CAN bus against a device or an SDO client.
 
     The FILE is a recording as `barewire sniff` takes it (candump, ASC, BLF, pcapng, pcap), or the log of the CANopen
     conformance test tool of CiA. The frames that others sent are given to the device at the times of the recording, but
@@ -62,12 +65,16 @@ def replay_command(
     missing     it does not send a frame of the recording
     extra       it sends a frame that the recording does not have
 
+    With `--against client` the other side is played: our SDO client makes the transfers of the recorded client, gets
+    the recorded responses, and its requests are compared with the recorded ones.
+
     Exit status 1 if there is a difference. The first difference of an SDO transfer is printed and the rest of it
     counted, and so is the same difference again.
 
     \b
     barewire replay drive.log --against drive.eds --node 5
     barewire replay drive.log --against az3 --only sdo
+    barewire replay drive.log --against client --node 5
     """
     for kind in only:
         if kind not in PLAYED_KINDS:
@@ -76,6 +83,8 @@ def replay_command(
             raise EncodeError(f"--only {kind}: expected one of {', '.join(PLAYED_KINDS)}{suggest(kind, PLAYED_KINDS)}")
     if node is not None and not 1 <= node <= 127:
         raise EncodeError(f"--node {node}: expected 1..127")
+    if against == "client":
+        return _against_client(file, node, bus, only, values, window, everything=everything, as_json=as_json)
     device = None if _is_eds(against) else _described(against)
     if values and device is not None:
         raise EncodeError(f"--values is for an EDS: the simulated {device.name} computes its own")
@@ -93,6 +102,46 @@ def replay_command(
     else:
         print(_summary(replay, number, counts))
     return int(counts["same"] < len(shown) or not shown)
+
+
+def _against_client(
+    file: str,
+    node: int | None,
+    bus: str | None,
+    only: tuple[str, ...],
+    values: bool,
+    timeout: float,
+    *,
+    everything: bool,
+    as_json: bool,
+) -> int:
+    """Play the recording against our SDO client, print the differences, and return the exit status."""
+    from barewire.explain.client_replay import ClientReplay
+
+    if values or any(kind != "sdo" for kind in only):
+        raise EncodeError("--against client compares SDO requests: --values and other kinds than sdo are for a device")
+    data = file_content(file)
+    items = _items(file, data, bus)
+    number, timed = _node(file, items, node), is_timed(data)
+    replay = ClientReplay(number, timeout=timeout, timed=timed)
+    shown = _printed(replay.play(items), only, everything=everything, as_json=as_json, timed=timed)
+    counts = {outcome: shown.count(outcome) for outcome in ("same", "different", "missing", "extra")}
+    if as_json:
+        totals = {"transfers": replay.transfers, "left_out": replay.left_out, "received": replay.received}
+        print_json({"event": "summary", "node": number, **totals, **counts})
+    else:
+        made = f"{counted(replay.transfers, 'transfer')} with node {number}"
+        left_out = f", {replay.left_out} left out" if replay.left_out else ""
+        print(
+            f"{made}{left_out}; {_totals(counts, 'request')}; the client received {counted(replay.received, 'frame')}"
+        )
+    return int(counts["same"] < len(shown) or not shown)
+
+
+def _totals(counts: dict[str, int], what: str) -> str:
+    recorded = counts["same"] + counts["different"] + counts["missing"]
+    text = f"{counted(recorded, f'recorded {what}')}: {counts['same']} same, {counts['different']} different"
+    return f"{text}, {counts['missing']} missing; {counts['extra']} extra"
 
 
 def _printed(
@@ -208,9 +257,7 @@ def _fields(played: Played) -> dict[str, object]:
 
 
 def _summary(replay: PeerReplay, node: int, counts: dict[str, int]) -> str:
-    recorded = counts["same"] + counts["different"] + counts["missing"]
-    text = f"{counted(recorded, 'recorded frame')} of node {node}: {counts['same']} same, "
-    text += f"{counts['different']} different, {counts['missing']} missing; {counts['extra']} extra"
+    text = _totals(counts, "frame").replace(":", f" of node {node}:", 1)
     text += f"; the device received {counted(replay.received, 'frame')}"
     if replay.not_received:
         text += f", {replay.not_received} not, while the recorded one was off or booting"
