@@ -79,11 +79,18 @@ def exhaustive_lanes(name: str) -> Row:
     return f"TCP: two requests under way, {name}", runs, *_lanes_counts(tally)
 
 
-def exhaustive_sdo() -> Row:
-    """Run every pair of SDO transfers with a fault at every frame."""
+SDO = {
+    "two transfers, a fault at any frame": Transfers(),
+    "the same, one frame without a conversation": Transfers(modes=("plain", "segments", "blocks")),
+    "three of one frame, with and without a conversation": Transfers(length=3, modes=("plain", "expedited")),
+}
+
+
+def exhaustive_sdo(name: str) -> Row:
+    """Run every sequence of a few SDO transfers with a fault at every frame."""
     tally = SdoTally()
-    runs = run_all(sdo_scenario(Transfers(), tally))
-    return "SDO: two transfers, a fault at any frame", runs, *_sdo_counts(tally)
+    runs = run_all(sdo_scenario(SDO[name], tally))
+    return f"SDO: {name}", runs, *_sdo_counts(tally)
 
 
 def exhaustive_two(mode: Mode) -> Row:
@@ -106,7 +113,7 @@ def random_two(questions: int, seed: int) -> Row:
     """Run random orders of the frames of two SDO clients on one channel."""
     tally, runs = TwoTally(), 0
     for server in (SdoServer, RefusingServer):
-        setup = TwoClients(transfers=4, modes=("expedited", "segments", "blocks"), server=server)
+        setup = TwoClients(transfers=4, modes=("plain", "expedited", "segments", "blocks"), server=server)
         runs += run_random(two_clients_scenario(setup, tally), questions // 16, seed=seed)
     return "SDO: two clients on one channel, random", runs, *_sdo_counts(tally)
 
@@ -195,7 +202,7 @@ def table(head: str, rows: Iterable[Row]) -> list[str]:
 def measure(questions: int) -> tuple[list[str], bool]:
     """Return the tables, and whether no answer of ours was wrong."""
     framings: tuple[Framing, ...] = ("rtu", "ascii", "tcp")
-    modes: tuple[Mode, ...] = ("expedited", "segments", "blocks")
+    modes: tuple[Mode, ...] = ("plain", "expedited", "segments", "blocks")
     per_part, seeds = questions // (PARTS * 4), range(PARTS)
     peers = ["barewire", *(name for name, peer in PEERS.items() if peer.version())]
     missing = [f"{name} ({peer.needs})" for name, peer in PEERS.items() if not peer.version()]
@@ -209,7 +216,10 @@ def measure(questions: int) -> tuple[list[str], bool]:
             for name in (SMALL | DEEP | SERIAL if framing != "tcp" else SMALL | DEEP)
         ]
         small += [pool.submit(exhaustive_lanes, name) for name in LANES]
-        small += [pool.submit(exhaustive_sdo), *(pool.submit(exhaustive_two, mode) for mode in modes)]
+        small += [
+            *(pool.submit(exhaustive_sdo, name) for name in SDO),
+            *(pool.submit(exhaustive_two, mode) for mode in modes),
+        ]
         large = [pool.map(random_part, repeat(framing), repeat(per_part), seeds) for framing in framings]
         large += [pool.map(random_with_others, repeat(way), repeat(per_part // 4), seeds) for way in framings[:2]]
         large.append(pool.map(random_lanes, repeat(per_part), seeds))

@@ -23,15 +23,16 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from barewire.canopen import CanFrame, Channel, SdoAbort, SdoServer, download, upload
-from barewire.conversation import Abandoned, Listen, Send, abort_frames
+from barewire.canopen.sdo.client.plain import PlainDownload, PlainUpload
+from barewire.conversation import Abandoned, Conversation, Listen, Send, abort_frames
 from barewire.errors import NoAnswer
-from tests.canopen.sdo.sdo_bus import Bus, Store
+from tests.canopen.sdo.sdo_bus import Bus, Store, plainly
 from tests.model.choices import Choices
 
 TIMEOUT = 0.2
 INDEX = 0x2100
 SIZES = (4, 20)  # bytes of a value in one frame, and in segments or blocks
-Mode = Literal["expedited", "segments", "blocks"]
+Mode = Literal["plain", "expedited", "segments", "blocks"]  # plain: expedited, as far as possible without conversation
 Fault = Literal["arrives", "is lost", "comes twice", "is late"]
 
 
@@ -112,7 +113,7 @@ def sdo_scenario(setup: Transfers, tally: SdoTally) -> Callable[[Choices], None]
             return [(delay, frame)] * {"is lost": 0, "comes twice": 2}.get(outcome, 1)
 
         bus = Bus(SdoServer(5, store, timeout=TIMEOUT, blksize=2), fault=fault)
-        channel = Channel(5)
+        channel = Channel(5, own_frames=False if "plain" in setup.modes else None)
         for number in range(1, setup.length + 1):
             verb, mode = choices.take(setup.verbs), choices.take(setup.modes)
             waits = choices.take((0, *setup.cancelled)) if setup.cancelled else 0
@@ -139,15 +140,21 @@ def _transfer(
     choices: Choices,
     waits: int = 0,
 ) -> None:
-    store.length = SIZES[mode != "expedited"]
+    store.length = SIZES[mode in ("segments", "blocks")]
     where = f"transfer {number} ({verb}, {mode}) of {choices.script}"
     tally.transfers += 1
     oldest, store.previous = store.previous + 1, store.reads
     written, blocks = value_of(number, store.length), mode == "blocks"
-    if verb == "upload":
-        result = bus.run(_result_of(upload(channel, INDEX, timeout=TIMEOUT, block=blocks), waits))
+    conversation: Conversation[CanFrame, Any]
+    if mode == "plain" and verb == "upload":
+        conversation = plainly(PlainUpload(channel, INDEX, 0, TIMEOUT, None, None))
+    elif mode == "plain":
+        conversation = plainly(PlainDownload(channel, INDEX, 0, TIMEOUT, written))
+    elif verb == "upload":
+        conversation = upload(channel, INDEX, timeout=TIMEOUT, block=blocks)
     else:
-        result = bus.run(_result_of(download(channel, INDEX, 0, written, timeout=TIMEOUT, block=blocks), waits))
+        conversation = download(channel, INDEX, 0, written, timeout=TIMEOUT, block=blocks)
+    result = bus.run(_result_of(conversation, waits))
     read = [value_of(count, size) for count in range(oldest, store.reads + 1) for size in SIZES]
     if isinstance(result, Exception):
         tally.errors += 1

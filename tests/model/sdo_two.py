@@ -26,17 +26,18 @@ from functools import partial
 from typing import Any, Literal
 
 from barewire.canopen import CanFrame, Channel, SdoAbort, SdoServer, download, upload
+from barewire.canopen.sdo.client.plain import PlainDownload, PlainUpload
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import NoAnswer
-from tests.canopen.sdo.sdo_bus import FRAME_TIME, Store
+from tests.canopen.sdo.sdo_bus import FRAME_TIME, Store, plainly
 from tests.model.choices import Choices
 
 TIMEOUT = 0.2
 REQUEST = 0x605
-SIZES = {"expedited": 4, "segments": 10, "blocks": 20}
+SIZES = {"plain": 4, "expedited": 4, "segments": 10, "blocks": 20}
 
 Verb = Literal["upload", "download"]
-Mode = Literal["expedited", "segments", "blocks"]
+Mode = Literal["plain", "expedited", "segments", "blocks"]  # plain: expedited, as far as possible without conversation
 
 
 @dataclass(frozen=True)
@@ -142,10 +143,15 @@ class TwoOnOneChannel:
         number = 100 + 10 * client.begun + self.clients.index(client)
         written, blocks = value_of(index, number, SIZES[mode]), mode == "blocks"
         begun_at = len(self.store.done)
-        if verb == "upload":
+        if verb == "download":
+            self.sent.add((index, written))
+        if mode == "plain" and verb == "upload":
+            client.conversation = plainly(PlainUpload(client.channel, index, 0, TIMEOUT, None, None))
+        elif mode == "plain":
+            client.conversation = plainly(PlainDownload(client.channel, index, 0, TIMEOUT, written))
+        elif verb == "upload":
             client.conversation = upload(client.channel, index, timeout=TIMEOUT, block=blocks)
         else:
-            self.sent.add((index, written))
             client.conversation = download(client.channel, index, 0, written, timeout=TIMEOUT, block=blocks)
 
         def check(result: bytes | None) -> None:

@@ -19,8 +19,18 @@ pytestmark = pytest.mark.long
         Transfers(),
         Transfers(length=1, faults=2),
         Transfers(length=3, modes=("expedited",)),
+        Transfers(modes=("plain", "segments", "blocks")),
+        Transfers(length=3, modes=("plain",)),
+        Transfers(length=3, modes=("plain", "expedited")),
     ],
-    ids=["two transfers, one fault", "one transfer, two faults", "three expedited transfers, one fault"],
+    ids=[
+        "two transfers, one fault",
+        "one transfer, two faults",
+        "three expedited transfers, one fault",
+        "two transfers, also plain",
+        "three plain exchanges",
+        "three transfers, plain or expedited",
+    ],
 )
 def test_no_value_is_delivered_to_another_transfer_in_any_order_of_faults(setup: Transfers) -> None:
     tally = SdoTally()
@@ -36,8 +46,16 @@ def test_no_value_is_delivered_to_another_transfer_in_any_order_of_faults(setup:
         Transfers(cancelled=(2, 3, 4), outcomes=("arrives", "is lost", "is late")),
         Transfers(length=3, cancelled=(2,), modes=("expedited",), outcomes=("arrives", "is lost", "is late")),
         Transfers(length=3, cancelled=(2, 3), faults=0),
+        Transfers(length=3, cancelled=(2, 3), modes=("plain",), outcomes=("arrives", "is lost", "is late")),
+        Transfers(length=3, cancelled=(2, 3), faults=0, modes=("plain", "segments", "blocks")),
     ],
-    ids=["two transfers, one fault", "three expedited transfers, one fault", "three transfers, no fault"],
+    ids=[
+        "two transfers, one fault",
+        "three expedited transfers, one fault",
+        "three transfers, no fault",
+        "three plain exchanges, one fault",
+        "three transfers, also plain, no fault",
+    ],
 )
 def test_no_value_is_delivered_to_the_transfer_after_a_cancelled_one(setup: Transfers) -> None:
     tally = SdoTally()
@@ -66,6 +84,13 @@ def test_no_value_is_delivered_to_another_transfer_with_many_faults() -> None:
     assert min(tally.right, tally.errors) > 100
 
 
+def test_the_checker_finds_a_plain_exchange_on_a_channel_that_should_be_quiet(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Channel, "begin_plain", lambda channel: True)
+    tally = SdoTally()
+    run_all(sdo_scenario(Transfers(length=3, cancelled=(2,), modes=("plain",), outcomes=("arrives", "is late")), tally))
+    assert tally.wrong
+
+
 def test_the_checker_finds_frames_that_are_late_by_more_than_the_channel_waits() -> None:
     tally = SdoTally()
     run_all(sdo_scenario(Transfers(modes=("expedited",), delays=(0.55,)), tally))
@@ -80,7 +105,7 @@ def test_a_doubled_request_can_confirm_the_next_download_of_the_same_object_if_t
 
 
 @pytest.mark.parametrize("server", [SdoServer, RefusingServer])
-@pytest.mark.parametrize("mode", ["expedited", "segments", "blocks"])
+@pytest.mark.parametrize("mode", ["plain", "expedited", "segments", "blocks"])
 def test_two_clients_on_one_channel_get_their_own_values_or_errors(server: type[SdoServer], mode: Mode) -> None:
     tally = TwoTally()
     assert run_all(two_clients_scenario(TwoClients(modes=(mode,), server=server), tally)) > 100
@@ -91,7 +116,7 @@ def test_two_clients_on_one_channel_get_their_own_values_or_errors(server: type[
 @pytest.mark.parametrize("server", [SdoServer, RefusingServer])
 def test_two_clients_get_their_own_values_or_errors_in_random_orders(server: type[SdoServer]) -> None:
     tally = TwoTally()
-    setup = TwoClients(transfers=4, modes=("expedited", "segments", "blocks"), server=server)
+    setup = TwoClients(transfers=4, modes=("plain", "expedited", "segments", "blocks"), server=server)
     run_random(two_clients_scenario(setup, tally), 400)
     assert not tally.wrong, tally.wrong[0]
     assert min(tally.right, tally.noticed) > 400

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from barewire.canopen import AbortCode, CanFrame, Entry, ObjectDictionary, SdoAbort, SdoServer
+from barewire.canopen.sdo.client.plain import NOT_PLAIN, PlainExchange
 from barewire.canopen.sdo.server.server import awaits_end, is_initiate
 from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
 
@@ -151,6 +152,60 @@ class Bus:
             by = sender if arrived is frame else None
             heapq.heappush(self._coming, (out + delay, self._order, by, arrived))
         return out
+
+
+def plainly(plain: PlainExchange[Any]) -> Conversation[CanFrame, Any]:
+    """Return a conversation that does what the client of a bus does with a plain exchange (`io.canopen.fast_path`)."""
+    request = plain.begin()
+    if request is None:
+        return (yield from plain.whole())
+    try:
+        heard: Heard[CanFrame] = yield Listen(float("-inf"))
+        if heard.item is None:
+            heard = yield Send(request)
+    except BaseException:
+        plain.cancel()
+        raise
+    if heard.item is not None:  # a bus only looks whether a frame waits
+        plain.cancel()
+        return (yield from _going_on(plain.whole(), heard))
+    sent_at, channel = heard.now, plain.channel
+    try:
+        heard = yield Listen(sent_at + plain.timeout)
+        while heard.item is not None and heard.item.id not in (channel.request_id, channel.response_id):
+            heard = yield Listen(sent_at + plain.timeout)
+    except BaseException as error:
+        rest = plain.rest(sent_at)
+        next(rest)
+        return (yield from _steps(rest, rest.throw(error)))
+    if heard.item is not None:
+        result = plain.answer_in(heard.item)
+        if result is not NOT_PLAIN:
+            return result
+    return (yield from _going_on(plain.rest(sent_at), heard))
+
+
+def _going_on(conversation: Conversation[CanFrame, Any], heard: Heard[CanFrame]) -> Conversation[CanFrame, Any]:
+    """Continue a conversation that listens first, and has heard this."""
+    next(conversation)
+    try:
+        step = conversation.send(heard)
+    except StopIteration as stop:
+        return stop.value
+    return (yield from _steps(conversation, step))
+
+
+def _steps(conversation: Conversation[CanFrame, Any], step: Any) -> Conversation[CanFrame, Any]:
+    try:
+        while True:
+            try:
+                heard = yield step
+            except BaseException as error:
+                step = conversation.throw(error)
+            else:
+                step = conversation.send(heard)
+    except StopIteration as stop:
+        return stop.value
 
 
 class RefusingServer(SdoServer):

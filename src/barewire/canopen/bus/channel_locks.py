@@ -80,9 +80,27 @@ class ChannelLocks:
         self._queue[lock] = None
         return lock
 
+    def take_if_idle(self, lock: ChannelLock, owner: Hashable = None) -> bool:
+        """Grant a lock, which may be used again and again, if the queue is empty. Return whether it was granted.
+
+        >>> locks, lock = ChannelLocks(), ChannelLock(frozenset({5}), None, list)
+        >>> locks.take_if_idle(lock), locks.take_if_idle(ChannelLock(frozenset({6}), None, list))
+        (True, False)
+        >>> locks.release(lock)
+        >>> locks.take_if_idle(lock)
+        True
+        """
+        if self._queue:
+            return False
+        lock.owner = owner
+        lock.granted = True
+        self._queue[lock] = None
+        return True
+
     def release(self, lock: ChannelLock) -> None:
         """Remove a request, granted or waiting, and grant the requests that waited only for it."""
         self._queue.pop(lock, None)
+        lock.granted = False
         taken: set[Hashable] = set()
         for waiting in self._queue:
             keys = waiting.keys

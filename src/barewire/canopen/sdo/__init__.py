@@ -17,6 +17,7 @@ Files, in reading order:
     block_transfer         sender and receiver of blocks, used by client and server
     client/channel         identifiers, counters client/block_options      options of block transfers
     client/transfer        one transfer          client/upload, download   read and write an object
+    client/plain           one request and its response, without a conversation
     client/typed_access    objects as values     client/find_channel       channels of further servers
     server/transfers       the long transfers    server/server             the server
 

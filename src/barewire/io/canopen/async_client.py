@@ -28,7 +28,14 @@ from barewire.io.canopen.bus.async_bus import (
 from barewire.io.canopen.bus.event_stream import Listener
 from barewire.io.canopen.bus.subscriber import Key
 from barewire.io.canopen.client_base import ClientBase
-from barewire.io.canopen.methods.operations import AsyncBusRunner, BackgroundTask, BusOperation, Subscription
+from barewire.io.canopen.methods.operations import (
+    AnyOperation,
+    AsyncBusRunner,
+    BackgroundTask,
+    BusOperation,
+    Subscription,
+    whole_transfer,
+)
 from barewire.io.canopen.node import AsyncDeviceNode
 from barewire.io.endpoint import check_timeout
 from barewire.io.engine.asyncio import run
@@ -113,9 +120,11 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
 
     # The runner of the methods
 
-    async def carry_out(self, operation: BusOperation[T]) -> T:
+    async def carry_out(self, operation: AnyOperation[T]) -> T:
         """Wait for the locks of an operation, then carry it out. If the bus is being opened again, wait for it too."""
         self._check_open()
+        if not isinstance(operation, BusOperation):
+            operation = whole_transfer(operation)
         await wait_until_open(self.bus, self.timeout if operation.timeout is None else operation.timeout)
         async with channels_locked(self.bus, operation.locks):
             with AsyncSubscriber(self.bus, operation.receives) as subscriber, self._logged(operation.channel):
@@ -125,7 +134,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
                     subscriber.note_losses(error)
                     raise
 
-    async def open_and_carry_out(self, make: Callable[[], BusOperation[T]]) -> T:
+    async def open_and_carry_out(self, make: Callable[[], AnyOperation[T]]) -> T:
         """Open the bus, unless it is open, then carry out the operation that `make` returns."""
         if self._bus is None:
             await self.open()

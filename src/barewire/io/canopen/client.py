@@ -21,14 +21,23 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.canopen import CanFrame
 from barewire.canopen.bus.channel_locks import LockKeys
-from barewire.conversation import Conversation
+from barewire.canopen.sdo.client.channel import Channel
+from barewire.conversation import Conversation, Heard
 from barewire.errors import BarewireError, PortError
+from barewire.io.canopen.bus.direct_port import DirectPort
 from barewire.io.canopen.bus.event_stream import Listener, Stream
 from barewire.io.canopen.bus.node_runner import Running
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import Key, Subscriber
 from barewire.io.canopen.client_base import ClientBase
-from barewire.io.canopen.methods.operations import BackgroundTask, BlockingBusRunner, BusOperation, Subscription
+from barewire.io.canopen.fast_path import FastPath
+from barewire.io.canopen.methods.operations import (
+    AnyOperation,
+    BackgroundTask,
+    BlockingBusRunner,
+    BusOperation,
+    Subscription,
+)
 from barewire.io.canopen.node import DeviceNode
 from barewire.io.endpoint import check_timeout
 from barewire.io.engine.blocking import run
@@ -56,6 +65,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
     def _prepare(self) -> None:
         self._receiving = threading.Lock()
         self._everything: Subscriber | None = None
+        self._fast_path = FastPath(self.carry_out, self._run)
         self._bus = self._new_bus(lazy=True)
 
     def _device_node(self, number: int, device: Device, **settings: Any) -> DeviceNode:
@@ -71,6 +81,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
     def close(self) -> None:
         """Close the streams and background tasks of this client, and the bus unless it is shared."""
         self._stop_running()
+        self._fast_path.close()
         if self.owns_bus:
             self.bus.close()
 
@@ -105,19 +116,33 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
 
     # The runner of the methods
 
-    def carry_out(self, operation: BusOperation[T]) -> T:
+    def carry_out(self, operation: AnyOperation[T]) -> T:
         """Wait for the locks of an operation, then carry it out. If the bus is being opened again, wait for it too."""
         self._check_open()
+        bus = self.bus
+        if not isinstance(operation, BusOperation):
+            return self._fast_path.exchange(bus, operation)
         patience = self.timeout if operation.timeout is None else operation.timeout
-        self.bus.wait_until_open(patience)
-        bus, receives = self.bus, operation.receives
+        bus.wait_until_open(patience)
+        receives = operation.receives
         with (
             channels_locked(bus, operation.locks),
             bus.direct(receives, patience) or Subscriber(bus, receives) as port,
-            self._logged(operation.channel),
         ):
+            result: T = self._run(operation.channel, operation.conversation, port)
+            return result
+
+    def _run(
+        self,
+        channel: Channel | None,
+        conversation: Conversation[CanFrame, T],
+        port: DirectPort | Subscriber,
+        heard: Heard[CanFrame] | None = None,
+    ) -> T:
+        """Run a conversation; `heard` is the first input of one that already listens."""
+        with self._logged(channel):
             try:
-                return run(operation.conversation, port)
+                return run(conversation, port, heard=heard)
             except BarewireError as error:
                 port.note_losses(error)
                 raise

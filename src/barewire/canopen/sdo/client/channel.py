@@ -142,6 +142,7 @@ class Channel:
 
     __slots__ = (
         "_mark",
+        "_plain",
         "blocks",
         "busy",
         "counters",
@@ -190,6 +191,7 @@ class Channel:
         self.busy = False
         self.counters = ChannelCounters()
         self.total = ChannelCounters()
+        self._plain: ChannelCounters | None = None  # the counters of exchanges without a conversation: one response
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: node {self.node}>"
@@ -243,18 +245,45 @@ class Channel:
         if owner[0].name == "error control" and frame.data:
             self.counters.state = NodeState.decode(frame)
 
-    def begin(self, place: str) -> None:
-        """Begin a transfer: add the counters to `total` and restart them; the last heartbeat remains.
+    def begin(self, place: object) -> None:
+        """Begin the transfer of the object `place`: restart the counters; the last heartbeat remains.
 
         Raise EncodeError while another transfer runs.
         """
         if self.busy:
             raise EncodeError(f"{place} must wait: the SDO channel to node {self.node} carries one transfer at a time")
+        self.restart_counters()
+        self._mark = None if self.node_monitor is None else self.node_monitor.mark(self.response_id)
+        self.busy = True
+
+    def restart_counters(self) -> None:
+        """Add the counters of the transfer before to `total`."""
         self.total.add(self.counters)
         self.counters = ChannelCounters(state=self.counters.state)
         del self.sent[:-1]
-        self._mark = None if self.node_monitor is None else self.node_monitor.mark(self.response_id)
+
+    def begin_plain(self) -> bool:
+        """Begin an exchange without a conversation, if it is certain that none is needed before the request: no late
+        response is expected, and no other client waits for its own. Return whether it began."""
+        if self.busy or self.quiet_until is not None or self.own_frames is None:
+            return False
+        monitor = self.node_monitor
+        if monitor is not None:
+            if not self.own_frames and monitor.unanswered(self.request_id, self.response_id) is not None:
+                return False
+            self._mark = monitor.mark(self.response_id)
         self.busy = True
+        return True
+
+    def end_plain(self) -> None:
+        """End an exchange without a conversation, which got its response."""
+        counters = self.counters
+        if counters is self._plain:
+            self.total.responses += 1
+        else:
+            self.total.add(counters)
+            self.counters = self._plain = ChannelCounters(1, state=counters.state)
+        self.busy = False
 
     @property
     def late_responses(self) -> int:

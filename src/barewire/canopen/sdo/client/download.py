@@ -95,6 +95,14 @@ def download(
     return transfer.run(_in_blocks(transfer, announced, options, value))
 
 
+def rest_of_download(
+    channel: Channel, index: int, sub: int, data: bytes, *, timeout: float, sent_at: float
+) -> Conversation[CanFrame, None]:
+    """Return the rest of a download whose only request was sent without a conversation: it listens for the response."""
+    transfer = ClientTransfer(channel, "download", index, sub, timeout, sent_at)
+    return transfer.run(_in_one_frame(transfer, ExpeditedDownload(index, sub, data)))
+
+
 def _in_one_frame(transfer: ClientTransfer, request: ExpeditedDownload) -> Conversation[CanFrame, None]:
     yield from transfer.request(request, (DownloadInitiated,))
 

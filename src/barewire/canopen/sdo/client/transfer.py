@@ -55,7 +55,8 @@ _OUT_OF_STEP = frozenset({AbortCode.COMMAND, AbortCode.TOGGLE, AbortCode.SEQUENC
 
 class ClientTransfer:
     """One transfer on a channel. `until` is the end of the present wait, None before the first request; `now` is the
-    time of the last frame sent or received."""
+    time of the last frame sent or received. `sent_at`: the first request was sent at that time, without a conversation
+    (see `plain`), which only listens for the response."""
 
     __slots__ = (
         "_begun",
@@ -65,13 +66,16 @@ class ClientTransfer:
         "index",
         "now",
         "requests_blocks",
+        "sent_at",
         "sub",
         "timeout",
         "until",
         "verb",
     )
 
-    def __init__(self, channel: Channel, verb: str, index: int, sub: int, timeout: float) -> None:
+    def __init__(
+        self, channel: Channel, verb: str, index: int, sub: int, timeout: float, sent_at: float | None = None
+    ) -> None:
         if not timeout >= 0:
             raise EncodeError(f"time-out {timeout} s: expected 0 or more")
         self.channel = channel
@@ -79,6 +83,7 @@ class ClientTransfer:
         self.index = index
         self.sub = sub
         self.timeout = timeout
+        self.sent_at = sent_at
         self.now = 0.0
         self.until: float | None = None
         self.in_blocks = False
@@ -94,9 +99,11 @@ class ClientTransfer:
     def run(self, body: Conversation[CanFrame, _Result]) -> Conversation[CanFrame, _Result]:
         """Run the body of a transfer: wait for a quiet channel first, and send an abort if the body fails."""
         channel = self.channel
-        channel.begin(str(self))
+        if self.sent_at is None:
+            channel.begin(self)
         try:
-            yield from channel.settle(self.timeout, self.index, self.sub)
+            if self.sent_at is None:
+                yield from channel.settle(self.timeout, self.index, self.sub)
             return (yield from body)
         except OtherClient as other:
             outcome = "nothing was sent"
@@ -175,7 +182,10 @@ class ClientTransfer:
     def request(self, message: SdoMessage, wanted: tuple[type[M], ...]) -> Conversation[CanFrame, M]:
         """Send a request and return its response: a message of a wanted kind, about the same object."""
         data = message.encode()
-        yield from self.send_request(data)
+        if self.sent_at is None:
+            yield from self.send_request(data)
+        else:
+            self.now, self.until, self.sent_at = self.sent_at, self.sent_at + self.timeout, None
         response = yield from self.response(wanted)
         if self.channel.own_frames is None:
             self.channel.learn_own_frames(data)

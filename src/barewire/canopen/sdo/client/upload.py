@@ -85,6 +85,20 @@ def upload(
     return _joined(parts, count)
 
 
+def rest_of_upload(
+    channel: Channel, index: int, sub: int, *, timeout: float, size: int | None, limit: int | None, sent_at: float
+) -> Conversation[CanFrame, bytes]:
+    """Return the rest of an upload whose request was sent without a conversation: it listens for the response."""
+    parts: list[bytes] = []
+    request = InitiateUpload(index, sub, channel.dialect.read_command(size))
+    transfer = ClientTransfer(channel, "upload", index, sub, timeout, sent_at)
+
+    def incoming(announced: int | None) -> Incoming:
+        return Incoming(parts.append, announced, limit=limit)
+
+    return _joined(parts, transfer.run(_upload(transfer, request, size, None, incoming)))
+
+
 def _joined(parts: list[bytes], count: Conversation[CanFrame, int]) -> Conversation[CanFrame, bytes]:
     yield from count
     return parts[0] if len(parts) == 1 else b"".join(parts)

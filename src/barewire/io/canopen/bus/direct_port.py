@@ -17,6 +17,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import Protocol
 
 from barewire.canopen.frame import CanFrame
@@ -49,9 +50,13 @@ class ReadableBus(FrameBus, Protocol):
 
     def wait_until_open(self, timeout: float, /) -> None: ...
 
+    has_frames: Callable[[], bool] | None
+
 
 class DirectPort:
-    """A port for one conversation. `CanBus.direct` makes it; `close` lets others read."""
+    """A port for one conversation, or one plain exchange. `CanBus.direct` makes it; `close` lets others read."""
+
+    __slots__ = ("_bus", "_has_sent", "_keys", "_patience", "_reading", "_subscriber", "inbox", "sent_at", "thread")
 
     node = False
 
@@ -65,6 +70,8 @@ class DirectPort:
         self._keys = keys
         self._patience = patience
         self._has_sent = False
+        self.sent_at: float | None = None
+        """When `exchange` sent the request."""
         self.thread = threading.get_ident()
         self._subscriber: Subscriber | None = None
 
@@ -79,6 +86,39 @@ class DirectPort:
         """Send a frame. Raises PortError."""
         self._has_sent = True
         self._bus.send(item, self._subscriber or self)
+
+    def exchange(self, request: CanFrame, timeout: float) -> CanFrame | None:
+        """Send a request, unless a frame waits to be read; return the first frame of this conversation after it.
+
+        Nothing was sent if `sent_at` is None. Return None too if no frame came soon: others may want to read, or close
+        the bus, so a conversation goes on from here. Raise PortError.
+        """
+        bus, keys, clock = self._bus, self._keys, time.monotonic
+        if bus.has_frames is None or keys is None or not self._reading.acquire(blocking=False):
+            return None
+        try:
+            if bus.has_frames() or self.inbox or not bus.try_send(request, self):
+                return None
+            self._has_sent = True
+            self.sent_at = sent_at = clock()
+            wait = timeout if timeout < _SLICE else _SLICE
+            until = sent_at + wait
+            while wait > 0.0:
+                item = bus.read_now(wait)
+                if item is None:
+                    return None
+                if bus.take(item):
+                    frame: CanFrame = item  # type: ignore[assignment]  # `take` is False for a report
+                    if (frame.id, frame.extended) in keys:
+                        return frame
+                wait = until - clock()
+            return None
+        except PortError as error:
+            if self._has_sent:
+                bus.fail_directly(str(error))
+            raise
+        finally:
+            self._reading.release()
 
     def receive(self, timeout: float) -> CanFrame | None:
         """Return the next frame of this conversation, or None after `timeout` seconds. Raises PortError."""

@@ -70,6 +70,8 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
         self.monitor = NodeMonitor(INSIDE_ONE_PROCESS if str(self.name).startswith("virtual/") else "")
         self._receive = receiver(port)
         self._try_send: Callable[[CanFrame], bool] | None = getattr(port, "try_send", None)
+        self.has_frames: Callable[[], bool] | None = getattr(port, "has_frames", None)
+        """Whether a frame waits to be read; None: the port cannot tell."""
         self._watch: WatchFrames | None = watch_both(watch, self._log.watch())
         self._new_locks()
         self._lost = 0  # of the port
@@ -318,6 +320,7 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
         with self._sending:
             self.port, first = opened
             self._receive, self._try_send = receiver(self.port), getattr(self.port, "try_send", None)
+            self.has_frames = getattr(self.port, "has_frames", None)
         with self._changing:
             if self._has_ended:
                 return False  # closed meanwhile: `close` waits for this thread, then closes the port

@@ -11,6 +11,7 @@ A definition only returns a description of the operation; the runner (one of the
 
     decorator        a definition returns   the runner calls, and returns (blocking / asyncio)
     @operation       BusOperation[T]        carry_out   T       / a coroutine of T     a conversation, to its end
+                     PlainExchange[T]       carry_out   T       / a coroutine of T     one request and its response
     @subscription    Subscription[E]        subscribe   Stream  / AsyncStream          events, until it is closed
     @background      BackgroundTask         start_task  Running / AsyncRunning         a machine, until it is stopped
 
@@ -24,11 +25,23 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Concatenate, Generic, NamedTuple, ParamSpec, Protocol, TypeVar, overload
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Concatenate,
+    Generic,
+    NamedTuple,
+    ParamSpec,
+    Protocol,
+    TypeAlias,
+    TypeVar,
+    overload,
+)
 
 from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.client.channel import Channel
+from barewire.canopen.sdo.client.plain import PlainExchange
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.conversation import Conversation, Send
 from barewire.io.canopen.bus.event_stream import Listener, Stream
@@ -69,6 +82,10 @@ class BusOperation(NamedTuple, Generic[T]):
     channel: Channel | None = None
 
 
+AnyOperation: TypeAlias = "BusOperation[T] | PlainExchange[T]"
+"""An operation: with a conversation, or an exchange that needs one only if something irregular happens."""
+
+
 class Subscription(NamedTuple, Generic[E]):
     """A machine that turns frames into events, and the identifiers that it receives, None for all."""
 
@@ -92,7 +109,7 @@ class BlockingBusRunner(Protocol):
     @property
     def bus(self) -> CanBus: ...
 
-    def carry_out(self, operation: BusOperation[T], /) -> T: ...
+    def carry_out(self, operation: AnyOperation[T], /) -> T: ...
 
     def subscribe(self, subscription: Subscription[E], /) -> Stream[E]: ...
 
@@ -108,9 +125,9 @@ class AsyncBusRunner(Protocol):
     @property
     def bus(self) -> CanBus: ...
 
-    async def carry_out(self, operation: BusOperation[T], /) -> T: ...
+    async def carry_out(self, operation: AnyOperation[T], /) -> T: ...
 
-    async def open_and_carry_out(self, make: Callable[[], BusOperation[T]], /) -> T: ...
+    async def open_and_carry_out(self, make: Callable[[], AnyOperation[T]], /) -> T: ...
 
     def subscribe(self, subscription: Subscription[E], /) -> AsyncStream[E]: ...
 
@@ -134,9 +151,9 @@ class Methods(Generic[R]):
 if TYPE_CHECKING:
 
     class operation(Generic[P, T]):
-        """Makes a method of a function that returns a BusOperation[T]: it returns T, or a coroutine of T."""
+        """Makes a method of a function that returns an AnyOperation[T]: it returns T, or a coroutine of T."""
 
-        def __init__(self, make: Callable[Concatenate[Any, P], BusOperation[T]]) -> None: ...
+        def __init__(self, make: Callable[Concatenate[Any, P], AnyOperation[T]]) -> None: ...
 
         @overload
         def __get__(self, methods: Methods[BlockingBusRunner], kind: type) -> Callable[P, T]: ...
@@ -221,10 +238,20 @@ def _send(frame: CanFrame) -> Conversation[CanFrame, None]:
     yield Send(frame)
 
 
-def sdo_transfer(channel: Channel, conversation: Conversation[CanFrame, T], timeout: float) -> BusOperation[T]:
-    """Return the operation that carries out a conversation on one SDO channel, and locks that channel."""
+def sdo_keys(channel: Channel) -> tuple[LockKeys, frozenset[Key]]:
+    """Return what a transfer on this channel locks, and the (identifier, extended) of the frames that it receives."""
     key = channel.response_id, channel.response_extended
     receives = {key}
     if not channel.own_frames:
         receives.add((channel.request_id, channel.request_extended))  # a request of another client; see `Channel`
-    return BusOperation(conversation, frozenset({("SDO", *key)}), frozenset(receives), timeout, channel)
+    return frozenset({("SDO", *key)}), frozenset(receives)
+
+
+def sdo_transfer(channel: Channel, conversation: Conversation[CanFrame, T], timeout: float) -> BusOperation[T]:
+    """Return the operation that carries out a conversation on one SDO channel, and locks that channel."""
+    return BusOperation(conversation, *sdo_keys(channel), timeout, channel)
+
+
+def whole_transfer(plain: PlainExchange[T]) -> BusOperation[T]:
+    """Return the same transfer as an operation with a conversation."""
+    return sdo_transfer(plain.channel, plain.whole(), plain.timeout)

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 from barewire import canopen
 from barewire.canopen import download, upload, upload_to
+from barewire.canopen.sdo.client.plain import PlainDownload, PlainUpload
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.canopen.sdo.stream import LIMIT
 from barewire.errors import EncodeError
-from barewire.io.canopen.methods.operations import BusOperation, Methods, R, operation, sdo_transfer
+from barewire.io.canopen.methods.operations import AnyOperation, BusOperation, Methods, R, operation, sdo_transfer
 
 if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import ObjectDictionary, ObjectRef
@@ -43,7 +44,10 @@ class SdoMethods(Methods[R]):
     @property
     def channel(self) -> Channel:
         """The channel of these transfers. The bus keeps it, to recognize late responses of earlier transfers."""
-        return self._channel or self.runner.bus.channel(self.node, self.dialect)
+        channel = self._channel
+        if channel is None:
+            channel = self._channel = self.runner.bus.channel(self.node, self.dialect)
+        return channel
 
     def over(self, channel: Channel) -> SdoMethods[R]:
         """Return the same methods on another channel, see `find_channel`."""
@@ -60,7 +64,7 @@ class SdoMethods(Methods[R]):
         limit: int | None = LIMIT,
         progress: SdoProgress | None = None,
         timeout: float | None = None,
-    ) -> BusOperation[bytes]:
+    ) -> AnyOperation[bytes]:
         """Read an object, and return its bytes, little-endian.
 
         size        the number of bytes that the type of the object has, for servers that do not report it
@@ -72,6 +76,8 @@ class SdoMethods(Methods[R]):
         Raises SdoAbort, NoAnswer, PortError.
         """
         channel, wait = self.channel, self._wait(timeout)
+        if block is False and progress is None:
+            return PlainUpload(channel, index, sub, wait, size, limit)
         options: dict[str, Any] = {"size": size, "block": block, "limit": limit, "progress": progress, "timeout": wait}
         return sdo_transfer(channel, upload(channel, index, sub, **options), wait)
 
@@ -102,7 +108,7 @@ class SdoMethods(Methods[R]):
         block: BlockMode = False,
         progress: SdoProgress | None = None,
         timeout: float | None = None,
-    ) -> BusOperation[None]:
+    ) -> AnyOperation[None]:
         """Write an object, once.
 
         data        its bytes, little-endian, as many as its type has; or pieces, which are taken as they are sent
@@ -110,6 +116,8 @@ class SdoMethods(Methods[R]):
         block, progress, timeout      as those of `upload`
         """
         channel, wait = self.channel, self._wait(timeout)
+        if type(data) is bytes and 1 <= len(data) <= 4 and block in (False, "auto") and progress is None:
+            return PlainDownload(channel, index, sub, wait, data)
         options: dict[str, Any] = {"size": size, "block": block, "progress": progress, "timeout": wait}
         return sdo_transfer(channel, download(channel, index, sub, data, **options), wait)
 

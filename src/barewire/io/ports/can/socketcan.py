@@ -135,6 +135,10 @@ class SocketCanPort:
 
     # Frames in
 
+    def has_frames(self) -> bool:
+        """Return whether a frame waits to be read, or the interface failed."""
+        return bool(self._poll.poll(0))
+
     def receive(self, timeout: float) -> CanFrame | None:
         """Return the next frame, or None after `timeout` seconds. Raises PortError."""
         item = self.receive_any(timeout)
