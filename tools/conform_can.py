@@ -49,7 +49,7 @@ last case and the number of cases that were not run (with `--json` an object `un
 | `--json` | one object a line, with every received frame |
 | `--only SDO,NMT-1` | cases whose names begin so |
 | `--eds drive.eds` | the EDS of the device: every object is compared with it, see [below](#against-an-eds) |
-| `--large 2100:00` | an object for any bytes: it is written in several segments and blocks |
+| `--large 2100:00` | an object for any bytes: 00h, 01h, 02h ... is written to it in several segments and blocks |
 | `--save` | also the cases that store values in the memory of the device |
 | `--power-cycle` | the same, and STO-08, in which you switch the device off and on within two minutes |
 | `--write-application` | with `--eds`, also other values for objects from 2000h on, [below](#application-objects) |
@@ -137,7 +137,7 @@ FAILED  OD-LIMIT-2000:00  2000h:00 speed: refuses less than 10 and more than 100
 | OD-LENGTH-2000:00 | tries | one byte more and one less are refused (0607001x) |
 | OD-LIMIT-2000:00 | tries | values below LowLimit and above HighLimit are refused (0609003x) |
 | OD-RPDO-6040:00, OD-TPDO-6040:00 | writes | PDOMapping and AccessType say if it can be mapped (or 06040041) |
-| OD-DUMMY-0005 | writes | a data type that [DummyUsage] allows can be mapped into an RPDO, with its width only |
+| OD-DUMMY-0005 | writes | a data type that [DummyUsage] allows can be mapped into an RPDO |
 | OD-RANGE-2000:00 | application | values within its limits are accepted and kept, see [below](#application-objects) |
 | RND-05, RND-06 | reads, application | 50 reads and 50 writes of objects from 2000h on are answered in random order |
 

@@ -130,7 +130,8 @@ def _sync(subject: Subject) -> Iterator[NodeCase]:
     # A device that only consumes SYNC refuses to produce it, and passes.
     may = on._replace(ends=(s.refused(0x1005, 0, _VALUE, 0x0609_0031),))
     yield case("SYN-01", "1005h bit 30: SYNC every 100 ms", period, may, beats, needs=makes)
-    quiet = silence(wait=0.3)
+    # A device that misses SYNC may say so in an emergency.
+    quiet = NodeStep((), (SILENCE, f"{0x80 + node:03X}#{'.' * 16}{{1,3}}"), wait=0.3, full_wait=True)
     yield case("SYN-02", "1005h bit 30 cleared: no SYNC", period, may, beats,
                NodeStep((s.download(0x1005, 0, 0x80, 4),), (s.accepted(0x1005), f"080#, {s.accepted(0x1005)}")), quiet,
                needs=makes)

@@ -32,6 +32,8 @@ LENGTH_CODES = (0x0607_0010, 0x0607_0012, 0x0607_0013)
 """Abort codes that are accepted as equal."""
 HEARTBEAT, TEXT, LARGE = ("1017h",), ("text of 8 bytes",), ("large object",)
 """Needs of several cases."""
+IDENTIFY = "LSS identify remote slave"
+"""The need of the cases of this service."""
 OTHER_TYPE = "a value of type "
 """The need of a case for an object whose value has another length than the EDS says; the type follows."""
 
@@ -156,6 +158,11 @@ def parts(value: bytes, size: int = SEGMENT) -> list[bytes]:
     return [value[start : start + size] for start in range(0, len(value), size)] or [b""]
 
 
+def ascending(length: int) -> bytes:
+    """Return a value for the large object: 00h, 01h, 02h ..., which objects that verify what is written accept too."""
+    return bytes(number & 0xFF for number in range(length))
+
+
 def segment(number: int, data: bytes, last: bool) -> str:
     """Return the download or upload segment of that number, counted from 0, as bytes without padding."""
     return f"{(number & 1) << 4 | (SEGMENT - len(data)) << 1 | last:02X}{data.hex().upper()}"
@@ -202,5 +209,7 @@ def _provides(subject: Subject, need: str) -> bool:
         return subject.pdo(0x1400, 0x1600) is not None
     if need == "LSS":
         return subject.lss is not None
+    if need == IDENTIFY:
+        return subject.identifies
     index, _, sub = need.partition("h")
     return subject.has(int(index, 16), int(sub.removeprefix(":") or "0", 16))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from barewire.canopen.conformance.frames import Sdo, little, make_case, silence
-from barewire.canopen.conformance.model import Effect, NodeCase, NodeStep, Subject
+from barewire.canopen.conformance.frames import IDENTIFY, Sdo, little, make_case, silence
+from barewire.canopen.conformance.model import SILENCE, Effect, NodeCase, NodeStep, Subject
 from barewire.canopen.lss.messages import LssAddress
 
 # Each case is a row: name, title, steps, needs, reason.
@@ -20,11 +20,13 @@ def lss_cases(subject: Subject) -> Iterator[NodeCase]:
     s = Sdo(node)
     address = subject.lss or LssAddress(1, 2, 3, 4)
 
-    def case(name: str, title: str, *steps: NodeStep, effect: Effect = "commands", why: str = "") -> NodeCase:
+    def case(
+        name: str, title: str, *steps: NodeStep, effect: Effect = "commands", why: str = "", more: tuple[str, ...] = ()
+    ) -> NodeCase:
         # However the case ends, no device is left in CONFIGURATION.
         done = (*steps, silence(_request("04 00"), wait=0.02))
         return make_case(
-            subject, _CLAUSE, ("7E4#", s.responses), name, title, *done, effect=effect, needs=("LSS",), why=why
+            subject, _CLAUSE, ("7E4#", s.responses), name, title, *done, effect=effect, needs=("LSS", *more), why=why
         )
 
     def ignored(*sends: str) -> NodeStep:
@@ -51,17 +53,19 @@ def lss_cases(subject: Subject) -> Iterator[NodeCase]:
     yield case("LSS-07", "selected by its whole address", selected, node_is)
     other = ignored(*select(*address[:3], address.serial ^ 1))
     yield case("LSS-08", "another serial number does not select the device", other, ignored(_request("5E")))
-    disordered = ignored(*(select(*address)[number] for number in (1, 0, 3, 2)))
-    yield case("LSS-09", "the parts of the address out of order do not select the device", disordered,
-               ignored(_request("5E")))
+    sends = (*(select(*address)[number] for number in (1, 0, 3, 2)), _request("04 00"))
+    disordered = NodeStep(sends, (SILENCE, _answer("44")), wait=0.1, full_wait=True)
+    yield case("LSS-09", "the parts of the address out of order, then in order", disordered,
+               ignored(_request("5E")), selected, why="devices differ in what the wrong order selects")
     found = NodeStep(identify(address.vendor, 0, 0xFFFF_FFFF), (_answer("4F"),))
-    yield case("LSS-10", "identified by limits that contain it", found, effect="reads")
+    yield case("LSS-10", "identified by limits that contain it", found, effect="reads",
+               more=(IDENTIFY,))
     yield case("LSS-11", "another vendor: not identified", ignored(*identify(address.vendor ^ 1, 0, 0xFFFF_FFFF)),
-               effect="reads")
+               effect="reads", more=(IDENTIFY,))
     highest = 0xFFFF_FFFF
     above = (address.revision + 1, highest) if address.revision < highest else (0, highest - 1)
     yield case("LSS-12", "a revision outside the limits: not identified", ignored(*identify(address.vendor, *above)),
-               effect="reads")
+               effect="reads", more=(IDENTIFY,))
     yield case("LSS-13", "configured: no answer to 'identify non-configured devices'", ignored(_request("4C")),
                effect="reads")
     yield case("LSS-14", "configured: no answer in a fastscan", ignored(_request("51 00000000 80")), effect="reads")
@@ -70,10 +74,11 @@ def lss_cases(subject: Subject) -> Iterator[NodeCase]:
         yield case(name, f"node-ID {wrong_id} is out of range", switch, wrong, node_is, why="error 1")
     same = NodeStep((_request(f"11{node:02X}"),), (_answer("1100"),))
     yield case("LSS-17", "its own node-ID again", switch, same, node_is)
-    reserved = NodeStep((_request("13 00 05"),), (_answer("1301"), _answer("13FF")))
-    yield case("LSS-18", "bit rate 5 of table 0 is reserved", switch, reserved, why="error 1")
-    table = NodeStep((_request("13 7F 00"),), (_answer("1301"), _answer("13FF")))
-    yield case("LSS-19", "a bit rate table that does not exist", switch, table, why="error 1")
+    reserved = NodeStep((_request("13 00 05"),), (_answer("1301"), _answer("13FF"), SILENCE))
+    optional = "error 1; no answer without this optional service"
+    yield case("LSS-18", "bit rate 5 of table 0 is reserved", switch, reserved, why=optional)
+    table = NodeStep((_request("13 7F 00"),), (_answer("1301"), _answer("13FF"), SILENCE))
+    yield case("LSS-19", "a bit rate table that does not exist", switch, table, why=optional)
     yield case("LSS-20", "a service that does not exist", switch, ignored(_request("60")), node_is)
     stop = ignored(f"000#02{node:02X}")
     yield case("LSS-21", "LSS works in STOPPED", stop, switch, node_is)

@@ -83,12 +83,19 @@ class SubjectPdo(NamedTuple):
 
 
 class Subject(NamedTuple):
-    """The device under test and its objects. `large` is an object that takes any bytes, if the user names one."""
+    """The device under test and its objects.
+
+    node, values   its node-ID, and what it answered to uploads
+    large          an object that accepts 00h, 01h, 02h ... of any length, if the user names one
+    lss            its LSS address, if it supports LSS
+    identifies     whether it supports the LSS service identify remote slave
+    """
 
     node: int
     values: Mapping[tuple[int, int], bytes]
     large: tuple[int, int] | None = None
     lss: LssAddress | None = None
+    identifies: bool = True
 
     def has(self, index: int, sub: int = 0) -> bool:
         """Return whether the object could be read."""

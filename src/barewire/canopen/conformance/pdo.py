@@ -163,9 +163,9 @@ def _received(subject: Subject, pdo: SubjectPdo) -> Iterator[NodeCase]:
     yield case(39, "with another COB-ID it is received there, and only there", off, moved, process.start,
                NodeStep((f"{name}{short}",), quiet, wait=0.2), alarmed)
     # The device monitors the RPDO from the first one on.
-    timer = s.write(pdo.communication, 5, 100, 2)
+    timer = s.write(pdo.communication, 5, 300, 2)
     at_once = s.write(pdo.communication, 2, 255, 1)
-    missed = NodeStep((), (f"{alarm}5082............", SILENCE), wait=0.5)
+    missed = NodeStep((), (f"{alarm}5082............", SILENCE), wait=0.7)
     needs = ("RPDO", "1014h", f"{pdo.communication:04X}h:05")
     yield case(40, "event timer: emergency 8250h when the RPDO stops", at_once, timer, process.start, good, missed,
                needs=needs, why="or the device does not monitor RPDOs")

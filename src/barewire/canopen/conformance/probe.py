@@ -13,8 +13,8 @@ from barewire.canopen.cob_ids import check_node
 from barewire.canopen.conformance.model import NODE_ANSWER_TIMEOUT, Subject
 from barewire.canopen.eds.model import EdsItem, EdsObject, every_item
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.lss.master import identify_slaves
-from barewire.canopen.lss.messages import LssAddress
+from barewire.canopen.lss.master import identify_slaves, switch_global, switch_selective
+from barewire.canopen.lss.messages import LssAddress, LssState
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.client.upload import upload
 from barewire.conversation import Conversation, Listen, Send
@@ -40,8 +40,8 @@ def probe(
 ) -> Conversation[CanFrame, Subject]:
     """Read the communication objects of a device, and whether it supports LSS. Raise NoAnswer if there is no node.
 
-    An object whose upload is refused counts as missing. Nothing is changed. With `objects`, those of its EDS, what they
-    describe as readable is read as well, except domains, which may be long.
+    An object whose upload is refused counts as missing. No value is changed. With `objects`, those of its EDS, what
+    they describe as readable is read as well, except domains, which may be long.
     """
     channel = Channel(check_node(node))
     values: dict[tuple[int, int], bytes] = {}
@@ -76,7 +76,13 @@ def probe(
     found = yield from identify_slaves(
         address.vendor, address.product, (address.revision,) * 2, (address.serial,) * 2, timeout=timeout
     )
-    return subject._replace(lss=address if found else None)
+    if found:
+        return subject._replace(lss=address)
+    # A device may have LSS without the service identify remote slave.
+    selected = yield from switch_selective(address, timeout=timeout)
+    if selected:
+        yield from switch_global(LssState.WAITING)
+    return subject._replace(lss=address if selected else None, identifies=False)
 
 
 def may_be_read(item: EdsItem) -> bool:

@@ -16,6 +16,7 @@ from barewire.canopen.conformance.frames import (
     READ_ONLY_CODES,
     TEXT,
     Sdo,
+    ascending,
     little,
     make_case,
     multiplexer,
@@ -165,9 +166,9 @@ def _large(subject: Subject) -> Iterator[NodeCase]:
         ]
 
     for name, length in (("SEG-40", 7), ("SEG-41", 8), ("SEG-42", 14), ("SEG-43", 100)):
-        value = bytes(number % 251 + 1 for number in range(length))
+        value = ascending(length)
         yield case(name, f"{length} bytes written and read back", *down(value), *up(value))
-    value = bytes(range(1, 21))
+    value = ascending(20)
     begin, first, second, _ = down(value)
     toggled = NodeStep((s.request(f"00{value[7:14].hex().upper()}"),), (s.refused(index, sub, _TOGGLE),))
     works = s.works
