@@ -187,6 +187,20 @@ def test_access_by_name_or_address() -> None:
         ObjectDictionary([Entry(0x2000, 0, "a", "u8", "readwrite")])  # type: ignore[arg-type]
 
 
+def test_an_unknown_name_is_answered_with_near_ones() -> None:
+    entries = [Entry(0x2000 + n, 0, name, "u8") for n, name in enumerate(("Target speed", "Speed limit", "Torque"))]
+    objects = ObjectDictionary(entries)
+    for name, text in (
+        ("target sped", "no object is called 'target sped'; did you mean 'Target speed'?"),
+        ("SPEED", "no object is called 'SPEED'; did you mean 'Speed limit' or 'Target speed'?"),
+        ("xyzzy", "no object is called 'xyzzy'"),
+    ):
+        with pytest.raises(EncodeError) as caught:
+            objects.find(name)
+        assert str(caught.value).startswith(text)
+        assert str(caught.value).endswith(text[-2:])
+
+
 def test_hook_attaches_functions_to_an_entry() -> None:
     seen: list[Value] = []
 

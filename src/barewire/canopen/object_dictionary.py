@@ -183,14 +183,25 @@ class ObjectDictionary:
         >>> objects.find("identity.vendor-id").sub
         1
 
-        Raise EncodeError if no entry has the name, or if several have it; the text lists their addresses.
+        Raise EncodeError if no entry has the name, with similar names, or if several have it, with their addresses.
         """
         wanted = _fold(name)
         found = [entry for entry in self if wanted in (_fold(entry.name), _fold(f"{entry.object_name}.{entry.name}"))]
         if len(found) == 1:
             return found[0]
         places = ", ".join(f"{entry.index:04X}h:{entry.sub:02X} {entry.object_name}".rstrip() for entry in found[:5])
-        raise EncodeError(f"{name!r} is in several places: {places}" if found else f"no object is called {name!r}")
+        if found:
+            raise EncodeError(f"{name!r} is in several places: {places}")
+        raise EncodeError(f"no object is called {name!r}{self._near(wanted)}")
+
+    def _near(self, wanted: str) -> str:
+        """Return '; did you mean ...?' with up to three names of entries that are similar, or contain this one."""
+        from difflib import get_close_matches  # only errors need it
+
+        names = {_fold(entry.name): entry.name for entry in self}
+        near = get_close_matches(wanted, names, n=3, cutoff=0.6)
+        near += [name for name in names if wanted and wanted in name and name not in near][: 3 - len(near)]
+        return f"; did you mean {' or '.join(repr(names[name]) for name in near)}?" if near else ""
 
     def at(self, ref: ObjectRef) -> Entry:
         """Return the entry of a name or an address. Raise EncodeError if there is none."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from barewire.canopen import (
@@ -171,6 +173,19 @@ def test_a_missing_destination_is_reported_as_8230h() -> None:
     assert feed(device, "187#85002001010000") == ["085#1082110708000000"]
     assert feed(device, "187#8500200102000000") == ["085#0000000000000000"]
     assert device.objects.get(0x2000, 1) == 2
+
+
+def test_a_communication_object_is_no_destination_unless_it_can_be_mapped() -> None:
+    """1017h keeps its value and is reported as missing; an EDS may allow to map one."""
+    heartbeat = Entry(0x1017, 0, "heartbeat time", "u16", "rw", 1000)
+    for mappable, value, answers in ((None, 1000, ["085#3082111710000000"]), (("RPDO",), 5, [])):
+        objects = ObjectDictionary([replace(heartbeat, mappable=mappable)])  # type: ignore[arg-type]
+        device = LocalNode(5, objects, [PdoConfig("RPDO", 1, (), cob_id=0x187, multiplexed="DAM")])
+        device.start(0.0)
+        device.feed(CanFrame.parse("000#0105"), 0.0)
+        sent = [str(frame) for frame in device.feed(CanFrame.parse("187#8517100005000000"), 0.1)]
+        assert [text for text in sent if text.startswith("085")] == answers
+        assert device.objects.get(0x1017) == value
 
 
 def test_send_mpdo_to_another_node() -> None:

@@ -167,3 +167,26 @@ def test_pdos_of_a_dictionary() -> None:
     assert (multiplexed.number, multiplexed.mapping, multiplexed.multiplexed) == (2, (), "SAM")
     device.objects.replace(Entry(0x1A01, 0, "entries", "u8", "rw", 0xF0))  # neither a number of entries nor a word
     assert [pdo.number for pdo in pdos_of(device.objects, 5)] == [1, 5]
+
+
+def test_mapping_entries_beyond_the_number_in_use_are_kept() -> None:
+    """An EDS may have four entries of which two are mapped: a master raises the number, and maps them all."""
+    words = (0x60000008, 0x60010008, 0x60020008, 0x60030008)
+    objects = ObjectDictionary(
+        [
+            *(Entry(0x6000 + n, 0, f"input {n}", "u8", "ro") for n in range(4)),
+            Entry(0x1800, 1, "COB-ID", "u32", "rw", 0x185),
+            Entry(0x1800, 2, "type", "u8", "rw", 1),
+            Entry(0x1A00, 0, "number", "u8", "rw", 2),
+            *(Entry(0x1A00, sub, f"entry {sub}", "u32", "rw", word) for sub, word in enumerate(words, start=1)),
+        ]
+    )
+    (pdo,) = pdos_of(objects, 5)
+    assert (pdo.mapping, pdo.unused, pdo.slots) == (words[:2], words[2:], 4)
+    assert "unused=" in repr(pdo)
+    device = LocalNode(5, objects, [pdo])
+    assert [device.objects.get(0x1A00, sub) for sub in range(5)] == [2, *words]
+    device.start(0.0)
+    for text in ("605#2300180185010080", "605#2F001A0004000000", "605#2300180185010000", "000#0105"):
+        device.feed(CanFrame.parse(text), 0.1)
+    assert [str(frame) for frame in device.feed(CanFrame.parse("080#"), 0.2)] == ["185#00000000"]

@@ -361,3 +361,32 @@ def test_a_silent_node_does_not_keep_another_one_waiting() -> None:
         assert waiting.is_alive()
         bus.close()
         waiting.join(10.0)
+
+
+@pytest.mark.parametrize(
+    ("item", "text"),
+    [
+        (CanFrame(0x585, bytes(9)), "a frame that CAN cannot carry: 9 bytes of data"),
+        (CanFrame(0x1585, bytes(8)), "a frame that CAN cannot carry: identifier 1585h"),
+        (b"\x43", "expected a CanFrame, or None"),
+        (CanFrame(0x585, "text"), "expected a CanFrame, or None"),  # type: ignore[arg-type]
+    ],
+)
+def test_what_a_port_of_the_user_receives_is_checked(item: Any, text: str) -> None:
+    """Nothing above checks a frame again: nine bytes of data would be an SDO response of eight."""
+
+    class OwnPort:
+        name = "own"
+
+        def send(self, frame: CanFrame) -> None:
+            pass
+
+        def receive(self, timeout: float) -> CanFrame | None:
+            return item  # type: ignore[no-any-return]
+
+        def close(self) -> None:
+            pass
+
+    with CanopenClient(OwnPort(), node=5, timeout=1) as client, pytest.raises(PortError, match=text) as caught:
+        client.node().sdo.upload(0x1000)
+    assert "OwnPort.receive returned" in str(caught.value)

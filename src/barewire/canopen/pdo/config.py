@@ -73,6 +73,7 @@ class PdoConfig:
                       type 3 and 2 here, the TPDO is sent at counters 4, 7 ...; 0: the counter is not regarded
         slots         sub-indices of the mapping record, if not more are mapped
         multiplexed   the addressing of an MPDO, which has no mapping: each frame names its object
+        unused        the entries of the mapping record after those in use, which nothing is done with
 
     >>> PdoConfig("TPDO", 1, (0x60410010, 0x20050010), type=1).cob_entry(5).identifier == 0x185
     True
@@ -90,6 +91,7 @@ class PdoConfig:
     sync_start: int = 0
     slots: int = 8
     multiplexed: Addressing | None = None
+    unused: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         # A number above 512 would reach into the records of another kind: 1800h + 512 is a mapping record.
@@ -106,7 +108,7 @@ class PdoConfig:
         fields = [repr(self.direction), str(self.number), words, f"type={self.type}"]
         if self.cob_id is not None:
             fields.append(f"cob_id=0x{self.cob_id:X}")
-        defaults = {"inhibit": 0, "event_timer": 0, "sync_start": 0, "slots": 8, "multiplexed": None}
+        defaults = {"inhibit": 0, "event_timer": 0, "sync_start": 0, "slots": 8, "multiplexed": None, "unused": ()}
         fields += [f"{name}={value!r}" for name in defaults if (value := getattr(self, name)) != defaults[name]]
         return f"PdoConfig({', '.join(fields)})"
 
@@ -155,9 +157,11 @@ def pdos_of(objects: ObjectDictionary, node: int, *, refused: list[str] | None =
             words = () if multiplexed else tuple(_value(objects, pdo.map, sub) for sub in range(1, count + 1))
             by_default = number <= 4 and values[1] == pdo.cob_entry(node).pack()
             identifier = None if by_default else values[1]
-            slots = max(objects.subs(pdo.map))
+            slots = min(max(objects.subs(pdo.map)), ENTRIES_MAX)
             times = values[3], values[5], values[6]
-            pdo = PdoConfig(direction, number, words, values[2], identifier, *times, slots, multiplexed)
+            rest = [_value(objects, pdo.map, sub) for sub in range(len(words) + 1, slots + 1)]
+            unused = tuple(rest) if any(rest) and multiplexed is None else ()
+            pdo = PdoConfig(direction, number, words, values[2], identifier, *times, slots, multiplexed, unused)
             if refused is not None:
                 try:
                     validate_pdo(objects, pdo)
@@ -209,10 +213,11 @@ def add_records(objects: ObjectDictionary, node: int, pdo: PdoConfig, changed: C
     add(record, 3, "inhibit time", "u16", pdo.inhibit, rules.switched_off(record, 3))
     add(record, 5, "event timer", "u16", pdo.event_timer, lambda value: None)
     add(record, 6, "SYNC start value", "u8", pdo.sync_start, rules.switched_off(record, 6))
-    slots = min(max(pdo.slots, len(pdo.mapping)), ENTRIES_MAX)
+    words = pdo.mapping + pdo.unused
+    slots = min(max(pdo.slots, len(words)), ENTRIES_MAX)
     add(pdo.map, 0, "entries", "u8", pdo.count, rules.count)
     for sub in range(1, slots + 1):
-        word = pdo.mapping[sub - 1] if sub <= len(pdo.mapping) else 0
+        word = words[sub - 1] if sub <= len(words) else 0
         add(pdo.map, sub, f"entry {sub}", "u32", word, rules.entry(sub))
 
 

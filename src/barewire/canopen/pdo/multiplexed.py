@@ -4,7 +4,8 @@
 
         f = 0  SAM, source addressing: addr, index and sub are those of the producer
         f = 1  DAM, destination addressing: addr, index and sub are those of the consumer, where the data is written;
-               addr 0 addresses all nodes
+               addr 0 addresses all nodes; an MPDO carries process data, so a communication object (1000h to 1FFFh)
+               is written only if its PDOMapping allows an RPDO
 
         mapping :00  FEh  this PDO is SAM           FFh  this PDO is DAM            its type is 254 or 255
 
@@ -25,6 +26,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import NODE_MAX
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectAddress, ObjectDictionary
@@ -36,6 +38,7 @@ Addressing = Literal["SAM", "DAM"]
 MPDO_COUNTS: dict[int, Addressing] = {0xFE: "SAM", 0xFF: "DAM"}
 """The values of sub-index 00 of the mapping that mean an MPDO."""
 _SCANNER, _DISPATCHER = range(0x1FA0, 0x1FD0), range(0x1FD0, 0x2000)
+_FIRST_APPLICATION = 0x2000
 MPDO_SIZE = 8
 _DATA_SIZE = 4
 _WAITING_MAX = 32
@@ -211,6 +214,9 @@ class MpdoConsumer:
         if address is None:
             return None
         try:
+            entry = self.objects.entry(*address)
+            if entry.index < _FIRST_APPLICATION and not entry.is_mappable("RPDO"):
+                raise SdoAbort(AbortCode.NOT_MAPPABLE, *address)
             size = self.objects.size(*address)
             self.objects.write(*address, message.data if size is None else message.data[:size])
         except BarewireError:

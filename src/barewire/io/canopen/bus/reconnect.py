@@ -20,8 +20,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TypeAlias
 
-from barewire.canopen.frame import CanFrame
-from barewire.io.canopen.bus.subscriber import BusItem
+from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
+from barewire.errors import EncodeError, PortError, shown
+from barewire.io.canopen.bus.subscriber import BusItem, FramesLost
 from barewire.io.endpoint import PAUSES
 from barewire.io.engine.backoff import BackOff
 from barewire.io.log import PortLog
@@ -37,9 +38,27 @@ _FIRST_RECEIVE = 0.05
 
 
 def receiver(port: Port[CanFrame]) -> Callable[[float], BusItem | None]:
-    """Return the method that receives from a port, with the reports of the controller if the port has them."""
+    """Return the method that receives from a port, with the reports of the controller if the port has them.
+
+    The frames of a port that is not one of `io.ports` are checked: nothing above this checks them again.
+    """
     receive: Callable[[float], BusItem | None] = getattr(port, "receive_any", port.receive)
-    return receive
+    if type(port).__module__.startswith("barewire.io."):
+        return receive
+
+    def checked(timeout: float) -> BusItem | None:
+        item = receive(timeout)
+        if item is None or isinstance(item, (FdFrame, ErrorFrame, FramesLost)):
+            return item
+        if not isinstance(item, CanFrame) or not isinstance(item.data, (bytes, bytearray)):
+            raise PortError(f"{type(port).__name__}.receive returned {shown(item)}: expected a CanFrame, or None")
+        try:
+            id, data, extended, remote, requested = item
+            return CanFrame.checked(id, data, extended=extended, remote=remote, requested=requested)
+        except EncodeError as error:
+            raise PortError(f"{type(port).__name__}.receive returned a frame that CAN cannot carry: {error}") from None
+
+    return checked
 
 
 class Reopening:
