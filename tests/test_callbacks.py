@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from barewire.canopen import (
+    BootSlave,
+    Entry,
+    LocalNode,
+    LssAddress,
+    LssSlave,
+    NetworkList,
+    NodeGroup,
+    ObjectDictionary,
+)
 from barewire.errors import EncodeError
+from barewire.io.canopen.methods.nmt import NetworkNmtMethods
 from barewire.modbus import Functions, Table
 from tests.helpers import refused
 
@@ -64,3 +76,29 @@ def test_a_partial_and_an_object_with_call_are_functions() -> None:
 
     for function in (Recorder(), partial(Recorder(), 1), partial(print, 1)):
         Table(5, on_write=function)
+
+
+@pytest.mark.parametrize("function", [coroutine, generator])
+def test_callbacks_of_a_canopen_device_and_of_a_boot_are_functions_too(function: Any) -> None:
+    objects = ObjectDictionary([Entry(0x1000, 0, "type", "u32")])
+    said = "and runs nothing; expected def"
+    with refused(EncodeError, said):
+        LocalNode(5, objects, on_reset=function)
+    with refused(EncodeError, said):
+        LocalNode(5, objects, on_failure=function)
+    with refused(EncodeError, said):
+        LocalNode(5, objects).on_failure = function
+    with refused(EncodeError, said):
+        NodeGroup([LocalNode(5, objects)], on_failure=function)
+    with refused(EncodeError, said):
+        LssSlave(LssAddress(1, 2, 3, 4), store=function)
+    with refused(EncodeError, said):
+        LssSlave(LssAddress(1, 2, 3, 4), on_bit_timing=function)
+    network = NetworkList([BootSlave(5)])
+    runner: Any = SimpleNamespace(is_open=True, timeout=1.0, carry_out=print, start_task=print)
+    methods = NetworkNmtMethods(runner)
+    for name in ("on_event", "progress"):
+        with refused(EncodeError, f"boot: {name} = "):
+            methods.boot(network, **{name: function})
+    with refused(EncodeError, "start_manager: callback = "):
+        methods.start_manager(network, function)

@@ -29,6 +29,13 @@ def deferred(function: Any) -> str:
     return "a coroutine" if flags & _COROUTINE else "a generator" if flags & (_GENERATOR | _ASYNC_GENERATOR) else ""
 
 
+def check_callbacks(owner: str, **functions: object) -> None:
+    """Raise EncodeError unless each of these is None or a function that runs when it is called."""
+    for name, function in functions.items():
+        if function is not None:
+            check_function(f"{owner}: {name}", function, name)
+
+
 def check_function(name: str, function: object, field: str) -> None:
     """Raise EncodeError unless this is a function that runs when it is called. `field` is that of the error."""
     if not callable(function):

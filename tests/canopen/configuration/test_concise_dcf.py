@@ -7,6 +7,7 @@ import pytest
 from barewire.canopen import (
     ConciseValue,
     DeviceConfiguration,
+    Entry,
     Setting,
     concise_dcf,
     concise_values,
@@ -134,3 +135,15 @@ def test_entries_of_a_mapping_need_their_number() -> None:
     settings = Setting(entry(0x1800, 1), 0x185), Setting(entry(0x1A00, 1), 0x60640020)
     with pytest.raises(EncodeError, match=r"TPDO1: its mapping is .*, but not its number .* of 1A00h:00"):
         concise_dcf(DeviceConfiguration(5, settings))
+
+
+def counted(value: int, default: int) -> DeviceConfiguration:
+    number = Entry(0x1016, 0, "highest", "u8", default=default, object_name="Consumer")
+    return DeviceConfiguration(5, (Setting(number, value), Setting(Entry(0x1016, 1, "one", "u32"), 0x203E8)))
+
+
+def test_the_number_of_entries_of_an_array_is_written_only_where_it_changes() -> None:
+    assert [one.sub for one in concise_dcf(counted(2, default=2))] == [1]
+    assert [one.sub for one in concise_dcf(counted(1, default=2))] == [0, 1]
+    alone = DeviceConfiguration(5, (Setting(Entry(0x1017, 0, "heartbeat", "u16", default=7), 7),))
+    assert len(concise_dcf(alone)) == 1  # a variable

@@ -201,7 +201,7 @@ def test_a_mapping_that_is_not_possible_is_found_before_anything_is_written(
     with pytest.raises(EncodeError, match=text) as error:
         bus.run(configure_device(5, wanted, dry_run=dry_run))
     assert writes(bus) == []
-    assert not hasattr(error.value, "__notes__")
+    assert getattr(error.value, "__notes__", []) == ([] if dry_run else ["nothing was written to node 5"])
 
 
 def test_an_entry_beyond_the_number_is_found_before_anything_is_written() -> None:
@@ -211,3 +211,41 @@ def test_an_entry_beyond_the_number_is_found_before_anything_is_written() -> Non
     with pytest.raises(EncodeError, match=r"TPDO1 maps 1 objects, but 1A00h:02 is configured: expected .* 1A00h:00"):
         bus.run(configure_device(5, wanted))
     assert writes(bus) == []
+
+
+@pytest.mark.parametrize("dry_run", [False, True])
+def test_a_lost_response_to_a_read_says_that_nothing_was_written(dry_run: bool) -> None:
+    bus, _ = bus_with()
+    bus.lose = lambda number, frame: frame.id == 0x585 and frame.data[1:3] == b"\x17\x10"
+    with pytest.raises(NoAnswer) as error:
+        bus.run(configure_device(5, device_configuration(dcf({"Heartbeat": 500})), dry_run=dry_run))
+    assert getattr(error.value, "__notes__", []) == ([] if dry_run else ["nothing was written to node 5"])
+    assert writes(bus) == []
+
+
+def test_a_lost_response_to_a_write_names_the_object_that_may_be_written() -> None:
+    bus, device = bus_with()
+    bus.lose = lambda number, frame: frame.id == 0x585 and frame.data[:3] == b"\x60\x17\x10"
+    with pytest.raises(NoAnswer) as error:
+        bus.run(configure_device(5, device_configuration(dcf({"Heartbeat": 500, "Cycle": 1000}))))
+    assert error.value.__notes__ == [
+        "node 5 has 1 object written (and perhaps 1017h:00, whose response did not come), "
+        "and not the date of the configuration; configure it again"
+    ]
+    assert device.objects["Heartbeat"] == 500  # it was written
+
+
+def test_a_lost_response_to_the_first_write() -> None:
+    bus, _ = bus_with()
+    bus.lose = lambda number, frame: frame.id == 0x585 and frame.data[0] == 0x60
+    with pytest.raises(NoAnswer) as error:
+        bus.run(configure_device(5, device_configuration(dcf({(0x1800, 2): 1}))))
+    assert error.value.__notes__[0].startswith("node 5 has no object written (and perhaps 1800h:01, whose response did")
+
+
+def test_a_lost_response_to_store() -> None:
+    bus, _ = bus_with()
+    bus.lose = lambda number, frame: frame.id == 0x585 and frame.data[:3] == b"\x60\x10\x10"
+    with pytest.raises(NoAnswer) as error:
+        bus.run(configure_device(5, device_configuration(dcf({"Heartbeat": 500})), store=True))
+    assert error.value.__notes__ == ["node 5 has all values of the configuration, and may have stored them or not"]

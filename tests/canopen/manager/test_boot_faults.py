@@ -198,3 +198,28 @@ def test_a_configuration_that_is_being_written_is_completed_after_the_boot_time(
     assert fed(manager, None, 1.5) == ["node 5: mandatory, and has not booted in time"]
     assert fed(manager, "585#6040600000000000", 1.6) == ["605#2B17100032000000"]
     assert fed(manager, "585#6017100000000000", 1.7)[0] == "node 5: booted, configured"
+
+
+def test_a_node_that_never_ends_an_upload_fails() -> None:
+    class Endless:
+        """It answers the upload of 1000h with segments without data, and never with the last one."""
+
+        deadline = None
+
+        def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+            if frame is None or frame.id != 0x605:
+                return []
+            if frame.data[0] == 0x40:
+                return [CanFrame(0x585, b"\x41" + frame.data[1:4] + b"\x04\0\0\0")]
+            return (
+                [CanFrame(0x585, bytes([frame.data[0] & 0x10 | 0x0E]) + bytes(7))]
+                if frame.data[0] & 0xE0 == 0x60
+                else []
+            )
+
+    bus = VirtualBus()
+    bus.add(Endless(), sent=[CanFrame.parse("705#00")])
+    result = bus.run(boot_network(NetworkList([BootSlave(5)])))
+    assert result.ready
+    assert bus.now < 10
+    assert "16 segments in a row have no data" in str(result)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from barewire.canopen import (
+    BootManager,
     BootSlave,
     ConciseValue,
     DeviceConfiguration,
     Entry,
+    NetworkBoot,
     NetworkList,
     ObjectDictionary,
     device_configuration,
@@ -103,3 +107,19 @@ def test_the_slave_of_a_dcf() -> None:
         date=(DATE["Configuration.Date"], DATE["Configuration.Time"]),
         configuration=configuration,
     )
+
+
+@pytest.mark.parametrize("network", [[BootSlave(5)], 5, None], ids=str)
+def test_something_else_than_a_network_list_is_refused(network: Any) -> None:
+    with pytest.raises(EncodeError, match=r"^network = .*: expected a NetworkList, such as NetworkList\("):
+        BootManager(network)
+
+
+def test_a_network_list_of_something_else_than_slaves_is_refused() -> None:
+    with pytest.raises(EncodeError, match=r"NetworkList: 5: expected a BootSlave, such as BootSlave\(5\)"):
+        NetworkList([5])  # type: ignore[list-item]
+
+
+def test_a_boot_is_true_if_the_network_is_ready() -> None:
+    assert NetworkBoot(True, ())
+    assert not NetworkBoot(False, ())

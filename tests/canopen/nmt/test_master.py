@@ -18,7 +18,7 @@ from barewire.canopen import (
     wait_for_heartbeat,
     wait_for_state,
 )
-from barewire.conversation import Conversation, Heard, Listen
+from barewire.conversation import Conversation, Heard, Listen, play
 from barewire.errors import NoAnswer
 from tests.canopen.virtual_bus import VirtualBus
 
@@ -127,3 +127,10 @@ def test_waiting_for_boot_up_heartbeat_and_state() -> None:
         listening(wait_for_state(5, [NmtState.OPERATIONAL], timeout=0.35), *beats)
     with pytest.raises(NoAnswer, match="no boot-up message from any node within 1 s"):
         listening(wait_for_boot_up(timeout=1.0))
+
+
+def test_a_heartbeat_of_one_second_is_the_state_by_default_and_a_slower_one_is_explained() -> None:
+    beats = lambda frame, now: [(now + 1.0, CanFrame.parse("705#7F"))]  # noqa: E731
+    assert play(request_state(5), beats)[0].name == "pre-operational"
+    with pytest.raises(NoAnswer, match=r"within 2 s; .*heartbeats \(1017h\) reports it with the next one"):
+        play(request_state(5), lambda frame, now: [])

@@ -89,14 +89,20 @@ def concise_dcf(configuration: DeviceConfiguration) -> list[ConciseValue]:
     """Return the writes of a configuration in an order that is safe for any device.
 
     First all PDOs are switched off; then follow the other objects, the mapping and the parameters of each PDO, its
-    COB-ID, and last 1020h, the date. Raise EncodeError if a mapping is configured without the COB-ID of its PDO or
+    COB-ID, and last 1020h, the date. The highest sub-index of an array or record is left out if it is the default of
+    the DCF. Raise EncodeError if a mapping is configured without the COB-ID of its PDO or
     without the number of its objects.
     """
     return list(_writes(configuration))
 
 
 def _writes(configuration: DeviceConfiguration) -> Iterator[ConciseValue]:
-    plain = [one for one in configuration.settings if pdo_of(one.entry.index) is None]
+    others = [one for one in configuration.settings if pdo_of(one.entry.index) is None]
+    compound = {one.entry.index for one in others if one.entry.sub}
+    # The number of entries of an array or record may be fixed in a device: it is written only where it changes.
+    plain = [
+        one for one in others if one.entry.sub or one.entry.index not in compound or one.value != one.entry.default
+    ]
     pdos: dict[int, tuple[PdoConfig, dict[ObjectAddress, Setting]]] = {}
     for one in configuration.settings:
         if (pdo := pdo_of(one.entry.index)) is not None:

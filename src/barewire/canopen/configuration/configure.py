@@ -41,7 +41,7 @@ from barewire.canopen.pdo.remote_config import PdoConfigPolicy, read_pdo, write_
 from barewire.canopen.sdo import Channel, download, upload
 from barewire.canopen.sdo.client.channel import channel_to
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation
-from barewire.errors import BarewireError, DecodeError, EncodeError
+from barewire.errors import BarewireError, DecodeError, EncodeError, NoAnswer
 
 STORE_TIMEOUT = 10.0
 """Seconds that a device has at least to store its parameters: many write to a slow memory before they respond."""
@@ -114,36 +114,50 @@ def configure_device(
 def _configure(
     steps: _Steps, configuration: DeviceConfiguration, store: bool, dry_run: bool
 ) -> Conversation[CanFrame, ConfigurationResult]:
-    wrong = yield from steps.compare(configuration.identity)
+    try:
+        wrong = yield from steps.compare(configuration.identity)
+        found = [] if wrong else (yield from steps.compare((*configuration.settings, *configuration.date)))
+        changes = [one for one in found if one.entry.index != DATE]
+        absent = [one for one in found if one.reason and one.entry.access != "wo"]
+        pdos = [] if absent else (yield from _changed_pdos(steps, configuration, changes))
+    except BarewireError as error:
+        if not dry_run:
+            error.add_note(f"nothing was written to node {steps.channel.node}")
+        raise
     if wrong:
         raise ConfigurationFailed(f"node {steps.channel.node} is another device: {'; '.join(map(str, wrong))}")
-    found = yield from steps.compare((*configuration.settings, *configuration.date))
-    missing = [one for one in found if one.reason and one.entry.access != "wo"]
-    if missing:
-        raise ConfigurationFailed(f"node {steps.channel.node}: nothing was written: {'; '.join(map(str, missing))}")
-    changes = [one for one in found if one.entry.index != DATE]
-    pdos = yield from _changed_pdos(steps, configuration, changes)
+    if absent:
+        raise ConfigurationFailed(f"node {steps.channel.node}: nothing was written: {'; '.join(map(str, absent))}")
     if dry_run:
         return ConfigurationResult(tuple(found), False, configuration.left_out)
     dates = [one for one in found if one.entry.index == DATE]
-    if changes:
-        try:
+    try:
+        if changes:
             if configuration.date and not dates:
                 # The device has the date of this configuration, but not its values: not to remain if a write fails.
                 yield from steps.write(configuration.date[0].entry, bytes(4), "the date is removed")
             yield from _write_changes(steps, changes, pdos)
             yield from _read_back(steps, configuration, changes)
-        except BarewireError as error:
-            error.add_note(f"node {steps.channel.node} has {steps.written_text()}; configure it again")
-            raise
-    if changes or dates:
-        for setting in configuration.date:
-            yield from steps.write(setting.entry, setting.data)
+        if changes or dates:
+            for setting in configuration.date:
+                yield from steps.write(setting.entry, setting.data)
+    except BarewireError as error:
+        error.add_note(f"node {steps.channel.node} has {steps.written_text(error)}; configure it again")
+        raise
     if store:
-        steps.tell(f"store: {_STORE:04X}h:01")
+        yield from _store(steps)
+    return ConfigurationResult((*changes, *dates), store, configuration.left_out)
+
+
+def _store(steps: _Steps) -> Conversation[CanFrame, None]:
+    steps.tell(f"store: {_STORE:04X}h:01")
+    try:
         wait = max(steps.timeout, STORE_TIMEOUT)
         yield from download(steps.channel, _STORE, 1, b"save", timeout=wait)
-    return ConfigurationResult((*changes, *dates), store, configuration.left_out)
+    except BarewireError as error:
+        stored = "may have stored them or not" if isinstance(error, NoAnswer) else "did not store them"
+        error.add_note(f"node {steps.channel.node} has all values of the configuration, and {stored}")
+        raise
 
 
 class _Steps:
@@ -155,6 +169,7 @@ class _Steps:
         self.progress = progress
         self.done = self.total = 0
         self.written: list[str] = []
+        self.writing = ""  # what is being written
         self.off: list[PdoConfig] = []
 
     def tell(self, step: str) -> None:
@@ -195,17 +210,24 @@ class _Steps:
     def write(self, entry: Entry, data: bytes, why: str = "") -> Conversation[CanFrame, None]:
         text = value_text(entry, entry.codec.decode(data))
         self.tell(f"write {object_text(entry)} = {text}{why and f' ({why})'}")
+        self.writing = f"{entry.index:04X}h:{entry.sub:02X}"
         try:
             yield from download(self.channel, entry.index, entry.sub, data, timeout=self.timeout)
         except SdoAbort as refusal:
             refusal.add_context(f"while writing {object_text(entry)} = {text}")
             raise
-        self.written.append(f"{entry.index:04X}h:{entry.sub:02X}")
+        self.has_written(self.writing)
 
-    def written_text(self) -> str:
-        """Return in words how far a configuration came."""
+    def has_written(self, place: str) -> None:
+        self.written.append(place)
+        self.writing = ""
+
+    def written_text(self, error: BarewireError) -> str:
+        """Return in words how far a configuration came until this error."""
         count = len(self.written)
         text = f"{count or 'no'} object{'s' if count > 1 else ''} written"
+        if self.writing and isinstance(error, NoAnswer):
+            text += f" (and perhaps {self.writing}, whose response did not come)"
         off = ", ".join(f"{pdo.direction}{pdo.number}" for pdo in self.off)
         return f"{text}{off and f', and these PDOs switched off: {off}'}, and not the date of the configuration"
 
@@ -240,8 +262,9 @@ def _write_changes(
         yield from steps.write(entry, data)
     for _, pdo in pdos:
         steps.tell(f"write {pdo!r}")
+        steps.writing = f"{pdo.direction}{pdo.number}"
         yield from write_pdo(steps.channel, pdo, policy=_ONLY_CHANGES, timeout=steps.timeout)
-        steps.written.append(f"{pdo.direction}{pdo.number}")
+        steps.has_written(steps.writing)
         steps.off = [one for one in steps.off if one.communication != pdo.communication]
 
 

@@ -30,6 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable
 
+from barewire._callbacks import check_callbacks
 from barewire.canopen.cob_ids import NODE_MAX, check_node
 from barewire.canopen.device.consumers import DeviceConsumers
 from barewire.canopen.device.error_control import HEARTBEAT_ERROR, ErrorControl, validate_consumer_writes
@@ -102,9 +103,9 @@ class LocalNode:
         if not isinstance(objects, ObjectDictionary):
             text = "expected an ObjectDictionary, such as ObjectDictionary([Entry(...), ...])"
             raise EncodeError(f"LocalNode: objects = {shown(objects)}: {text}", "objects")
+        check_callbacks("LocalNode", on_reset=on_reset)
         self.objects = objects
-        self.dialect = dialect
-        self.on_reset = on_reset
+        self.dialect, self.on_reset = dialect, on_reset
         self.on_failure = on_failure
         self._has_failed = False  # and no emergency says so yet
         self.lss = lss
@@ -117,11 +118,9 @@ class LocalNode:
         validate_sync_writes(objects)
         validate_consumer_writes(objects)
         validate_channel_writes(objects)
-        self._pdos = tuple(pdos)
-        self._on = False
+        self._pdos, self._on = tuple(pdos), False
         self._silent_until = self._due = _PAST
-        self._seen = _NEVER
-        self._computed = True
+        self._seen, self._computed = _NEVER, True
         self.errors = EmcyProducer(node or NODE_MAX, objects)
         self.errors.allowed = False
         self._make_services(node)
@@ -203,6 +202,7 @@ class LocalNode:
 
     @on_failure.setter
     def on_failure(self, function: Callable[[str, Exception], None] | None) -> None:
+        check_callbacks("LocalNode", on_failure=function)
         self._on_failure = function
         self.objects.on_failure = None if function is None else self.report_failure
 

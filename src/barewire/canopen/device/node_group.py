@@ -20,6 +20,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from barewire._callbacks import check_callbacks
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.frame import CanFrame
 from barewire.errors import EncodeError, shown
@@ -106,6 +107,7 @@ class NodeGroup:
 
     @on_failure.setter
     def on_failure(self, function: Callable[[str, Exception], None] | None) -> None:
+        check_callbacks("NodeGroup", on_failure=function)
         if self._on_failure is not None:
             for member in self._reporting():
                 member.machine.on_failure, member.on_failure = member.on_failure, None

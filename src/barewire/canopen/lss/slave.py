@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from barewire._callbacks import check_callbacks
 from barewire.canopen.cob_ids import NODE_MAX, NODE_MIN
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.messages import (
@@ -71,6 +72,7 @@ class LssSlave:
         rates: frozenset[int] = frozenset({*LSS_BIT_RATES, AUTOMATIC_BIT_RATE}),
         on_bit_timing: Callable[[int | None, float], None] | None = None,
     ) -> None:
+        check_callbacks("LssSlave", store=store, on_bit_timing=on_bit_timing)
         self.address = address
         self.node = node
         self.pending = node

@@ -48,10 +48,14 @@ class BootEvent(NamedTuple):
 
 
 class NetworkBoot(NamedTuple):
-    """How the boot-up of a network ended: whether it is ready, and the last result of each node."""
+    """How the boot-up of a network ended: whether it is ready, and the last result of each node. It is true if the
+    network is ready."""
 
     ready: bool
     results: tuple[BootResult, ...]
+
+    def __bool__(self) -> bool:
+        return self.ready
 
     def __str__(self) -> str:
         return "\n".join(

@@ -24,7 +24,7 @@ from typing import TypeAlias
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.manager.boot_events import BootEvent, NetworkBoot
 from barewire.canopen.manager.boot_slave import RESET_TIME, BootError, BootProgress, BootResult, boot_slave
-from barewire.canopen.manager.network_list import BootSlave, NetworkList
+from barewire.canopen.manager.network_list import BootSlave, NetworkList, checked_network
 from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, NodeState
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
 from barewire.canopen.nmt.node_guarding import Guard, GuardEvent, GuardingMaster
@@ -106,7 +106,7 @@ class BootManager:
         channels: Callable[[int], Channel] = Channel,
         progress: BootProgress | None = None,
     ) -> None:
-        self.network = network
+        self.network = checked_network(network)
         self.timeout = timeout
         self.ready = False
         self._channels = channels

@@ -30,7 +30,7 @@ from barewire.canopen.configuration.concise_dcf import ConciseValue, decode_conc
 from barewire.canopen.configuration.settings import DEVICE_TYPE, DeviceConfiguration, device_configuration
 from barewire.canopen.nmt.heartbeat import consumer_entry
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.errors import BarewireError, DecodeError, EncodeError
+from barewire.errors import BarewireError, DecodeError, EncodeError, shown
 
 _STARTUP, _ASSIGNMENT, _CONSUMERS, _BOOT_TIME = 0x1F80, 0x1F81, 0x1016, 0x1F89
 _DCF, _FORMAT, _CONCISE, _DATE, _TIME = 0x1F20, 0x1F21, 0x1F22, 0x1F26, 0x1F27
@@ -121,7 +121,10 @@ class NetworkList:
     node: int | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "slaves", tuple(sorted(self.slaves, key=lambda slave: slave.node)))
+        for slave in (given := tuple(self.slaves)):
+            if not isinstance(slave, BootSlave):
+                raise EncodeError(f"NetworkList: {shown(slave)}: expected a BootSlave, such as BootSlave(5)", "slaves")
+        object.__setattr__(self, "slaves", tuple(sorted(given, key=lambda slave: slave.node)))
         numbers = [slave.node for slave in self.slaves]
         for number in numbers:
             if numbers.count(number) > 1 or number == self.node:
@@ -132,6 +135,14 @@ class NetworkList:
     def __repr__(self) -> str:
         mandatory = sum(slave.mandatory for slave in self.slaves)
         return f"<NetworkList: {len(self.slaves)} nodes, {mandatory} of them mandatory>"
+
+
+def checked_network(network: object) -> NetworkList:
+    """Return the network list. Raise EncodeError for anything else, such as a list of slaves."""
+    if not isinstance(network, NetworkList):
+        text = "expected a NetworkList, such as NetworkList([BootSlave(5, mandatory=True)])"
+        raise EncodeError(f"network = {shown(network)}: {text}", "network")
+    return network
 
 
 def slave_of(configuration: DeviceConfiguration, *, mandatory: bool = False, heartbeat: float = 0.0) -> BootSlave:

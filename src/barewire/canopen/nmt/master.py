@@ -25,6 +25,9 @@ from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtMessage, N
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, NoAnswer
 
+STATE_TIMEOUT = 2.0
+"""Seconds in which a node is to report its state: longer than the heartbeat time of most nodes."""
+
 
 class NmtConfirmation(NamedTuple):
     """A node that confirmed a command: its state, and the seconds from the command to the confirmation."""
@@ -86,8 +89,9 @@ def send_nmt(
     return confirmed
 
 
-def request_state(node: int, *, timeout: float = 0.5) -> Conversation[CanFrame, NodeState]:
-    """Request the state of a node by node guarding. A heartbeat that arrives meanwhile counts too. Raise NoAnswer."""
+def request_state(node: int, *, timeout: float = STATE_TIMEOUT) -> Conversation[CanFrame, NodeState]:
+    """Request the state of a node by node guarding, or hear it in its next heartbeat. A node with heartbeats does not
+    answer the request, so `timeout` is to be longer than its heartbeat time (1017h). Raise NoAnswer."""
     sent: Heard[CanFrame] = yield Send(guarding_request(check_node(node)))
     until = sent.now + timeout
     frames = 0
@@ -99,7 +103,11 @@ def request_state(node: int, *, timeout: float = 0.5) -> Conversation[CanFrame, 
             if received is not None and received.node == node:
                 return received
         if heard.now >= until:
-            raise NoAnswer(f"node {node} did not report its state within {timeout:g} s; {frames} other frames came")
+            beats = (
+                "a node with heartbeats (1017h) reports it with the next one: is the timeout longer than their period?"
+            )
+            text = f"node {node} did not report its state within {timeout:g} s; {frames} other frames came"
+            raise NoAnswer(f"{text}; {beats}")
 
 
 def wait_for_boot_up(node: int | None = None, *, timeout: float = 10.0) -> Conversation[CanFrame, NodeState]:

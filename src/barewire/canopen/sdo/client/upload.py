@@ -35,6 +35,9 @@ from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment
 from barewire.canopen.sdo.stream import LIMIT, Incoming, SdoProgress
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen
 
+EMPTY_SEGMENTS = 16
+"""Segments without data, one after the other, after which an upload ends: such a server would never end it."""
+
 
 def upload(
     node: int | Channel,
@@ -189,7 +192,7 @@ def _request_blocks(
 
 
 def _in_segments(transfer: ClientTransfer, value: Incoming) -> Conversation[CanFrame, None]:
-    toggle, first, last = 0, True, False
+    toggle, first, last, empty = 0, True, False, 0
     while not last:
         segment = yield from transfer.request(NextSegment(toggle), (SdoSegment,))
         if segment.toggle != toggle and not first:
@@ -201,6 +204,9 @@ def _in_segments(transfer: ClientTransfer, value: Incoming) -> Conversation[CanF
                 AbortCode.TOGGLE, f"the response has toggle bit {segment.toggle}, the request has {toggle}"
             )
         value.add(segment.data)
+        empty = 0 if segment.data else empty + 1
+        if empty == EMPTY_SEGMENTS and not segment.last:
+            raise ProtocolViolation(AbortCode.GENERAL, f"{empty} segments in a row have no data, and none is the last")
         toggle, first, last = toggle ^ 1, False, segment.last
     value.end()
 

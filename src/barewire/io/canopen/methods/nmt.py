@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from barewire import canopen
+from barewire._callbacks import check_callbacks
 from barewire.canopen import NmtCommand
 from barewire.canopen.cob_ids import check_node
 from barewire.io.canopen.bus.node_runner import CallbackAdapter
@@ -100,8 +101,9 @@ class NodeNmtMethods(NmtMethods[R]):
         return BusOperation(_only(confirming), NO_LOCKS, ERROR_CONTROL)
 
     @operation
-    def state(self, *, timeout: float = 0.5) -> BusOperation[canopen.NodeState]:
-        """Request the state of the node by node guarding."""
+    def state(self, *, timeout: float = 2.0) -> BusOperation[canopen.NodeState]:
+        """Request the state of the node by node guarding. A node with heartbeats does not answer: its next heartbeat
+        counts, so `timeout` is to be longer than its heartbeat time (1017h)."""
         return BusOperation(canopen.request_state(self.node, timeout=timeout), NO_LOCKS, ERROR_CONTROL)
 
     @operation
@@ -169,8 +171,12 @@ class NetworkNmtMethods(NmtMethods[R]):
 
         The communication of the nodes is reset first. All channels of the bus are locked until the network has booted.
         The nodes are not watched afterwards: `start_manager` does that. Faults of nodes are in the result; they raise
-        no error.
+        no error. The result is true if the network is ready.
         """
+        from barewire.canopen.manager.network_list import checked_network
+
+        checked_network(network)
+        check_callbacks("boot", on_event=on_event, progress=progress)
         wait = self.runner.timeout if timeout is None else timeout
         booting = canopen.boot_network(
             network, listen=listen, timeout=wait, channels=self._channel, on_event=on_event, progress=progress
@@ -195,6 +201,7 @@ class NetworkNmtMethods(NmtMethods[R]):
 
         It takes no locks: have no SDO transfers with a node while it boots.
         """
+        check_callbacks("start_manager", callback=callback, progress=progress)
         manager = canopen.BootManager(
             network,
             timeout=self.runner.timeout if timeout is None else timeout,
