@@ -80,18 +80,19 @@ class ChannelLocks:
         self._queue[lock] = None
         return lock
 
-    def take_if_idle(self, lock: ChannelLock, owner: Hashable = None) -> bool:
-        """Grant a lock, which may be used again and again, if the queue is empty. Return whether it was granted.
+    def take_if_free(self, lock: ChannelLock, owner: Hashable = None) -> bool:
+        """Grant a lock, which may be used again and again, if no request shares a key with it. Return whether it did.
 
         >>> locks, lock = ChannelLocks(), ChannelLock(frozenset({5}), None, list)
-        >>> locks.take_if_idle(lock), locks.take_if_idle(ChannelLock(frozenset({6}), None, list))
+        >>> locks.take_if_free(lock), locks.take_if_free(ChannelLock(frozenset({5}), None, list))
         (True, False)
         >>> locks.release(lock)
-        >>> locks.take_if_idle(lock)
+        >>> locks.take_if_free(lock)
         True
         """
-        if self._queue:
-            return False
+        for older in self._queue:
+            if older.conflicts_with(lock):
+                return False
         lock.owner = owner
         lock.granted = True
         self._queue[lock] = None

@@ -4,7 +4,7 @@
     methods/        upload, fastscan, ...: each written once for both clients
     node            one node: bus.node(5, device="az3")
     dcf_node        one node with its configuration: bus.node(5, dcf="pump.dcf")
-    fast_path       expedited transfers without a conversation
+    fast_path, async_fast_path             expedited transfers without a conversation
     client_base, client, async_client      CanopenClient, AsyncCanopenClient
     conformance     runs the conformance cases against a device
     gateway_server  the text gateway of CiA 309-3

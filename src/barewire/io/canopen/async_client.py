@@ -15,8 +15,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.canopen import CanFrame
-from barewire.conversation import Conversation
+from barewire.canopen.sdo.client.channel import Channel
+from barewire.conversation import Conversation, Heard
 from barewire.errors import BarewireError, PortError
+from barewire.io.canopen.async_fast_path import AsyncFastPath
 from barewire.io.canopen.bus.async_bus import (
     AsyncRunning,
     AsyncStream,
@@ -34,7 +36,6 @@ from barewire.io.canopen.methods.operations import (
     BackgroundTask,
     BusOperation,
     Subscription,
-    whole_transfer,
 )
 from barewire.io.canopen.node import AsyncDeviceNode
 from barewire.io.endpoint import check_timeout
@@ -59,6 +60,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
         self._receiving = asyncio.Lock()
         self._connecting = asyncio.Lock()
         self._everything: AsyncSubscriber | None = None
+        self._fast_path = AsyncFastPath(self.carry_out, self._run)
         if self._endpoint is None:
             self._bus = self._new_bus(lazy=True)
 
@@ -84,6 +86,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
     async def close(self) -> None:
         """Close the streams and background tasks of this client, and the bus unless it is shared."""
         self._stop_running()
+        self._fast_path.close()
         if self.owns_bus and self._bus is not None:
             await asyncio.to_thread(self._bus.close)  # it waits until the reader thread of the bus has ended
 
@@ -123,16 +126,29 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
     async def carry_out(self, operation: AnyOperation[T]) -> T:
         """Wait for the locks of an operation, then carry it out. If the bus is being opened again, wait for it too."""
         self._check_open()
+        bus = self.bus
         if not isinstance(operation, BusOperation):
-            operation = whole_transfer(operation)
-        await wait_until_open(self.bus, self.timeout if operation.timeout is None else operation.timeout)
-        async with channels_locked(self.bus, operation.locks):
-            with AsyncSubscriber(self.bus, operation.receives) as subscriber, self._logged(operation.channel):
-                try:
-                    return await run(operation.conversation, subscriber)
-                except BarewireError as error:
-                    subscriber.note_losses(error)
-                    raise
+            return await self._fast_path.exchange(bus, operation)
+        await wait_until_open(bus, self.timeout if operation.timeout is None else operation.timeout)
+        async with channels_locked(bus, operation.locks):
+            with AsyncSubscriber(bus, operation.receives) as subscriber:
+                result: T = await self._run(operation.channel, operation.conversation, subscriber)
+                return result
+
+    async def _run(
+        self,
+        channel: Channel | None,
+        conversation: Conversation[CanFrame, T],
+        port: AsyncSubscriber,
+        heard: Heard[CanFrame] | None = None,
+    ) -> T:
+        """Run a conversation; `heard` is the first input of one that already listens."""
+        with self._logged(channel):
+            try:
+                return await run(conversation, port, heard)
+            except BarewireError as error:
+                port.note_losses(error)
+                raise
 
     async def open_and_carry_out(self, make: Callable[[], AnyOperation[T]]) -> T:
         """Open the bus, unless it is open, then carry out the operation that `make` returns."""

@@ -8,7 +8,7 @@ Nearly every access of a master takes this path, in a third of the time: 10 us i
 the other side take 4 (a pair of sockets). What frames mean is decided in `canopen.sdo.client.plain`. The frames come
 through the port of a conversation that reads the bus itself, or through a `ChannelSubscriber` if others read it too.
 
-Depends on: the shared bus, the engine.  Used by: the blocking client.
+Depends on: the shared bus, the engine.  Used by: the blocking client; `async_fast_path` is its twin.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from __future__ import annotations
 import threading
 import time
 from queue import Empty, SimpleQueue
-from typing import Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from barewire.canopen.bus.channel_locks import ChannelLock
 from barewire.canopen.frame import CanFrame
@@ -84,7 +84,10 @@ class ChannelSubscriber(Subscriber):
         return item  # type: ignore[return-value]  # without reports only frames
 
 
-class KnownChannel:
+S = TypeVar("S", bound=Subscriber)
+
+
+class KnownChannel(Generic[S]):
     """What the fast path remembers of a channel: its lock, the frames that it receives, and its subscriber."""
 
     __slots__ = ("keys", "lock", "subscriber")
@@ -92,7 +95,7 @@ class KnownChannel:
     def __init__(self, channel: Channel) -> None:
         locks, self.keys = sdo_keys(channel)
         self.lock = ChannelLock(locks, None, _ignore)
-        self.subscriber: ChannelSubscriber | None = None
+        self.subscriber: S | None = None
 
     def close(self) -> None:
         """Take the subscriber off the bus."""
@@ -119,22 +122,42 @@ class CarryOut(Protocol):
     def __call__(self, operation: BusOperation[T], /) -> T: ...
 
 
-class FastPath:
-    """The fast path of one blocking client. `carry_out` and `run` are for all that is not plain."""
+class ChannelMemory(Generic[S]):
+    """The channels that the fast path of one client knows."""
 
-    def __init__(self, carry_out: CarryOut, run: RunOnPort) -> None:
-        self._carry_out = carry_out
-        self._run = run
-        self._known: dict[Channel, KnownChannel] = {}
+    def __init__(self) -> None:
+        self._known: dict[Channel, KnownChannel[S]] = {}
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {len(self._known)} channels>"
+
+    def _remember(self, channel: Channel) -> KnownChannel[S]:
+        if len(self._known) >= _CHANNELS_MAX:
+            for other, known in list(self._known.items()):
+                if not known.lock.granted:
+                    self._known.pop(other, None)
+                    known.close()
+        return self._known.setdefault(channel, KnownChannel(channel))
+
+    def close(self) -> None:
+        """Take all subscribers off the bus."""
+        for known in list(self._known.values()):
+            known.close()
+
+
+class FastPath(ChannelMemory[ChannelSubscriber]):
+    """The fast path of one blocking client. `carry_out` and `run` are for all that is not plain."""
+
+    def __init__(self, carry_out: CarryOut, run: RunOnPort) -> None:
+        super().__init__()
+        self._carry_out = carry_out
+        self._run = run
 
     def exchange(self, bus: CanBus, plain: PlainExchange[T]) -> T:
         """Carry out an exchange, or the transfer that it turns out to be."""
         known = self._known.get(plain.channel) or self._remember(plain.channel)
         lock = known.lock
-        if bus.failure is not None or not bus.lock_if_idle(lock, threading.get_ident()):
+        if bus.failure is not None or not bus.lock_if_free(lock, threading.get_ident()):
             return self._carry_out(whole_transfer(plain))
         try:
             port = bus.direct(known.keys, plain.timeout)
@@ -179,25 +202,12 @@ class FastPath:
         next(rest)
         abandon(rest, port, error)
 
-    def _remember(self, channel: Channel) -> KnownChannel:
-        if len(self._known) >= _CHANNELS_MAX:
-            for other, known in list(self._known.items()):
-                if not known.lock.granted:
-                    self._known.pop(other, None)
-                    known.close()
-        return self._known.setdefault(channel, KnownChannel(channel))
-
-    def _subscriber(self, bus: CanBus, known: KnownChannel) -> ChannelSubscriber:
+    def _subscriber(self, bus: CanBus, known: KnownChannel[ChannelSubscriber]) -> ChannelSubscriber:
         subscriber = known.subscriber
         if subscriber is None or subscriber.has_failed:
             known.close()
             subscriber = known.subscriber = ChannelSubscriber(bus, known.keys)
         return subscriber
-
-    def close(self) -> None:
-        """Take all subscribers off the bus."""
-        for known in list(self._known.values()):
-            known.close()
 
 
 def _ignore() -> None:

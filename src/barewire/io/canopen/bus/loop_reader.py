@@ -18,6 +18,7 @@ import asyncio
 import os
 import threading
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 from barewire.canopen.frame import CanFrame
@@ -33,6 +34,7 @@ class LoopReadableBus(Protocol):
     """The operations of a bus that a `LoopReader` uses; those of `CanBus` are described there."""
 
     port: Port[CanFrame]
+    has_frames: Callable[[], bool] | None
     reading: threading.Lock
     loop_reader: LoopReader | None
 
@@ -82,6 +84,8 @@ class LoopReader:
                 count += 1
                 if not bus.deliver(item, self._time()):
                     return
+                if count == 1 and bus.has_frames is not None and not bus.has_frames():
+                    break  # quicker than to read in vain; not asked again in a burst
             bus.report_losses()
         except PortError as error:
             why = str(error)

@@ -148,10 +148,10 @@ class CanBus(ReceivingBus):
         with self._locking:
             return self._locks.request(keys, owner, wake)
 
-    def lock_if_idle(self, lock: ChannelLock, owner: Hashable) -> bool:
-        """Take a lock without waiting, if no other one is held or waited for. Return whether it was taken."""
+    def lock_if_free(self, lock: ChannelLock, owner: Hashable) -> bool:
+        """Take a lock if that needs no waiting. Return whether it was taken."""
         with self._locking:
-            return self._locks.take_if_idle(lock, owner)
+            return self._locks.take_if_free(lock, owner)
 
     def release_lock(self, lock: ChannelLock) -> None:
         """Release the locks, or leave the queue."""
