@@ -2,7 +2,8 @@
 
     600h+5   an expedited upload, or a block transfer of a mebibyte     -> 580h+5   the answer
     7F0h     count, microseconds     send so many frames, 185h, with this pause after each
-    7F1h     count                   receive so many frames, 205h            -> 7F2h     when all are there
+    7F1h     count                   receive so many frames, 205h            -> 7F2h     when all are there; it begins to
+                                     read after a pause, so that the sender need not wake it up with each frame
 
 A frame is 16 bytes, as a raw CAN socket has it. Run as a program, it serves an inherited socket, or an interface:
 
@@ -22,6 +23,7 @@ NODE = 5
 FRAME = Struct("=IB3x8s")  # struct can_frame of Linux
 PAIR = Struct("<II")
 SEND, COUNT, COUNTED, SENT, RECEIVED = 0x7F0, 0x7F1, 0x7F2, 0x185, 0x205
+PAUSE = 0.005
 VALUE = bytes(place * 7 % 251 for place in range(1 << 20))
 EXPEDITED = bytes.fromhex("37 06 00 00")
 
@@ -90,6 +92,7 @@ def serve(receive: Callable[[], bytes], send: Callable[[bytes], object]) -> None
                 send(done if whole else wrong)
         elif identifier == COUNT:
             received, wanted = 0, PAIR.unpack(frame[8:])[0]
+            time.sleep(PAUSE)
         elif identifier == SEND:
             count, pause = PAIR.unpack(frame[8:])
             due = time.perf_counter()

@@ -50,7 +50,7 @@ _SHORT = 0.02
 """Seconds below which `poll` waits: SO_RCVTIMEO has the resolution of the system's timer."""
 
 _new = tuple.__new__
-_pack = _FRAME.pack
+_pack, _unpack = _FRAME.pack, _FRAME.unpack
 _NOW = socket.MSG_DONTWAIT if hasattr(socket, "MSG_DONTWAIT") else 0
 
 
@@ -112,7 +112,16 @@ class SocketCanPort:
 
     def send(self, item: CanFrame) -> None:
         """Hand the frame to the controller. If it has no room, try again for a second at most."""
-        if not self.try_send(item):
+        identifier, data, extended, remote, _ = item
+        if extended or remote:
+            is_sent = self.try_send(item)
+        else:  # most frames: the quickest way
+            try:
+                self._send(_pack(identifier, len(data), data), _NOW)
+                return
+            except (OSError, struct.error) as error:
+                is_sent = self._refused(item, error)
+        if not is_sent:
             send_when_room(lambda: self.try_send(item), f"can://{self.name}")
 
     def try_send(self, item: CanFrame) -> bool:
@@ -125,13 +134,17 @@ class SocketCanPort:
                 self._send(_pack(identifier | _REMOTE, requested, data), _NOW)
             else:
                 self._send(_pack(identifier, len(data), data), _NOW)
-        except OSError as error:
-            if error.errno in (errno.ENOBUFS, errno.EAGAIN):
-                return False
-            raise PortError(self._failure(error)) from None
-        except struct.error:
-            raise PortError(f"can://{self.name}: {item} is no frame that CAN can carry") from None
+        except (OSError, struct.error) as error:
+            return self._refused(item, error)
         return True
+
+    def _refused(self, item: CanFrame, error: Exception) -> bool:
+        """Return False for a frame for which the controller has no room now. Raises PortError for any other."""
+        if not isinstance(error, OSError):
+            raise PortError(f"can://{self.name}: {item} is no frame that CAN can carry") from None
+        if error.errno in (errno.ENOBUFS, errno.EAGAIN):
+            return False
+        raise PortError(self._failure(error)) from None
 
     # Frames in
 
@@ -142,7 +155,7 @@ class SocketCanPort:
     def receive(self, timeout: float) -> CanFrame | None:
         """Return the next frame, or None after `timeout` seconds. Raises PortError."""
         item = self.receive_any(timeout)
-        if item is None or isinstance(item, CanFrame):
+        if item is None or item.__class__ is CanFrame:  # quicker than `isinstance`
             return item
         until = time.monotonic() + timeout
         while item is not None and not isinstance(item, CanFrame):
@@ -155,8 +168,15 @@ class SocketCanPort:
         """The same as `receive`, but error frames and CAN FD frames are returned too."""
         if self._gone is not None:
             raise PortError(self._gone)
+        waits = self._waits
         try:
-            data = self._read(timeout)
+            if waits <= timeout < 2 * waits:  # the system keeps this time-out already
+                try:
+                    data: bytes | None = self._recv(_LONGEST)
+                except BlockingIOError:
+                    data = self._poll_for(timeout - waits)
+            else:
+                data = self._read(timeout)
         except (OSError, ValueError) as error:
             raise PortError(self._failure(error)) from None
         if data is None:
@@ -166,20 +186,26 @@ class SocketCanPort:
         self._in_a_row += 1
         if self._in_a_row >= self._burst:
             self._count_losses()
+        if len(data) == 16:
+            identifier, length, body = _unpack(data)
+            if identifier <= BASE_MAX:  # most frames: the quickest way
+                return _new(CanFrame, (identifier, body if length == 8 else body[:length], False, False, 0))
         return self._item(data)
 
     def _read(self, timeout: float) -> bytes | None:
-        """Return the bytes of the next frame, or None after `timeout` seconds."""
+        """Return the bytes of the next frame, or None after `timeout` seconds, of which the system may not know yet."""
+        if timeout > 0.0:
+            self._set_wait(timeout)
+            if not self._waits:
+                return self._poll_for(timeout)
         try:
-            if timeout <= 0.0:
-                return self._receive_now()
-            if not self._waits <= timeout < 2 * self._waits:
-                self._set_wait(timeout)
-            if self._waits:
-                try:
-                    return self._recv(_LONGEST)
-                except BlockingIOError:
-                    timeout -= self._waits
+            return self._recv(_LONGEST) if timeout > 0.0 else self._receive_now()
+        except BlockingIOError:
+            return self._poll_for(timeout - self._waits) if timeout > 0.0 else None
+
+    def _poll_for(self, timeout: float) -> bytes | None:
+        """Return the bytes of the next frame, or None after `timeout` seconds, whatever time-out the system keeps."""
+        try:
             return self._receive_now() if self._poll.poll(max(0.0, timeout) * 1000.0) else None
         except BlockingIOError:
             return None
@@ -217,15 +243,11 @@ class SocketCanPort:
             self._dropped = dropped
 
     def _item(self, data: bytes) -> CanFrame | ErrorFrame | FdFrame | None:
-        """Return what the bytes from the socket are."""
+        """Return what the bytes from the socket are, if not a base data frame."""
         if len(data) != _FRAME.size:
             return self._other_item(data)
-        identifier, length, body = _FRAME.unpack(data)
-        if length != 8:
-            body = body[:length]
-        if identifier <= BASE_MAX:
-            frame: CanFrame = _new(CanFrame, (identifier, body, False, False, 0))
-            return frame
+        identifier, length, body = _unpack(data)
+        body = body[:length]
         extended = identifier >= _EXTENDED
         if identifier & _ERROR:
             return ErrorFrame(identifier & EXTENDED_MAX, body)
