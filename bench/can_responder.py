@@ -2,8 +2,8 @@
 
     600h+5   an expedited upload, or a block transfer of a mebibyte     -> 580h+5   the answer
     7F0h     count, microseconds     send so many frames, 185h, with this pause after each
-    7F1h     count                   receive so many frames, 205h            -> 7F2h     when all are there; it begins to
-                                     read after a pause, so that the sender need not wake it up with each frame
+    7F1h     count                   receive so many frames, 205h            -> 7F2h     when all are there
+                                     it begins to read after a pause, so that the sender need not wake it up each time
 
 A frame is 16 bytes, as a raw CAN socket has it. Run as a program, it serves an inherited socket, or an interface:
 

@@ -14,7 +14,7 @@ from barewire.canopen import CanFrame, ErrorFrame
 from barewire.conversation import Conversation, Listen, Send
 from barewire.errors import NoAnswer, PortError
 from barewire.io.canopen.bus.shared_bus import CanBus
-from barewire.io.canopen.bus.subscriber import BusItem, Subscriber
+from barewire.io.canopen.bus.subscriber import BusDown, BusItem, BusUp, FramesLost, Subscriber
 
 VALUE = CanFrame.parse("585#4300100092010200")
 ANSWER = {CanFrame.parse("605#4000100000000000"): [VALUE]}
@@ -26,6 +26,7 @@ class KeepingPort:
     name = "test/keeping"
     keeps_frames = True
     own_frames = False
+    lost = 0
 
     def __init__(self, answers: dict[CanFrame, list[CanFrame]] | None = None) -> None:
         self.answers = answers or {}
@@ -98,16 +99,19 @@ def test_frames_that_arrived_before_a_request_are_not_its_answer() -> None:
         assert not readers()
 
 
-def test_a_stream_starts_the_reader_and_gets_no_old_frame() -> None:
+def test_a_stream_gets_no_old_frame_and_with_a_request_the_reader_starts() -> None:
     port = KeepingPort(ANSWER)
     with client_on(port) as client:
         port.arrive(*numbered(5))
         with client.frames() as stream:
             port.arrive(CanFrame(0x80))
             assert stream.get(30.0) == CanFrame(0x80)
-            assert readers()
+            assert not readers()
             assert client.node().sdo.upload(0x1000) == bytes.fromhex("92010200")
-        assert threading.get_ident() not in port.readers[6:]
+            assert readers()
+        read = len(port.readers)
+        assert client.node().sdo.upload(0x1000) == bytes.fromhex("92010200")
+        assert threading.get_ident() not in port.readers[read:]
 
 
 def listen_for(count: int, until: float) -> Conversation[CanFrame, list[CanFrame]]:
@@ -290,3 +294,104 @@ def test_another_thread_is_served_while_a_function_of_the_caller_runs() -> None:
         assert client.node(5).sdo.upload(0x3000, progress=progress) == b"ABCDEFGH"
         assert others == [bytes.fromhex("92010200")]
         assert client.node(5).sdo.upload(0x3000) == b"ABCDEFGH"
+
+
+# A stream of frames that is alone
+
+
+def test_a_stream_of_frames_that_is_alone_reads_the_bus_itself() -> None:
+    port, frames = KeepingPort(), numbered(10)
+    with client_on(port) as client:
+        port.arrive(CanFrame(0x7FF))  # nobody listens yet
+        with client.frames() as stream:
+            port.arrive(*frames)
+            client.send(CanFrame(0x80))
+            assert [stream.get(30.0) for _ in range(11)] == [CanFrame(0x80), *frames]
+            assert (stream.get(0.0), stream.get(0.01)) == (None, None)
+            port.arrive(ErrorFrame(0x40, bytes(8)), CanFrame(0x81))
+            assert [stream.get(30.0), stream.get(30.0)] == [ErrorFrame(0x40, bytes(8)), CanFrame(0x81)]
+            assert set(port.readers) == {threading.get_ident()}
+        assert client.bus.monitor.frames == 12
+        with client.frames((0x81, False)) as stream:
+            port.arrive(*frames, CanFrame(0x81))
+            assert stream.get(30.0) == CanFrame(0x81)
+        assert not readers()
+        assert client.receive(0.0) is None
+
+
+@pytest.mark.parametrize("at", range(10))
+@pytest.mark.parametrize("kind", ["stream", "request", "other thread"])
+def test_a_second_listener_takes_no_frame_from_a_stream(at: int, kind: str) -> None:
+    """Ten frames arrive. Before frame `at` is taken, or while it is read, somebody else listens."""
+    port, frames, got = KeepingPort(dict(ANSWER)), numbered(10), list[object]()
+    with client_on(port) as client, client.frames() as stream:
+        listeners: list[Subscriber] = []
+
+        def listen() -> None:
+            listeners.append(Subscriber(client.bus, None))
+
+        def hook() -> None:
+            if len(got) == at and not listeners:
+                thread = threading.Thread(target=listen)
+                thread.start()
+                thread.join(30.0)
+
+        if kind == "other thread":
+            port.hook = hook
+        port.arrive(*frames)
+        for number in range(10):
+            if number == at and kind == "stream":
+                listen()
+            elif number == at and kind == "request":
+                assert client.node().sdo.upload(0x1000) == bytes.fromhex("92010200")
+            got.append(stream.get(30.0))
+        more = [next(iter(ANSWER)), VALUE] if kind == "request" else []
+        got += [stream.get(30.0) for _ in more]
+        assert [frame for frame in got if frame not in more] == frames
+        assert {frame for frame in got if frame in more} == set(more)
+        assert readers()
+        if listeners:
+            port.arrive(CanFrame(0x7FF))
+            assert stream.get(30.0) == CanFrame(0x7FF)
+            rest = list(iter(lambda: listeners[0].receive(30.0), CanFrame(0x7FF)))
+            # Those that had arrived are not for it; while a frame is read, they wait in the port, and it gets the rest.
+            assert rest == ([] if kind == "stream" else frames[at:]) or rest == frames[at + 1 :]
+
+
+def test_a_stream_that_is_alone_is_told_that_the_port_failed() -> None:
+    old, new = KeepingPort(), KeepingPort()
+    bus = CanBus(old, dial=lambda: new, pauses=(0.001, 0.001), lazy=True)
+    with bus, CanopenClient(bus).frames() as stream:
+        old.arrive(CanFrame(0x80), PortError("the interface is down"))
+        assert stream.get(30.0) == CanFrame(0x80)
+        assert stream.get(30.0) == BusDown("the interface is down")
+        assert isinstance(stream.get(30.0), BusUp)
+        new.arrive(CanFrame(0x81))
+        assert stream.get(30.0) == CanFrame(0x81)
+
+
+def test_closing_the_client_ends_a_stream_that_reads() -> None:
+    port, begun, ended = KeepingPort(), threading.Event(), list[object]()
+    client = CanopenClient(port)
+    stream = client.frames()
+    port.hook = begun.set
+
+    def take() -> None:
+        ended.extend(stream)
+        ended.append("end")
+
+    thread = threading.Thread(target=take)
+    thread.start()
+    assert begun.wait(30.0)
+    client.close()
+    thread.join(10.0)
+    assert ended == ["end"]
+    assert port.closed
+
+
+def test_a_stream_that_is_alone_reports_frames_that_the_system_dropped() -> None:
+    port = KeepingPort()
+    with client_on(port) as client, client.frames() as stream:
+        port.lost = 12
+        port.arrive(CanFrame(0x80), CanFrame(0x81))
+        assert [stream.get(30.0) for _ in range(3)] == [FramesLost(12), CanFrame(0x80), CanFrame(0x81)]

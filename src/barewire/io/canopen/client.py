@@ -105,7 +105,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
         with self._receiving:
             if self._everything is None:
                 self.bus.wait_until_open(wait)
-                self._everything = Subscriber(self.bus, None)
+                self._everything = Subscriber(self.bus, None, alone=True)
                 self._running.add(self._everything)
             try:
                 return self._everything.receive(wait)

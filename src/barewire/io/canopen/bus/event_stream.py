@@ -23,6 +23,7 @@ from typing import Generic, Protocol, Self, TypeAlias, TypeVar
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import PortError
 from barewire.io.canopen.bus.subscriber import (
+    LONGEST_PULL,
     Arrived,
     BusDown,
     BusUp,
@@ -110,13 +111,20 @@ class Stream(StreamBase[E]):
     def __init__(
         self, bus: FrameBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = STREAM_ROOM
     ) -> None:
-        super().__init__(machine, Subscriber(bus, keys, room=room, reports=True))
+        is_plain = isinstance(machine, FrameListener)  # frames without time, which are the events
+        super().__init__(machine, Subscriber(bus, keys, room=room, reports=True, alone=is_plain))
+        self._read_alone = bus.read_alone if is_plain else None
 
     def get(self, timeout: float | None = None) -> E | Report | None:
         """Return the next event, or None after `timeout` seconds. Without a time-out it waits for ever.
 
         Raises PortError if the bus is closed.
         """
+        is_number = timeout is None or (timeout.__class__ is float and timeout >= 0.0)
+        if is_number and self._read_alone is not None and not self._ready:
+            frame = self._read_alone(self._subscriber, LONGEST_PULL if timeout is None else timeout)
+            if frame is not None:
+                return frame  # type: ignore[return-value]
         check_timeout(timeout)
         clock = time.monotonic
         until = float("inf") if timeout is None else clock() + timeout

@@ -2,6 +2,7 @@
 
         nobody                  until somebody listens, if the system keeps frames meanwhile; only of a lazy bus
         one conversation        a blocking client that is alone reads by itself: `DirectPort`
+        one subscriber          the stream of frames of a blocking client that is alone: `read_alone`
         one event loop          asyncio clients of this loop are alone, on a port with a descriptor: `LoopReader`
         the reader thread       as soon as others listen
 
@@ -80,6 +81,7 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
         self._reader: threading.Thread | None = None
         self._direct: DirectPort | None = None
         self.loop_reader: LoopReader | None = None
+        self._alone: Subscriber | None = None  # the only listener, which reads by itself
         self._log.info("opened", "opened")
         if not (lazy and getattr(port, "keeps_frames", False)):
             self._start_reader(None)
@@ -108,6 +110,7 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
         if self.loop_reader is not None:
             self.loop_reader.stop()
             self.loop_reader = None
+        self._alone = None
         if self._reader is None and not self._closed:
             name = f"reader of {self.name}"
             self._reader = threading.Thread(target=self._read, args=(failure,), name=name, daemon=True)
@@ -149,7 +152,8 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
         if self._reader is not None or self.failure is not None:
             return None
         with self._changing:
-            if self._direct is not None or self.loop_reader is not None or self._reader is not None or self._closed:
+            others = self._direct or self.loop_reader or self._alone or self._reader
+            if others is not None or self._closed:
                 return None
             self._direct = direct = DirectPort(self, self.reading, keys, patience)
         return direct
@@ -188,9 +192,18 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
                 self._direct = None
 
     def _read_for(self, subscriber: Subscriber) -> None:
-        """Let the frames for a new subscriber be read: by its event loop if only that listens, else by the thread."""
+        """Let the frames for a new subscriber be read: by its event loop or by itself if only that listens, else by the
+        thread."""
+        if subscriber.alone and (self._reader or self._direct or self.loop_reader or self._alone) is None:
+            self._alone = subscriber
+            return
         loop, reader = subscriber.loop, self.loop_reader
-        if self._reader is None and loop is not None and self._direct is None and hasattr(self.port, "fileno"):
+        if (
+            self._reader is None
+            and loop is not None
+            and (self._direct or self._alone) is None
+            and hasattr(self.port, "fileno")
+        ):
             if reader is not None and reader.loop is loop:
                 return
             if reader is None or reader.loop.is_closed():
@@ -204,6 +217,41 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
                 except (NotImplementedError, OSError):
                     self.loop_reader = None
         self._start_reader(None)
+
+    def reads_alone(self, subscriber: Subscriber) -> bool:
+        """Return whether a subscriber is the only listener, and reads by itself."""
+        return self._alone is subscriber
+
+    def read_alone(self, subscriber: Subscriber, timeout: float) -> CanFrame | None:
+        """Read the port once for its only listener, for a fraction of a second. Return a frame that it receives; None
+        if nothing arrived, or if something else did: an item is in its queue, or another reader has begun."""
+        if self._alone is not subscriber:
+            return None
+        if timeout > _RECEIVE_TIMEOUT:
+            timeout = _RECEIVE_TIMEOUT
+        elif timeout < 0.0:
+            timeout = 0.0
+        if not self.reading.acquire(timeout=timeout):
+            return None
+        try:
+            queue = subscriber.queue
+            if self._alone is not subscriber or queue or subscriber.gap:
+                return None
+            item = self._receive(timeout)
+            if getattr(self.port, "lost", 0) != self._lost:
+                self.report_losses()
+            if item.__class__ is CanFrame and self._alone is subscriber and not queue and self._watch is None:
+                self.monitor.feed(item, time.monotonic())
+                keys = subscriber.keys
+                return item if keys is None or (item.id, item.extended) in keys else None
+            if item is not None:
+                self.deliver(item)
+        except Exception as error:
+            why = str(error) if isinstance(error, PortError) else f"{type(error).__name__}: {error}"
+            self.fail_directly(why if isinstance(error, PortError) else f"reading {self.name} ended: {why}")
+        finally:
+            self.reading.release()
+        return None
 
     def read_in_loop(self, loop: AbstractEventLoop) -> bool:
         """Deliver what has arrived, if this loop reads the port. Return whether it does."""
@@ -295,6 +343,7 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
             if self.loop_reader is not None:
                 self.loop_reader.stop()
                 self.loop_reader = None
+            self._alone = None
             subscribers = tuple(self.subscribers)
         for subscriber in subscribers:
             subscriber.fail(why)

@@ -132,6 +132,8 @@ class CanBus(ReceivingBus):
         """Remove a subscriber."""
         with self._changing:
             self.unregister(subscriber)
+            if self._alone is subscriber:
+                self._alone = None
 
     def channel(self, node: int, dialect: SdoDialect) -> Channel:
         """Return the default SDO channel to a node, the same for all clients of the bus."""
@@ -165,8 +167,11 @@ class CanBus(ReceivingBus):
         self._closed = True
         if self._reopening is not None:
             self._reopening.stop.set()
+        alone = self._alone
         self._fail(f"{self.name}: the bus was closed")
-        if self._reader is None:
+        if alone is not None and self._watch is None and self.reading.acquire(timeout=1.0):
+            self.reading.release()  # the thread that read for itself has noticed the end
+        elif self._reader is None:
             direct = self._direct
             if direct is not None and direct.thread != threading.get_ident() and self.reading.acquire(timeout=1.0):
                 self.reading.release()  # the conversation that read has noticed the end

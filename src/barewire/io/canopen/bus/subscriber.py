@@ -92,6 +92,10 @@ class FrameBus(Protocol):
 
     def keep_times(self) -> None: ...
 
+    def reads_alone(self, subscriber: Subscriber, /) -> bool: ...
+
+    def read_alone(self, subscriber: Subscriber, timeout: float, /) -> CanFrame | None: ...
+
 
 class Subscriber:
     """The port of one thread on a shared bus.
@@ -101,6 +105,8 @@ class Subscriber:
     reports     it also receives `FramesLost` and reports of the controller, and continues when the bus is opened again;
                 without, it fails with the bus
     node        its frames are those of a node, not of a client
+    alone       the thread that takes its frames may read the bus itself while nobody else listens; frames then wait in
+                the port until they are taken, and have the time at which they were taken
     """
 
     loop: AbstractEventLoop | None = None
@@ -114,15 +120,17 @@ class Subscriber:
         room: int = SUBSCRIBER_ROOM,
         reports: bool = False,
         node: bool = False,
+        alone: bool = False,
     ) -> None:
         self.bus = bus
+        self.alone = alone
         self.node = node
         self.keys = None if keys is None else frozenset(keys)
         self.room = room
         self.reports = reports
         self.lost = 0
-        self._gap = 0  # how many frames were lost after the last one in the queue
-        self._queue: deque[Arrived] = deque()
+        self.gap = 0  # how many frames were lost after the last one in the queue
+        self.queue: deque[Arrived] = deque()
         self._why: str | None = None
         self._lock = threading.Lock()
         self._waiting = False
@@ -140,14 +148,14 @@ class Subscriber:
     def put(self, item: BusItem, at: float) -> None:
         """Add an item to the queue, or count it as lost."""
         with self._lock:
-            if len(self._queue) >= self.room:
+            if len(self.queue) >= self.room:
                 self.lost += 1
-                self._gap += 1
+                self.gap += 1
                 return
-            if self._gap and self.reports:
-                self._queue.append(Arrived(FramesLost(self._gap), at))
-            self._gap = 0
-            self._queue.append(Arrived(item, at))
+            if self.gap and self.reports:
+                self.queue.append(Arrived(FramesLost(self.gap), at))
+            self.gap = 0
+            self.queue.append(Arrived(item, at))
             if not self._waiting:
                 return
             self._waiting = False
@@ -179,10 +187,10 @@ class Subscriber:
         With `wait`, the next item wakes the consumer.
         """
         with self._lock:
-            if self._queue:
-                return self._queue.popleft()
-            if self._gap and self.reports:
-                lost, self._gap = FramesLost(self._gap), 0
+            if self.queue:
+                return self.queue.popleft()
+            if self.gap and self.reports:
+                lost, self.gap = FramesLost(self.gap), 0
                 return Arrived(lost, time.monotonic())
             if self._why is not None:
                 raise PortError(self._why)
@@ -193,6 +201,19 @@ class Subscriber:
 
     def pull(self, timeout: float) -> Arrived | None:
         """Return the next item, or None after `timeout` seconds."""
+        if self.alone and self.bus.reads_alone(self):
+            clock = time.monotonic
+            until = clock() + timeout
+            while True:
+                arrived = self.take()
+                if arrived is not None:
+                    return arrived
+                frame = self.bus.read_alone(self, timeout)
+                if frame is not None:
+                    return Arrived(frame, clock())
+                timeout = until - clock()
+                if timeout <= 0.0 or not self.bus.reads_alone(self):
+                    break
         arrived = self.take(wait=timeout > 0)
         if arrived is not None or timeout <= 0:
             return arrived
