@@ -161,6 +161,8 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("canopen", "difff"), "did you mean 'diff'?"),
     (("canopen", "diff", TCP, "pump.dcf"), "a DCF is for CANopen: expected can://"),
     (("canopen", "configure", TCP, "pump.dcf"), "a DCF is for CANopen: expected can://"),
+    (("canopen", "boot", TCP, "pump.dcf"), "a DCF is for CANopen: expected can://"),
+    (("canopen", "boot", "can://virtual/x", "pump.dcf", "--boot-time", "-1"), "is not in the range x>=0"),
     # canopen-gateway
     (("canopen-gateway", TCP), "expected can://"),
     *(

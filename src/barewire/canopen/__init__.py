@@ -106,6 +106,7 @@ if TYPE_CHECKING:
         BootResult as BootResult,
         boot_slave as boot_slave,
     )
+    from barewire.canopen.manager.check_network import check_network as check_network
     from barewire.canopen.manager.network_list import (
         BootSlave as BootSlave,
         NetworkList as NetworkList,
@@ -230,6 +231,7 @@ __getattr__, __dir__, __all__ = lazy(
         "manager.network_list": "BootSlave NetworkList network_list slave_of",
         "manager.boot_events": "BootEvent NetworkBoot",
         "manager.boot_network": "boot_network BootManager",
+        "manager.check_network": "check_network",
         "manager.boot_slave": "boot_slave BootResult BootError",
         "configuration.concise_dcf": ("concise_dcf ConciseValue encode_concise_dcf decode_concise_dcf concise_values"),
         "configuration.configure": "compare_device configure_device ConfigurationResult ConfigurationFailed",

@@ -34,7 +34,7 @@ COMMANDS = {
     "record": ("recordings.record", "Make a simulated device of the traffic of a Modbus line."),
     "replay": ("recordings.replay", "Play a recording of a CAN bus against a device."),
     "conform": ("conform", "Test a server or device against the standard."),
-    "canopen": ("canopen", "Compare a CANopen device with its DCF, and configure it."),
+    "canopen": ("canopen", "Compare a CANopen device with its DCF, configure it, and boot a network."),
     "canopen-gateway": ("canopen_gateway", "Serve a CANopen network as text over TCP (CiA 309-3)."),
     "eds": ("eds", "Export or check electronic data sheets (CiA 306)."),
 }

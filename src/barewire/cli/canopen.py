@@ -1,4 +1,4 @@
-"""`barewire canopen`: a device compared with its DCF, and configured."""
+"""`barewire canopen`: a device compared with its DCF and configured, a network booted."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import click
 
 from barewire.canopen.eds import parse
 from barewire.cli.arguments import CommandGroup, endpoint_argument, file_content, json_option, print_json
+from barewire.cli.canopen_boot import boot_command
 from barewire.errors import EncodeError, shown
 
 if TYPE_CHECKING:
@@ -23,8 +24,10 @@ if TYPE_CHECKING:
 
 @click.group("canopen", cls=CommandGroup)
 def canopen_command() -> None:
-    """Compare a CANopen device with its DCF, and configure it."""
+    """Compare a CANopen device with its DCF, configure it, and boot a network."""
 
+
+canopen_command.add_command(boot_command)
 
 file_argument = click.argument("file", type=click.Path(path_type=Path))
 

@@ -22,7 +22,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from barewire.canopen.configuration.concise_dcf import ConciseValue
-from barewire.canopen.configuration.configure import configure_device
+from barewire.canopen.configuration.configure import compare_device, configure_device
 from barewire.canopen.configuration.settings import DATE, DEVICE_TYPE, IDENTITY, DeviceConfiguration, Setting
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.manager.network_list import BootSlave
@@ -78,6 +78,7 @@ class BootResult(NamedTuple):
     reason      what was read, and what was expected
     state       the NMT state that the node has reported last, None if it reported none
     configured  whether its configuration was written
+    planned     after a dry run, what would be written; otherwise None
     """
 
     node: int
@@ -85,6 +86,7 @@ class BootResult(NamedTuple):
     reason: str = ""
     state: int | None = None
     configured: bool = False
+    planned: tuple[str, ...] | None = None
 
     @property
     def ok(self) -> bool:
@@ -92,6 +94,8 @@ class BootResult(NamedTuple):
         return self.error in (None, BootError.L)
 
     def __str__(self) -> str:
+        if self.error is None and self.planned is not None:
+            return f"node {self.node}: {'; '.join(self.planned) or 'nothing would be written'}"
         if self.error is None:
             return f"node {self.node}: booted{', configured' if self.configured else ''}"
         return f"node {self.node}: {self.error}{self.reason and f': {self.reason}'}"
@@ -117,6 +121,7 @@ def boot_slave(
     progress: BootProgress | None = None,
     after_boot_up: bool = False,
     end: float = float("inf"),
+    dry_run: bool = False,
 ) -> Conversation[CanFrame, BootResult]:
     """Carry out the boot slave process of a node. It does not start the node: `BootManager` does that.
 
@@ -126,11 +131,12 @@ def boot_slave(
         progress        called before each step
         after_boot_up   the node has just sent its boot-up message: if it is to be kept alive, it is not reset again
         end             the time at which the process fails; a program or configuration that it writes is completed
+        dry_run         only read: identity, program, and what differs from the configuration
 
     The process raises nothing: each failure is the `error` and the `reason` of the result.
     """
     where = channel_to(slave.node if channel is None else channel, None)
-    return _Boot(slave, where, timeout, progress, after_boot_up, end).run()
+    return _Boot(slave, where, timeout, progress, after_boot_up, end, dry_run).run()
 
 
 class _Boot:
@@ -142,6 +148,7 @@ class _Boot:
         progress: BootProgress | None,
         after_boot_up: bool,
         end: float,
+        dry_run: bool,
     ) -> None:
         self.slave = slave
         self.channel = channel
@@ -149,6 +156,7 @@ class _Boot:
         self.progress = progress
         self.after_boot_up = after_boot_up
         self.end = end
+        self.planned: list[str] | None = [] if dry_run else None
         self.state: int | None = None
         self.configured = False
         self.step = ""
@@ -160,6 +168,8 @@ class _Boot:
             yield from self._watched(self._steps())
         except BootFailed as failed:
             return BootResult(self.slave.node, failed.error, failed.reason, self.state, self.configured)
+        if self.planned is not None:
+            return BootResult(self.slave.node, None, planned=tuple(self.planned))
         operational = self.state == NmtState.OPERATIONAL
         return BootResult(self.slave.node, BootError.L if operational else None, "", self.state, self.configured)
 
@@ -195,12 +205,14 @@ class _Boot:
             raise BootFailed(BootError.A)
         if slave.boot:
             yield from self.check_identity()
-            running = (yield from self.is_kept_alive()) if slave.keep_alive and not self.after_boot_up else False
+            asks = slave.keep_alive and not self.after_boot_up and self.planned is None
+            running = (yield from self.is_kept_alive()) if asks else False
             if not running:
                 if slave.check_program:
                     yield from self._check_program()
                 yield from self._check_configuration()
-        yield from self._start_error_control()
+        if self.planned is None:
+            yield from self._start_error_control()
 
     def tell(self, step: str) -> None:
         self.step = step
@@ -211,7 +223,8 @@ class _Boot:
 
     def check_identity(self) -> Conversation[CanFrame, None]:
         slave = self.slave
-        device_type = yield from self.read(DEVICE_TYPE, 0, BootError.B, "device type", retries=RETRIES)
+        retries = RETRIES if self.planned is None else 0
+        device_type = yield from self.read(DEVICE_TYPE, 0, BootError.B, "device type", retries=retries)
         _compare(BootError.C, device_type, slave.device_type)
         checks = (
             (1, slave.vendor, BootError.D, "vendor-ID"),
@@ -292,6 +305,9 @@ class _Boot:
             raise BootFailed(BootError.H, other)
         if not slave.program:
             raise BootFailed(BootError.I, f"{other}; there is no program to download (1F58h)")
+        if self.planned is not None:
+            self.planned.append(f"its program would be replaced, {len(slave.program)} bytes: {other}")
+            return
         self.error, self.end = BootError.I, float("inf")
         self.must_not_boot = False  # it may restart when its program stops or starts
         try:
@@ -313,10 +329,13 @@ class _Boot:
                     return
             except BootFailed:
                 pass  # a device without 1020h is always configured
+        if self.planned is not None:
+            yield from self._compare_configuration(self.planned)
+            return
         self.error, self.end = BootError.J, float("inf")
         try:
             dates: tuple[Setting, ...] = ()
-            values: Sequence[ConciseValue] = slave.concise
+            values: Sequence[ConciseValue] = slave_values(slave)
             if isinstance(slave.configuration, DeviceConfiguration):
                 configuration = slave.configuration
                 if values:  # 1020h is written when these are there too
@@ -327,14 +346,27 @@ class _Boot:
                     timeout=self.timeout,
                     progress=lambda done, total, step: self.tell(step),
                 )
-            else:
-                values = (*slave.configuration, *values)
             for one in (*values, *(ConciseValue(*date.place, date.data) for date in dates)):
                 self.tell(f"write {one.index:04X}h:{one.sub:02X}")
                 yield from download(self.channel, one.index, one.sub, one.data, timeout=self.timeout)
         except BarewireError as failure:
             raise BootFailed(BootError.J, str(failure)) from None
         self.configured = True
+
+    def _compare_configuration(self, planned: list[str]) -> Conversation[CanFrame, None]:
+        """Add what would be written. A concise DCF is written without a comparison."""
+        slave, values = self.slave, slave_values(self.slave)
+        if isinstance(slave.configuration, DeviceConfiguration):
+            self.error = BootError.J
+            self.tell("compare its configuration")
+            try:
+                planned += map(
+                    str, (yield from compare_device(self.channel, slave.configuration, timeout=self.timeout))
+                )
+            except BarewireError as failure:
+                raise BootFailed(BootError.J, str(failure)) from None
+        if values:
+            planned.append(f"{len(values)} value{'s' if len(values) > 1 else ''} of the concise DCF")
 
     # Error control
 
@@ -351,6 +383,15 @@ class _Boot:
         elif slave.guard_time:
             self.tell("start node guarding")
             yield Send(guarding_request(slave.node))
+
+
+def slave_values(slave: BootSlave) -> tuple[ConciseValue, ...]:
+    """Return the values of the concise DCF of a slave."""
+    return (
+        slave.concise
+        if isinstance(slave.configuration, DeviceConfiguration)
+        else (*slave.configuration, *slave.concise)
+    )
 
 
 def _compare(error: BootError, found: int, expected: int) -> None:

@@ -160,6 +160,7 @@ class NetworkNmtMethods(NmtMethods[R]):
         timeout: float | None = None,
         on_event: Callable[[canopen.BootEvent], object] | None = None,
         progress: Callable[[int, str], object] | None = None,
+        dry_run: bool = False,
     ) -> BusOperation[canopen.NetworkBoot]:
         """Boot a network as its CANopen manager (CiA 302-2): check, configure and start its nodes.
 
@@ -168,6 +169,7 @@ class NetworkNmtMethods(NmtMethods[R]):
         timeout     seconds that each SDO response may take; by default the client's
         on_event    called with each event: booted, failed, started, ready ...
         progress    called as progress(node, step) before each step of a node
+        dry_run     send no NMT command and write nothing: check each node, and return what would be written
 
         The communication of the nodes is reset first. All channels of the bus are locked until the network has booted.
         The nodes are not watched afterwards: `start_manager` does that. Faults of nodes are in the result; they raise
@@ -178,6 +180,9 @@ class NetworkNmtMethods(NmtMethods[R]):
         checked_network(network)
         check_callbacks("boot", on_event=on_event, progress=progress)
         wait = self.runner.timeout if timeout is None else timeout
+        if dry_run:
+            checking = canopen.check_network(network, timeout=wait, channels=self._channel, progress=progress)
+            return BusOperation(checking, None, _BOOTING, wait)
         booting = canopen.boot_network(
             network, listen=listen, timeout=wait, channels=self._channel, on_event=on_event, progress=progress
         )
