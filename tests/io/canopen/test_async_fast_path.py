@@ -19,7 +19,7 @@ from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.socketcan import SocketCanPort
 from tests.io.canopen.test_direct import KeepingPort
-from tests.io.canopen.test_fast_path import DONE, IRREGULAR, READ, VALUE, WRITE, ignore
+from tests.io.canopen.test_fast_path import DONE, IRREGULAR, READ, VALUE, WRITE, ignore, note_sent
 
 Answers = dict[CanFrame, list[CanFrame]]
 Main = Callable[[AsyncCanopenClient, Any], Coroutine[Any, Any, None]]
@@ -106,7 +106,7 @@ def test_whatever_is_irregular_ends_as_in_the_conversation(
 
     async def main(client: AsyncCanopenClient, port: Any, progress: Any) -> None:
         sent = list[CanFrame]()
-        client.bus._watch = lambda way, frame: sent.append(frame)
+        client.bus._watch = partial(note_sent, sent)
         sdo = client.node(timeout=0.05).sdo
         read, write = partial(sdo.upload, 0x1000), partial(sdo.download, 0x1000, 0, b"\x0f\x00")
         result = await outcome((read if verb == "upload" else write)(progress=progress))
@@ -153,8 +153,9 @@ def test_a_cancelled_task_sends_an_abort_and_the_late_answer_is_discarded(port: 
         sent, asked = list[CanFrame](), asyncio.Event()
 
         def watch(way: str, frame: CanFrame) -> None:
-            sent.append(frame)
-            asked.set()
+            if way == "sent":
+                sent.append(frame)
+                asked.set()
 
         client.bus._watch = watch
         task = asyncio.create_task(client.node().sdo.upload(0x1000))

@@ -39,6 +39,12 @@ def ignore(done: int, size: int | None) -> None:
     """A progress function: with it a transfer is a conversation."""
 
 
+def note_sent(sent: list[CanFrame], way: str, frame: CanFrame) -> None:
+    """Keep the frames that a client sends; bound to a list it is a `watch` function."""
+    if way == "sent":
+        sent.append(frame)
+
+
 @contextmanager
 def client_on(port: KeepingPort, *, direct: bool) -> Iterator[CanopenClient]:
     with CanBus(port, lazy=direct) as bus, CanopenClient(bus, node=5, timeout=5.0) as client:
@@ -91,7 +97,7 @@ def test_whatever_is_irregular_ends_as_in_the_conversation(direct: bool, verb: s
         frames += [good] if second == "good" else []
         port, sent = KeepingPort({READ: frames, WRITE: frames}), list[CanFrame]()
         with client_on(port, direct=direct) as client:
-            client.bus._watch = lambda way, frame, sent=sent: sent.append(frame)
+            client.bus._watch = partial(note_sent, sent)
             sdo = client.node(timeout=0.08).sdo
             transfer = (
                 partial(sdo.upload, 0x1000) if verb == "upload" else partial(sdo.download, 0x1000, 0, b"\x0f\x00")
@@ -135,7 +141,7 @@ def test_no_answer_says_what_was_on_the_bus_and_makes_the_channel_wait(direct: b
 def test_an_interrupt_sends_an_abort_and_the_late_answer_is_discarded(direct: bool) -> None:
     port, sent = KeepingPort(), list[CanFrame]()
     with client_on(port, direct=direct) as client:
-        client.bus._watch = lambda way, frame: sent.append(frame)
+        client.bus._watch = partial(note_sent, sent)
 
         def interrupt(*arguments: object) -> None:
             raise KeyboardInterrupt

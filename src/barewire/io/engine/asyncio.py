@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeVar
 
-from barewire.conversation import Conversation, Heard, Listen
+from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import BarewireError
 from barewire.io.engine.blocking import frames_of_abort
 from barewire.io.engine.fast_path import answer, listening
@@ -38,8 +39,10 @@ async def run(
                 wait = step.until - clock()
                 item = await port.receive(wait if wait > 0.0 else 0.0)
             else:
-                for outgoing in step.items:
-                    port.write(outgoing)
+                if isinstance(step, Send):
+                    port.write(step.item)
+                else:
+                    _write_all(port, step.items)
                 sent = port.sent()
                 if sent is not None:  # None: the bytes are on the wire already
                     await sent
@@ -50,6 +53,16 @@ async def run(
     except BaseException as error:
         abandon(conversation, port, error)
         raise
+
+
+def _write_all(port: AsyncPort[Item], items: Sequence[Item]) -> None:
+    """Write items one after the other: a port may have a quicker way for many of them."""
+    write_all = getattr(port, "write_all", None)
+    if write_all is not None:
+        write_all(items)
+        return
+    for item in items:
+        port.write(item)
 
 
 def abandon(conversation: Conversation[Item, Result], port: AsyncPort[Item], error: BaseException) -> None:

@@ -16,7 +16,7 @@ import contextlib
 import threading
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from typing import Self, TypeVar
 
 from barewire.canopen.bus.channel_locks import LockKeys
@@ -106,6 +106,11 @@ class AsyncSubscriber(Subscriber):
             if not self._retrying:
                 self._retrying = True
                 self.loop.call_later(_SEND_RETRY, self._retry)
+
+    def write_all(self, items: Sequence[CanFrame]) -> None:
+        """Send frames one after the other, or later those for which there is no room."""
+        for item in items if self._outbox else items[self.bus.try_send_all(items, self) :]:
+            self.write(item)
 
     async def sent(self) -> float | None:
         """Wait until the controller has all frames. Raises PortError if a frame could not be sent."""

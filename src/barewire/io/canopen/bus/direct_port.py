@@ -17,12 +17,12 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from barewire.canopen.frame import CanFrame
 from barewire.errors import BarewireError, PortError
-from barewire.io.canopen.bus.subscriber import BusItem, FrameBus, Key, Subscriber
+from barewire.io.canopen.bus.subscriber import BusItem, FrameBus, Key, Subscriber, send_each
 
 _SLICE = 0.05
 """Seconds of one read, after which it is checked whether the bus was closed, or a second listener came."""
@@ -87,6 +87,11 @@ class DirectPort:
         self._has_sent = True
         self._bus.send(item, self._subscriber or self)
 
+    def send_all(self, items: Sequence[CanFrame]) -> None:
+        """Send frames one after the other. Raises PortError."""
+        self._has_sent = True
+        send_each(self._bus, items, self._subscriber or self)
+
     def exchange(self, request: CanFrame, timeout: float) -> CanFrame | None:
         """Send a request, unless a frame waits to be read; return the first frame of this conversation after it.
 
@@ -125,6 +130,8 @@ class DirectPort:
         if self._subscriber is not None:
             return self._next_of(self._subscriber, timeout)
         bus, clock = self._bus, time.monotonic
+        if timeout <= 0.0 and self._is_quiet():
+            return None
         until = clock() + timeout
         give_up = until + _BACKLOG
         why = None
@@ -154,6 +161,12 @@ class DirectPort:
                 self._reading.release()
         left = max(0.0, until - clock())
         return self._next_of(self._hand_over(), left) if why is None else self._survive(why, left)
+
+    def _is_quiet(self) -> bool:
+        """Return whether a read, which costs more than this question, would be in vain."""
+        bus = self._bus
+        idle = bus.has_frames is not None and not (self.inbox or bus.has_reader or bus.has_frames())
+        return idle and bus.failure is None
 
     def _next_of(self, subscriber: Subscriber, timeout: float) -> CanFrame | None:
         return self.inbox.popleft() if self.inbox else subscriber.receive(timeout)

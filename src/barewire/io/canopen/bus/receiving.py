@@ -14,7 +14,7 @@ from __future__ import annotations
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from barewire.canopen.frame import CanFrame, ErrorFrame
@@ -102,6 +102,9 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
 
     @abstractmethod
     def try_send(self, frame: CanFrame, sender: Sender | None = None, *, again: bool = False) -> bool: ...
+
+    @abstractmethod
+    def try_send_all(self, frames: Sequence[CanFrame], sender: Sender | None = None) -> int: ...
 
     # Who reads
 

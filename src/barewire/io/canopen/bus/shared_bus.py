@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from typing import Any, Self
 
@@ -111,6 +111,22 @@ class CanBus(ReceivingBus):
                 raise
         self._distribute(frame, time.monotonic(), sender)
         return True
+
+    def try_send_all(self, frames: Sequence[CanFrame], sender: Sender | None = None) -> int:
+        """Send frames one after the other, if the port has a quick way for many. Return how many it took, 0 without."""
+        if self.failure is not None:
+            raise PortError(self.failure)
+        send_many = getattr(self.port, "try_send_all", None)
+        if send_many is None or self._watch is not None:
+            return 0
+        with self._sending:
+            sent: int = send_many(frames)
+        alone = self.subscribers <= {sender} and self._direct in (None, sender)
+        if not alone or sender is None or sender.node:
+            at = time.monotonic()
+            for frame in frames[:sent]:
+                self._distribute(frame, at, sender)
+        return sent
 
     # Subscribers, channels and their locks
 

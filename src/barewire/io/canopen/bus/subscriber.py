@@ -13,7 +13,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
@@ -88,6 +88,8 @@ class FrameBus(Protocol):
 
     def try_send(self, frame: CanFrame, sender: Any = None, /, *, again: bool = False) -> bool: ...
 
+    def try_send_all(self, frames: Sequence[CanFrame], sender: Any = None, /) -> int: ...
+
     def read_in_loop(self, loop: AbstractEventLoop, /) -> bool: ...
 
     def keep_times(self) -> None: ...
@@ -95,6 +97,12 @@ class FrameBus(Protocol):
     def reads_alone(self, subscriber: Subscriber, /) -> bool: ...
 
     def read_alone(self, subscriber: Subscriber, timeout: float, /) -> CanFrame | None: ...
+
+
+def send_each(bus: FrameBus, frames: Sequence[CanFrame], sender: object) -> None:
+    """Send frames one after the other, each when the controller has room. Raises PortError."""
+    for frame in frames[bus.try_send_all(frames, sender) :]:
+        bus.send(frame, sender)
 
 
 class Subscriber:
@@ -228,6 +236,10 @@ class Subscriber:
     def send(self, item: CanFrame) -> None:
         """Send a frame. This subscriber does not receive it."""
         self.bus.send(item, self)
+
+    def send_all(self, items: Sequence[CanFrame]) -> None:
+        """Send frames one after the other."""
+        send_each(self.bus, items, self)
 
     @property
     def has_failed(self) -> bool:

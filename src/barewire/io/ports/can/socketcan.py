@@ -20,7 +20,7 @@ import socket
 import struct
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from struct import Struct
 
@@ -137,6 +137,20 @@ class SocketCanPort:
         except (OSError, struct.error) as error:
             return self._refused(item, error)
         return True
+
+    def try_send_all(self, items: Sequence[CanFrame]) -> int:
+        """Hand frames to the controller until it has no room. Return how many it took. Raises PortError."""
+        send, sent = self._send, 0
+        try:
+            for item in items:
+                identifier, data, extended, remote, _ = item
+                if extended or remote:
+                    break  # `try_send` has the bits
+                send(_pack(identifier, len(data), data), _NOW)
+                sent += 1
+        except (OSError, struct.error) as error:
+            self._refused(item, error)
+        return sent
 
     def _refused(self, item: CanFrame, error: Exception) -> bool:
         """Return False for a frame for which the controller has no room now. Raises PortError for any other."""
