@@ -108,6 +108,8 @@ def test_boot_a_network_of_a_manager(tmp_path: Path) -> None:
             "node 5: C: another device type (1000h) than expected (1F84h): read "
         )
         assert done.stdout.splitlines()[-1] == "the network is not ready"
+        done = run_command("canopen", "boot", endpoint, str(plan(tmp_path, device_type=1)), "--dry-run")
+        assert (done.returncode, done.stdout.splitlines()[-1]) == (1, "the network would not be ready")
 
 
 def test_files_from_which_no_network_boots(tmp_path: Path) -> None:

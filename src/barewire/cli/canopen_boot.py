@@ -76,7 +76,8 @@ def boot_command(
             text = f"node {slave.node}: optional, and it sent no boot-up message"
             _print_result(slave.node, "absent", text, None) if as_json else print(text)
     if not as_json:
-        print(f"the network {'could be' if dry_run else 'is'} {'' if booted.ready else 'not '}ready")
+        verb = ("could be" if booted.ready else "would not be") if dry_run else "is" if booted.ready else "is not"
+        print(f"the network {verb} ready")
     elif dry_run or not booted.ready:
         print_json({"node": 0, "event": "ready" if booted.ready else "not ready"})
     return 0 if booted.ready else 1
