@@ -43,8 +43,10 @@ ALLOWED: dict[str, set[str]] = {
     "tcp": BASE | {"modbus.adu", "modbus.framing"},
     "devices": BASE | {"modbus", "canopen"},
     "explain": MEANING,
-    "io": MEANING | {"explain"},
-    "cli": MEANING | {"explain", "io", *barewire.__all__},  # what the front door offers, a command may take there
+    "vectors": MEANING,
+    "io": MEANING | {"explain", "vectors"},
+    "cli": MEANING
+    | {"explain", "vectors", "io", *barewire.__all__},  # what the front door offers, a command may take there
     "__init__": MEANING | {"io"},  # the front door: names of all rooms, each loaded when it is first used
     "__main__": {"cli"},
 }

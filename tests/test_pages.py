@@ -1,6 +1,6 @@
 """The generated pages are up to date and complete: conformance cases of CANopen, devices, interoperability, mutation.
 
-The marks of interop tests are compared with the services that were exchanged. `tests/test_vectors.py` and
+The marks of interop tests are compared with the services that were exchanged. `tests/vectors/test_files.py` and
 `tests/test_layers.py` compare what their tools write; `tests/io/modbus/test_conformance.py` compares docs/conform.md.
 """
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from itertools import repeat
@@ -256,8 +257,9 @@ def measure(questions: int) -> tuple[list[str], bool]:
 
 def main() -> None:
     """Run everything and write the page."""
-    questions = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000_000
-    lines, right = measure(questions)
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("questions", nargs="?", type=int, default=10_000_000)
+    lines, right = measure(parser.parse_args().questions)
     text = "\n".join(lines) + "\n"
     sys.stdout.write(text)
     page = PAGE.read_text(encoding="utf-8")

@@ -3,6 +3,7 @@
     ids     a case without an id gets the next free number of its file: <file>-<n>. An id is never reused
     form    few lines for a case: result, comment, source, then the fields; no line longer than 120 characters
     counts  the table of vectors/README.md, between its two markers
+    index   the digest of each case, in vectors/index.json
 
 The tests call the same functions, and fail if a file is not as this tool would write it.
 """
@@ -14,6 +15,8 @@ import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
+
+from barewire.vectors.files import digest
 
 VECTORS = Path(__file__).parent.parent / "vectors"
 WIDTH = 120
@@ -117,6 +120,13 @@ def with_counts(readme: str) -> str:
     return f"{before}{BEGIN}\n\n{counts()}\n\n{END}{after}"
 
 
+def index() -> str:
+    """Return the text of index.json: id -> digest."""
+    documents = [json.loads(file.read_text(encoding="utf-8")) for file in files()]
+    digests = {case["id"]: digest(case) for document in documents for case in document["cases"]}
+    return json.dumps(digests, indent=0) + "\n"
+
+
 def main() -> None:
     """Format all files; print the names of the changed ones."""
     for file in files():
@@ -126,6 +136,7 @@ def main() -> None:
         if (after := form(document)) != before:
             file.write_text(after, encoding="utf-8")
             sys.stdout.write(f"{file.relative_to(VECTORS)}\n")
+    (VECTORS / "index.json").write_text(index(), encoding="utf-8")
     readme = VECTORS / "README.md"
     before = readme.read_text(encoding="utf-8")
     if (after := with_counts(before)) != before:

@@ -165,6 +165,8 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("canopen", "boot", "can://virtual/x", "pump.dcf", "--boot-time", "-1"), "is not in the range x>=0"),
     # canopen-gateway
     (("canopen-gateway", TCP), "expected can://"),
+    (("canopen-gateway", CAN, "--node-id", "128"), "not in the range 1<=x<=127"),
+    (("canopen-gateway", CAN, "--eds", "x.eds"), "expected --node-id too"),
     *(
         (("canopen-gateway", CAN, "--listen", text), text)
         for text in ("here", "127.0.0.1:99999", "a..b:80", "127.0.0.1:")
@@ -202,6 +204,15 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
         for text in ("0", "-1", "nan", "inf", "x")
     ),
     *((("drive", TCP, "az3", "home", text), "METHOD") for text in ("x", "128", "-129")),
+    # vectors
+    (("vectors", "chekc"), "did you mean 'check'"),
+    (("vectors", "check", "--kind", "crc"), "did you mean 'crc16'"),
+    (("vectors", "check", "--only", "no-such"), "no case fits 'no-such'"),
+    (("vectors", "list", "--flag", "no-such"), "no case fits 'no-such'"),
+    (("vectors", "list", "--cases", "/no/such"), "folder /no/such: no vectors"),
+    (("vectors", "check", "--adapter", ""), "--adapter: the command is empty"),
+    (("vectors", "check", "--timeout", "0"), "expected seconds, above 0"),
+    (("vectors", "show", "crc16"), "no case has the id 'crc16'"),
 ]
 
 
@@ -308,7 +319,7 @@ def commands(group: click.Group, name: tuple[str, ...] = ()) -> Iterator[tuple[t
             yield from commands(command, (*name, word))
 
 
-ANY_TEXT = {"--write", "--to", "--bus"}
+ANY_TEXT = {"--write", "--to", "--bus", "--junit"}
 """Options whose values have no form: names of files and buses."""
 
 

@@ -1,15 +1,10 @@
-"""Every case of vectors/, run with barewire, and the rules for the files.
-
-`tests/vectors_runner` runs the cases. The rules: the schema, unique ids, a runner for each kind, the reasons of
-barewire, and files and README as `tools/vectors.py` formats them.
-"""
+"""The rules for the files of vectors/: the schema, unique ids, an answer of barewire for each kind, the reasons of
+barewire, and files and README as `tools/vectors.py` formats them."""
 
 from __future__ import annotations
 
-import itertools
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +12,10 @@ import jsonschema
 import pytest
 
 from barewire.errors import REASONS
-from tests.vectors_runner.common import Case
-from tests.vectors_runner.kinds import RUNNERS
+from barewire.vectors.answers.table import ANSWERS
 from tools import vectors
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 VECTORS = ROOT / "vectors"
 FILES = sorted(VECTORS.glob("*/*.json"))
 SCHEMA = json.loads((VECTORS / "schema.json").read_text(encoding="utf-8"))
@@ -32,56 +26,6 @@ CASES = [(document["kind"], case) for document in DOCUMENTS.values() for case in
 
 def named(file: Path) -> str:
     return file.relative_to(VECTORS).as_posix()
-
-
-@pytest.mark.parametrize(("kind", "case"), CASES, ids=[case["id"] for _, case in CASES])
-def test_vector(kind: str, case: Case) -> None:
-    RUNNERS[kind](case)
-
-
-# The runners -----------------------------------------------------------------------------------------------------
-
-NOT_COMPARED = {"id", "result", "reason", "fails", "flags", "comment", "source", "printed", "side"}
-"""Fields that describe a case; the others are input or expected output of its runner."""
-
-
-def altered(value: Any) -> Iterator[Any]:
-    """Yield the same value with one change in it."""
-    if isinstance(value, bool):
-        yield not value
-    elif isinstance(value, (int, float)):
-        yield from (value + 1, value - 1)
-    elif isinstance(value, str):
-        yield from (value[:-1] + ("0" if value.endswith("1") else "1"), value + "0")
-    elif isinstance(value, list):
-        yield from (value[:place] + value[place + 1 :] for place in range(len(value)))
-        for place, item in enumerate(value):
-            yield from ([*value[:place], other, *value[place + 1 :]] for other in altered(item))
-    elif isinstance(value, dict):
-        for key, item in value.items():
-            yield from ({**value, key: other} for other in altered(item))
-
-
-@pytest.mark.parametrize("kind", RUNNERS)
-def test_a_runner_fails_for_a_change_in_any_field(kind: str) -> None:
-    """A runner that did not compare a field would pass every change of it."""
-    noticed, failed = set[str](), False
-    cases = [case for case_kind, case in CASES if case_kind == kind and case["result"] != "invalid"]
-    fields = {field for case in cases for field in case if list(altered(case[field]))} - NOT_COMPARED
-    if kind == "sdo-talk":
-        fields.discard("node")  # its frames are written without an identifier, so every node is right
-    for case, field in itertools.product(cases, fields):
-        for other in altered(case.get(field)) if field not in noticed else ():
-            try:
-                RUNNERS[kind]({**case, field: other})
-            except (AssertionError, pytest.fail.Exception):
-                failed = True
-                noticed.add(field)
-                break
-            except Exception:  # the change made the case unreadable
-                noticed.add(field)
-    assert noticed == fields
-    assert failed, "no comparison failed"
 
 
 # The files -------------------------------------------------------------------------------------------------------
@@ -98,16 +42,18 @@ def test_a_file_follows_the_schema_and_the_rules(file: Path) -> None:
     document = DOCUMENTS[file]
     wrong = [f"{error.json_path}: {error.message}" for error in validator.iter_errors(document)]
     assert not wrong, "\n".join(wrong)
-    assert document["kind"] in RUNNERS, "a kind without a runner"
+    assert document["kind"] in ANSWERS, "a kind without an answer"
     assert len(document["cases"]) < 100, "one subject, under a hundred cases"
     for case in document["cases"]:
         assert re.fullmatch(rf"{re.escape(file.stem)}-[1-9]\d*", case["id"]), case["id"]
 
 
-def test_every_kind_has_a_runner_vectors_and_a_section_of_the_readme() -> None:
-    assert set(RUNNERS) == {document["kind"] for document in DOCUMENTS.values()}
-    assert set(RUNNERS) == set(SCHEMA["properties"]["kind"]["enum"])
-    assert [kind for kind in RUNNERS if f"### {kind}" not in README] == []
+def test_every_kind_has_answers_vectors_operations_and_a_section_of_the_readme() -> None:
+    assert set(ANSWERS) == {document["kind"] for document in DOCUMENTS.values()}
+    assert set(ANSWERS) == set(SCHEMA["properties"]["kind"]["enum"])
+    kinds = json.loads((VECTORS / "kinds.json").read_text(encoding="utf-8"))
+    assert {kind: set(row) for kind, row in kinds.items()} == {kind: set(row) for kind, row in ANSWERS.items()}
+    assert [kind for kind in ANSWERS if f"### {kind}" not in README] == []
 
 
 def test_ids_are_unique() -> None:
@@ -173,6 +119,10 @@ def test_every_file_is_in_the_table() -> None:
 def test_a_file_is_formatted(file: Path) -> None:
     text = file.read_text(encoding="utf-8")
     assert vectors.form(DOCUMENTS[file]) == text, "run python tools/vectors.py"
+
+
+def test_the_index_is_up_to_date() -> None:
+    assert vectors.index() == (VECTORS / "index.json").read_text(encoding="utf-8"), "run python tools/vectors.py"
 
 
 def test_the_table_of_the_readme_is_up_to_date() -> None:

@@ -1,0 +1,173 @@
+"""`barewire vectors`: the reference vectors, listed, shown, and run against any implementation."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from barewire.cli.arguments import CommandGroup, Seconds, json_option, print_json
+from barewire.cli.vectors.report import Progress, print_checked, summary_fields, table, write_junit
+from barewire.cli.vectors.show import shown_case
+from barewire.errors import EncodeError
+from barewire.vectors.answers.table import own_answer
+from barewire.vectors.files import Vectors, load_vectors
+from barewire.vectors.run import Ask, CheckedCase, CheckSummary, run_cases, selected
+
+folder_option = click.option(
+    "--cases",
+    "folder",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Vectors of a folder, not the built-in ones.",
+)
+
+
+def filter_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that select cases."""
+    for option in (
+        click.option("--flag", "flags", multiple=True, metavar="FLAG", help="Only cases with this flag."),
+        click.option("--only", multiple=True, metavar="PATTERN", help="Only these ids, files or folders: 'rtu/*'."),
+        click.option("--kind", "kinds", multiple=True, metavar="KIND", help="Only cases of this kind."),
+    ):
+        command = option(command)
+    return command
+
+
+@click.group("vectors", cls=CommandGroup)
+def vectors_command() -> None:
+    """List, show and check the reference vectors."""
+
+
+@vectors_command.command("list")
+@filter_options
+@folder_option
+@json_option
+def list_command(
+    kinds: tuple[str, ...], only: tuple[str, ...], flags: tuple[str, ...], folder: Path | None, as_json: bool
+) -> int:
+    """List the files of the vectors, or, with a filter, the cases that fit it.
+
+    \b
+    barewire vectors list
+    barewire vectors list --kind crc16
+    barewire vectors list --only "canopen/*" --flag widely-wrong
+    """
+    vectors = selected(load_vectors(folder), kinds=kinds, only=only, flags=flags)
+    shows_cases = bool(kinds or only or flags)
+    for file in vectors.files:
+        results = Counter(case["result"] for case in file.cases)
+        if as_json:
+            print_json({"file": file.name, "kind": file.kind, "subject": file.subject, "cases": list(file.cases)})
+        elif shows_cases:
+            for case in file.cases:
+                print(f"{case['id']:32} {case['result']:11} {case.get('comment', '')}")
+        else:
+            numbers = "".join(f"{results[result] or '':>6}" for result in ("valid", "invalid", "acceptable"))
+            print(f"{file.name:42} {file.kind:18}{numbers}  {file.subject}")
+    if not as_json and not shows_cases:
+        print(f"{sum(len(file.cases) for file in vectors.files)} cases in {len(vectors.files)} files")
+    return 0
+
+
+@vectors_command.command("show")
+@click.argument("case_id", metavar="ID")
+@folder_option
+@json_option
+def show_command(case_id: str, folder: Path | None, as_json: bool) -> int:
+    """Show the case ID: its fields, its frame byte by byte, and the questions that it asks, with our answers.
+
+    \b
+    barewire vectors show crc16-1
+    """
+    vectors = load_vectors(folder)
+    file, case = vectors.find(case_id)
+    if as_json:
+        questions = [question.as_json() for question in vectors.questions(file, case)]
+        print_json({"file": file.name, "kind": file.kind, "case": case, "questions": questions})
+    else:
+        for line in shown_case(vectors, file, case):
+            print(line)
+    return 0
+
+
+@vectors_command.command("check")
+@filter_options
+@folder_option
+@click.option("--adapter", metavar="COMMAND", help="The program that answers; without it barewire itself answers.")
+@click.option("--timeout", type=Seconds(), default=10.0, metavar="SECONDS", help="For each answer of the adapter (10).")
+@click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="Also write JUnit XML.")
+@json_option
+def check_command(
+    kinds: tuple[str, ...],
+    only: tuple[str, ...],
+    flags: tuple[str, ...],
+    folder: Path | None,
+    adapter: str | None,
+    timeout: float,
+    junit: Path | None,
+    as_json: bool,
+) -> int:
+    """Run the cases against an implementation: barewire itself, or an adapter.
+
+    An adapter is any program that reads questions as lines of JSON from its standard input and writes answers; vectors/
+    README.md describes the lines, vectors/adapters has examples. Cases that did not pass are printed, then the numbers
+    of each kind. "open" is a case that the standard leaves open and the implementation decides otherwise than we do.
+    With --json every case is an object, and the last one has the numbers. Exit status 1 if a case has failed, or if
+    nothing was offered.
+
+    \b
+    barewire vectors check
+    barewire vectors check --adapter "node vectors/adapters/javascript/main.mjs" --kind crc16
+    """
+    vectors = selected(load_vectors(folder), kinds=kinds, only=only, flags=flags)
+    if adapter is not None and not adapter.split():
+        raise EncodeError("--adapter: the command is empty")
+    if junit is not None:
+        write_junit(junit, "", [])  # fail now, and not after the run, if the file cannot be written
+    with _implementation(adapter, timeout) as (name, ask):
+        cases = _run(vectors, ask, as_json, exact=adapter is None)
+    summary = CheckSummary()
+    for checked in cases:
+        summary.add(checked)
+    if junit is not None:
+        write_junit(junit, name, cases)
+    if as_json:
+        print_json(summary_fields(summary, name))
+    else:
+        print(table(summary, name))
+    return int(summary.total["failed"] > 0 or not summary.total["passed"])
+
+
+@contextmanager
+def _implementation(adapter: str | None, timeout: float) -> Iterator[tuple[str, Ask]]:
+    """Yield the name of the implementation, and the function that answers."""
+    if adapter is None:
+        from barewire import __version__
+
+        yield f"barewire {__version__}", lambda question: own_answer(question.as_json())
+        return
+    from barewire.io.vector_adapter import VectorAdapter
+
+    with VectorAdapter(adapter, timeout=timeout) as program:
+        yield f"{program.name} {program.version}".strip(), program
+
+
+def _run(vectors: Vectors, ask: Ask, as_json: bool, *, exact: bool) -> list[CheckedCase]:
+    """Run the cases and print them as they end."""
+    progress = Progress(sum(len(file.cases) for file in vectors.files))
+    cases = []
+    for checked in run_cases(vectors, ask, exact=exact):
+        if checked.verdict.state == "failed":
+            progress.clear()
+        print_checked(checked, as_json)
+        progress.add(checked)
+        cases.append(checked)
+    progress.clear()
+    sys.stdout.flush()
+    return cases

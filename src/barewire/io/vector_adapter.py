@@ -1,0 +1,198 @@
+"""A program that answers the questions of the vectors: JSON on its standard input and output, one object a line.
+
+    we send      {"hello": "barewire-vectors", "protocol": 1}
+    it answers   {"name": "pymodbus", "version": "3.16.1", "kinds": {"crc16": ["encode"], "lrc": ["encode"]}}
+    we send      {"id": "crc16-1.encode", "kind": "crc16", "do": "encode", "bytes": "02 07"}
+    it answers   {"id": "crc16-1.encode", "is": {"crc": "1241", "wire": "41 12"}}
+
+It is not asked what it does not offer. A program that ends is started again for the next question; one that does not
+answer in time is killed, and started again. What it writes to its standard error is kept for the text of a failure.
+
+Depends on: the vectors.  Used by: `barewire vectors check --adapter`.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import shlex
+import subprocess
+import threading
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, NoReturn, Self
+
+from barewire.errors import PortError, shown
+from barewire.vectors.judge import Answer
+from barewire.vectors.questions import Question
+from barewire.vectors.run import AdapterFailure
+
+PROTOCOL = 1
+START_TIMEOUT = 30.0
+"""Seconds in which a program must answer the hello: interpreters and virtual machines start slowly."""
+LINE_LONGEST = 1 << 20
+"""Bytes of a line of answer."""
+_END_TIMEOUT = 1.0
+"""Seconds in which a program must end when its input is closed."""
+_LOST_MOST = 20
+"""Crashes and time-outs after which a program is given up: what it has not been asked by then has failed."""
+
+
+class VectorAdapter:
+    """A running program, as a function from a question to its answer. Use it in a `with` block."""
+
+    def __init__(self, command: str, *, timeout: float = 10.0) -> None:
+        self._command = command
+        self._timeout = timeout
+        self._lost = 0
+        self._process: subprocess.Popen[bytes] | None = None
+        self._readers: tuple[threading.Thread, ...] = ()
+        self._lines: queue.Queue[bytes | None] = queue.Queue()
+        self._complaints: deque[str] = deque(maxlen=5)
+        self.name, self.version = command, ""
+        self._offers: Mapping[str, Any] = {}
+        self._start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __call__(self, question: Question) -> Answer:
+        """Return the answer to a question. Raise AdapterFailure if the program crashes, is late or writes nonsense."""
+        if not self.offers(question.kind, question.do):
+            return {"not_offered": f"{self.name} does not offer {question.kind}.{question.do}"}
+        if self._lost >= _LOST_MOST:
+            raise AdapterFailure(f"not asked: the adapter was lost {self._lost} times")
+        try:
+            if self._process is None:
+                self._start()
+            self._send(question.as_json())
+            return self._answer(question.id, self._timeout)
+        except PortError as error:
+            raise AdapterFailure(str(error)) from None
+
+    def offers(self, kind: str, do: str) -> bool:
+        """Return whether the program offers an operation."""
+        return do in self._offers.get(kind, ())
+
+    def close(self) -> None:
+        """End the program: close its input, wait a second, then kill it."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        assert process.stdin is not None
+        with suppress(OSError):
+            process.stdin.close()
+        try:
+            process.wait(_END_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+        self._release(process)
+
+    def _release(self, process: subprocess.Popen[bytes]) -> None:
+        """Wait for the end of a process and of the threads that read its output, and close its pipes."""
+        process.wait()
+        for thread in self._readers:
+            thread.join(_END_TIMEOUT)  # a child of the program may still hold the pipe
+        for pipe in (process.stdin, process.stdout, process.stderr):
+            assert pipe is not None
+            with suppress(OSError):
+                pipe.close()
+
+    def _start(self) -> None:
+        """Start the program and shake hands. Raise PortError if it cannot be used."""
+        words = shlex.split(self._command)
+        if not words:
+            raise PortError("adapter: the command is empty")
+        pipe = subprocess.PIPE
+        try:
+            self._process = subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe)
+        except OSError as error:
+            raise PortError(f"adapter {shown(self._command)}: {error.strerror or error}") from None
+        self._lines = queue.Queue()
+        self._complaints.clear()
+        self._readers = (
+            threading.Thread(target=_read, args=(self._process.stdout, self._lines), daemon=True),
+            threading.Thread(target=_keep, args=(self._process.stderr, self._complaints), daemon=True),
+        )
+        for thread in self._readers:
+            thread.start()
+        try:
+            self._send({"hello": "barewire-vectors", "protocol": PROTOCOL})
+            hello = self._answer(None, START_TIMEOUT)
+        except AdapterFailure as failure:
+            self.close()
+            raise PortError(f"adapter {shown(self._command)}: {failure}") from None
+        kinds = hello.get("kinds")
+        rows = kinds.values() if isinstance(kinds, dict) else ()
+        if not isinstance(kinds, dict) or not all(isinstance(row, list) for row in rows):
+            self.close()
+            raise PortError(f'adapter {shown(self._command)}: its hello needs "kinds": {{"crc16": ["encode"], ...}}')
+        self.name, self.version = str(hello.get("name", self._command)), str(hello.get("version", ""))
+        self._offers = kinds
+
+    def _send(self, message: Mapping[str, Any]) -> None:
+        assert self._process is not None
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(message).encode() + b"\n")
+            self._process.stdin.flush()
+        except OSError:
+            self._fail("it ended before the question")
+
+    def _answer(self, wanted: str | None, timeout: float) -> dict[str, Any]:
+        """Return the next line as an object; answers to earlier questions are passed over."""
+        while True:
+            try:
+                line = self._lines.get(timeout=timeout)
+            except queue.Empty:
+                self._fail(f"no answer within {timeout:g} s")
+            if line is None:
+                self._fail("it ended without an answer")
+            try:
+                answer = json.loads(line)
+            except ValueError:
+                raise AdapterFailure(
+                    f"its answer is not JSON: {shown(line.decode(errors='replace').strip())}"
+                ) from None
+            if not isinstance(answer, dict):
+                raise AdapterFailure(f"its answer is not an object: {shown(line.decode(errors='replace').strip())}")
+            if answer.get("id") == wanted:
+                return answer
+            if not isinstance(answer.get("id"), str):
+                raise AdapterFailure(
+                    f"its answer has no id of a question: {shown(line.decode(errors='replace').strip())}"
+                )
+
+    def _fail(self, text: str) -> NoReturn:
+        """Kill the program, and raise AdapterFailure with the last line that it wrote to its standard error."""
+        assert self._process is not None
+        process = self._process
+        self._process = None
+        self._lost += 1
+        if "no answer" in text:
+            process.kill()
+        else:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(_END_TIMEOUT)  # it is ending by itself: wait for its exit status
+            process.kill()
+        self._release(process)
+        status = process.returncode
+        last = self._complaints[-1] if self._complaints else ""
+        ended = f" (exit status {status})" if status >= 0 else ""
+        raise AdapterFailure(text + ended + (f": {last}" if last else ""))
+
+
+def _read(stream: Any, lines: queue.Queue[bytes | None]) -> None:
+    while line := stream.readline(LINE_LONGEST):
+        lines.put(line)
+    lines.put(None)
+
+
+def _keep(stream: Any, lines: deque[str]) -> None:
+    while line := stream.readline(LINE_LONGEST):
+        if text := line.decode(errors="replace").strip():
+            lines.append(text)

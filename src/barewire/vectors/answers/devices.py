@@ -1,0 +1,108 @@
+"""Answers for parameter, drive-state and drive-command."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from barewire.codecs import Value, get_bit
+from barewire.devices.drive.cia402 import (
+    CONTROL_PATTERNS,
+    STATUS_PATTERNS,
+    TRANSITIONS,
+    DriveCommand,
+    State,
+    command_of,
+    state_of,
+)
+from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter
+from barewire.errors import DecodeError
+from barewire.vectors.answers.texts import hexed, number, octets, worded, words
+from barewire.vectors.questions import Fields
+
+
+def _parameter(described: Fields) -> Parameter:
+    place, entry = described.get("modbus"), described.get("object")
+    return Parameter(
+        "the parameter",
+        described["type"],
+        unit=described.get("unit", ""),
+        scale=Fraction(described.get("scale", "1")),
+        modbus=ModbusAt(**place) if place else None,
+        object=ObjectAt(int(entry["index"], 16), int(entry["sub"], 16), entry.get("bit")) if entry else None,
+    )
+
+
+def encode_parameter(given: Fields) -> Fields:
+    """Return the value of a parameter in each of its places."""
+    one = _parameter(given["parameter"])
+    value: Value = given["value"] if one.type == "text" else number(given["value"])
+    old, fields = given.get("old", ""), Fields()
+    if one.modbus:
+        fields["registers"] = worded(one.to_registers(value, words(old)))
+    if one.object:
+        fields["bytes"] = hexed(one.to_object(value, octets(old)))
+    return fields
+
+
+def decode_parameter(given: Fields) -> Fields:
+    """Return the value of a parameter, which must be the same in each of its places."""
+    one = _parameter(given["parameter"])
+    found = []
+    if "registers" in given:
+        found.append(one.from_registers(words(given["registers"])))
+    if "bytes" in given:
+        found.append(one.from_object(octets(given["bytes"])))
+    if any(value != found[0] for value in found):
+        raise DecodeError("mismatch", b"", 0, "the places of the parameter have different values")
+    value = found[0]
+    return {"value": str(int(value)) if isinstance(value, bool) else str(value)}
+
+
+def bits_of_word(given: Fields) -> Fields:
+    """Return the set bits of a word."""
+    return {"bits": [bit for bit in range(16) if get_bit(int(given["word"], 16), bit)]}
+
+
+def drive_state(given: Fields) -> Fields:
+    """Return the state that a status word tells, null for none."""
+    word = int(given["word"], 16)
+    try:
+        return {"state": state_of(word).value}
+    except DecodeError:
+        return {"state": None}
+
+
+def state_table(given: Fields) -> Fields:
+    """Return the row of a state in the table of status words."""
+    mask, masked = STATUS_PATTERNS[State(given["state"])]
+    return {"mask": f"{mask:04X}", "masked": f"{masked:04X}"}
+
+
+def _command(name: str) -> DriveCommand:
+    """Return a command by its name. Disable operation has the word of switch on."""
+    name = "switch on" if name == "disable operation" else name
+    return DriveCommand[name.upper().replace(" ", "_")]
+
+
+def is_command(given: Fields) -> Fields:
+    """Return whether a control word is this command."""
+    return {"matches": command_of(int(given["word"], 16)) is _command(given["command"])}
+
+
+_DISABLE_OPERATION = 5
+_NAMES = {3: DriveCommand.SWITCH_ON}
+"""Transition 3 is that of switch on; enable operation makes it on its way to 4."""
+
+
+def command_table(given: Fields) -> Fields:
+    """Return the row of a command in the table of control words."""
+    reset = (DriveCommand.FAULT_RESET, DriveCommand.FAULT_RESET)
+    command = _command(given["command"])
+    mask, masked = CONTROL_PATTERNS.get(command, reset)
+    disables = given["command"] == "disable operation"
+    causes = [
+        step.number for step in TRANSITIONS if step.command is command and _NAMES.get(step.number, command) is command
+    ]
+    if command is DriveCommand.SWITCH_ON:
+        causes = [number for number in causes if (number == _DISABLE_OPERATION) is disables]
+    return {"mask": f"{mask:04X}", "masked": f"{masked:04X}", "transitions": causes}

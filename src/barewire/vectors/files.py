@@ -1,0 +1,104 @@
+"""The files of the vectors: in a folder of the user, in the source tree, or in the installed package.
+
+    vectors/kinds.json              the operations of each kind
+    vectors/index.json              the digest of each case: a damaged file is noticed
+    vectors/rtu/crc16.json          a file: one subject, one kind, its cases
+
+Depends on: errors.  Used by: `barewire vectors`, tests.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from importlib.resources import files as package_files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from barewire.errors import EncodeError, shown
+from barewire.vectors.questions import Case, Operation, Question, operations, questions
+
+FORMAT = "barewire-vectors/1"
+
+
+class VectorFile(NamedTuple):
+    """One file: its name as "rtu/crc16", its subject, its kind, and its cases."""
+
+    name: str
+    subject: str
+    kind: str
+    cases: tuple[Case, ...]
+
+
+class Vectors(NamedTuple):
+    """All files, the operations of their kinds, and the digest of each case by its id."""
+
+    files: tuple[VectorFile, ...]
+    kinds: dict[str, tuple[Operation, ...]]
+    digests: dict[str, str]
+
+    def damage(self, case: Case) -> str:
+        """Return what is wrong with a case that is not as it was published; nothing if it is."""
+        wanted, found = self.digests.get(case.get("id", "")), digest(case)
+        if wanted == found:
+            return ""
+        return f"the case has been changed: its digest is {found}, index.json has {wanted or 'no such id'}"
+
+    def questions(self, file: VectorFile, case: Case) -> tuple[Question, ...]:
+        """Return the questions of one case."""
+        return tuple(questions(file.kind, case, self.kinds[file.kind]))
+
+    def find(self, case_id: str) -> tuple[VectorFile, Case]:
+        """Return a case and its file. Raise EncodeError if there is no such id."""
+        for file in self.files:
+            for case in file.cases:
+                if case["id"] == case_id:
+                    return file, case
+        raise EncodeError(f"no case has the id {shown(case_id)}; `barewire vectors list` shows them")
+
+    def __repr__(self) -> str:
+        return f"Vectors: {sum(len(file.cases) for file in self.files)} cases in {len(self.files)} files"
+
+
+def digest(case: Case) -> str:
+    """Return the digest of a case: the first 16 digits of the SHA-256 of its JSON, keys sorted, without blanks."""
+    text = json.dumps(case, ensure_ascii=False, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def load_vectors(folder: str | Path | None = None) -> Vectors:
+    """Return the vectors of a folder; None: those of this package. Raise EncodeError if there are none."""
+    root: Traversable = Path(folder) if folder is not None else _here()
+    try:
+        kinds: dict[str, Any] = json.loads((root / "kinds.json").read_text(encoding="utf-8"))
+        digests: dict[str, str] = json.loads((root / "index.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise EncodeError(
+            f"folder {root}: no vectors there, kinds.json or index.json cannot be read: {error}"
+        ) from None
+    rows = {kind: operations(kinds, kind) for kind in kinds}
+    return Vectors(tuple(_read(root, rows)), rows, digests)
+
+
+def _here() -> Traversable:
+    """Return the folder of the vectors: in an installed package, or at the top of the source tree."""
+    inside = package_files("barewire.vectors") / "data"
+    return inside if inside.is_dir() else Path(__file__).parents[3] / "vectors"
+
+
+def _read(root: Traversable, kinds: dict[str, tuple[Operation, ...]]) -> Iterator[VectorFile]:
+    for room in sorted((entry for entry in root.iterdir() if entry.is_dir()), key=lambda entry: entry.name):
+        for entry in sorted(room.iterdir(), key=lambda entry: entry.name):
+            if entry.name.endswith(".json"):
+                name = f"{room.name}/{entry.name.removesuffix('.json')}"
+                try:
+                    document = json.loads(entry.read_text(encoding="utf-8"))
+                except ValueError as error:
+                    raise EncodeError(f"vectors {name}: not JSON: {error}") from None
+                if not isinstance(document, dict) or document.get("format") != FORMAT:
+                    continue  # a file of another program, such as package.json
+                if document["kind"] not in kinds:
+                    raise EncodeError(f"vectors {name}: kinds.json has no kind {shown(document['kind'])}")
+                yield VectorFile(name, document["subject"], document["kind"], tuple(document["cases"]))

@@ -1,0 +1,170 @@
+"""The judgement of an answer: whether an implementation did what a case demands.
+
+    result        the question       the answer must be
+    valid         any                the expected fields
+    acceptable    decode, run        anything; other fields than the expected ones, or a refusal, are "open"
+                  encode             with the flag `tolerant`: other fields than the expected ones
+    invalid       that of `fails`    a refusal; its reason is compared if the implementation has reasons
+                  compare            a case fails if all its answers have the fields of the case
+
+An answer is JSON: {"is": {fields}}, {"refused": reason or "", "text": ...}, {"not_offered": why}. A field of
+hexadecimal digits may have other letters or blanks; numbers of floating point are compared as numbers of their type.
+
+Depends on: questions.  Used by: `barewire vectors`, tests.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections.abc import Iterable, Mapping
+from decimal import Decimal, InvalidOperation
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+from barewire.vectors.questions import Question
+
+Answer: TypeAlias = Mapping[str, Any]
+VerdictState = Literal["passed", "open", "failed", "not offered"]
+
+_HEX = re.compile(r"[0-9A-Fa-f ]*")
+_SHOWN = 300
+"""Characters of an answer that a text shows."""
+
+
+class Verdict(NamedTuple):
+    """The state of one question, and the difference as a sentence."""
+
+    state: VerdictState
+    text: str = ""
+
+
+def judge(question: Question, answer: Answer, *, exact: bool = False) -> Verdict:
+    """Return the verdict on one answer. With `exact`, an acceptable case must be answered as it is written."""
+    if "not_offered" in answer:
+        return Verdict("not offered", str(answer["not_offered"]))
+    problem = malformed(answer)
+    if problem:
+        return Verdict("failed", problem)
+    result, tolerant = question.case["result"], "tolerant" in question.case.get("flags", ())
+    if result == "invalid" and question.case["fails"] != "compare":
+        return _refusal(question, answer)
+    same = "is" in answer and not differences(question, answer["is"])
+    if result == "invalid":
+        return Verdict("failed", f"{_shown(answer)}, as in the case, which is wrong") if same else Verdict("passed")
+    if result == "acceptable" and question.do == "encode":
+        return (
+            Verdict("failed", f"encoded as {_shown(answer)}, which is for decoding only")
+            if same and tolerant
+            else PASSED
+        )
+    if same:
+        return PASSED
+    text = f"{_shown(answer)}, expected {_shown({'is': question.expected})}"
+    if "is" in answer:
+        text = "; ".join(differences(question, answer["is"]))
+    return Verdict("open" if result == "acceptable" and not exact else "failed", text)
+
+
+PASSED = Verdict("passed")
+
+
+def verdict_of_case(verdicts: Iterable[Verdict], *, compares: bool = False) -> Verdict:
+    """Return the verdict on a case: the worst one of its questions; for a case that compares, the best one."""
+    order = ("passed", "open", "failed", "not offered") if compares else ("failed", "open", "passed", "not offered")
+    return min(verdicts, key=lambda verdict: order.index(verdict.state), default=Verdict("not offered", "no question"))
+
+
+def malformed(answer: Answer) -> str:
+    """Return what is wrong with the form of an answer; nothing if it is one of the three."""
+    if isinstance(answer.get("is"), dict):
+        return ""
+    if isinstance(answer.get("refused"), str):
+        return ""
+    return f"an answer needs is, refused or not_offered: {_shown(answer)}"
+
+
+def differences(question: Question, found: Mapping[str, Any]) -> list[str]:
+    """Return each field that differs from the expected one, as a sentence."""
+    return [
+        f"{name} is {_shown(found.get(name))}, expected {_shown(wanted)}"
+        for name, wanted in question.expected.items()
+        if not _equal(wanted, found.get(name), question.given, question)
+    ]
+
+
+def _refusal(question: Question, answer: Answer) -> Verdict:
+    if "refused" not in answer:
+        return Verdict("failed", f"{_shown(answer)}, expected a refusal: {question.case['reason']}")
+    reason = answer["refused"]
+    if reason and reason != question.case["reason"]:
+        return Verdict("failed", f"refused as {_shown(reason)}, expected {question.case['reason']}")
+    return PASSED
+
+
+# Equality ---------------------------------------------------------------------------------------------------------
+
+
+def _equal(wanted: Any, found: Any, around: Mapping[str, Any], question: Question) -> bool:
+    """Whether a field is as expected. `around` are the fields beside it in the question, for the type of a number."""
+    if isinstance(wanted, dict):
+        return isinstance(found, dict) and all(
+            _padded(name, value, found.get(name), question) or _equal(value, found.get(name), around, question)
+            for name, value in wanted.items()
+        )
+    if isinstance(wanted, list):
+        rows = question.given.get("entries", ()) if question.kind == "pdo" else ()
+        return (
+            isinstance(found, list)
+            and len(found) == len(wanted)
+            and all(
+                _equal(value, item, rows[place] if place < len(rows) else around, question)
+                for place, (value, item) in enumerate(zip(wanted, found))
+            )
+        )
+    if isinstance(wanted, str) and isinstance(found, str):
+        return wanted == found or _same_digits(wanted, found) or _same_number(wanted, found, _type_of(around))
+    return type(wanted) is type(found) and bool(wanted == found)
+
+
+def _same_digits(wanted: str, found: str) -> bool:
+    both = [text.replace(" ", "").upper() for text in (wanted, found)]
+    return both[0] == both[1] and _HEX.fullmatch(wanted) is not None
+
+
+def _type_of(fields: Mapping[str, Any]) -> str:
+    described = fields.get("parameter", fields)
+    kind = described.get("type", "")
+    return kind if isinstance(kind, str) else ""
+
+
+def _same_number(wanted: str, found: str, kind: str) -> bool:
+    """Whether two texts are the same number: of floating point the nearest ones of that type, others exactly."""
+    try:
+        if not kind.startswith("f"):
+            return bool(kind) and Decimal(wanted) == Decimal(found)
+        numbers = [float(wanted), float(found)]
+        return all(map(math.isnan, numbers)) or len({_nearest(number, kind) for number in numbers}) == 1
+    except (ValueError, OverflowError, InvalidOperation):
+        return False
+
+
+def _nearest(number: float, kind: str) -> bytes:
+    return struct.pack(">f" if kind == "f32" else ">d", number)
+
+
+def _padded(name: str, wanted: Any, found: Any, question: Question) -> bool:
+    """Whether bits are those expected, with up to seven more that are zero: a response decoded without its request."""
+    if name != "bits" or question.kind != "pdu" or question.given.get("side") != "response":
+        return False
+    both = [text.replace(" ", "") for text in (wanted, found) if isinstance(text, str)]
+    return (
+        len(both) == 2
+        and both[1].startswith(both[0])
+        and both[1][len(both[0]) :] in ("", *("0" * n for n in range(1, 8)))
+    )
+
+
+def _shown(value: Any) -> str:
+    text = value if isinstance(value, str) else repr(value)
+    return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."

@@ -1,0 +1,102 @@
+"""Adapters: programs that answer, crash, hang, or write nonsense. The run goes on in every case."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from barewire.errors import PortError
+from barewire.io.vector_adapter import VectorAdapter
+from barewire.vectors.files import load_vectors
+from barewire.vectors.run import CheckedCase, run_cases, selected
+
+OWN = f"{sys.executable} {Path(__file__).parents[2] / 'vectors' / 'adapters' / 'own.py'}"
+LRC = selected(load_vectors(), kinds=["lrc"])
+SECOND = "lrc-2"
+
+
+def program(tmp_path: Path, answer: str) -> str:
+    """A program that offers the LRC and answers as `answer` says, an expression of the question `q`."""
+    file = tmp_path / "adapter.py"
+    file.write_text(
+        "import json, os, sys, time\n"
+        "def right(q):\n"
+        "    return {'id': q['id'], 'is': {'lrc': '%02X' % (-sum(bytes.fromhex(q['bytes'])) & 255)}}\n"
+        "for line in sys.stdin:\n"
+        "    q = json.loads(line)\n"
+        "    if 'hello' in q:\n"
+        "        a = {'name': 'small', 'version': '1', 'kinds': {'lrc': ['encode']}}\n"
+        "    else:\n"
+        f"        a = {answer}\n"
+        "    print(a if isinstance(a, str) else json.dumps(a), flush=True)\n"
+    )
+    return f"{sys.executable} {file}"
+
+
+def run(command: str, timeout: float = 10.0) -> dict[str, CheckedCase]:
+    with VectorAdapter(command, timeout=timeout) as adapter:
+        return {checked.id: checked for checked in run_cases(LRC, adapter)}
+
+
+def test_an_adapter_answers_each_question(tmp_path: Path) -> None:
+    found = run(program(tmp_path, "right(q)"))
+    assert {checked.verdict.state for checked in found.values()} == {"passed"}
+
+
+def test_our_own_adapter_passes_all_cases_of_a_kind() -> None:
+    assert {checked.verdict.state for checked in run(OWN).values()} == {"passed"}
+
+
+def test_a_wrong_answer_fails_one_case(tmp_path: Path) -> None:
+    found = run(program(tmp_path, "{'id': q['id'], 'is': {'lrc': '00'}} if q['id'] == 'lrc-1.encode' else right(q)"))
+    failed = [checked for checked in found.values() if checked.verdict.state == "failed"]
+    assert [checked.id for checked in failed] == ["lrc-1"]
+    assert failed[0].verdict.text == "encode: lrc is 00, expected F3"
+
+
+@pytest.mark.parametrize(
+    ("answer", "text"),
+    [
+        ("os._exit(3)", "it ended without an answer (exit status 3)"),
+        ("time.sleep(60)", "no answer within 0.5 s"),
+        ("'hello there'", "its answer is not JSON: 'hello there'"),
+        ("[1]", "its answer is not an object: '[1]'"),
+        ("{'is': {}}", "its answer has no id of a question"),
+        ("{'id': q['id'], 'was': 1}", "an answer needs is, refused or not_offered"),
+        ("{'id': q['id'], 'is': 'F3'}", "an answer needs is, refused or not_offered"),
+        ("int('x')", "ValueError: invalid literal"),
+    ],
+)
+def test_an_adapter_that_fails_once_fails_one_case(tmp_path: Path, answer: str, text: str) -> None:
+    found = run(program(tmp_path, f"{answer} if q['id'] == '{SECOND}.encode' else right(q)"), timeout=0.5)
+    states = {case_id: checked.verdict.state for case_id, checked in found.items()}
+    assert states.pop(SECOND) == "failed"
+    assert text in found[SECOND].verdict.text
+    assert {*states.values()} == {"passed"}
+
+
+def test_an_adapter_that_always_crashes_is_given_up(tmp_path: Path) -> None:
+    found = run(program(tmp_path, "os._exit(1)"))
+    assert {checked.verdict.state for checked in found.values()} == {"failed"}
+
+
+def test_what_is_not_offered_is_not_asked(tmp_path: Path) -> None:
+    with VectorAdapter(program(tmp_path, "right(q)")) as adapter:
+        states = {checked.verdict.state for checked in run_cases(selected(load_vectors(), kinds=["crc16"]), adapter)}
+    assert states == {"not offered"}
+
+
+@pytest.mark.parametrize(
+    ("command", "text"),
+    [
+        ("", "the command is empty"),
+        ("no-such-program-here", "No such file"),
+        (f"{sys.executable} -c pass", "it ended"),
+        (f"""{sys.executable} -c "print('{{}}')" """, "its hello needs"),
+    ],
+)
+def test_a_program_that_is_not_an_adapter_is_refused(command: str, text: str) -> None:
+    with pytest.raises(PortError, match=text):
+        VectorAdapter(command)

@@ -1,0 +1,158 @@
+"""Every case of vectors/, answered by barewire, and the judge: a change of any field is noticed."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import random
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from barewire.vectors.answers.table import own_answer
+from barewire.vectors.files import VectorFile, Vectors, digest, load_vectors
+from barewire.vectors.questions import Case, Question
+from barewire.vectors.run import CheckedCase, run_cases
+
+VECTORS = load_vectors()
+CASES = [(file, case) for file in VECTORS.files for case in file.cases]
+DESCRIBES = {"id", "result", "reason", "fails", "flags", "comment", "source", "printed", "why", "side"}
+"""Fields that describe a case; the others are given or expected. `side` is given, but not every message needs it."""
+
+
+def own(question: Question) -> dict[str, Any]:
+    return own_answer(json.loads(json.dumps(question.as_json())))
+
+
+def checked(file: VectorFile, case: Case) -> CheckedCase:
+    """The case, with the digest that fits it: a change of it is noticed by the answers alone."""
+    digests = {case["id"]: digest(case)}
+    (found,) = run_cases(Vectors((file._replace(cases=(case,)),), VECTORS.kinds, digests), own, exact=True)
+    return found
+
+
+@pytest.mark.parametrize(("file", "case"), CASES, ids=[case["id"] for _, case in CASES])
+def test_barewire_passes(file: VectorFile, case: Case) -> None:
+    found = checked(file, case)
+    assert found.verdict.state == "passed", found.verdict.text
+
+
+def altered(value: Any) -> Iterator[Any]:
+    """Yield the same value with one change in it."""
+    if isinstance(value, bool):
+        yield not value
+    elif isinstance(value, (int, float)):
+        yield from (value + 1, value - 1)
+    elif isinstance(value, str):
+        yield from (value[:-1] + ("0" if value.endswith("1") else "1"), value + "0")
+    elif isinstance(value, list):
+        yield from (value[:place] + value[place + 1 :] for place in range(len(value)))
+        for place, item in enumerate(value):
+            yield from ([*value[:place], other, *value[place + 1 :]] for other in altered(item))
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield from ({**value, key: other} for other in altered(item))
+
+
+def is_noticed(file: VectorFile, case: Case) -> bool:
+    """Whether a changed case fails, or cannot be read any more."""
+    try:
+        return checked(file, case).verdict.state == "failed"
+    except Exception:
+        return True
+
+
+@pytest.mark.parametrize("kind", VECTORS.kinds)
+def test_a_change_in_any_field_of_a_kind_is_noticed(kind: str) -> None:
+    """A judge that did not compare a field would pass every change of it."""
+    cases = [(file, case) for file, case in CASES if file.kind == kind and case["result"] != "invalid"]
+    fields = {field for _, case in cases for field in case if list(altered(case[field]))} - DESCRIBES
+    if kind == "sdo-talk":
+        fields.discard("node")  # its frames are written without an identifier, so every node is right
+    noticed = set[str]()
+    for (file, case), field in itertools.product(cases, fields):
+        if field not in noticed and any(is_noticed(file, {**case, field: one}) for one in altered(case.get(field))):
+            noticed.add(field)
+    assert noticed == fields
+
+
+def test_a_thousand_random_changes_of_a_byte_are_noticed() -> None:
+    """Each change is one character of the JSON of one case; the digest notices what no answer depends on."""
+    dice = random.Random(1)
+    missed = []
+    for _ in range(1000):
+        _, case = dice.choice(CASES)
+        text = json.dumps(case, ensure_ascii=False)
+        at = dice.randrange(len(text))
+        try:
+            changed = json.loads(text[:at] + dice.choice("0123456789ABCDEF x") + text[at + 1 :])
+        except ValueError:
+            continue
+        if changed != case and not VECTORS.damage(changed):
+            missed.append(f"{case['id']} at {at}")
+    assert missed == []
+
+
+def test_a_damaged_case_fails() -> None:
+    file, case = CASES[0]
+    damaged = VECTORS._replace(files=(file._replace(cases=({**case, "comment": "changed"},)),))
+    (found,) = run_cases(damaged, own)
+    assert found.verdict.state == "failed"
+    assert "has been changed" in found.verdict.text
+
+
+MAY_BE_INDIFFERENT = {
+    ("cob-restricted", "cob_id"),  # the next identifier is restricted, too
+    ("drive-command", "word"),  # bits of the manufacturer
+    ("heartbeat-consumer", "value"),  # several numbers say that an entry is unused
+    ("heartbeat-consumer", "bytes"),
+    ("exchange", "request"),  # many requests have the same response
+    ("node-talk", "address"),  # the LSS address of a device that is not found by it
+    ("parameter", "index"),  # which object it is does not change its bytes
+    ("parameter", "sub"),
+    ("parameter", "old"),  # the half of the register that is replaced
+    ("pdo", "entry"),
+    ("register-part", "register"),
+    ("sdo-talk", "talk"),  # bytes that are reserved or sent by the side that breaks the rules
+    ("sdo-talk", "value"),
+    ("sdo-talk", "index"),
+    ("sdo-talk", "sub"),
+    ("sdo-talk", "abort"),
+    ("text", "pad"),  # of a text that fills its bytes
+}
+"""Kind and field where a changed digit may give the same answer, and why."""
+
+
+def test_a_changed_digit_of_a_valid_case_changes_the_answer() -> None:
+    """The answers alone notice nearly every digit, without the digest."""
+    dice = random.Random(1)
+    missed = []
+    valid = [(file, case) for file, case in CASES if case["result"] == "valid"]
+    for _ in range(1000):
+        file, case = dice.choice(valid)
+        changed = json.loads(json.dumps(case))
+        if places := list(hex_places(changed)):
+            holder, key, name = dice.choice(places)
+            text = holder[key]
+            at = dice.choice([place for place, character in enumerate(text) if character != " "])
+            holder[key] = text[:at] + dice.choice([one for one in DIGITS if one != text[at]]) + text[at + 1 :]
+            if (file.kind, name) not in MAY_BE_INDIFFERENT and not is_noticed(file, changed):
+                missed.append(f"{case['id']} {name}: {text} -> {holder[key]}")
+    assert missed == []
+
+
+DIGITS = "0123456789ABCDEF"
+
+
+def hex_places(value: Any, name: str = "") -> Iterator[tuple[Any, Any, str]]:
+    """Yield where in a case there is a text of hexadecimal bytes: holder, key, name of the field."""
+    rows = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in rows:
+        inner = key if isinstance(key, str) else name
+        if inner in DESCRIBES:
+            continue
+        if isinstance(item, str) and item.strip() and {*item} <= {*DIGITS, " "}:
+            yield value, key, inner
+        else:
+            yield from hex_places(item, inner)
