@@ -127,7 +127,7 @@ class ObjectDictionary:
             self.add(entry)
         for index, subs in self._subs.items():
             if subs[0] != 0:
-                self.add(Entry(index, 0, "highest sub-index supported", "u8", "const", subs[-1]))
+                self.add(Entry(index, 0, "highest sub-index supported", "u8", "const", subs[-1], mappable=()))
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {len(self._entries)} entries>"

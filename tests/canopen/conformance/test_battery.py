@@ -13,6 +13,8 @@ from barewire.canopen.conformance.frames import Sdo
 from barewire.canopen.conformance.model import NodeCase, NodeStep, Subject
 from barewire.canopen.conformance.probe import probe
 from barewire.conversation import play
+from barewire.devices import load
+from barewire.devices.description.export_eds import export
 from barewire.errors import NoAnswer
 from tests.canopen.conformance.devices import (
     LARGE,
@@ -37,8 +39,6 @@ def runnable(all_cases: tuple[NodeCase, ...]) -> list[NodeCase]:
 
 # Where the guide of the AZ3 departs from the standard.
 DEVIATIONS = {
-    "SDO-03": "it lists no identity object",
-    "SDO-04": "it lists no identity object",
     "SDO-47": "it sends every number in four bytes",
 }
 
@@ -58,6 +58,16 @@ def test_a_plain_device(case: NodeCase) -> None:
 def test_the_simulated_drive(case: NodeCase) -> None:
     outcome = run_after_reset(bus_with(az3()), AZ3_SUBJECT, case)
     assert (outcome.failure is not None) == (case.name in DEVIATIONS), outcome.failure
+
+
+def test_the_simulated_drive_is_as_its_exported_eds() -> None:
+    """The identity, the mapping records, what can be mapped, and a measured value that cannot be written."""
+    described = export(load("az3")).objects
+    bus = bus_with(az3())
+    subject = bus.run(probe(NODE, timeout=0.1, objects=described))
+    chosen = {index: described[index] for index in (0x1018, 0x1600, 0x1A00, 0x2040, 0x2081, 0x6041, 0x6060, 0x606C)}
+    names = tuple(f"OD-{group}-" for group in ("READ", "SUB", "DEFAULT", "ACCESS", "RPDO", "TPDO", "WRITE"))
+    assert failures(bus, subject, prefixes=names, objects=chosen) == {}
 
 
 def test_one_device_passes_the_whole_battery() -> None:

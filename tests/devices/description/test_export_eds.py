@@ -47,7 +47,12 @@ def test_the_exported_eds_of_the_az3() -> None:
     assert document.get("1A00sub0", "DefaultValue") == "4"
     assert document.get("1A00", "ParameterName") == "TPDO1 mapping parameter"
     assert document.get("6091", "ParameterName") == "GEAR RATIO"
-    assert (document.get("6041", "PDOMapping"), document.get("6060", "PDOMapping")) == ("1", "0")
+    assert [document.get(section, "PDOMapping") for section in ("6041", "6060", "2040sub0", "1017")] == [
+        "1",
+        "1",
+        "0",
+        "0",
+    ]
     assert document.dictionary(9).get(0x1400, 1) == 0x209
     assert document.dictionary(9).get(0x1000) == 0x00020192
 

@@ -3,7 +3,7 @@
         Parameter  name, type, range, default, access  --.
         several of one index, with sub-indices         ---+--> EdsObject --> compose --> document --> bytes
         bits of one object                             --'
-        CanopenSettings.pdos  objects in PDOs          ----> PDOMapping=1
+        CanopenSettings.pdos  the device has PDOs      ----> PDOMapping=1 for what fits into a PDO, 8 mapping entries
 
 An EDS has raw numbers, so ranges and defaults lose scale and unit. COB-IDs of PDO records become formulas of the
 node-ID again. Fields that the description does not have get neutral values: the name of a record is the common
@@ -32,6 +32,9 @@ _SERVO_DRIVE = 0x0002_0192
 _STATUS_WORD = 0x6041
 _COMMUNICATION_RECORDS = (*range(0x1400, 0x1600), *range(0x1800, 0x1A00))
 _MAPPING_RECORDS = (*range(0x1600, 0x1800), *range(0x1A00, 0x1C00))
+_MAPPING_ENTRIES = 8
+"""A description has the objects that are mapped by default; the record has as many sub-indices as eight bytes need."""
+_APPLICATION = 0x2000
 _RATE = re.compile(r"([0-9]+) ([kM])bit/s")
 _RATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 
@@ -101,15 +104,18 @@ def _described_objects(device: Device) -> Iterator[EdsObject]:
     for parameter in _on_canopen(device):
         index, sub = _index_and_sub(parameter)
         by_index.setdefault(index, {}).setdefault(sub, parameter)
-    mapped = {(index, sub) for pdo in device.canopen.pdos for index, sub, _ in pdo.map} if device.canopen else set()
+    has_pdos = device.canopen is not None and bool(device.canopen.pdos)
     for index, subs in sorted(by_index.items()):
-        items = [_item(device, parameter, (index, sub) in mapped) for sub, parameter in sorted(subs.items())]
+        items = [_item(device, parameter, has_pdos and index >= _APPLICATION) for _, parameter in sorted(subs.items())]
         if [*subs] == [0]:
             yield _variable(index, items[0])
             continue
         if 0 not in subs:
             first = EdsItem(0, "Number of mapped objects", "u8", "rw", len(items))
             items.insert(0, first if index in _MAPPING_RECORDS else _highest_sub(max(subs)))
+        if index in _MAPPING_RECORDS:
+            unused = range(max(subs) + 1, _MAPPING_ENTRIES + 1)
+            items += [EdsItem(sub, f"Mapped object {sub}", "u32", "rw", 0) for sub in unused]
         yield EdsObject(index, _record_name(index, subs.values()), RECORD, tuple(items))
 
 
@@ -145,16 +151,16 @@ def _record_name(index: int, parameters: Iterable[Parameter]) -> str:
     return common or f"Object {index:04X}h"
 
 
-def _item(device: Device, parameter: Parameter, mapped: bool) -> EdsItem:
+def _item(device: Device, parameter: Parameter, mappable: bool) -> EdsItem:
     index, sub = _index_and_sub(parameter)
     if _bit(parameter) is not None:
-        return EdsItem(sub, f"Bits of {index:04X}h", "u16", "rw", pdo=mapped)
+        return EdsItem(sub, f"Bits of {index:04X}h", "u16", "rw", pdo=mappable)
     default: Value | Formula | None = None if parameter.default is None else parameter.to_raw(parameter.default)
     if index in _COMMUNICATION_RECORDS and sub == 1 and isinstance(default, int) and device.canopen is not None:
         default = Formula(default - device.canopen.node)
     type = "string" if parameter.type == "text" else parameter.object_type
     low, high = (_limit(parameter, limit) for limit in (parameter.minimum, parameter.maximum))
-    return EdsItem(sub, parameter.name, type, parameter.access, default, low, high, mapped)
+    return EdsItem(sub, parameter.name, type, parameter.access, default, low, high, mappable and type != "string")
 
 
 def _limit(parameter: Parameter, limit: int | float | None) -> int | float | None:

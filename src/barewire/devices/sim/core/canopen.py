@@ -3,8 +3,8 @@
         SDO, RPDO --> Entry.on_write --> Cell.check, Cell.put         (Declined -> abort code)
         SDO, TPDO <-- Entry.on_read  <-- Cell.shown                   raw numbers, little-endian
 
-Only the state of the node itself is kept here: its NMT state and the records of its PDOs. The mandatory objects 1000h
-and 1001h are added where the description does not list them.
+Only the state of the node itself is kept here: its NMT state and the records of its PDOs. The mandatory objects 1000h,
+1001h and 1018h (vendor-ID 0) are added where the description does not list them.
 
 The node-ID and the bit rate may change when the machine restarts (`take_address`). Where the bit rate of the bus is
 given in `bus_bitrate`, a node with another bit rate receives nothing and sends nothing; a real one would send error
@@ -39,7 +39,7 @@ _ABORT_CODES: dict[DeclineReason, AbortCode] = {
     "signature": AbortCode.NOT_STORED,
     "state": AbortCode.DEVICE_STATE,
 }
-_DEVICE_TYPE, _ERROR_REGISTER = 0x1000, 0x1001
+_DEVICE_TYPE, _ERROR_REGISTER, _IDENTITY = 0x1000, 0x1001, 0x1018
 _PDO_RECORDS = range(0x1400, 0x1C00)
 _COMMUNICATION = range(0x1000, 0x2000)
 _SERVO_402 = 0x0002_0192  # device profile 402, servo drive
@@ -52,6 +52,8 @@ class CanopenAdapter:
         self.machine = machine
         entries = [*_entries(machine), Entry(_DEVICE_TYPE, 0, "device type", "u32", "const", _SERVO_402)]
         entries.append(Entry(_ERROR_REGISTER, 0, "error register", "u8", "ro"))
+        if all(entry.index != _IDENTITY for entry in entries):
+            entries.append(Entry(_IDENTITY, 1, "vendor-ID", "u32", "const", 0, object_name="identity object"))
         self.objects = ObjectDictionary({(entry.index, entry.sub): entry for entry in entries}.values())
         pdos = [_pdo(pdo, settings.node) for pdo in settings.pdos]
         self.node = LocalNode(
