@@ -10,7 +10,7 @@
     with barewire.CanopenClient("can://socketcan/can0") as bus:
         node = bus.node(5, device="az3")
         node.read("STATUS WORD"), node.sdo.upload(0x6041, 0), node.nmt.start()
-    with barewire.CanopenServer("can://virtual/x?node=5", device="az3") as server: ...
+    with barewire.CanopenServer("can://memory/x?node=5", device="az3") as server: ...
 
     with barewire.connect("az3", "can://socketcan/can0?node=5") as az3:          # a machine by name, on any bus
         az3["TARGET VELOCITY"] = 1500

@@ -21,7 +21,7 @@ from barewire.devices.sim import MachineUnits, Simulator, recorded_units, simula
 from barewire.devices.sim.recorded.toml import is_recorded
 from barewire.devices.value_text import parse_value
 from barewire.errors import shown
-from barewire.io.canopen.bus.receiving import INSIDE_ONE_PROCESS
+from barewire.io.canopen.bus.receiving import inside_one_process
 from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import LATE, faults_at, faults_on_can
 from barewire.io.fault_injection.targets import Fault, parse_faults
@@ -270,10 +270,10 @@ def _configured_machine(device: str, endpoints: Sequence[Endpoint]) -> Simulator
 
 
 def _check_reachable(url: str) -> None:
-    interface, _, channel = Endpoint.parse(url).place.partition("/")
-    if url.lower().startswith("can:") and interface == "virtual":
-        instead = f"use can://socketcand/127.0.0.1:29536/{channel}"
-        raise click.UsageError(f"{shown(url, 200)}: {INSIDE_ONE_PROCESS}, no other program reaches it; {instead}")
+    place = Endpoint.parse(url).place
+    if url.lower().startswith("can:") and (remark := inside_one_process(place)):
+        instead = f"use can://socketcand/127.0.0.1:29536/{place.partition('/')[2]}"
+        raise click.UsageError(f"{shown(url, 200)}: {remark}, no other program reaches it; {instead}")
 
 
 def _check_unit(endpoint: Endpoint, address: int) -> None:

@@ -31,6 +31,7 @@ from barewire.conversation import Conversation
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.blocking import run
 from barewire.io.ports.can.interfaces import can_port
+from barewire.io.ports.can.memory import MemoryPort
 from barewire.io.ports.can.python_can import CanPort
 from barewire.io.ports.can.socketcan import SocketCanPort
 from tests.interop.canopen.can_hubs import hub
@@ -52,7 +53,7 @@ class Place(NamedTuple):
 class RecordingPort:
     """Our port; it records every frame that it sends or receives."""
 
-    def __init__(self, port: CanPort | SocketCanPort) -> None:
+    def __init__(self, port: CanPort | MemoryPort | SocketCanPort) -> None:
         self.port = port
         self.seen: list[CanFrame] = []
 

@@ -74,7 +74,7 @@ _WIRES = (
     DemoWire(
         "the same AZ3, CANopen",
         "az3",
-        "can://virtual/barewire-demo?node=1&bitrate=125000",
+        "can://memory/barewire-demo?node=1&bitrate=125000",
         (
             DemoStep("HEATSINK TEMPERATURE"),
             DemoStep("SPEED KP"),

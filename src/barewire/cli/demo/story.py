@@ -66,7 +66,7 @@ _SCENES = (
     DemoScene(
         "The same drive on CANopen, by the same names",
         "az3",
-        "can://virtual/barewire-demo?node=1&bitrate=125000",
+        "can://memory/barewire-demo?node=1&bitrate=125000",
         "HEATSINK TEMPERATURE",
         "TARGET VELOCITY",
         1500,

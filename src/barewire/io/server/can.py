@@ -1,7 +1,7 @@
 """Servers of one CANopen node on a bus: `CanopenServer` in a thread, `AsyncCanopenServer` in an asyncio task.
 
     with CanopenServer("can://socketcan/can0?node=5", device="az3") as server:         a simulator
-    async with AsyncCanopenServer("can://virtual/x?node=5", eds="drive.eds") as server:
+    async with AsyncCanopenServer("can://memory/x?node=5", eds="drive.eds") as server:
 
 A socketcand bus between processes needs a server. If none listens at a can://socketcand endpoint on this computer, the
 first node that is served there starts one (`io.canopen.socketcand`).

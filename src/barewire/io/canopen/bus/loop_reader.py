@@ -2,10 +2,11 @@
 
         port  --readable-->  event loop  -->  LoopReader.read  -->  subscribers, all of this loop     [loop.add_reader]
 
-A port can be read so if it has a `fileno`, which is readable while frames wait, and if the system keeps the frames
-until they are read. A listener in a thread, or in another loop, gets its frames from the reader thread of the bus: when
-one comes the thread starts, and this reader stops. Only the holder of the bus's lock reads, and each frame is delivered
-to all subscribers, so none is lost or delivered twice.
+A port can be read so if it has a `fileno`, which is readable while frames wait, or a `notify`, which registers a
+function that it calls when frames arrive; and if frames are kept until they are read. A listener in a thread, or in
+another loop, gets its frames from the reader thread of the bus: it starts when one comes, and this reader stops. Only
+the holder of the bus's lock reads, and each frame is delivered to all subscribers, so none is lost or delivered
+twice.
 
 A busy loop reads late. For streams whose events depend on time the port records when each frame arrived (`keep_times`).
 
@@ -19,6 +20,7 @@ import os
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol
 
 from barewire.canopen.frame import CanFrame
@@ -56,6 +58,12 @@ class LoopReader:
         self._bus = bus
         self._thread = threading.get_ident()
         self._last = 0.0  # the time of the last frame
+        self._is_rung = False
+        self._descriptor = -1
+        self._notify: Callable[[Callable[[], object] | None], object] | None = getattr(bus.port, "notify", None)
+        if self._notify is not None:
+            self._notify(self._ring)
+            return
         # The port may be closed in a thread, and its number be that of another file before this loop notices.
         self._descriptor = os.dup(bus.port.fileno())  # type: ignore[attr-defined]
         try:
@@ -73,8 +81,20 @@ class LoopReader:
         if keep_times is not None:
             keep_times()
 
+    def _ring(self) -> None:
+        """Let the loop read: called by a port that has no descriptor, in any thread."""
+        if self._is_rung:
+            return
+        self._is_rung = True
+        if threading.get_ident() == self._thread:
+            self.loop.call_soon(self.read)
+            return
+        with suppress(RuntimeError):  # the loop is closed
+            self.loop.call_soon_threadsafe(self.read)
+
     def read(self) -> None:
         """Deliver the frames that have arrived."""
+        self._is_rung = False
         bus = self._bus
         if bus.loop_reader is not self or not bus.reading.acquire(blocking=False):
             return  # the reader thread has begun
@@ -116,6 +136,8 @@ class LoopReader:
             self._release()
 
     def _release(self) -> None:
+        if self._notify is not None:
+            self._notify(None)
         descriptor, self._descriptor = self._descriptor, -1
         if descriptor >= 0:
             if not self.loop.is_closed():

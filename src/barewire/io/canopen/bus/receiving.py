@@ -43,7 +43,12 @@ if TYPE_CHECKING:
 _RECEIVE_TIMEOUT = 0.05
 """Seconds that the reader waits for a frame before it checks whether the bus was closed."""
 
-INSIDE_ONE_PROCESS = "can://virtual is inside one process"
+
+def inside_one_process(place: str) -> str:
+    """Return a remark on a bus that other processes cannot reach; an empty text for any other bus."""
+    interface = place.partition("/")[0]
+    return f"can://{interface} is inside one process" if interface in ("memory", "virtual") else ""
+
 
 Sender: TypeAlias = Subscriber | DirectPort
 WatchFrames: TypeAlias = "Callable[[Direction, CanFrame], Any]"
@@ -68,7 +73,7 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
         self.place = self.name if "/" not in self.name else f"can://{self.name}"
         """The URL of the bus, without options, in the lines of the log."""
         self._log = PortLog("barewire.canopen.bus", self.place)
-        self.monitor = NodeMonitor(INSIDE_ONE_PROCESS if str(self.name).startswith("virtual/") else "")
+        self.monitor = NodeMonitor(inside_one_process(str(self.name)))
         self._receive = receiver(port)
         self._try_send: Callable[[CanFrame], bool] | None = getattr(port, "try_send", None)
         self.has_frames: Callable[[], bool] | None = getattr(port, "has_frames", None)
@@ -201,12 +206,8 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
             self._alone = subscriber
             return
         loop, reader = subscriber.loop, self.loop_reader
-        if (
-            self._reader is None
-            and loop is not None
-            and (self._direct or self._alone) is None
-            and hasattr(self.port, "fileno")
-        ):
+        others = self._reader or self._direct or self._alone
+        if loop is not None and others is None and (hasattr(self.port, "fileno") or hasattr(self.port, "notify")):
             if reader is not None and reader.loop is loop:
                 return
             if reader is None or reader.loop.is_closed():

@@ -1,6 +1,7 @@
 """The interfaces of can:// URLs: which port each of them has.
 
     can://socketcan/can0          `socketcan`       a raw socket of the Linux kernel
+    can://memory/NAME             `memory`          a bus inside this process
     can://INTERFACE/CHANNEL       `python_can`      any other interface
 
 Used by: clients, servers, captures, cli.
@@ -16,16 +17,21 @@ from barewire.io.ports.can.raw_socket import check_socketcan_options
 from barewire.io.ports.can.socketcan import SocketCanPort
 
 if TYPE_CHECKING:
+    from barewire.io.ports.can.memory import MemoryPort
     from barewire.io.ports.can.python_can import CanPort
 
 
-def can_port(endpoint: Endpoint, *, stamps: bool = False) -> SocketCanPort | CanPort:
-    """Open the bus of a can:// endpoint: SocketCAN by itself, any other interface by python-can.
+def can_port(endpoint: Endpoint, *, stamps: bool = False) -> SocketCanPort | MemoryPort | CanPort:
+    """Open the bus of a can:// endpoint: SocketCAN and memory by themselves, any other interface by python-can.
 
     `stamps`: a port that has the time of the system sets `received_at`. Raises EncodeError, PortError.
     """
     if endpoint.place.startswith("socketcan/"):
         return SocketCanPort(endpoint, stamps=stamps)
+    if endpoint.place.startswith("memory/"):
+        from barewire.io.ports.can.memory import MemoryPort
+
+        return MemoryPort(endpoint)
     from barewire.io.ports.can.python_can import CanPort
 
     return CanPort(endpoint)
@@ -36,6 +42,11 @@ def check_interface(endpoint: Endpoint) -> None:
     PortError if the interface needs python-can, and that is missing."""
     if endpoint.place.startswith("socketcan/"):
         check_socketcan_options(endpoint)
+        return
+    if endpoint.place.startswith("memory/"):
+        from barewire.io.ports.can.memory import check_memory_options
+
+        check_memory_options(endpoint)
         return
     from barewire.io.ports.can.python_can import check_python_can_options
 
