@@ -201,6 +201,28 @@ _INTRODUCTION = (
     "    make suite ARGS=tests/interop",
     "    make suite ARGS=tests/interop PYTHON=python3.12 VENV=.venv-3.12      tmodbus needs Python 3.12",
 )
+_CANOPENNODE = (
+    "### The test scripts of CANopenNode",
+    "",
+    "CANopenDemo 1f16f49 has 31 tests in three scripts: `cocomm` gives commands to `canopend`, node 1, and the",
+    "frames of node 4 are compared. They ran on vcan in the guest kernel on 2026-11-22, with programs that are",
+    "built elsewhere (CANopenNode v4.0-384-gfbd42d4). The conformance battery against the demo device is on the page",
+    "[conform-canopen](conform-canopen.md#canopennodes-demo-device).",
+    "",
+    "    python -m tests.interop.canopen.canopennode scripts CANopenDemo/test cocomm canopend ours demoDevice.eds",
+    "    python -m tests.interop.canopen.canopennode scripts CANopenDemo/test cocomm ours demoLinuxDevice \\",
+    "        demoDevice.eds DS301_profile.eds",
+    "",
+    "| node 1 | node 4 | passed | the others |",
+    "|---|---|---|---|",
+    "| canopend | our device with their EDS | 28 of 31 | three tests of the heartbeat consumer compare whole"
+    " emergencies. The error codes 8130h and 0000h are equal; our error register is 11h with bit 0, which CiA 301"
+    " sets with every error, theirs 10h; the last five bytes are the manufacturer's: theirs an error number (1Bh,"
+    " 1Ch), ours the node-ID |",
+    "| our gateway with the EDS of their example | their demo device | 30 of 31 | one test expects that node 1"
+    " starts itself, and that its heartbeat time stays over a reset of communication, which by CiA 301 restores"
+    " 1017h |",
+)
 
 
 def _modbus(rows: tuple[Evidence, ...]) -> Iterator[str]:
@@ -266,6 +288,8 @@ def _canopen(rows: tuple[Evidence, ...]) -> Iterator[str]:
     yield "Dissected: every kind of single frame is written as pcapng of link type 227 and read by tshark; each field"
     yield "is compared with that of `barewire explain` for the same bytes. tshark 4.0 does not dissect the start of a"
     yield "block transfer with a CRC, and the segments of a block are recognised by their order only."
+    yield ""
+    yield from _CANOPENNODE
     if CANOPEN_NO_PEER:
         yield ""
         yield "### CANopen services without another program"

@@ -5,7 +5,8 @@
     random       sequences of three to nine letters and single writes, always the same ones
 
 `make hostile` does more (`tools/hostile_master.py`): every sequence of two letters of the whole alphabets, and more
-random ones; with `ARGS=--three` also every sequence of three letters of the small alphabets.
+random ones; with `ARGS=--three` also every sequence of three letters of the small
+alphabets, 750,000 of all devices: run on 2026-11-22 without a failure.
 """
 
 from __future__ import annotations

@@ -35,6 +35,7 @@ $B mount -t tmpfs tmpfs /run
 $B mkdir -p /run/job /run/tmp /dev/pts /dev/shm
 $B mount -t devpts -o ptmxmode=666 devpts /dev/pts
 $B mount -t tmpfs tmpfs /dev/shm
+$B ln -sf /proc/self/fd /dev/fd
 $B mount -t hostfs -o {job} none /run/job
 for module in {modules}; do $B insmod $module; done
 ip link set lo up
