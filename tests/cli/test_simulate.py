@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from barewire import CanopenServer, ModbusServer
+from barewire import CanopenClient, CanopenServer, ModbusServer
 from barewire.devices.sim import Az3, MachineUnits, simulator
 from barewire.io.fault_injection.targets import KINDS
 from tests.cli.helpers import error_of, output_of, run_command, simulated, simulated_at
@@ -158,3 +158,18 @@ def test_a_serial_path_that_another_simulation_serves_is_refused(tmp_path: Path)
         error = error_of("simulate", "adxl", f"rtu://{tmp_path}/line")
         assert f"{tmp_path}/line: another barewire server has this pseudo-terminal; " in error
         assert "Status" in output_of("read", endpoint, "adxl", "Status")
+
+
+def test_the_device_of_an_eds(tmp_path: Path) -> None:
+    """Its objects have their defaults; the node-ID is that of the endpoint."""
+    file = tmp_path / "drive.eds"
+    output_of("eds", "export", "az3", str(file))
+    bus = f"can://socketcand/127.0.0.1:{free_port()}/can0?node=9"
+    with simulated_at(str(file), bus) as url:
+        assert output_of("read", url, "az3", "MAX CURRENT").startswith("MAX CURRENT = ")
+        with CanopenClient(url) as client:
+            assert client.node().sdo.upload(0x1000) == bytes.fromhex("92010200")
+    for endpoints in (("tcp://127.0.0.1:0",), (bus, "can://socketcand/127.0.0.1:1/can0")):
+        assert "expected one endpoint, can://" in error_of("simulate", str(file), *endpoints, status=2)
+    missing = str(tmp_path / "none.eds")
+    assert "No such file" in error_of("simulate", missing, "can://socketcand/127.0.0.1:1/can0", status=2)

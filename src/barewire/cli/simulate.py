@@ -58,8 +58,9 @@ def simulate_command(
     """Simulate a device on real ports until interrupted.
 
     DEVICE is a name of `barewire devices`, the directory of your own description, a file that `barewire record` wrote,
-    or `table`: 65,536 coils, discrete inputs, holding and input registers. Several endpoints lead to the same machine,
-    with the same values.
+    an EDS or DCF of a CANopen device (its objects with their defaults, on one can:// endpoint), or `table`: 65,536
+    coils, discrete inputs, holding and input registers. Several endpoints lead to the same machine, with the same
+    values.
 
     A serial ENDPOINT whose path does not exist becomes a new pseudo-terminal with that name, which another program
     opens like a serial port; `rtu://pty` becomes one without a name. can://socketcand/127.0.0.1:29536/can0 becomes a
@@ -74,6 +75,7 @@ def simulate_command(
     barewire read "rtu:///tmp/az3?retries=5" az3 "STATUS WORD"
     barewire simulate table tcp://127.0.0.1:1502 --fault exception=04@20,drop@every=3
     barewire simulate pump.toml rtu:///tmp/line
+    barewire simulate drive.eds "can://socketcand/127.0.0.1:29536/can0?node=5"
 
     --fault disturbs responses, and prints `fault KIND` for each. It works on tcp, tls (before encryption), udp, rtu,
     ascii, rtu+tcp, ascii+tcp and can. KIND hits one response in ten, KIND:P those with the probability P; what follows
@@ -129,8 +131,9 @@ def simulate_command(
     for endpoint in endpoints:
         _check_reachable(endpoint)
     faults = None if fault is None else _checked_faults(fault, late, list(map(Endpoint.parse, endpoints)))
-    recorded = _recorded(device)
-    is_machine = device != _TABLE and recorded is None
+    is_described = device.lower().endswith((".eds", ".dcf"))
+    recorded = None if is_described else _recorded(device)
+    is_machine = device != _TABLE and recorded is None and not is_described
     machine = _configured_machine(device, list(map(Endpoint.parse, endpoints))) if is_machine else None
     _set_initial_state(device, machine, values, world)
     disturbed: dict[str, Any] = {}
@@ -139,6 +142,10 @@ def simulate_command(
     server_at: Callable[[str], ThreadedServer]
     if machine is not None:
         server_at = partial(machine_server, machine=machine, **disturbed)
+    elif is_described:
+        if len(endpoints) != 1 or Endpoint.parse(endpoints[0]).scheme != "can":
+            raise EncodeError(f"{device}: the device of an EDS is on one CAN bus: expected one endpoint, can://...")
+        server_at = partial(_eds_server, file=device, **disturbed)
     elif recorded is not None:
         server_at = partial(_recorded_server, units=recorded, **disturbed)
     else:
@@ -241,6 +248,16 @@ def _recorded_server(url: str, units: Mapping[int, Unit], **faults: Any) -> Thre
         (unit,) = units.values()
         units = {**dict.fromkeys(_tcp_units(endpoint), unit), **units}
     return ModbusServer(url, units, **faults)
+
+
+def _eds_server(url: str, file: str, **faults: Any) -> ThreadedServer:
+    """Return a server for the node that an EDS describes. Why PDOs of it are switched off, is printed on stderr."""
+    from barewire import CanopenServer  # needs python-can
+
+    server = CanopenServer(url, eds=file, **faults)
+    for reason in server.refused_pdos:
+        click.echo(f"barewire: {file}: PDO switched off: {reason}", err=True)
+    return server
 
 
 def machine_server(url: str, machine: Simulator, **faults: Any) -> ThreadedServer:
