@@ -13,6 +13,7 @@ import pytest
 
 from barewire.ascii import encode as ascii_frame
 from barewire.canopen import CanFrame
+from barewire.canopen.eds import parse, to_dcf
 from barewire.explain.capture.pcapng import read_packets
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint
@@ -169,6 +170,21 @@ def test_a_can_recording(tmp_path: Path) -> None:
     assert [event["event"] for event in events] == ["node", "sdo", "unread", "pdo", "summary"]
     assert events[1] | {"data": "3706", "index": 0x6041, "outcome": "done", "bus": "can0"} == events[1]
     assert output_of("sniff", str(log), "--only", "violation").count("\n") == 1
+
+
+def test_a_device_without_a_node_says_whose_names_are_printed(tmp_path: Path) -> None:
+    """The description of the AZ3 has the node-ID 1, a DCF has its own; --node gives another."""
+    log, eds, dcf = tmp_path / "can.log", tmp_path / "az3.eds", tmp_path / "left.dcf"
+    log.write_text("(0.1) can0 605#4041600000000000\n(0.2) can0 585#4B41600037060000\n")
+    done = run_command("sniff", str(log), "--device", "az3")
+    assert done.stderr == "barewire: --device az3: names are those of node 1; --node gives another\n"
+    assert "STATUS WORD" not in done.stdout
+    output_of("eds", "export", "az3", str(eds))
+    dcf.write_bytes(to_dcf(parse(eds.read_bytes()), 5, {}).encode())
+    done = run_command("sniff", str(log), "--device", str(dcf))
+    assert "names are those of node 5" in done.stderr
+    assert "STATUS WORD" in done.stdout
+    assert run_command("sniff", str(log), "--device", "az3", "--node", "5").stderr == ""
 
 
 def test_the_device_may_be_an_eds(tmp_path: Path) -> None:

@@ -250,6 +250,7 @@ def _known_node(name: str, node: int | None) -> KnownNode:
     from barewire.canopen.eds import parse
 
     document = parse(file_content(name))
+    node = node or document.node_id  # of a DCF
     if node is None:
         raise EncodeError(f"{name}: an EDS has no node-ID: give it with --node")
     return of_dictionary(document.dictionary(node), node, name)

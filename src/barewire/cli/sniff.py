@@ -132,6 +132,10 @@ def sniff_command(
     with ExitStack() as stack:
         if is_can:
             known = known_nodes(devices, nodes)
+            for name, found in list(zip(devices, known))[len(nodes) :]:
+                click.echo(
+                    f"barewire: --device {name}: names are those of node {found.node}; --node gives another", err=True
+                )
             items = read_recording(data) if endpoint is None else _live_frames(endpoint, seconds)
             file = None if write is None else stack.enter_context(_RecordingFile(write))
             monitors = BusMonitors(known, bus, complete=complete)
