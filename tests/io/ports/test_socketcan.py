@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from barewire import CanopenClient
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import Endpoint
@@ -40,6 +41,11 @@ class Spy:
         if self.receive_errors:
             raise OSError(self.receive_errors.pop(0), "failed")
         return self.inner.recv(*arguments)
+
+    def recvmsg(self, *arguments: int) -> Any:
+        """Mark frames that begin with the identifier 7FFh as those of this socket, as a raw CAN socket does."""
+        data, extra, flags, address = self.inner.recvmsg(*arguments)
+        return data, extra, flags | (0x804 if data[:2] == b"\xff\x07" else 4), address
 
     def send(self, data: bytes, flags: int = 0) -> int:
         if self.send_errors:
@@ -227,6 +233,25 @@ def test_a_port_knows_whether_it_returns_what_it_sends(pair: tuple[Spy, socket.s
     assert not port_on(pair[0]).own_frames
     own = Endpoint.parse("can://socketcan/can0?receive_own_messages=true")
     assert SocketCanPort(own, opened=pair[0].inner).own_frames
+
+
+def test_frames_that_were_sent_here_are_marked_and_a_client_gets_them_once(pair: tuple[Spy, socket.socket]) -> None:
+    url = Endpoint.parse("can://socketcan/can0?receive_own_messages=1")
+    port = SocketCanPort(url, opened=pair[0])  # type: ignore[arg-type]
+    own, foreign = raw(0x7FF, b"own"), raw(0x585, b"1")
+    for data in (own, foreign, own, own, foreign, own):
+        pair[1].send(data)
+    assert (port.receive(1.0), port.is_own) == (CanFrame(0x7FF, b"own"), True)
+    assert (port.receive(1.0), port.is_own) == (CanFrame(0x585, b"1"), False)
+    assert (port.receive_others(1.0), port.is_own) == (CanFrame(0x585, b"1"), False)
+    assert port.receive_others(0.01) is None
+    assert not any(call[0] == "recv" for call in pair[0].calls)
+    with CanopenClient(port, node=5) as client, client.frames() as stream:
+        client.send(CanFrame(0x7FF, b"own"))
+        pair[1].send(own)
+        pair[1].send(foreign)
+        assert [stream.get(30.0), stream.get(30.0)] == [CanFrame(0x7FF, b"own"), CanFrame(0x585, b"1")]
+        assert client.channel().own_frames is False  # so another client on the channel is noticed
 
 
 MAKE = "ip link add dev {0} type vcan && ip link set {0} up"

@@ -40,9 +40,12 @@ _FIRST_RECEIVE = 0.05
 def receiver(port: Port[CanFrame]) -> Callable[[float], BusItem | None]:
     """Return the method that receives from a port, with the reports of the controller if the port has them.
 
+    A port that marks its own frames is read without them: a bus delivers what it sends when it sends it.
     The frames of a port that is not one of `io.ports` are checked: nothing above this checks them again.
     """
     receive: Callable[[float], BusItem | None] = getattr(port, "receive_any", port.receive)
+    if leaves_out_own_frames(port):
+        receive = port.receive_others  # type: ignore[attr-defined]
     if type(port).__module__.startswith("barewire.io."):
         return receive
 
@@ -59,6 +62,11 @@ def receiver(port: Port[CanFrame]) -> Callable[[float], BusItem | None]:
             raise PortError(f"{type(port).__name__}.receive returned a frame that CAN cannot carry: {error}") from None
 
     return checked
+
+
+def leaves_out_own_frames(port: Port[CanFrame]) -> bool:
+    """Return whether a port returns its own frames, but marks them, so that `receiver` leaves them out."""
+    return bool(getattr(port, "own_frames", None)) and hasattr(port, "receive_others")
 
 
 class Reopening:

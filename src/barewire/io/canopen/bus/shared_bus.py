@@ -28,7 +28,7 @@ from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import PortError
 from barewire.io.canopen.bus.receiving import ReceivingBus, Sender, WatchFrames
-from barewire.io.canopen.bus.reconnect import Dial
+from barewire.io.canopen.bus.reconnect import Dial, leaves_out_own_frames
 from barewire.io.canopen.bus.subscriber import BusDown, Key, Subscriber
 from barewire.io.endpoint import PAUSES, Endpoint
 from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
@@ -156,7 +156,7 @@ class CanBus(ReceivingBus):
         with self._locking:
             channel = self._channels.get((node, dialect))
             if channel is None:
-                own = getattr(self.port, "own_frames", None)
+                own = False if leaves_out_own_frames(self.port) else getattr(self.port, "own_frames", None)
                 channel = Channel(node, dialect, node_monitor=self.monitor, own_frames=own)
                 self._channels[node, dialect] = channel
             return channel

@@ -36,10 +36,12 @@ _FD_FRAME = Struct("=IBB2x")
 _LONGEST = 72  # struct canfd_frame
 _EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
 _TIME = Struct("@ll")
+_MARKS_ROOM = socket.CMSG_SPACE(_TIME.size) if hasattr(socket, "CMSG_SPACE") else 0
 _MEMORY = Struct("=9I")  # the last one is SK_MEMINFO_DROPS
 
 # Numbers that Python 3.11 has no names for. [Linux, asm-generic/socket.h]
 _SO_TIMESTAMPNS, _SO_MEMINFO = 35, 55
+_MSG_CONFIRM = 0x800  # "sent by this socket"; with MSG_DONTROUTE, 4, for all frames of this computer [can.rst 4.1.7]
 
 _FRAME_ROOM = 1024
 """Bytes of the receive buffer that a frame takes at most, in the count of the system."""
@@ -59,7 +61,8 @@ class SocketCanPort:
 
     `others` counts error frames and CAN FD frames, which CANopen has not; `strange` keeps the latest. `lost` counts
     frames for which the buffer of the socket had no room. With `stamps`, or after `keep_times`, `received_at` is when
-    the last frame arrived, in seconds since 1970, as the system recorded it.
+    the last frame arrived, in seconds since 1970, as the system recorded it. With the option `receive_own_messages`
+    `is_own` is whether the last frame was sent here; `receive_others` leaves those out.
     """
 
     keeps_frames = True
@@ -92,7 +95,8 @@ class SocketCanPort:
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
         self._send = self._socket.send
-        self._recv: Callable[..., bytes] = self._socket.recv
+        self.is_own = False
+        self._recv: Callable[..., bytes] = self._receive_with_marks if self.own_frames else self._socket.recv
         if stamps:
             self.keep_times()
 
@@ -106,7 +110,7 @@ class SocketCanPort:
     def keep_times(self) -> None:
         """Set `received_at` from now on."""
         self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-        self._recv = self._receive_with_time
+        self._recv = self._receive_with_marks
 
     # Frames out
 
@@ -206,6 +210,13 @@ class SocketCanPort:
                 return _new(CanFrame, (identifier, body if length == 8 else body[:length], False, False, 0))
         return self._item(data)
 
+    def receive_others(self, timeout: float) -> CanFrame | ErrorFrame | FdFrame | None:
+        """The same as `receive_any`, without the frames that were sent here."""
+        until = time.monotonic() + timeout
+        while (item := self.receive_any(timeout)) is not None and self.is_own:
+            timeout = max(0.0, until - time.monotonic())
+        return item
+
     def _read(self, timeout: float) -> bytes | None:
         """Return the bytes of the next frame, or None after `timeout` seconds, of which the system may not know yet."""
         if timeout > 0.0:
@@ -235,9 +246,10 @@ class SocketCanPort:
     def _receive_now(self) -> bytes:
         return self._recv(_LONGEST, _NOW)
 
-    def _receive_with_time(self, size: int, flags: int = 0) -> bytes:
-        """Do the same as `recv`, and record when the frame arrived."""
-        data, extra, _, _ = self._socket.recvmsg(size, socket.CMSG_SPACE(_TIME.size), flags)
+    def _receive_with_marks(self, size: int, flags: int = 0) -> bytes:
+        """Do the same as `recv`, and record when the frame arrived, and whether this socket sent it."""
+        data, extra, marks, _ = self._socket.recvmsg(size, _MARKS_ROOM, flags)
+        self.is_own = marks & _MSG_CONFIRM != 0
         for level, kind, content in extra:
             if (level, kind) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS):
                 seconds, nanoseconds = _TIME.unpack_from(content)
