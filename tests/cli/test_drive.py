@@ -34,6 +34,19 @@ def drive_at(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[s
         yield endpoint, device
 
 
+def test_enable_warns_of_a_target_that_is_left_in_the_drive(tmp_path: Path) -> None:
+    """In the velocity mode the motor turns as soon as the drive is enabled."""
+    with simulated_at("az3", f"rtu://{tmp_path}/line?baudrate=115200") as url:
+        assert "TARGET VELOCITY" not in run_command("drive", url, "az3", "enable").stderr
+        output_of("drive", url, "az3", "disable")
+        output_of("write", url, "az3", "MODES OF OPERATION=3", "TARGET VELOCITY=500")
+        done = run_command("drive", url, "az3", "enable")
+        assert (
+            "barewire: TARGET VELOCITY is 500 in the velocity mode: the motor turns when it is enabled" in done.stderr
+        )
+        assert done.returncode == 0
+
+
 def test_enable_move_and_stop(drive_at: tuple[str, str]) -> None:
     assert output_of("drive", *drive_at, "status").startswith(
         "switch on disabled, position 0, velocity 0; status word "

@@ -15,7 +15,7 @@ import click
 from rich.console import Console
 from rich.progress import Progress as Bar, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from barewire import BarewireError, NoAnswer, PortError, connect, load
+from barewire import BarewireError, NoAnswer, PortError, Refused, connect, load
 from barewire.cli.arguments import (
     CommandGroup,
     EndedBySignal,
@@ -128,6 +128,8 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
             ):
                 if name in _MUST_BE_DONE:
                     show_progress = _if_possible(show_progress)
+                if name == "enable" and (old := _old_target(machine, device)):
+                    print(f"barewire: {old}", file=sys.stderr, flush=True)
                 client = machine.drive.following(show_progress, timeout=timeout)
                 with ended_by_signals(interrupt=True) as ignore_signals:
                     try:
@@ -168,6 +170,18 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
         return drive_command.command(name, cls=kind, context_settings=settings)(command)
 
     return make_command
+
+
+def _old_target(machine: Any, device: Device) -> str:
+    """Return why a drive will turn as soon as it is enabled: its mode is velocity, and a target is left in it."""
+    roles = drive_roles(device)
+    if not (roles.mode and roles.target_velocity and "velocity" in roles.modes):
+        return ""
+    with suppress(Refused):  # a drive whose commands cannot be read back is not checked
+        mode, target = (reading.value for reading in machine.read(roles.mode, roles.target_velocity))
+        if mode == roles.modes["velocity"] and target:
+            return f"{roles.target_velocity} is {show(target)} in the velocity mode: the motor turns when it is enabled"
+    return ""
 
 
 _AT_REST = ("move", "home", "velocity", "quick-stop")
