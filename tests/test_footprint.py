@@ -156,6 +156,12 @@ def test_a_canopen_method_loads_its_file_when_it_is_called() -> None:
     assert not found & {"bus.scan", "emcy.message", "nmt.node_guarding"}
 
 
+@pytest.mark.parametrize("statement", ["from barewire import *", "import barewire.cli"])
+def test_nothing_but_its_own_command_loads_the_vectors(statement: str) -> None:
+    found = loaded(statement)
+    assert not [name for name in found if "vectors" in name or name == "zipfile"]
+
+
 def test_a_client_or_server_loads_no_other() -> None:
     for name, others in {
         "io.Endpoint": ("engine", "modbus", "canopen", "server"),

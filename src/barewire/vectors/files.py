@@ -2,7 +2,10 @@
 
     vectors/kinds.json              the operations of each kind
     vectors/index.json              the digest of each case: a damaged file is noticed
+    vectors/VERSION                 the version of the vectors
     vectors/rtu/crc16.json          a file: one subject, one kind, its cases
+
+A wheel has them as one compressed file, vectors.zip, which setup.py makes.
 
 Depends on: errors.  Used by: `barewire vectors`, tests.
 """
@@ -10,7 +13,9 @@ Depends on: errors.  Used by: `barewire vectors`, tests.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import zipfile
 from collections.abc import Iterator
 from importlib.resources import files as package_files
 from importlib.resources.abc import Traversable
@@ -83,9 +88,16 @@ def load_vectors(folder: str | Path | None = None) -> Vectors:
 
 
 def _here() -> Traversable:
-    """Return the folder of the vectors: in an installed package, or at the top of the source tree."""
-    inside = package_files("barewire.vectors") / "data"
-    return inside if inside.is_dir() else Path(__file__).parents[3] / "vectors"
+    """Return the folder of the vectors: packed in an installed package, or at the top of the source tree."""
+    packed = package_files("barewire.vectors") / "vectors.zip"
+    if packed.is_file():
+        return opened(packed.read_bytes())
+    return Path(__file__).parents[3] / "vectors"
+
+
+def opened(archive: bytes) -> Traversable:
+    """Return the folder in an archive of the vectors."""
+    return zipfile.Path(zipfile.ZipFile(io.BytesIO(archive)))
 
 
 def _read(root: Traversable, kinds: dict[str, tuple[Operation, ...]]) -> Iterator[VectorFile]:
