@@ -54,6 +54,15 @@ def test_objects_that_the_eds_excludes_are_not_written() -> None:
     assert (0x2000, 0) not in written_by(made["RND-06"])
 
 
+def test_a_limit_that_a_real32_can_only_pass_is_not_written() -> None:
+    """The REAL32 nearest to -1E21 is -1.00000002E21, which a right device refuses."""
+    described = described_with(0x2005, 0, low=-1e21, high=1e21)
+    bus = bus_with(device(Entry(0x2005, 0, "gain", "f32", "rw", 1.5, -1e21, 1e21)))
+    subject = bus.run(probe(NODE, timeout=0.1, objects=described))
+    case = application_of(bus, described)["OD-RANGE-2005:00"]
+    assert run_after_reset(bus, subject, case).failure is None
+
+
 def test_the_values_before_are_put_back() -> None:
     node = device()
     bus = bus_with(node)

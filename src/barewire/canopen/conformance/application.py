@@ -22,6 +22,7 @@ from barewire.canopen.conformance.configuration import irregular
 from barewire.canopen.conformance.eds_objects import DescribedItem, read_steps, write_steps
 from barewire.canopen.conformance.frames import READ_ONLY_CODES, Sdo, make_case
 from barewire.canopen.conformance.model import NodeCase, NodeStep, Subject
+from barewire.canopen.datatypes import object_codec
 from barewire.canopen.eds.model import EdsObject, every_item
 
 _CONTROLWORDS: Final = frozenset(range(0x6040, 0xA000, 0x0800))
@@ -80,6 +81,9 @@ def _values(item: DescribedItem, order: Iterator[int]) -> list[bytes]:
         found = [item.encoded(value) for value in (low, *between, high)]
     elif isinstance(low, (int, float)) and isinstance(high, (int, float)) and low <= high:
         found = [item.encoded(value) for value in (low, low + (high - low) / 2, high)]
+        # The nearest REAL32 of a limit such as 1E21 may lie beyond it.
+        codec = object_codec(described.type)
+        found = [data for data in found if data and low <= float(codec.decode(data)) <= high]
     return list(dict.fromkeys(data for data in found if data))
 
 
