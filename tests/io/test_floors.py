@@ -9,7 +9,7 @@ import barewire.io
 
 HOME = Path(barewire.io.__file__).parent
 FLOORS = [
-    {"url", "log"},
+    {"url", "log", "vector_adapter"},
     {"endpoint"},
     {"ports"},
     {"engine"},

@@ -8,6 +8,7 @@
     log                what is logged, and the limit of lines
     machine            a machine by name, on Modbus or CANopen; `named_values`: its values; `drive`: its motion
     fault_injection/   faults in the answers of a server
+    vector_adapter     a program that answers the questions of the vectors
     server/            ModbusServer, AsyncModbusServer, CanopenServer; connection limits
 
 `barewire` itself exports the clients, servers and machines; this package exports the rest.
