@@ -12,7 +12,7 @@ PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; 
             $$p -c '$(NEW)' 2>/dev/null && echo $$p && exit; done; echo python3)
 
 help: ## show this list
-	@sed -nE 's/^([a-z]+):.*## (.*)/make \1	\2/p' Makefile | expand -t 14
+	@sed -nE 's/^([a-z-]+):.*## (.*)/make \1	\2/p' Makefile | expand -t 22
 
 demo: $(VENV)/installed-all ## watch it work: three devices, two protocols, no hardware
 	@$(BIN)/barewire demo
@@ -50,6 +50,9 @@ hostile: $(VENV)/installed-dev ## CANopen devices after every configuration of t
 plant: $(VENV)/installed-dev ## 127 CANopen nodes booted, configured and run with SYNC at 100 Hz, and their load; ARGS=--help
 	@$(BIN)/python -m bench.plant $(ARGS)
 
+vectors-release: $(VENV)/installed-dev ## the vectors as an archive and as a package of npm, in dist/
+	@$(BIN)/python -m tools.vectors_release $(ARGS)
+
 mutants: $(VENV)/installed-mutants ## which changes of the core no test notices; writes docs/mutation.md
 	@$(BIN)/python tools/mutants.py $(ARGS)
 
@@ -72,5 +75,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide bench proof hostile plant format clean
+.PHONY: help demo check test style types suite pyodide bench proof hostile plant vectors-release format clean
 .NOTPARALLEL:

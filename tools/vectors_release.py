@@ -1,0 +1,221 @@
+"""Builds a release of the vectors in dist/:  make vectors-release
+
+    barewire-vectors-1.1.0.zip     everything in vectors/, LICENSE, changes.json, and SHA256SUMS of them all
+    barewire-vectors-1.1.0.tgz     the same files as a package of npm, with index.js
+
+vectors/VERSION is the version of the next release. vectors/released.json has what was released: by the version that
+added them the ids, with a digest of the meaning of each case. A case that was released keeps its meaning. If it was
+wrong, it is corrected, and vectors/CHANGELOG.md says so in the section of the next version:
+
+    - corrected `lrc-2`: the LRC was that of other bytes
+
+`python -m tools.vectors_release --record` writes released.json after a release. The same vectors make the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import hashlib
+import io
+import json
+import re
+import sys
+import tarfile
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+ROOT = Path(__file__).parent.parent
+VECTORS = ROOT / "vectors"
+NAME = "barewire-vectors"
+PROGRAMS_OWN = {"node_modules", "__pycache__", "npm", "build"}
+"""Folders below vectors/ that are not released: what programs put there, and the files that only npm needs."""
+DESCRIBES = {"id", "comment", "source", "printed", "why", "clause", "origin", "confirmed_by", "flags"}
+"""Fields that describe a case without a change of its meaning."""
+DECIDING_FLAGS = {"tolerant", "uncountable"}
+"""Flags that decide what is asked, or how an answer is judged."""
+
+Content: TypeAlias = dict[str, bytes]
+Releases: TypeAlias = dict[str, dict[str, str]]
+
+
+# What was released ------------------------------------------------------------------------------------------------
+
+
+def meaning(kind: str, case: Mapping[str, Any]) -> str:
+    """Return a digest of what a case demands: 16 digits of the SHA-256 of its kind and its fields."""
+    fields = {name: value for name, value in case.items() if name not in DESCRIBES}
+    fields["flags"] = sorted(DECIDING_FLAGS & {*case.get("flags", ())})
+    text = json.dumps([kind, fields], ensure_ascii=False, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def meanings() -> dict[str, str]:
+    """Return the digests of all cases by id, in the order of the files."""
+    documents = [json.loads(file.read_bytes()) for file in sorted(VECTORS.glob("*/*.json"))]
+    return {
+        case["id"]: meaning(document["kind"], case)
+        for document in documents
+        if str(document.get("format", "")).startswith("barewire-vectors/")
+        for case in document["cases"]
+    }
+
+
+def version() -> str:
+    """Return the version of the next release."""
+    return (VECTORS / "VERSION").read_text(encoding="utf-8").strip()
+
+
+def released() -> Releases:
+    """Return the ids and digests of released cases, by the version that added them; the last version comes last."""
+    found: Releases = json.loads((VECTORS / "released.json").read_text(encoding="utf-8"))
+    return found
+
+
+def sections(changelog: str) -> dict[str, str]:
+    """Return the sections of the changelog by version, the newest first."""
+    parts = re.split(r"^## (\S+).*\n", changelog, flags=re.MULTILINE)[1:]
+    return dict(zip(parts[::2], parts[1::2]))
+
+
+def corrections(section: str) -> dict[str, str]:
+    """Return the corrected cases of a section, with the reasons."""
+    return dict(re.findall(r"^- corrected `([^`]+)`: (.+(?:\n  .+)*)", section, flags=re.MULTILINE))
+
+
+def problems(now: Mapping[str, str], before: Releases, changelog: str, new: str) -> list[str]:
+    """Return what forbids a release of the version `new`, as sentences."""
+    parts, last = sections(changelog), [*before][-1]
+    known = {case_id: digest for row in before.values() for case_id, digest in row.items()}
+    fixed = corrections(parts.get(new, "")) if new != last else {}
+    wrong = [f"VERSION is {new}, but CHANGELOG.md has no section ## {new}"] * (new not in parts)
+    for case_id, digest in known.items():
+        if case_id not in now:
+            wrong.append(f"{case_id} was released and is not there any more: a wrong case is corrected, not removed")
+        elif now[case_id] != digest and case_id not in fixed:
+            wrong.append(
+                f"{case_id} was released with another meaning: if it was wrong, write into vectors/CHANGELOG.md, "
+                f"below ## {new}:  - corrected `{case_id}`: why.  Otherwise make a new case"
+            )
+    wrong += [
+        f"{case_id} is listed as corrected, but its meaning is that of version {last}"
+        for case_id in fixed
+        if case_id not in known or now.get(case_id) == known[case_id]
+    ]
+    if _number(new) <= _number(last) and now != known:
+        wrong.append(f"VERSION is {new}, but {last} is released, and cases have been added or corrected since")
+    return wrong
+
+
+def _number(text: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in text.split("."))
+
+
+def changes(now: Mapping[str, str], before: Releases, changelog: str, new: str) -> dict[str, Any]:
+    """Return the changelog by case id: for each version, the newest first, added ids and corrected ones."""
+    known = {case_id for row in before.values() for case_id in row}
+    added = {**before, new: [case_id for case_id in now if case_id not in known]} if new not in before else before
+    parts = sections(changelog)
+    return {
+        one: {"added": [*ids], "corrected": corrections(parts.get(one, ""))} for one, ids in reversed(added.items())
+    }
+
+
+def recorded(now: Mapping[str, str], before: Releases, new: str) -> str:
+    """Return the text of released.json after the release of the version `new`."""
+    known = {case_id for row in before.values() for case_id in row}
+    rows = {one: {case_id: now[case_id] for case_id in row} for one, row in before.items()}
+    rows.setdefault(new, {}).update({case_id: digest for case_id, digest in now.items() if case_id not in known})
+    return json.dumps(rows, indent=0) + "\n"
+
+
+# The archives -----------------------------------------------------------------------------------------------------
+
+
+def content() -> Content:
+    """Return the released files by name, without checksums."""
+    found = {"LICENSE": (ROOT / "LICENSE").read_bytes()}
+    for file in sorted(VECTORS.rglob("*")):
+        parts = file.relative_to(VECTORS).parts
+        if file.is_file() and not PROGRAMS_OWN & {*parts} and not parts[-1].startswith("."):
+            found["/".join(parts)] = file.read_bytes()
+    changelog = found["CHANGELOG.md"].decode()
+    found["changes.json"] = _json(changes(meanings(), released(), changelog, version()))
+    return dict(sorted(found.items()))
+
+
+def archive() -> bytes:
+    """Return the archive for everybody: a zip file with one folder."""
+    files = content()
+    files["SHA256SUMS"] = "".join(
+        f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in files.items()
+    ).encode()
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as target:
+        for name, data in files.items():
+            row = zipfile.ZipInfo(f"{NAME}-{version()}/{name}", (1980, 1, 1, 0, 0, 0))
+            row.compress_type, row.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            target.writestr(row, data)
+    return made.getvalue()
+
+
+def package() -> Content:
+    """Return the files of the npm package."""
+    ours = {file.name: file.read_bytes() for file in sorted((VECTORS / "npm").iterdir())}
+    described = {
+        "name": NAME,
+        "version": version(),
+        "description": "Test cases for Modbus and CANopen as JSON: frames, messages, transfers, behaviour",
+        "keywords": ["modbus", "canopen", "test-vectors", "conformance", "fieldbus"],
+        "license": "MIT",
+        "main": "index.js",
+        "types": "index.d.ts",
+        "engines": {"node": ">=18"},
+    }
+    return dict(sorted({**content(), **ours, "package.json": _json(described)}.items()))
+
+
+def npm() -> bytes:
+    """Return the npm package: what `npm pack` would make of these files, with fixed times."""
+    made = io.BytesIO()
+    with (
+        gzip.GzipFile("", "wb", 9, made, mtime=0) as squeezed,
+        tarfile.open(fileobj=squeezed, mode="w", format=tarfile.USTAR_FORMAT) as target,
+    ):
+        for name, data in package().items():
+            row = tarfile.TarInfo(f"package/{name}")
+            row.size, row.mode, row.mtime = len(data), 0o644, 499162500  # the time that npm writes, too
+            target.addfile(row, io.BytesIO(data))
+    return made.getvalue()
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, indent=2, ensure_ascii=False).encode() + b"\n"
+
+
+def main() -> int:
+    """Check what is to be released, then build it, or record it. Return the exit status."""
+    parser = argparse.ArgumentParser(description="Build a release of the vectors.")
+    parser.add_argument("--record", action="store_true", help="write vectors/released.json: this version is released")
+    parser.add_argument("--to", type=Path, default=ROOT / "dist", help="the folder of the archives (dist)")
+    options = parser.parse_args()
+    now, before, new = meanings(), released(), version()
+    changelog = (VECTORS / "CHANGELOG.md").read_text(encoding="utf-8")
+    if wrong := problems(now, before, changelog, new):
+        sys.stderr.write("\n".join(wrong) + "\n")
+        return 1
+    if options.record:
+        (VECTORS / "released.json").write_text(recorded(now, before, new), encoding="utf-8")
+        sys.stdout.write(f"vectors/released.json: version {new} with {len(now)} cases is released\n")
+        return 0
+    options.to.mkdir(parents=True, exist_ok=True)
+    for name, data in {f"{NAME}-{new}.zip": archive(), f"{NAME}-{new}.tgz": npm()}.items():
+        (options.to / name).write_bytes(data)
+        sys.stdout.write(f"{options.to / name}  {len(data)} bytes\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

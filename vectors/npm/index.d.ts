@@ -1,0 +1,35 @@
+/** A case: its fields by kind are described in README.md and schema.json. */
+export interface Case {
+  id: string;
+  result: 'valid' | 'invalid' | 'acceptable';
+  comment: string;
+  reason?: string;
+  fails?: 'encode' | 'decode' | 'compare';
+  flags?: string[];
+  [field: string]: unknown;
+}
+
+export interface VectorFile {
+  /** As "rtu/crc16". */
+  name: string;
+  subject: string;
+  kind: string;
+  notes: string[];
+  cases: Case[];
+}
+
+export interface Operation {
+  given: string[];
+  gives: string[];
+  inside?: Record<string, string[]>;
+}
+
+export const version: string;
+export const kinds: Record<string, Record<string, Operation>>;
+export const schema: object;
+/** The digest of each case, by id. */
+export const index: Record<string, string>;
+/** By version: the ids of added cases, and of corrected ones with the reason. */
+export const changes: Record<string, { added: string[]; corrected: Record<string, string> }>;
+export const files: VectorFile[];
+export const cases: { id: string; kind: string; file: string; case: Case }[];

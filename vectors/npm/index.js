@@ -1,0 +1,30 @@
+'use strict';
+// The vectors for programs in JavaScript. README.md tells what the fields of each kind mean.
+//
+//   const { kinds, cases } = require('barewire-vectors');       // or: import { kinds, cases } from 'barewire-vectors'
+//   for (const { id, kind, case: one } of cases) { ... }
+
+const { readFileSync, readdirSync } = require('node:fs');
+const { join } = require('node:path');
+
+const read = (...names) => JSON.parse(readFileSync(join(__dirname, ...names), 'utf8'));
+
+exports.version = read('package.json').version;
+exports.kinds = read('kinds.json');
+exports.schema = read('schema.json');
+exports.index = read('index.json');
+exports.changes = read('changes.json');
+
+// Each file: its name as "rtu/crc16", then its fields: format, subject, kind, notes, cases.
+exports.files = readdirSync(__dirname, { withFileTypes: true })
+  .filter((room) => room.isDirectory())
+  .flatMap((room) => readdirSync(join(__dirname, room.name)).map((name) => [room.name, name]))
+  .filter(([, name]) => name.endsWith('.json'))
+  .map(([room, name]) => ({ name: `${room}/${name.slice(0, -5)}`, ...read(room, name) }))
+  .filter((file) => file.format === 'barewire-vectors/1')
+  .sort((one, other) => (one.name < other.name ? -1 : 1));
+
+// Each case, with its id, its kind, and the name of its file.
+exports.cases = exports.files.flatMap((file) =>
+  file.cases.map((one) => ({ id: one.id, kind: file.kind, file: file.name, case: one })),
+);
