@@ -1,8 +1,8 @@
 """The races of `test_can` on vcan, in the guest kernel of the interop tests: `python -m bench.can_guest`.
 
 It needs `barewire[bench]` (`make bench` installs it) and what those tests need (linux.uml, busybox, cc, ip), no
-privileges, and takes some minutes. The guest has one
-processor, on which client and responder take turns, and slower system calls than the host. Arguments go to pytest.
+privileges, and takes some minutes. The guest has one processor, on which client and responder take turns, and slower
+system calls than the host. Arguments go to pytest.
 """
 
 from __future__ import annotations
