@@ -23,7 +23,7 @@ WIDTH = 120
 BEGIN, END = "<!-- counts: made by tools/vectors.py -->", "<!-- end of counts -->"
 
 # The first keys of a case, in rows. The other keys follow in the order of the file.
-ROWS = (("id", "result", "reason", "fails", "flags"), ("comment",), ("source",))
+ROWS = (("id", "result", "reason", "fails", "flags"), ("comment",), ("source",), ("clause", "origin"))
 
 
 def files() -> list[Path]:

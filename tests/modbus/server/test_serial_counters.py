@@ -103,8 +103,10 @@ def test_no_responses_count_broadcasts_and_unanswered_requests() -> None:
     assert counters.no_responses == 3
 
 
-@pytest.mark.parametrize(("code", "sub_function"), [(7, 0x10), (6, 0x11), (5, 0x11)])
-def test_naks_and_busy_answers(code: int, sub_function: int) -> None:
+@pytest.mark.parametrize(("code", "naks", "busy"), [(7, 1, 0), (6, 0, 1), (5, 0, 0)])
+def test_naks_and_busy_answers(code: int, naks: int, busy: int) -> None:
+    """08/11 counts Server Device Busy (06) only; Acknowledge (05) shares its bit of the event log."""
+
     class Busy(Table):
         def handle(self, request: AnyRequest, now: float) -> Response | None:
             if isinstance(request, ReadHoldingRegisters):
@@ -113,7 +115,7 @@ def test_naks_and_busy_answers(code: int, sub_function: int) -> None:
 
     bench = Bench({1: Busy(10)})
     bench.send(READ)
-    assert bench.count(sub_function) == 1
+    assert (bench.count(0x10), bench.count(0x11)) == (naks, busy)
 
 
 def test_overruns_are_counted_for_the_port_and_cleared_separately() -> None:

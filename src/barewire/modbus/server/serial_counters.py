@@ -6,7 +6,7 @@
     a good frame              bus messages                                                       08/0B
     for this unit, or all     server messages                                                    08/0E
     no response sent          no responses                                                       08/0F
-    exception sent            exceptions; NAK for 07, busy for 05 or 06                          08/0D, 10, 11
+    exception sent            exceptions; NAK for 07, busy for 06                                08/0D, 10, 11
     request carried out       the event counter                                                  0B, 0C
 
 The server calls a method for each of these. Functions 08, 0B and 0C are answered from the counters. All counters have
@@ -136,7 +136,7 @@ class SerialCounters:
             self._count("exceptions")
             if exception == 7:
                 self._count("naks")
-            elif exception in (5, 6):
+            elif exception == 6:
                 self._count("busy_answers")
         sub_function = request.sub_function if exception is None and isinstance(request, Diagnostics) else None
         counted = exception is None and not isinstance(request, GetCommEventCounter)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from barewire.errors import DecodeError, EncodeError
-from barewire.vectors.answers import canopen, codecs, devices, frames, lines, messages, transfers
+from barewire.vectors.answers import canopen, codecs, devices, frames, lines, messages, servers, transfers
 from barewire.vectors.questions import Fields
 
 ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
@@ -15,6 +15,7 @@ ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
     "text": {"encode": codecs.encode_characters, "decode": codecs.decode_characters},
     "pdu": {"encode": messages.encode_pdu, "decode": messages.decode_pdu},
     "exchange": {"decode": messages.accept},
+    "server": {"run": servers.serve},
     "crc16": {"encode": frames.crc, "walk": frames.walk},
     "lrc": {"encode": frames.lrc8},
     "rtu-timing": {"encode": frames.timing},
