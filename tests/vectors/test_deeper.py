@@ -23,7 +23,8 @@ from barewire.rtu.line import RtuLine
 from barewire.tcp import TcpLine
 from barewire.vectors.answers.texts import octets
 from barewire.vectors.files import load_vectors
-from barewire.vectors.questions import Case
+from barewire.vectors.judge import judge
+from barewire.vectors.questions import Case, Question
 
 CASES = [(file.kind, case) for file in load_vectors().files for case in file.cases]
 
@@ -112,3 +113,25 @@ def by_silence(case: Case, timing: Timing) -> list[tuple[int, bytes]]:
     if piece and not spoiled and not case["held"]:
         end()
     return found
+
+
+def device_verdict(say: list[str], expected: list[str]) -> str:
+    """The verdict on a device that says `say` in one step where `expected` is right."""
+    case = {"id": "device-1", "result": "valid", "device": {}, "talk": [{"at": 0, "say": expected}]}
+    question = Question(case, "device", "run", {"talk": [{"at": 0}]}, {"talk": [{"say": expected}]})
+    return judge(question, {"is": {"talk": [{"say": say}]}}).state
+
+
+def test_one_of_several_right_frames_passes_and_another_one_fails() -> None:
+    expected = ["585#8000200000000106 | 585#8000200022000008"]
+    assert device_verdict(["585#8000200022000008"], expected) == "passed"
+    assert device_verdict(["585#8000200000000106"], expected) == "passed"
+    assert device_verdict(["585#8000200000000006"], expected) == "failed"
+    assert device_verdict([], expected) == "failed"
+
+
+def test_the_order_of_frames_counts_within_an_identifier() -> None:
+    expected = ["705#05", "085#01", "085#02"]
+    assert device_verdict(["085#01", "085#02", "705#05"], expected) == "passed"
+    assert device_verdict(["705#05", "085#02", "085#01"], expected) == "failed"
+    assert device_verdict(["705#05", "085#01"], expected) == "failed"

@@ -27,6 +27,9 @@ from barewire.vectors.questions import Question
 Answer: TypeAlias = Mapping[str, Any]
 VerdictState = Literal["passed", "open", "failed", "not offered"]
 
+_ALTERNATIVES = ("device",)
+"""Kinds whose texts may name several right answers, "585#... | 585#...", and whose frames of different identifiers may
+come in any order."""
 _HEX = re.compile(r"[0-9A-Fa-f ]*")
 _SHOWN = 300
 """Characters of an answer that a text shows."""
@@ -114,6 +117,8 @@ def _equal(wanted: Any, found: Any, around: Mapping[str, Any], question: Questio
         )
     if isinstance(wanted, list):
         rows = question.given.get("entries", ()) if question.kind == "pdo" else ()
+        if question.kind in _ALTERNATIVES and isinstance(found, list):
+            wanted, found = _by_identifier(wanted), _by_identifier(found)
         return (
             isinstance(found, list)
             and len(found) == len(wanted)
@@ -123,8 +128,19 @@ def _equal(wanted: Any, found: Any, around: Mapping[str, Any], question: Questio
             )
         )
     if isinstance(wanted, str) and isinstance(found, str):
+        if " | " in wanted and question.kind in _ALTERNATIVES:
+            return found in wanted.split(" | ")
         return wanted == found or _same_digits(wanted, found) or _same_number(wanted, found, _type_of(around))
     return type(wanted) is type(found) and bool(wanted == found)
+
+
+def _by_identifier(items: list[Any]) -> list[Any]:
+    """Return frames in the order of their identifiers, those of one identifier as they came; other lists unchanged."""
+    return sorted(items, key=lambda item: item.partition("#")[0]) if _are_frames(items) else items
+
+
+def _are_frames(items: list[Any]) -> bool:
+    return all(isinstance(item, str) and "#" in item for item in items)
 
 
 def _same_digits(wanted: str, found: str) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from barewire.errors import DecodeError, EncodeError
-from barewire.vectors.answers import canopen, codecs, devices, frames, lines, messages, servers, transfers
+from barewire.vectors.answers import canopen, codecs, devices, frames, lines, messages, nodes, servers, transfers
 from barewire.vectors.questions import Fields
 
 ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
@@ -41,6 +41,7 @@ ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
     "time": {"encode": canopen.encode_time, "decode": canopen.decode_time},
     "lss": {"encode": canopen.encode_lss, "decode": canopen.decode_lss},
     "node-talk": {"run": transfers.node},
+    "device": {"run": nodes.device},
     "parameter": {"encode": devices.encode_parameter, "decode": devices.decode_parameter},
     "drive-state": {"bits": devices.bits_of_word, "decode": devices.drive_state, "table": devices.state_table},
     "drive-command": {"decode": devices.is_command, "table": devices.command_table},
