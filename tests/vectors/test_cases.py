@@ -121,6 +121,7 @@ MAY_BE_INDIFFERENT = {
     ("device", "low"),
     ("device", "high"),
     ("device", "error"),  # that nobody is told, while the device is stopped
+    ("device", "clear"),  # an error that is not there
     ("drive-command", "word"),  # bits of the manufacturer
     ("heartbeat-consumer", "value"),  # several numbers say that an entry is unused
     ("heartbeat-consumer", "bytes"),
@@ -138,6 +139,7 @@ MAY_BE_INDIFFERENT = {
     ("server", "coils"),
     ("server", "discrete_inputs"),
     ("server", "files"),
+    ("server", "functions"),  # those that it does not have either
     ("server", "queues"),
     ("server", "identification"),
     ("sdo-talk", "talk"),  # bytes that are reserved or sent by the side that breaks the rules
