@@ -73,22 +73,29 @@ def device(given: Fields) -> Fields:
     objects, node = dictionary(described["objects"]), described["id"]
     lss = LssSlave(lss_address(objects), node, store=lambda *stored: True) if described.get("lss") else None
     machine = LocalNode(node, objects, pdos_of(objects, node or 1), lss=lss)
-    steps = []
+    steps, now = [], 0.0
     for place, step in enumerate(given["talk"]):
-        now = step["at"] / 1e6
+        since, now = now, step["at"] / 1e6
         said = machine.start(0.0) if place == 0 else []
-        for _ in range(_TIMERS_MAX):
-            due = machine.deadline
-            if due is None or due > now:
-                break
-            said += machine.feed(None, due)
+        said += _until(machine, since, now)
         for text in step.get("hear", ()):
             said += machine.feed(CanFrame.parse(text), now)
         for act in step.get("act", ()):
             said += _act(machine, act, now)
-        said += machine.feed(None, now)
+        said += machine.feed(None, now) + _until(machine, now, now)
         steps.append({"say": [str(frame) for frame in said]})
     return {"talk": steps}
+
+
+def _until(machine: LocalNode, since: float, now: float) -> list[CanFrame]:
+    """Let the time pass from `since` to `now`, timer by timer. Return what is sent on the way."""
+    said: list[CanFrame] = []
+    for _ in range(_TIMERS_MAX):
+        due = machine.deadline
+        if due is None or due > now:
+            break
+        said += machine.feed(None, max(due, since))
+    return said
 
 
 def _act(machine: LocalNode, act: Fields, now: float) -> list[CanFrame]:
