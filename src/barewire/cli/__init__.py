@@ -15,6 +15,7 @@
     canopen           `canopen`: a device compared with its DCF, and configured
     canopen_gateway   `canopen-gateway`: a CANopen network as text over TCP
     eds               `eds`: export and check electronic data sheets
+    vectors           `vectors`: the reference vectors, listed, shown, run against any implementation (a folder)
 
 Exit status: 0 done, 1 failed, 2 wrong usage, 128 + n ended by signal n.
 

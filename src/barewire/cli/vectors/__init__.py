@@ -3,4 +3,5 @@
 command   the commands
 report    what a check prints and writes: lines, JSON, JUnit XML
 show      one case, explained
+frames    the frames of a case, byte by byte
 """

@@ -80,7 +80,7 @@ def list_command(
 @folder_option
 @json_option
 def show_command(case_id: str, folder: Path | None, as_json: bool) -> int:
-    """Show the case ID: its fields, its frame byte by byte, and the questions that it asks, with our answers.
+    """Show the case ID: its fields, its frames byte by byte, and the questions that it asks, with our answers.
 
     \b
     barewire vectors show crc16-1
@@ -115,11 +115,11 @@ def check_command(
 ) -> int:
     """Run the cases against an implementation: barewire itself, or an adapter.
 
-    An adapter is any program that reads questions as lines of JSON from its standard input and writes answers; vectors/
-    README.md describes the lines, vectors/adapters has examples. Cases that did not pass are printed, then the numbers
-    of each kind. "open" is a case that the standard leaves open and the implementation decides otherwise than we do.
-    With --json every case is an object, and the last one has the numbers. Exit status 1 if a case has failed, or if
-    nothing was offered.
+    An adapter is any program that reads questions as lines of JSON from its standard input and writes answers;
+    vectors/README.md describes the lines, vectors/adapters has examples. Cases that have failed are printed, then the
+    numbers of each kind. "open" is a case that the standard leaves open and the implementation decides otherwise than
+    we do. With --json every case is an object, and the last one has the numbers. Exit status 1 if a case has failed, or
+    if nothing was offered.
 
     \b
     barewire vectors check

@@ -6,15 +6,16 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from barewire.explain import explain_text
+from barewire.cli.vectors.frames import frames_of_case
 from barewire.vectors.answers.table import own_answer
 from barewire.vectors.files import VectorFile, Vectors
 from barewire.vectors.judge import judge
 from barewire.vectors.questions import Case
 
-_FRAMES = {"rtu-frame": ("rtu", "frame"), "ascii-frame": ("ascii", "text"), "tcp-frame": ("tcp", "frame")}
 _FIRST = ("id", "result", "reason", "fails", "flags", "comment", "source", "clause", "origin", "confirmed_by")
 _WIDTH = 110
+_WHOLE = 12
+"""The most frames whose bytes are shown."""
 
 
 def shown_case(vectors: Vectors, file: VectorFile, case: Case) -> Iterator[str]:
@@ -28,10 +29,7 @@ def shown_case(vectors: Vectors, file: VectorFile, case: Case) -> Iterator[str]:
     for name, value in case.items():
         if name not in _FIRST:
             yield f"  {name}: {_flat(value)}"
-    frame = _frame(file.kind, case)
-    if frame is not None:
-        yield ""
-        yield from explain_text(*frame).lines()
+    yield from _explained(file.kind, case)
     yield ""
     for question in vectors.questions(file, case):
         answer = own_answer(question.as_json())
@@ -45,14 +43,20 @@ def _result(case: Case) -> str:
     return f"invalid: {case['fails']} fails, {case['reason']}"
 
 
-def _frame(kind: str, case: Case) -> Any:
-    """Return protocol and frame for the explanation; None for a case without a frame."""
-    if kind in _FRAMES:
-        protocol, field = _FRAMES[kind]
-        return (protocol, case[field]) if field in case else None
-    if "cob_id" in case and "data" in case:
-        return "can", f"{case['cob_id']}#{case['data'].replace(' ', '')}"
-    return None
+def _explained(kind: str, case: Case) -> Iterator[str]:
+    """Yield the fields of each frame; of many frames only the verdicts, a line each."""
+    frames = [*frames_of_case(kind, case)]
+    if len(frames) > _WHOLE:
+        yield ""
+        width = max(len(frame.place) for frame in frames)
+        for frame in frames:
+            yield f"{frame.place:{width}}  {frame.explanation.verdict}"
+        return
+    for frame in frames:
+        yield ""
+        if frame.place:
+            yield f"{frame.place}:"
+        yield from frame.explanation.lines()
 
 
 def _flat(value: Any) -> str:

@@ -1,0 +1,139 @@
+"""`barewire vectors`: lists, shown cases with their frames explained, reports and exit statuses of a check."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from barewire.vectors.files import load_vectors
+from tests.cli.helpers import output_of, run_here
+
+VECTORS = load_vectors()
+FIRST = {file.kind: file.cases[0]["id"] for file in reversed(VECTORS.files)}
+"""By kind: the id of a case."""
+
+
+@pytest.mark.parametrize("kind", FIRST)
+def test_a_case_of_every_kind_is_shown(kind: str) -> None:
+    shown = output_of("vectors", "show", FIRST[kind])
+    assert shown.startswith(f"{FIRST[kind]}   ")
+    assert f"\nkind {kind}, " in shown
+    assert f'\n> {{"id": "{FIRST[kind]}.' in shown
+    assert "failed" not in shown.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("case_id", "lines"),
+    [
+        ("rtu-frames-1", ["2  41 12  CRC               CRC ok"]),
+        ("nmt-1", ["0  01   command  01h       start"]),
+        ("can-frames-1", ["COB-ID"]),
+        (
+            "fc03-read-holding-registers-1",
+            ["request", "1  00 6B  address        006Bh (107)  0-based; number 108 in 1-based tables"],
+        ),
+        ("fc0f-write-multiple-coils-22", ["response", "not valid: 1 byte is left over behind quantity (byte 5)"]),
+        ("exchanges-1", ["request", "response", "byte count"]),
+        ("server-bits-4", ["step 1, ask unit 1", "step 1, say", "valid: Read Coils, 8 from 0003h"]),
+        ("rtu-talk-1", ["at 10000 us, frame of unit 1", "valid: Read Input Registers, 2 from 0FB1h"]),
+        ("node-talk-1", ["at 0 us, hear", "at 0 us, said", "error control"]),
+        ("sdo-segments-1", ["client", "server", "expedited"]),
+        ("sdo-blocks-1", ["segment 1 of a block", "segment 2 of a block, the last", "last segment received in order"]),
+        ("device-access-1", ["at 0 us, say", "valid: error control from node 5: boot-up"]),
+    ],
+)  # fmt: skip
+def test_frames_are_explained_byte_by_byte(case_id: str, lines: list[str]) -> None:
+    shown = re.sub(r" +", " ", output_of("vectors", "show", case_id))
+    for line in lines:
+        assert re.sub(r" +", " ", line) in shown
+
+
+def test_of_a_long_case_every_frame_has_one_line() -> None:
+    longest = max(
+        (case for file in VECTORS.files if file.kind == "sdo-talk" for case in file.cases),
+        key=lambda case: len(case["talk"]),
+    )
+    shown = output_of("vectors", "show", longest["id"])
+    explained = [line for line in shown.splitlines() if line.startswith(("client  ", "server  "))]
+    assert len(explained) == len(longest["talk"])
+
+
+def test_no_case_makes_show_fail() -> None:
+    """Every tenth case: broken frames, texts that are no frames, cases without one side."""
+    ids = [case["id"] for file in VECTORS.files for case in file.cases]
+    for case_id in ids[::10]:
+        assert output_of("vectors", "show", case_id)
+
+
+def test_a_case_as_json() -> None:
+    shown = json.loads(output_of("vectors", "show", "lrc-1", "--json"))
+    assert shown["case"] == VECTORS.find("lrc-1")[1]
+    assert [question["id"] for question in shown["questions"]] == ["lrc-1.encode"]
+
+
+def test_the_list_of_files_and_of_cases() -> None:
+    assert output_of("vectors", "list").count("\n") == len(VECTORS.files) + 1
+    listed = output_of("vectors", "list", "--kind", "lrc", "--flag", "manual-erratum").splitlines()
+    assert [line.split()[0] for line in listed] == [
+        case["id"]
+        for file in VECTORS.files
+        for case in file.cases
+        if file.kind == "lrc" and "manual-erratum" in case.get("flags", ())
+    ]
+
+
+def adapter(tmp_path: Path, lrc: str) -> str:
+    """An adapter that answers every question about the LRC with this one."""
+    (tmp_path / "adapter.py").write_text(
+        "import json, sys\n"
+        "for line in sys.stdin:\n"
+        "    q = json.loads(line)\n"
+        "    a = {'name': 'small', 'version': '7', 'kinds': {'lrc': ['encode']}} if 'hello' in q else "
+        f"{{'id': q['id'], 'is': {{'lrc': {lrc!r}}}}}\n"
+        "    print(json.dumps(a), flush=True)\n"
+    )
+    return f"{sys.executable} {tmp_path / 'adapter.py'}"
+
+
+def test_a_check_that_fails_has_status_1_and_names_the_cases(tmp_path: Path) -> None:
+    done = run_here("vectors", "check", "--adapter", adapter(tmp_path, "F3"), "--only", "lrc-[12]")
+    assert done.returncode == 0
+    done = run_here("vectors", "check", "--adapter", adapter(tmp_path, "00"), "--only", "lrc-[12]")
+    assert done.returncode == 1
+    assert "failed  lrc-1  " in done.stdout
+    assert "    encode: lrc is 00, expected F3\n" in done.stdout
+    assert done.stdout.endswith("small 7: 1 of 2 cases passed\n")
+
+
+def test_a_check_of_an_adapter_that_offers_nothing_has_status_1(tmp_path: Path) -> None:
+    done = run_here("vectors", "check", "--adapter", adapter(tmp_path, "00"), "--kind", "crc16")
+    assert done.returncode == 1
+
+
+def test_the_reports_as_json_and_junit(tmp_path: Path) -> None:
+    report = tmp_path / "report.xml"
+    words = ("vectors", "check", "--adapter", adapter(tmp_path, "00"), "--only", "lrc-[12]", "--only", "crc16-1")
+    done = run_here(*words, "--json", "--junit", str(report))
+    *cases, summary = map(json.loads, done.stdout.splitlines())
+    assert [(case["id"], case["state"]) for case in cases] == [
+        ("lrc-1", "failed"),
+        ("lrc-2", "passed"),
+        ("crc16-1", "not offered"),
+    ]
+    assert {name: summary[name] for name in ("implementation", "passed", "failed", "not offered")} == {
+        "implementation": "small 7",
+        "passed": 1,
+        "failed": 1,
+        "not offered": 1,
+    }
+    rows = ElementTree.parse(report).getroot().iter("testcase")
+    assert [(row.get("name"), [child.tag for child in row]) for row in rows] == [
+        ("lrc-1", ["failure"]),
+        ("lrc-2", []),
+        ("crc16-1", ["skipped"]),
+    ]
