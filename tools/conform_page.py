@@ -22,9 +22,8 @@ sys.path.insert(0, str(ROOT))
 
 from barewire import ModbusServer  # noqa: E402
 from barewire.io.endpoint import Endpoint  # noqa: E402
-from barewire.io.modbus.conformance import conform  # noqa: E402
+from barewire.io.modbus.conformance import cases_of, conform  # noqa: E402
 from barewire.modbus import Bus, ModbusException, Table  # noqa: E402
-from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP  # noqa: E402
 from barewire.modbus.conformance.model import ServerCase, accepted_sequence, answer_text  # noqa: E402
 from barewire.rtu import RtuLine  # noqa: E402
 from barewire.tcp import TcpLine  # noqa: E402
@@ -35,7 +34,7 @@ PAGE = ROOT / "docs" / "conform.md"
 MEASURED = ROOT / "tools" / "conform_measured.json"
 SURVEY = tomllib.loads((ROOT / "tools" / "conform_survey.toml").read_text(encoding="utf-8"))
 BEGIN, END = "<!-- made by tools/conform_page.py -->\n", "<!-- end -->\n"
-BATTERIES: dict[str, tuple[ServerCase, ...]] = {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}
+BATTERIES: dict[str, tuple[ServerCase, ...]] = {framing: cases_of(framing) for framing in ("tcp", "rtu", "ascii")}
 OURS = {
     "tcp": "tcp://127.0.0.1:0",
     "rtu": "rtu://pty?baudrate=115200&parity=N",

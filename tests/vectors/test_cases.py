@@ -132,6 +132,11 @@ MAY_BE_INDIFFERENT = {
     ("parameter", "old"),  # the half of the register that is replaced
     ("pdo", "entry"),
     ("register-part", "register"),
+    ("device", "clear"),  # an error that the device does not report
+    ("server-conformance", "answers"),  # those of other servers
+    ("server-conformance", "pdu"),
+    ("server-conformance", "raw"),
+    ("server", "functions"),  # another function that no step asks for
     ("server", "ask"),  # many requests are refused in the same way
     ("server", "raw"),  # other bytes are not a frame either
     ("server", "holding_registers"),  # registers and bits that no step reads or writes

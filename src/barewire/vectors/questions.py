@@ -125,6 +125,8 @@ def _made(kind: str, do: str, case: Case) -> Iterator[Case]:
     elif kind == "sdo-talk":
         if case.get("broken") != do:
             yield _side(do, case)
+    elif kind == "server-conformance":
+        yield from ({**case, "framing": framing} for framing in case["framings"])
     elif kind == "bits":
         yield {**case, "count": len(case["bits"].replace(" ", ""))}
     elif kind == "pdu" and "function" not in case:

@@ -22,7 +22,7 @@ from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.conformance import Unfinished
 from barewire.io.modbus import conformance as shell
-from barewire.io.modbus.conformance import CaseResult, conform
+from barewire.io.modbus.conformance import CaseResult, cases_of, conform
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import (
     ModbusException,
@@ -34,7 +34,6 @@ from barewire.modbus import (
     WriteMultipleCoils,
     WriteSingleCoil,
 )
-from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP
 from barewire.modbus.conformance.model import answer_text
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS
 from barewire.rtu import RtuLine, Timing
@@ -50,7 +49,8 @@ OURS = {
     "ascii": "ascii://pty?baudrate=115200&parity=N",
 }
 OTHERS = ["udp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0?latency=usb", "ascii+tcp://127.0.0.1:0"]
-CASES = {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}
+CASES = {framing: cases_of(framing) for framing in ("tcp", "rtu", "ascii")}
+CASES_TCP = CASES["tcp"]
 
 K = TypeVar("K")
 R = TypeVar("R")

@@ -5,13 +5,14 @@ from __future__ import annotations
 import pytest
 
 from barewire.ascii import AsciiLine, encode as ascii_frame
+from barewire.io.modbus.conformance import cases_of
 from barewire.modbus import Adu, Server, Table
-from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP
 from barewire.modbus.conformance.model import CLOSED, SILENCE, ServerCase, StepAnswer, answer_text, difference
 from barewire.rtu import RtuLine, Timing, decode as rtu_decode, encode as rtu_frame
 from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from tests.helpers import unhex
 
+CASES_TCP, CASES_RTU, CASES_ASCII = map(cases_of, ("tcp", "rtu", "ascii"))
 UNIT = 1
 TIMING = Timing.of(9600)
 

@@ -19,6 +19,9 @@ from barewire.vectors.answers.table import own_answer
 from barewire.vectors.files import Vectors, load_vectors
 from barewire.vectors.run import Ask, CheckedCase, CheckSummary, run_cases, selected
 
+LIVE_KIND = "server-conformance"
+"""The kind of the cases that a running server can be asked."""
+
 folder_option = click.option(
     "--cases",
     "folder",
@@ -100,6 +103,7 @@ def show_command(case_id: str, folder: Path | None, as_json: bool) -> int:
 @filter_options
 @folder_option
 @click.option("--adapter", metavar="COMMAND", help="The program that answers; without it barewire itself answers.")
+@click.option("--endpoint", metavar="ENDPOINT", help="A running Modbus server that answers: kind server-conformance.")
 @click.option("--timeout", type=Seconds(), default=10.0, metavar="SECONDS", help="For each answer of the adapter (10).")
 @click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="Also write JUnit XML.")
 @json_option
@@ -109,29 +113,43 @@ def check_command(
     flags: tuple[str, ...],
     folder: Path | None,
     adapter: str | None,
+    endpoint: str | None,
     timeout: float,
     junit: Path | None,
     as_json: bool,
 ) -> int:
-    """Run the cases against an implementation: barewire itself, or an adapter.
+    """Run the cases against an implementation: barewire itself, an adapter, or a running server.
 
     An adapter is any program that reads questions as lines of JSON from its standard input and writes answers;
     vectors/README.md describes the lines, vectors/adapters has examples. Cases that have failed are printed, then the
     numbers of each kind. "open" is a case that the standard leaves open and the implementation decides otherwise than
     we do. With --json every case is an object, and the last one has the numbers. Exit status 1 if a case has failed, or
     if nothing was offered.
+    An adapter is any program that reads questions as lines of JSON from its standard input and writes answers; vectors/
+    README.md describes the lines, vectors/adapters has examples. Cases that did not pass are printed, then the numbers
+    of each kind. "open" is a case that the standard leaves open and the implementation decides otherwise than we do.
+    With --endpoint the cases of the kind server-conformance are put to a Modbus server, as `barewire conform` does:
+    they write registers and coils 0 to 9 of the unit. Cases for another framing, and cases that need a function or a
+    register that the server does not have, are not offered.
+    With --json every case is an object, and the last one has the numbers. Exit status 1 if a case has failed, or if
+    nothing was offered.
 
     \b
     barewire vectors check
     barewire vectors check --adapter "node vectors/adapters/javascript/main.mjs" --kind crc16
+    barewire vectors check --endpoint "tcp://127.0.0.1:1502?unit=1"
     """
+    if endpoint is not None:
+        if adapter is not None:
+            raise EncodeError("--endpoint and --adapter: give one of them, the implementation that answers")
+        kinds = kinds or (LIVE_KIND,)
     vectors = selected(load_vectors(folder), kinds=kinds, only=only, flags=flags)
     if adapter is not None and not adapter.split():
         raise EncodeError("--adapter: the command is empty")
     if junit is not None:
         write_junit(junit, "", [])  # fail now, and not after the run, if the file cannot be written
-    with _implementation(adapter, timeout) as (name, ask):
-        cases = _run(vectors, ask, as_json, exact=adapter is None)
+    with _implementation(adapter, endpoint, timeout) as (name, ask):
+        cases = _run(vectors, ask, as_json, exact=adapter is None and endpoint is None)
     summary = CheckSummary()
     for checked in cases:
         summary.add(checked)
@@ -145,8 +163,15 @@ def check_command(
 
 
 @contextmanager
-def _implementation(adapter: str | None, timeout: float) -> Iterator[tuple[str, Ask]]:
+def _implementation(adapter: str | None, endpoint: str | None, timeout: float) -> Iterator[tuple[str, Ask]]:
     """Yield the name of the implementation, and the function that answers."""
+    if endpoint is not None:
+        from barewire.io.endpoint import Endpoint
+        from barewire.io.modbus.conformance import LiveServer
+
+        with LiveServer(Endpoint.parse(endpoint)) as server:
+            yield endpoint, server
+        return
     if adapter is None:
         from barewire import __version__
 

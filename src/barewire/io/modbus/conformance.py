@@ -1,4 +1,4 @@
-"""Runs the conformance cases of `barewire.modbus.conformance` against a server on a real port, of any carrier.
+"""Runs the conformance cases of the vectors, kind `server-conformance`, against a server on a real port of any carrier.
 
     for result in conform(Endpoint.parse("tcp://127.0.0.1:502?unit=1")): ...
 
@@ -14,7 +14,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from functools import cache
+from typing import NamedTuple, Self
 
 from barewire.ascii import encode as ascii_frame
 from barewire.errors import EncodeError, NoAnswer, PortError
@@ -24,7 +25,7 @@ from barewire.io.modbus.carriers import dialer, modbus_line
 from barewire.io.ports.base import Port
 from barewire.modbus import EchoLine
 from barewire.modbus.adu import Adu, Noise
-from barewire.modbus.conformance.cases import CASES_ASCII, CASES_RTU, CASES_TCP
+from barewire.modbus.conformance.cases import read_case
 from barewire.modbus.conformance.model import (
     CLOSED,
     SILENCE,
@@ -33,11 +34,20 @@ from barewire.modbus.conformance.model import (
     StepAnswer,
     Stimulus,
     accepted_apart_from,
+    accepted_sequence,
+    answer_text,
     difference,
     refusals,
 )
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
+from barewire.vectors.files import load_vectors
+from barewire.vectors.judge import Answer
+from barewire.vectors.questions import Question
+from barewire.vectors.run import AdapterFailure
+
+KIND = "server-conformance"
+"""The kind of the vectors that these cases are."""
 
 ANSWER_TIMEOUT = 1.0
 """Seconds without an answer after which none is expected, unless the endpoint has a time-out. libmodbus takes half a
@@ -90,7 +100,67 @@ def battery(endpoint: Endpoint) -> tuple[ServerCase, ...]:
     if endpoint.scheme not in CARRIERS:
         known = ", ".join(f"{name}://" for name in CARRIERS)
         raise EncodeError(f"endpoint {str(endpoint)!r}: there are cases for {known}")
-    return {"tcp": CASES_TCP, "rtu": CASES_RTU, "ascii": CASES_ASCII}[endpoint.framing]
+    return cases_of(endpoint.framing)
+
+
+@cache
+def cases_of(framing: str) -> tuple[ServerCase, ...]:
+    """Return the cases for tcp, rtu or ascii, in the order of their file."""
+    found = [case for file in load_vectors().files if file.kind == KIND for case in file.cases]
+    return tuple(read_case(case) for case in found if framing in case["framings"])
+
+
+class LiveServer:
+    """A server behind an endpoint, as a function from a question of the vectors to its answer.
+
+    Only questions of the kind `server-conformance` for the framing of the endpoint are put to it. Raises EncodeError
+    for a CAN bus, and PortError if no server is there.
+    """
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        battery(endpoint)
+        self._endpoint = endpoint
+        self._unit = endpoint.integer("unit", 1)
+        self._tester = _Tester(endpoint, self._unit, endpoint.seconds("timeout", ANSWER_TIMEOUT))
+        self._tester.run(_READ_ONE_REGISTER)
+        self._gone = ""
+
+    def __repr__(self) -> str:
+        return f"<LiveServer: {self._endpoint}>"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._tester.close()
+
+    def __call__(self, question: Question) -> Answer:
+        """Return what the server answers. Raises AdapterFailure if it is not there, or sends without end."""
+        framing = self._endpoint.framing
+        if question.kind != KIND:
+            return {"not_offered": f"a running server cannot be asked for {question.kind}"}
+        if question.given["framing"] != framing:
+            return {"not_offered": f"the endpoint has {framing} frames, and this case {question.given['framing']}"}
+        if self._gone:
+            raise AdapterFailure(f"not asked: {self._gone}")
+        case = read_case(question.case)
+        try:
+            received = self._tester.run(case)
+            answers = [answer_text(answer) for answer in received]
+            if not any(answers) and _must_answer(case) and not self._tester.still_answers():
+                self._gone = f"the server has stopped answering, by the case {case.name!r}"
+                raise AdapterFailure(self._gone)
+        except PortError as error:
+            self._gone = f"{error}, in the case {case.name!r}"
+            raise AdapterFailure(self._gone) from None
+        if self._tester.endless:
+            raise AdapterFailure(self._tester.endless)
+        failure = difference(case, received, self._unit)
+        if failure and (lacking := self._tester.lacking(case, received)):
+            return {"not_offered": lacking}
+        if failure and accepted_sequence(case, received) is not None:
+            raise AdapterFailure(failure)  # the answer of another unit
+        return {"is": {"answers": answers}}
 
 
 def conform(endpoint: Endpoint) -> Iterator[CaseResult]:

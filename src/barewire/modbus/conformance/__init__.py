@@ -1,7 +1,7 @@
 """Conformance of Modbus servers, as data.
 
     model    a case, and the comparison of answers with it
-    cases    the cases, for TCP, RTU and ASCII servers
+    cases    a case of the vectors, read; the cases themselves are in vectors/modbus/server-conformance.json
 
 Depends on: modbus.adu. Used by: io.modbus.conformance, which runs the cases.
 """

@@ -9,12 +9,12 @@
 A runner frames and sends the stimuli of each step and collects the responses until the line is silent; if the server
 closed the connection, it opens a new one for the next step. `difference` compares the answers with the sequences.
 
-Depends on: adu. Used by: cases, io.modbus.conformance.
+Depends on: adu. Used by: cases, io.modbus.conformance, the judge of the vectors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from barewire.modbus.adu import Adu
@@ -52,6 +52,7 @@ class ServerCase(NamedTuple):
     clause: str
     steps: tuple[ServerStep, ...]
     accepts: tuple[tuple[str, ...], ...]
+    id: str = ""
 
 
 StepAnswer = Sequence[Adu] | None
@@ -61,8 +62,8 @@ StepAnswer = Sequence[Adu] | None
 def difference(case: ServerCase, answers: Sequence[StepAnswer], unit: int) -> str | None:
     """Return None if the answers are accepted, and otherwise the difference as a sentence.
 
-    >>> from barewire.modbus.conformance.cases import CASES_TCP
-    >>> case = CASES_TCP[0]
+    >>> read = ServerStep((Stimulus(bytes.fromhex("0300000000")),))
+    >>> case = ServerCase("03 with quantity 0", "MB-APP 6.3", (read,), (("83 03",),))
     >>> difference(case, [[Adu(1, bytes.fromhex("8303"), 1)]], unit=1)
     >>> difference(case, [[Adu(1, bytes.fromhex("8001"), 1)]], unit=1)
     '03 with quantity 0: 80 01, expected 83 03'
@@ -79,8 +80,16 @@ def difference(case: ServerCase, answers: Sequence[StepAnswer], unit: int) -> st
 
 def accepted_sequence(case: ServerCase, answers: Sequence[StepAnswer]) -> tuple[str, ...] | None:
     """Return the accepted sequence that fits the answers; None if there is none."""
-    texts = [answer_text(answer) for answer in answers]
-    for sequence in case.accepts:
+    return fitting(case.accepts, [answer_text(answer) for answer in answers])
+
+
+def fitting(accepts: Iterable[tuple[str, ...]], texts: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the first sequence that fits the answers, given as texts; None if there is none.
+
+    >>> fitting([("88 01",), ("08 00 0B .. ..",)], ["08 00 0B 00 07"])
+    ('08 00 0B .. ..',)
+    """
+    for sequence in accepts:
         if len(sequence) == len(texts) and all(map(_fits, sequence, texts)):
             return sequence
     return None

@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from barewire.errors import DecodeError, EncodeError
-from barewire.vectors.answers import canopen, codecs, devices, frames, lines, messages, nodes, servers, transfers
+from barewire.vectors.answers import (
+    canopen,
+    codecs,
+    conformance,
+    devices,
+    frames,
+    lines,
+    messages,
+    nodes,
+    servers,
+    transfers,
+)
 from barewire.vectors.questions import Fields
 
 ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
@@ -16,6 +27,7 @@ ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
     "pdu": {"encode": messages.encode_pdu, "decode": messages.decode_pdu},
     "exchange": {"decode": messages.accept},
     "server": {"run": servers.serve},
+    "server-conformance": {"run": conformance.answer_steps},
     "crc16": {"encode": frames.crc, "walk": frames.walk},
     "lrc": {"encode": frames.lrc8},
     "rtu-timing": {"encode": frames.timing},
