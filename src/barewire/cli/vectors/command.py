@@ -123,14 +123,12 @@ def check_command(
     An adapter is any program that reads questions as lines of JSON from its standard input and writes answers;
     vectors/README.md describes the lines, vectors/adapters has examples. Cases that have failed are printed, then the
     numbers of each kind. "open" is a case that the standard leaves open and the implementation decides otherwise than
-    we do. With --json every case is an object, and the last one has the numbers. Exit status 1 if a case has failed, or
-    if nothing was offered.
-    An adapter is any program that reads questions as lines of JSON from its standard input and writes answers; vectors/
-    README.md describes the lines, vectors/adapters has examples. Cases that did not pass are printed, then the numbers
-    of each kind. "open" is a case that the standard leaves open and the implementation decides otherwise than we do.
+    we do.
+
     With --endpoint the cases of the kind server-conformance are put to a Modbus server, as `barewire conform` does:
     they write registers and coils 0 to 9 of the unit. Cases for another framing, and cases that need a function or a
     register that the server does not have, are not offered.
+
     With --json every case is an object, and the last one has the numbers. Exit status 1 if a case has failed, or if
     nothing was offered.
 
