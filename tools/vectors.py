@@ -28,7 +28,7 @@ ROWS = (("id", "result", "reason", "fails", "flags"), ("comment",), ("source",),
 
 def files() -> list[Path]:
     """Return every vector file, in the order of the table."""
-    rooms = ("codecs", "modbus", "rtu", "ascii", "tcp", "canopen", "devices")
+    rooms = ("codecs", "modbus", "rtu", "ascii", "tcp", "client", "canopen", "devices")
     return [file for room in rooms for file in sorted((VECTORS / room).glob("*.json"))]
 
 

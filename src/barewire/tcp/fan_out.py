@@ -5,7 +5,7 @@
     line 3   -- 0009 -->  |                  <-- 0009, 0007, ... --   in any order     [MB-TCP 4.2.1: 1 to 16]
 
 Each line has its own `Bus`, so the rules of a bus hold for each. Received bytes are cut into frames once, here. An
-invalid header goes to all lines, so that each of them reports it.
+invalid header goes to all lines, so that each of them reports it. Transaction numbers begin at `first_number`.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ class FanOut:
     [(1, b'\\x00\\x02\\x00\\x00\\x00\\x03\\x01\\x07m')]
     """
 
-    def __init__(self, count: int, *, datagrams: bool = False, any_unit: bool = False) -> None:
+    def __init__(self, count: int, *, datagrams: bool = False, any_unit: bool = False, first_number: int = 1) -> None:
         self.strays = 0
         """The number of frames that answer no open request."""
         self.on_stray: Callable[[bytes], object] | None = None
         """Called with each of these frames."""
         self._datagrams = datagrams
         self._held = b""
-        self._last = 0
+        self._last = first_number - 1
         self._asked: dict[int, int] = {}  # transaction -> place
         self._numbers = [-1] * count  # place -> its transaction, -1 before the first
         line_class = DatagramLine if datagrams else TcpLine

@@ -4,11 +4,14 @@
     valid         any                the expected fields
     acceptable    decode, run        anything; other fields than the expected ones, or a refusal, are "open"
                   encode             with the flag `tolerant`: other fields than the expected ones
+                  run                a value that `never` excludes has failed
     invalid       that of `fails`    a refusal; its reason is compared if the implementation has reasons
                   compare            a case fails if all its answers have the fields of the case
 
 An answer is JSON: {"is": {fields}}, {"refused": reason or "", "text": ...}, {"not_offered": why}. A field of
 hexadecimal digits may have other letters or blanks; numbers of floating point are compared as numbers of their type.
+Where several answers are right, a case has {"one_of": [...]} or, for a number, {"from": ..., "to": ...} in their place.
+Beside `one_of`, `never` has answers that are wrong even if the case is acceptable.
 
 Depends on: questions.  Used by: `barewire vectors`, tests.
 """
@@ -64,6 +67,9 @@ def judge(question: Question, answer: Answer, *, exact: bool = False) -> Verdict
         )
     if same:
         return PASSED
+    if result == "acceptable" and "is" in answer and (wrong := _excluded(question.expected, answer["is"])):
+        text = "; ".join(differences(question, answer["is"]))
+        return Verdict("failed", f"{_shown(wrong)} is wrong in any case: {text}")
     text = f"{_shown(answer)}, expected {_shown({'is': question.expected})}"
     if "is" in answer:
         text = "; ".join(differences(question, answer["is"]))
@@ -106,6 +112,18 @@ def _refusal(question: Question, answer: Answer) -> Verdict:
     return PASSED
 
 
+def _excluded(wanted: Any, found: Any) -> Any:
+    """Return an answer that `never` excludes, None if there is none."""
+    if isinstance(wanted, dict) and "one_of" in wanted:
+        return found if found in wanted.get("never", ()) else None
+    pairs: Iterable[tuple[Any, Any]] = ()
+    if isinstance(wanted, dict) and isinstance(found, dict):
+        pairs = ((value, found.get(name)) for name, value in wanted.items())
+    elif isinstance(wanted, list) and isinstance(found, list):
+        pairs = zip(wanted, found)
+    return next((wrong for pair in pairs if (wrong := _excluded(*pair)) is not None), None)
+
+
 # Equality ---------------------------------------------------------------------------------------------------------
 
 
@@ -120,6 +138,10 @@ def _as_expected(name: str, wanted: Any, found: Any, question: Question) -> bool
 def _equal(wanted: Any, found: Any, around: Mapping[str, Any], question: Question) -> bool:
     """Whether a field is as expected. `around` are the fields beside it in the question, for the type of a number."""
     if isinstance(wanted, dict):
+        if "one_of" in wanted:
+            return any(_equal(one, found, around, question) for one in wanted["one_of"])
+        if wanted.keys() == {"from", "to"}:
+            return type(found) is int and wanted["from"] <= found <= wanted["to"]
         return isinstance(found, dict) and all(
             _padded(name, value, found.get(name), question) or _equal(value, found.get(name), around, question)
             for name, value in wanted.items()

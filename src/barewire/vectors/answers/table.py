@@ -7,6 +7,7 @@ from collections.abc import Callable
 from barewire.errors import DecodeError, EncodeError
 from barewire.vectors.answers import (
     canopen,
+    client,
     codecs,
     conformance,
     devices,
@@ -37,6 +38,7 @@ ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
     "rtu-talk": {"run": lines.talk_rtu},
     "ascii-talk": {"run": lines.talk_ascii},
     "tcp-talk": {"run": lines.talk_tcp},
+    "client": {"run": client.run_client},
     "can-text": {"encode": canopen.write_can_text, "decode": canopen.read_can_text},
     "cob-id": {"encode": canopen.encode_cob_id, "decode": canopen.decode_cob_id},
     "cob-restricted": {"decode": canopen.restricted},
