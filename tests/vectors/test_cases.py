@@ -133,6 +133,7 @@ MAY_BE_INDIFFERENT = {
     ("node-talk", "address"),  # the LSS address of a device that is not found by it
     ("parameter", "index"),  # which object it is does not change its bytes
     ("parameter", "sub"),
+    ("parameter", "order"),  # of a value of one register
     ("parameter", "old"),  # the half of the register that is replaced
     ("pdo", "entry"),
     ("register-part", "register"),
@@ -162,12 +163,13 @@ MAY_BE_INDIFFERENT = {
 
 
 def test_a_changed_digit_of_a_valid_case_changes_the_answer() -> None:
-    """The answers alone notice nearly every digit, without the digest."""
-    dice = random.Random(1)
+    """The answers alone notice nearly every digit, without the digest. Each case has its own dice, so that a new case
+    changes nothing for the others."""
     missed = []
-    valid = [(file, case) for file, case in CASES if case["result"] == "valid"]
-    for _ in range(1000):
-        file, case = dice.choice(valid)
+    for file, case in CASES:
+        if case["result"] != "valid":
+            continue
+        dice = random.Random(case["id"])
         changed = json.loads(json.dumps(case))
         if places := list(hex_places(changed)):
             holder, key, name = dice.choice(places)
