@@ -43,7 +43,7 @@ ALLOWED: dict[str, set[str]] = {
     "tcp": BASE | {"modbus.adu", "modbus.framing"},
     "devices": BASE | {"modbus", "canopen"},
     "explain": MEANING,
-    "vectors": MEANING,
+    "vectors": MEANING | {"explain"},
     "io": MEANING | {"explain", "vectors"},
     "cli": MEANING
     | {"explain", "vectors", "io", *barewire.__all__},  # what the front door offers, a command may take there

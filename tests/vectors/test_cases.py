@@ -126,6 +126,9 @@ MAY_BE_INDIFFERENT = {
     ("device", "high"),
     ("device", "error"),  # that nobody is told, while the device is stopped
     ("device", "clear"),  # an error that is not there
+    ("drive-path", "before"),  # of which only bit 7 matters, and only to a fault
+    ("drive-path", "words"),  # bits of the mode and of the manufacturer
+    ("drive-path", "seen"),
     ("drive-command", "word"),  # bits of the manufacturer
     ("heartbeat-consumer", "value"),  # several numbers say that an entry is unused
     ("heartbeat-consumer", "bytes"),

@@ -209,6 +209,12 @@ def test_logs_and_dumps(text: str, chunks: list[Chunk] | None) -> None:
 def test_an_unreadable_line_is_reported_with_its_number() -> None:
     with refused(DecodeError, "line 2: 'X' at 3 is not a hexadecimal digit"):
         parse_log("01 03\n01 X3")
+
+
+def test_the_characters_of_a_dump_are_not_read_as_bytes() -> None:
+    """The digits and letters at the end of a full line of xxd could be bytes in hexadecimal, too."""
+    (chunk,) = parse_log("00000000: 3031 3233 3435 3637 3839 4142 4344 4546  0123456789ABCDEF").chunks
+    assert chunk.data == b"0123456789ABCDEF"
     with refused(DecodeError, "neither a capture nor text"):
         replay(b"\xff\xfe\x00")
 

@@ -56,7 +56,10 @@ def parse_log(text: str) -> Log:
             continue
         offset, time = _OFFSET.match(content), _TIME.match(content)
         if offset is not None:
-            content = re.split(r"  +(?=\S)|\|", content[offset.end() :].replace("  ", " ", 1))[0]
+            content = content[offset.end() :]
+            if ":" not in offset[0]:
+                content = content.replace("  ", " ", 1)  # hexdump -C: two blanks after eight bytes
+            content = re.split(r"  +(?=\S)|\|", content)[0]
         elif time is not None:
             hours, minutes, seconds = time.groups()
             now = 3600 * int(hours or 0) + 60 * int(minutes or 0) + float(seconds.replace(",", "."))

@@ -11,7 +11,9 @@ from barewire.devices.drive.cia402 import (
     TRANSITIONS,
     DriveCommand,
     State,
+    after,
     command_of,
+    next_control_word,
     state_of,
 )
 from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter
@@ -106,3 +108,24 @@ def command_table(given: Fields) -> Fields:
     if command is DriveCommand.SWITCH_ON:
         causes = [number for number in causes if (number == _DISABLE_OPERATION) is disables]
     return {"mask": f"{mask:04X}", "masked": f"{masked:04X}", "transitions": causes}
+
+
+def drive_states(given: Fields) -> Fields:
+    """Return the states of a drive after each of several control words."""
+    state, before = State(given["state"]), int(given["before"], 16)
+    states = []
+    for text in given["words"]:
+        word = int(text, 16)
+        state, before = after(state, word, before, stays_in_quick_stop=given.get("stays", False)), word
+        states.append(state.value)
+    return {"states": states}
+
+
+def drive_path(given: Fields) -> Fields:
+    """Return the control words of a master that sees these status words, null where it writes none."""
+    words: list[str | None] = []
+    for text in given["seen"]:
+        stays = given.get("stays", False)
+        word = next_control_word(state_of(int(text, 16)), State(given["goal"]), stays_in_quick_stop=stays)
+        words.append(None if word is None else f"{word:04X}")
+    return {"words": words}
