@@ -10,7 +10,6 @@ from barewire.vectors.answers import (
     client,
     codecs,
     conformance,
-    codecs,
     devices,
     frames,
     lines,
