@@ -44,6 +44,16 @@ bench: $(VENV)/installed-bench ## our work beside that of other libraries and ha
 proof: $(VENV)/installed-bench ## every order of late answers, ours and those of other clients; writes docs/late-answers.md
 	@$(BIN)/python tools/late_answers.py $(ARGS)
 
+scoreboard: $(VENV)/installed-dev peers ## what other stacks make of the vectors; writes docs/scoreboard.md; ARGS=names
+	@$(BIN)/python tools/scoreboard.py $(ARGS)
+
+# What adapters need and pip does not install. Without npm it is left out.
+PEERS := vectors/adapters/javascript-peers
+peers:
+	@! command -v npm >/dev/null || cmp -s $(PEERS)/package-lock.json $(PEERS)/node_modules/installed || \
+	  (cd $(PEERS) && npm ci --loglevel=error --no-audit --no-fund --omit=optional >/dev/null && \
+	  cp package-lock.json node_modules/installed)
+
 hostile: $(VENV)/installed-dev ## CANopen devices after every configuration of two steps and random ones; ARGS=--help
 	@$(BIN)/python tools/hostile_master.py $(ARGS)
 
@@ -75,5 +85,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide bench proof hostile plant vectors-release format clean
+.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers hostile plant vectors-release format clean
 .NOTPARALLEL:

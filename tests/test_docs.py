@@ -37,7 +37,7 @@ pytestmark = pytest.mark.long
 ROOT = Path(__file__).parent.parent
 SRC = ROOT / "src"
 MODULES = [file for file in sorted((SRC / "barewire").rglob("*.py")) if ">>> " in file.read_text(encoding="utf-8")]
-PAGES = [*ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "vectors").rglob("*.md"))]
+PAGES = [*ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "vectors").glob("*.md"))]
 BAREWIRE = Path(sys.executable).with_name("barewire")
 
 

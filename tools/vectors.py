@@ -2,7 +2,7 @@
 
     ids     a case without an id gets the next free number of its file: <file>-<n>. An id is never reused
     form    few lines for a case: result, comment, source, then the fields; no line longer than 120 characters
-    counts  the table of vectors/README.md, between its two markers
+    counts  the tables of vectors/README.md, each between its two markers
     index   the digest of each case, in vectors/index.json
 
 The tests call the same functions, and fail if a file is not as this tool would write it.
@@ -21,9 +21,16 @@ from barewire.vectors.files import digest
 VECTORS = Path(__file__).parent.parent / "vectors"
 WIDTH = 120
 BEGIN, END = "<!-- counts: made by tools/vectors.py -->", "<!-- end of counts -->"
+CONFIRMED = "<!-- confirmations: made by tools/vectors.py -->", "<!-- end of confirmations -->"
 
 # The first keys of a case, in rows. The other keys follow in the order of the file.
-ROWS = (("id", "result", "reason", "fails", "flags"), ("comment",), ("source",), ("clause", "origin"))
+ROWS = (
+    ("id", "result", "reason", "fails", "flags"),
+    ("comment",),
+    ("source",),
+    ("clause", "origin"),
+    ("confirmed_by", "unconfirmed"),
+)
 
 
 def files() -> list[Path]:
@@ -113,11 +120,29 @@ def counts() -> str:
     return "\n".join(rows)
 
 
+def confirmations() -> str:
+    """Return the table: by kind, how many cases other implementations confirm, and which ones."""
+    cases: dict[str, list[dict[str, Any]]] = {}
+    for file in files():
+        document = json.loads(file.read_text(encoding="utf-8"))
+        cases.setdefault(document["kind"], []).extend(document["cases"])
+    rows = ["| kind | cases | confirmed | | by |", "|---|--:|--:|--:|---|"]
+    for kind, of_kind in [*cases.items(), ("", [case for row in cases.values() for case in row])]:
+        done = sum("confirmed_by" in case for case in of_kind)
+        by = Counter(name for case in of_kind for name in case.get("confirmed_by", ())) if kind else {}
+        names = ", ".join(f"{name} {count}" for name, count in by.items())
+        shown = f"`{kind}`" if kind else "**all**"
+        rows.append(f"| {shown} | {len(of_kind)} | {done} | {100 * done // len(of_kind)} % | {names} |")
+    return "\n".join(rows)
+
+
 def with_counts(readme: str) -> str:
-    """Return the README with the table up to date."""
-    before, _, rest = readme.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    return f"{before}{BEGIN}\n\n{counts()}\n\n{END}{after}"
+    """Return the README with its two tables up to date."""
+    for (begin, end), table in (((BEGIN, END), counts()), (CONFIRMED, confirmations())):
+        before, _, rest = readme.partition(begin)
+        _, _, after = rest.partition(end)
+        readme = f"{before}{begin}\n\n{table}\n\n{end}{after}"
+    return readme
 
 
 def index() -> str:

@@ -32,7 +32,7 @@ VECTORS = ROOT / "vectors"
 NAME = "barewire-vectors"
 PROGRAMS_OWN = {"node_modules", "__pycache__", "npm", "build"}
 """Folders below vectors/ that are not released: what programs put there, and the files that only npm needs."""
-DESCRIBES = {"id", "comment", "source", "printed", "why", "clause", "origin", "confirmed_by", "flags"}
+DESCRIBES = {"id", "comment", "source", "printed", "why", "clause", "origin", "confirmed_by", "unconfirmed", "flags"}
 """Fields that describe a case without a change of its meaning."""
 DECIDING_FLAGS = {"tolerant", "uncountable"}
 """Flags that decide what is asked, or how an answer is judged."""

@@ -31,6 +31,7 @@ DESCRIBES = {
     "why",
     "side",
 }
+DESCRIBES |= {"confirmed_by", "unconfirmed", "do"}
 """Fields that describe a case; the others are given or expected. `side` is given, but not every message needs it."""
 
 

@@ -1,0 +1,117 @@
+"""Runs the vectors over the adapters of other implementations: who answers what, and who confirms which case.
+
+    PEERS       the programs: a name, the command of its adapter, how it is installed
+    run         every case, asked of one program
+    confirms    whether a program confirms a case: all that it offers passed, and at least one answer could have failed
+
+`make peers` installs those that pip does not. A program that is not installed here is left out; tmodbus runs on the
+first Python that has it.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from barewire.errors import PortError
+from barewire.io.vector_adapter import VectorAdapter
+from barewire.vectors.files import Vectors
+from barewire.vectors.questions import Question
+from barewire.vectors.run import CheckedCase, run_cases
+
+ROOT = Path(__file__).parent.parent
+ADAPTERS = ROOT / "vectors" / "adapters"
+OTHER_PYTHONS = (".venv-3.12", ".venv-3.13", ".venv-3.14")
+TIMEOUT = 20.0
+
+
+class Peer(NamedTuple):
+    """A program that answers: the words of its command behind the interpreter, its language, what it is."""
+
+    name: str
+    language: str
+    what: str
+    words: tuple[str, ...]
+    module: str = ""
+    oracle: bool = False
+    """Whether it confirms values only, and is no stack: it has no row in the scoreboard."""
+
+    def command(self) -> str:
+        """Return the command of the adapter. Raise PortError if no Python here has its module."""
+        if not self.module:
+            return shlex.join([str(ROOT / word) if (ROOT / word).exists() else word for word in self.words])
+        python = python_with(self.module)
+        if python is None:
+            raise PortError(f"{self.name}: no Python here can import {self.module}")
+        return shlex.join([python, str(ADAPTERS / self.words[0]), *self.words[1:]])
+
+
+NODE = "vectors/adapters/javascript-peers"
+PEERS = (
+    Peer("pymodbus", "Python", "Modbus library, clients and servers", ("pymodbus_adapter.py",), "pymodbus"),
+    Peer("tmodbus", "Python", "Modbus library for asyncio", ("tmodbus_adapter.py",), "tmodbus"),
+    Peer("minimalmodbus", "Python", "Modbus client for serial lines", ("minimalmodbus_adapter.py",), "minimalmodbus"),
+    Peer("uModbus", "Python", "Modbus library", ("umodbus_adapter.py",), "umodbus"),
+    Peer("pyModbusTCP", "Python", "Modbus TCP library", ("pymodbustcp_adapter.py",), "pyModbusTCP"),
+    Peer("modbus-tk", "Python", "Modbus test kit", ("modbus_tk_adapter.py",), "modbus_tk"),
+    Peer("libmodbus", "C", "Modbus library", ("build/libmodbus_adapter",)),
+    Peer("modbus-serial", "JavaScript", "Modbus library", ("node", f"{NODE}/modbus-serial.js")),
+    Peer("jsmodbus", "JavaScript", "Modbus library", ("node", f"{NODE}/jsmodbus.js")),
+    Peer("modbus-pdu", "JavaScript", "codec of Modbus messages", ("node", f"{NODE}/modbus-pdu.js")),
+    Peer("canopen", "Python", "CANopen library", ("canopen_adapter.py",), "canopen"),
+    Peer("tshark", "C", "dissectors of Wireshark", ("tshark_adapter.py",), "json", oracle=True),
+    Peer("struct", "C", "numbers of Python's standard library", ("python_oracles.py", "struct"), "struct", oracle=True),
+    Peer("numpy", "C", "numbers of numpy", ("python_oracles.py", "numpy"), "numpy", oracle=True),
+    Peer("crcmod", "C", "catalogue of checksums", ("python_oracles.py", "crcmod"), "crcmod", oracle=True),
+    Peer("python-can", "Python", "lines of candump", ("python_oracles.py", "python-can"), "can", oracle=True),
+)
+
+
+@cache
+def python_with(module: str) -> str | None:
+    """Return the first Python here that can import a module."""
+    beside = [ROOT / name / "bin" / "python" for name in OTHER_PYTHONS]
+    for python in (sys.executable, *os.environ.get("BAREWIRE_PYTHONS", "").split(), *map(str, beside)):
+        probe = [python, "-c", f"import {module}"]
+        if Path(python).exists() and subprocess.run(probe, capture_output=True).returncode == 0:
+            return python
+    return None
+
+
+class PeerRun(NamedTuple):
+    """What one program made of all cases."""
+
+    peer: Peer
+    version: str
+    cases: tuple[CheckedCase, ...]
+
+    def states(self) -> Iterator[tuple[str, str, str]]:
+        """Yield kind, id and state of each case that it offers."""
+        for checked in self.cases:
+            if checked.verdict.state != "not offered":
+                yield checked.file.kind, checked.id, checked.verdict.state
+
+
+def run(peer: Peer, vectors: Vectors) -> PeerRun:
+    """Ask a program every case. Raise PortError if it does not start."""
+    with VectorAdapter(peer.command(), timeout=TIMEOUT) as adapter:
+        return PeerRun(peer, adapter.version, tuple(run_cases(vectors, adapter)))
+
+
+def confirms(checked: CheckedCase) -> bool:
+    """Return whether the answers confirm a case: none is wrong, and at least one could have been wrong."""
+    if checked.verdict.state != "passed":
+        return False
+    return any(verdict.state == "passed" and bites(question) for question, verdict in checked.questions)
+
+
+def bites(question: Question) -> bool:
+    """Return whether the judge expects something: an acceptable case may be encoded in any way."""
+    case: Any = question.case
+    return case["result"] != "acceptable" or question.do != "encode" or "tolerant" in case.get("flags", ())

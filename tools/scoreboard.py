@@ -1,0 +1,176 @@
+"""Runs the vectors over all other implementations that are installed here: `make scoreboard`.
+
+tools/scoreboard.json       what each made of the cases: numbers for each kind, ids of failed and of open cases
+docs/scoreboard.md          the same as a page
+vectors/                    `confirmed_by` or `unconfirmed` in each case, and oracles.json: who is who
+
+python tools/scoreboard.py                  all programs; those that are not installed keep their last results
+python tools/scoreboard.py pymodbus tshark  only these
+python tools/scoreboard.py --page           the page from scoreboard.json, without a run
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT))
+
+from barewire.errors import PortError  # noqa: E402
+from barewire.vectors.files import load_vectors  # noqa: E402
+from tools import vectors as files  # noqa: E402
+from tools.peers import PEERS, PeerRun, confirms, run  # noqa: E402
+
+DATA = ROOT / "tools" / "scoreboard.json"
+PAGE = ROOT / "docs" / "scoreboard.md"
+ORACLES = ROOT / "vectors" / "oracles.json"
+BEGIN, END = "<!-- made by tools/scoreboard.py -->\n", "<!-- end -->\n"
+STATES = ("passed", "failed", "open", "not offered")
+
+
+def measured(found: PeerRun) -> dict[str, Any]:
+    """Return the results of a program: version, numbers by kind, and the ids of the cases that did not pass."""
+    kinds: dict[str, Counter[str]] = {}
+    for checked in found.cases:
+        kinds.setdefault(checked.file.kind, Counter())[checked.verdict.state] += 1
+    ids = {state: [name for _, name, own in found.states() if own == state] for state in ("failed", "open")}
+    rows = {kind: dict(row) for kind, row in kinds.items() if set(row) != {"not offered"}}
+    return {"version": found.version, "language": found.peer.language, "kinds": rows, **ids}
+
+
+# Confirmations -----------------------------------------------------------------------------------------------------
+
+
+def confirm(runs: list[PeerRun]) -> None:
+    """Write into each case who confirms it, or why nobody does. Programs that were not run keep what they confirm."""
+    new = {found.peer.name for found in runs}
+    confirmed: dict[str, list[str]] = {}
+    wrong: dict[str, dict[str, list[str]]] = {}
+    for found in runs:
+        for checked in found.cases:
+            if confirms(checked):
+                confirmed.setdefault(checked.id, []).append(found.peer.name)
+            elif checked.verdict.state in ("failed", "open"):
+                wrong.setdefault(checked.id, {}).setdefault(checked.verdict.state, []).append(found.peer.name)
+    order = [peer.name for peer in PEERS]
+    data = json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
+    for name, row in data.items():
+        for state in ("failed", "open") if name not in new else ():
+            for case_id in row[state]:
+                wrong.setdefault(case_id, {}).setdefault(state, []).append(name)
+    for file in files.files():
+        document = json.loads(file.read_text(encoding="utf-8"))
+        for case in document["cases"]:
+            kept = [name for name in case.pop("confirmed_by", ()) if name not in new and name in order]
+            case.pop("unconfirmed", None)
+            names = sorted({*kept, *confirmed.get(case["id"], ())}, key=order.index)
+            if names:
+                case["confirmed_by"] = names
+            else:
+                case["unconfirmed"] = why_not(document["kind"], wrong.get(case["id"], {}), order)
+        file.write_text(files.form(document), encoding="utf-8")
+
+
+def why_not(kind: str, wrong: dict[str, list[str]], order: list[str]) -> str:
+    """Return why nobody confirms a case."""
+    texts = []
+    if "failed" in wrong:
+        texts.append(f"answered otherwise by {', '.join(sorted(wrong['failed'], key=order.index))}")
+    if "open" in wrong:
+        texts.append(
+            f"left open by the standard, decided otherwise by {', '.join(sorted(wrong['open'], key=order.index))}"
+        )
+    return "; ".join(texts) or f"no other implementation offers this {kind}"
+
+
+def oracles(data: dict[str, Any]) -> str:
+    """Return the text of oracles.json: the names in `confirmed_by`, and what is behind them."""
+    rows = {
+        peer.name: {"version": data[peer.name]["version"], "language": peer.language, "what": peer.what}
+        for peer in PEERS
+        if peer.name in data
+    }
+    return json.dumps(rows, indent=2) + "\n"
+
+
+# The page ----------------------------------------------------------------------------------------------------------
+
+
+def page(data: dict[str, Any]) -> str:
+    """Return the tables: a row for each program, one for each program and kind, the ids of failures."""
+    names = [peer.name for peer in PEERS if peer.name in data]
+    stacks = [peer.name for peer in PEERS if peer.name in data and not peer.oracle]
+    lines = ["## Stacks", "", "| stack | version | language | kinds | passed | failed | open | not offered |"]
+    lines.append("|---|---|---|--:|--:|--:|--:|--:|")
+    for name in stacks:
+        row = data[name]
+        total: Counter[str] = sum((Counter(kind) for kind in row["kinds"].values()), Counter())
+        numbers = " | ".join(str(total[state]) for state in STATES)
+        lines.append(
+            f"| [{name}](#{name.lower()}) | {row['version']} | {row['language']} | {len(row['kinds'])} | {numbers} |"
+        )
+    lines += ["", "Kinds of which a stack offers nothing are not counted. Programs that only confirm values:", ""]
+    for name in [name for name in names if name not in stacks]:
+        lines.append(f"- {name} {data[name]['version']}: {', '.join(f'`{kind}`' for kind in data[name]['kinds'])}")
+    lines += ["", "## Kinds"]
+    for name in stacks:
+        lines += ["", f"### {name}", "", "| kind | passed | failed | open | not offered |", "|---|--:|--:|--:|--:|"]
+        for kind, counts in data[name]["kinds"].items():
+            numbers = " | ".join(str(counts.get(state, "")) for state in STATES)
+            lines.append(f"| `{kind}` | {numbers} |")
+        if data[name]["failed"]:
+            count = len(data[name]["failed"])
+            lines += ["", f"<details><summary>{count} cases failed</summary>", ""]
+            lines += [*grouped(data[name]["failed"]), "", "</details>"]
+    return "\n".join(lines) + "\n\n"
+
+
+def grouped(ids: list[str]) -> list[str]:
+    """Return the ids as one line for each file: "- crc16: 1, 2, 5"."""
+    groups: dict[str, list[str]] = {}
+    for name in ids:
+        stem, _, number = name.rpartition("-")
+        groups.setdefault(stem, []).append(number)
+    return [f"- {stem}: {', '.join(numbers)}" for stem, numbers in groups.items()]
+
+
+def with_tables(text: str, data: dict[str, Any]) -> str:
+    """Return the page with its tables up to date."""
+    before, _, rest = text.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    return f"{before}{BEGIN}\n{page(data)}{END}{after}"
+
+
+def main(arguments: list[str]) -> None:
+    """Run, and write the files."""
+    data: dict[str, Any] = json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
+    if arguments != ["--page"]:
+        vectors, runs = load_vectors(ROOT / "vectors"), []
+        for peer in PEERS:
+            if arguments and peer.name not in arguments:
+                continue
+            start = time.monotonic()
+            try:
+                runs.append(run(peer, vectors))
+            except PortError as error:
+                sys.stdout.write(f"{peer.name:16} not installed: {error}\n")
+                continue
+            data[peer.name] = measured(runs[-1])
+            numbers = Counter(state for _, _, state in runs[-1].states())
+            took = time.monotonic() - start
+            sys.stdout.write(f"{peer.name:16} {runs[-1].version:10} {dict(numbers)}  {took:.1f} s\n")
+        data = {peer.name: data[peer.name] for peer in PEERS if peer.name in data}
+        DATA.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+        ORACLES.write_text(oracles(data), encoding="utf-8")
+        confirm(runs)
+        files.main()
+    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8"), data), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,352 @@
+"""The `canopen` library as an adapter: its nodes on a network that only records what they send.
+
+barewire vectors check --adapter "python vectors/adapters/canopen_adapter.py"
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+from datetime import UTC, datetime, timedelta
+from importlib.metadata import version
+from typing import Any
+
+import canopen
+from adapter import NotOffered, hexed, number, octets, serve
+from canopen import objectdictionary
+from canopen.lss import LssMaster
+from canopen.objectdictionary import ODVariable, datatypes
+from canopen.pdo.base import PdoMap
+from canopen.profiles.p402 import BaseNode402, State402
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
+logging.disable()
+COMMANDS = dict(
+    zip(
+        ("start", "stop", "enter pre-operational", "reset node", "reset communication"),
+        ("OPERATIONAL", "STOPPED", "PRE-OPERATIONAL", "RESET", "RESET COMMUNICATION"),
+    )
+)
+EXACT = {"u": "UNSIGNED", "i": "INTEGER", "f": "REAL"}
+
+
+class Recorder(canopen.Network):
+    """A network without a bus: keeps the frames that are sent."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sent: list[tuple[int, bytes]] = []
+
+    def send_message(self, can_id: int, data: Any, remote: bool = False) -> None:
+        self.sent.append((can_id, bytes(data)))
+
+    def frame(self) -> dict[str, Any]:
+        """Return the first frame that was sent, as the vectors write it."""
+        cob_id, data = self.sent[0]
+        return {"cob_id": f"{cob_id:03X}", "data": hexed(data)}
+
+
+def variable(kind: str, index: int = 0x2000, sub: int = 0) -> ODVariable:
+    """Return an object of a type: "u16", "bool" or a name of the standard."""
+    name = {"bool": "BOOLEAN"}.get(kind) or (EXACT.get(kind[0], "") + kind[1:] if kind[1:].isdigit() else kind)
+    found = ODVariable(f"{index:04X}:{sub}", index, sub)
+    found.data_type = getattr(datatypes, name, None)
+    if found.data_type is None or name.startswith("TIME_"):
+        raise NotOffered(f"canopen has no codec for {kind}")
+    return found
+
+
+def local_node(node: int, *objects: ODVariable) -> tuple[Recorder, Any]:
+    """Return a device with these objects."""
+    network, od = Recorder(), canopen.ObjectDictionary()
+    for one in objects:
+        od.add_object(one)
+    return network, network.create_node(node, od)
+
+
+def remote_node(node: int) -> tuple[Recorder, Any]:
+    """Return a node as its master sees it."""
+    network = Recorder()
+    return network, network.add_node(node, canopen.ObjectDictionary())
+
+
+def encode_nmt(question: dict[str, Any]) -> dict[str, Any]:
+    network, node = (
+        remote_node(question["node"]) if question["node"] else ((alone := Recorder()), alone)
+    )  # the network itself commands all nodes
+    node.nmt.state = COMMANDS[question["command"]]
+    return network.frame()
+
+
+def encode_sync(question: dict[str, Any]) -> dict[str, Any]:
+    network = Recorder()
+    network.sync.transmit(question["counter"])
+    return network.frame()
+
+
+def encode_time(question: dict[str, Any]) -> dict[str, Any]:
+    network = Recorder()
+    when = datetime(1984, 1, 1, tzinfo=UTC) + timedelta(days=question["days"], milliseconds=question["milliseconds"])
+    network.time.transmit(when.timestamp())
+    return network.frame()
+
+
+def encode_emcy(question: dict[str, Any]) -> dict[str, Any]:
+    network, node = local_node(question["node"])
+    node.emcy.send(int(question["code"], 16), int(question["register"], 16), octets(question["info"]))
+    return network.frame()
+
+
+EVERYBODY = Recorder()
+for each in range(1, 128):
+    EVERYBODY.add_node(each, canopen.ObjectDictionary())
+
+
+def decode_emcy(question: dict[str, Any]) -> dict[str, Any]:
+    for node in EVERYBODY.values():
+        node.emcy.reset()
+    EVERYBODY.notify(int(question["cob_id"], 16), bytearray(octets(question["data"])), 0.0)
+    for node in EVERYBODY.values():
+        for one in node.emcy.log:
+            found = {"node": node.id, "code": f"{one.code:04X}", "register": f"{one.register:02X}"}
+            return {**found, "info": hexed(one.data)}
+    raise ValueError("nobody took it for an emergency")
+
+
+def cob_id(question: dict[str, Any]) -> dict[str, Any]:
+    network, remote = remote_node(question["node"] or 1)
+    _, local = local_node(question["node"] or 1)
+    services = {
+        "SDO request": remote.sdo.rx_cobid,
+        "SDO answer": remote.sdo.tx_cobid,
+        "EMCY": local.emcy.cob_id,
+        "SYNC": network.sync.cob_id,
+        "TIME": network.time.cob_id,
+        "LSS request": LssMaster.LSS_TX_COBID,
+        "LSS answer": LssMaster.LSS_RX_COBID,
+    }
+    if question["service"] not in services:
+        raise NotOffered("no attribute of canopen says this identifier")
+    return {"cob_id": f"{services[question['service']]:03X}"}
+
+
+def encode_lss(question: dict[str, Any]) -> dict[str, Any]:
+    network, master, service = Recorder(), LssMaster(), int(question["service"], 16)
+    master.network, master.RESPONSE_TIMEOUT = network, 0.001
+    body = octets(question["body"])
+    calls = {
+        0x04: lambda: master.send_switch_state_global(body[0]),
+        0x11: lambda: master.configure_node_id(body[0]),
+        0x13: lambda: master.configure_bit_timing(body[1]),
+        0x15: lambda: master.activate_bit_timing(int.from_bytes(body[:2], "little")),
+        0x17: master.store_configuration,
+        0x4C: master.send_identify_non_configured_remote_slave,
+        0x5E: master.inquire_node_id,
+    }
+    if 0x5A <= service <= 0x5D:
+        calls[service] = lambda: master.inquire_lss_address(service)
+    if question["side"] != "request" or service not in calls:
+        raise NotOffered("canopen has no function that sends only this")
+    try:
+        calls[service]()
+    except canopen.lss.LssError:
+        if not network.sent:
+            raise
+    return network.frame()
+
+
+def pdo_map(question: dict[str, Any]) -> PdoMap:
+    """Return a PDO with these entries."""
+    rows = [(int(row["entry"][:4], 16), int(row["entry"][4:6], 16), row["type"]) for row in question["entries"]]
+    od = canopen.ObjectDictionary()
+    for index, sub, kind in rows:
+        if sub:
+            record = od.get(index) or objectdictionary.ODRecord(f"{index:04X}", index)
+            record.add_member(variable(kind, index, sub))
+            od.add_object(record)
+        else:
+            od.add_object(variable(kind, index))
+    node = canopen.LocalNode(1, od)
+    found = PdoMap(node.tpdo, None, None)
+    found.cob_id = 0x181
+    for (index, sub, _), row in zip(rows, question["entries"]):
+        found.add_variable(index, sub, int(row["entry"][6:], 16))
+    return found
+
+
+def encode_pdo(question: dict[str, Any]) -> dict[str, Any]:
+    found = pdo_map(question)
+    for one, row in zip(found, question["entries"]):
+        one.raw = number(row["value"])
+    return {"data": hexed(found.data)}
+
+
+def decode_pdo(question: dict[str, Any]) -> dict[str, Any]:
+    found = pdo_map(question)
+    found.on_message(found.cob_id, bytearray(octets(question["data"])), 0.0)
+    return {"entries": [{"value": str(int(one.raw) if isinstance(one.raw, bool) else one.raw)} for one in found]}
+
+
+def encode_object(question: dict[str, Any]) -> dict[str, Any]:
+    value = question["value"]
+    if question["type"] in ("OCTET_STRING", "DOMAIN"):
+        value = octets(value)
+    return {"bytes": hexed(variable(question["type"]).encode_raw(value))}
+
+
+def decode_object(question: dict[str, Any]) -> dict[str, Any]:
+    value = variable(question["type"]).decode_raw(octets(question["bytes"]))
+    return {"value": hexed(value) if isinstance(value, bytes) else value}
+
+
+def encode_number(question: dict[str, Any]) -> dict[str, Any]:
+    little(question)
+    return {"bytes": hexed(variable(question["type"]).encode_raw(number(question["value"])))}
+
+
+def decode_number(question: dict[str, Any]) -> dict[str, Any]:
+    little(question)
+    return {"value": str(variable(question["type"]).decode_raw(octets(question["bytes"])))}
+
+
+def little(question: dict[str, Any]) -> None:
+    if question["order"] != "DCBA":
+        raise NotOffered("CANopen has one order of bytes")
+
+
+def encode_sdo(question: dict[str, Any]) -> dict[str, Any]:
+    message, node = question["message"], question["node"]
+    place = int(message["index"], 16), int(message["sub"], 16)
+    data, name, size = octets(message.get("data", "")), message["name"], message.get("size")
+    if question["side"] == "answer":
+        return sdo_answer(node, place, name, data, size, message)
+    network, remote = remote_node(node)
+    remote.sdo.RESPONSE_TIMEOUT = 0.001
+    try:
+        if name == "initiate-upload":
+            remote.sdo.upload(*place)
+        elif name == "expedited-download" and message.get("indicated", True):
+            remote.sdo.download(*place, data)
+        elif name == "initiate-download":
+            remote.sdo.open(*place, "wb", size=size, force_segment=True, buffering=0)
+        elif name == "abort":
+            remote.sdo.abort(int(message["code"], 16))
+        else:
+            raise NotOffered("the client of canopen does not send this")
+    except SdoCommunicationError:
+        pass  # nobody answers
+    return network.frame()
+
+
+def sdo_answer(node: int, place: tuple[int, int], name: str, data: bytes, size: Any, message: Any) -> dict[str, Any]:
+    """Return the first answer of the server to a request that leads to this message."""
+    network, local = local_node(node, variable("DOMAIN", *place))
+    if place[1] or (name == "upload-initiated" and (size is None or not 4 < size < 1 << 20)):
+        raise NotOffered("the server always says the size, and is asked here for simple variables")
+    request = {"download-initiated": "22", "abort": "40"}.get(name, "40")
+    local.data_store = {place[0]: {place[1]: bytes(size or 1) if name != "expedited-upload" else data}}
+    network.notify(local.sdo.rx_cobid, bytearray(octets(request) + place[0].to_bytes(2, "little") + bytes(5)), 0.0)
+    if name == "abort":
+        network.sent.clear()
+        local.sdo.abort(int(message["code"], 16))
+    elif name == "expedited-upload" and not message.get("indicated", True):
+        raise NotOffered("the server always says the size")
+    return network.frame()
+
+
+class Talk(queue.Queue):
+    """The answers that a client waits for: those of the steps, one step after the other."""
+
+    def __init__(self, steps: list[dict[str, Any]]) -> None:
+        super().__init__()
+        self.steps, self.said, self.waiting = steps, [[]], [*steps[0]["hear"]]
+
+    def empty(self) -> bool:
+        return True
+
+    def get(self, block: bool = True, timeout: float | None = None) -> bytes:
+        if not self.waiting:
+            if len(self.said) == len(self.steps):
+                raise queue.Empty
+            self.waiting = [*self.steps[len(self.said)]["hear"]]
+            self.said.append([])
+            if not self.waiting:
+                raise queue.Empty
+        return octets(self.waiting.pop(0))
+
+
+def client(question: dict[str, Any]) -> dict[str, Any]:
+    network, remote = remote_node(question["node"])
+    place, block = (int(question["index"], 16), int(question["sub"], 16)), question.get("block")
+    if block and ((question["direction"] == "upload" and block["size"] != 127) or block.get("switch")):
+        raise NotOffered("canopen has no such setting: blocks have 127 segments, and the protocol is never switched")
+    talk = remote.sdo.responses = Talk(question["talk"])
+    network.send_message = lambda _id, data, remote=False: talk.said[-1].append(hexed(data))  # type: ignore[method-assign]
+    how = {"block_transfer": bool(block), "request_crc_support": bool(block) and block.get("crc", True)}
+    answer: dict[str, Any] = {"ends": "done"}
+    try:
+        if question["direction"] == "upload":
+            with remote.sdo.open(*place, "rb", **how) as file:
+                answer["arrived"] = hexed(file.read())
+        else:
+            value = octets(question["value"])
+            size = len(value) if question.get("indicated", True) else None
+            with remote.sdo.open(*place, "wb", size=size, **how) as file:
+                file.write(value)
+    except SdoAbortedError as abort:
+        answer = {"ends": {"abort": f"{abort.code:08X}"}}
+    except SdoCommunicationError:
+        last = [line for step in talk.said for line in step][-1]
+        answer = {"ends": {"abort": octets(last)[:3:-1].hex().upper()} if last.startswith("80") else "running"}
+    said = talk.said + [[] for _ in talk.steps[len(talk.said) :]]
+    return {"talk": [{"say": lines} for lines in said], **answer}
+
+
+def server(question: dict[str, Any]) -> dict[str, Any]:
+    index, sub = int(question["index"], 16), int(question["sub"], 16)
+    if question["talk"][0]["hear"][:1] and octets(question["talk"][0]["hear"][0])[0] >> 5 > 4:
+        raise NotOffered("the server of canopen has no block transfer")
+    network, node = local_node(question["node"], variable("DOMAIN", 0x2100))  # the only object of the server
+    if "value" in question:
+        node.data_store = {index: {sub: octets(question["value"])}}
+    steps = []
+    for step in question["talk"]:
+        network.sent.clear()
+        for line in step["hear"]:
+            network.notify(node.sdo.rx_cobid, bytearray(octets(line)), 0.0)
+        steps.append({"say": [hexed(data) for _, data in network.sent]})
+    written = question["direction"] == "download"
+    return (
+        {"talk": steps, "arrived": hexed(node.data_store.get(index, {}).get(sub, b""))} if written else {"talk": steps}
+    )
+
+
+def drive_state(question: dict[str, Any]) -> dict[str, Any]:
+    node = BaseNode402(1, canopen.ObjectDictionary())
+    node.tpdo_values[0x6041] = int(question["word"], 16)
+    return {"state": node.state.lower()}
+
+
+def state_table(question: dict[str, Any]) -> dict[str, Any]:
+    mask, masked = State402.SW_MASK[question["state"].upper()]
+    return {"mask": f"{mask:04X}", "masked": f"{masked:04X}"}
+
+
+serve(
+    "canopen",
+    version("canopen"),
+    {
+        "nmt": {"encode": encode_nmt},
+        "sync": {"encode": encode_sync},
+        "time": {"encode": encode_time},
+        "emcy": {"encode": encode_emcy, "decode": decode_emcy},
+        "cob-id": {"encode": cob_id},
+        "lss": {"encode": encode_lss},
+        "pdo": {"encode": encode_pdo, "decode": decode_pdo},
+        "object-value": {"encode": encode_object, "decode": decode_object},
+        "number": {"encode": encode_number, "decode": decode_number},
+        "sdo": {"encode": encode_sdo},
+        "sdo-talk": {"client": client, "server": server},
+        "drive-state": {"decode": drive_state, "table": state_table},
+    },
+)
