@@ -146,6 +146,7 @@ MAY_BE_INDIFFERENT = {
     ("server-conformance", "pdu"),
     ("server-conformance", "raw"),
     ("server", "functions"),  # another function that no step asks for
+    ("tls-role", "extensions"),  # those of other purposes
     ("server", "ask"),  # many requests are refused in the same way
     ("server", "raw"),  # other bytes are not a frame either
     ("server", "holding_registers"),  # registers and bits that no step reads or writes

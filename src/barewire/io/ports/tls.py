@@ -8,9 +8,9 @@ is TLS as on the web, without roles. The standard requires both [MB-TLS R-06].
     server's name, signed by the CA?   <------>   signed by the CA? which role?
     Modbus TCP, inside TLS, port 802       ------>  permitted?  no: exception 01
 
-The role is an extension of the certificate, OID 1.3.6.1.4.1.50316.802.1, a UTF8String [MB-TLS R-21, R-22]. The standard
-library has no function for it, so `role_of` reads the DER of the certificate from the outside in, and takes a role only
-from its place among the extensions.
+The role is an extension of the certificate [MB-TLS R-21, R-22], which Python's library has no function for:
+`modbus.server.certificate_role` reads it from the DER. The server takes a role only from a certificate that the TLS
+library has checked against the CA.
 
 A certificate that is wrong, expired or missing is an error of one line. In TLS 1.3 a client gets the refusal of its
 certificate with the first data that it receives, not when it connects.
@@ -20,20 +20,15 @@ from __future__ import annotations
 
 import socket
 import ssl
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from barewire.errors import DecodeError, EncodeError, PortError
+from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.tcp import CHUNK, CONNECT_TIMEOUT, LONGEST_WAIT, TcpPort, reason
 
 if TYPE_CHECKING:
     from barewire.modbus.server.authorization import Authorization
-
-ROLE = bytes.fromhex("2B0601040183890C862201")
-"""1.3.6.1.4.1.50316.802.1 in DER."""
-
-_SEQUENCE, _EXTENSIONS, _OID, _OCTETS, _UTF8 = 0x30, 0xA3, 0x06, 0x04, 0x0C
 
 _REASONS = {
     "PEER_DID_NOT_RETURN_A_CERTIFICATE": "the other side showed no certificate",
@@ -175,54 +170,7 @@ def tls_reason(error: Exception) -> str:
     return reason(error)
 
 
-# The role -------------------------------------------------------------------------------------------------------------
-
-
-def role_of(certificate: bytes) -> str | None:
-    """Return the role in a certificate (DER), or None. Raises DecodeError for several roles, or one that is not a text.
-
-    Certificate > TBSCertificate > [3] > Extensions > Extension { OID, critical?, OCTET STRING > UTF8String }
-    """
-    roles = []
-    _, certificate_body = next(_parts(certificate))
-    _, signed = next(_parts(certificate_body))
-    for tag, extensions in _parts(signed):
-        if tag != _EXTENSIONS:
-            continue
-        _, rows = next(_parts(extensions))
-        for _, extension in _parts(rows):
-            fields = list(_parts(extension))
-            if fields[0] == (_OID, ROLE):
-                roles.append(_text(certificate, fields[-1][1]))
-    if len(roles) > 1:
-        raise DecodeError("value", certificate, 0, f"{len(roles)} roles in one certificate, there may be one")
-    return roles[0] if roles else None
-
-
-def _text(certificate: bytes, inside: bytes) -> str:
-    values = list(_parts(inside))
-    if len(values) != 1 or values[0][0] != _UTF8:
-        raise DecodeError("value", certificate, 0, "the role in the certificate is not one UTF8String")
-    try:
-        return values[0][1].decode()
-    except UnicodeDecodeError:
-        raise DecodeError("value", certificate, 0, "the role in the certificate is not UTF-8") from None
-
-
-def _parts(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield the values in a row of DER: tag and content."""
-    place = 0
-    while place < len(data) or not data:
-        if place + 2 > len(data):
-            raise DecodeError("short", data, len(data), "DER ends within a value")
-        tag, size, start = data[place], data[place + 1], place + 2
-        if size & 0x80:
-            start += size & 0x7F
-            size = int.from_bytes(data[place + 2 : start], "big")
-        if start + size > len(data):
-            raise DecodeError("short", data, len(data), "DER ends within a value")
-        yield tag, data[start : start + size]
-        place = start + size
+# The roles and their permissions ------------------------------------------------------------------------------------
 
 
 def roles_of(endpoint: Endpoint) -> Authorization | None:

@@ -11,6 +11,7 @@ import barewire.tcp
 from barewire.ascii import AsciiLine, lrc
 from barewire.modbus.adu import Adu, Noise
 from barewire.modbus.framing import Line
+from barewire.modbus.server.certificate_role import role_in
 from barewire.rtu import Timing, crc16
 from barewire.rtu.line import RtuLine
 from barewire.tcp import TcpLine
@@ -20,6 +21,11 @@ from barewire.vectors.questions import Fields
 _LATER = 1e6
 """A time long after every time-out of a line."""
 _CHARACTER = 11 / 19200
+
+
+def role(given: Fields) -> Fields:
+    """Return the role in the extensions of a certificate."""
+    return {"role": role_in(octets(given["extensions"]))}
 
 
 def crc(given: Fields) -> Fields:

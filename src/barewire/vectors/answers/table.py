@@ -28,6 +28,7 @@ ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
     "text": {"encode": codecs.encode_characters, "decode": codecs.decode_characters},
     "pdu": {"encode": messages.encode_pdu, "decode": messages.decode_pdu},
     "exchange": {"decode": messages.accept},
+    "tls-role": {"decode": frames.role},
     "server": {"run": servers.serve},
     "server-conformance": {"run": conformance.answer_steps},
     "crc16": {"encode": frames.crc, "walk": frames.walk},
