@@ -1,6 +1,6 @@
 """Builds a release of the vectors in dist/:  make vectors-release
 
-    barewire-vectors-1.1.0.zip     everything in vectors/, LICENSE, changes.json, and SHA256SUMS of them all
+    barewire-vectors-1.1.0.zip     everything in vectors/, LICENSE, changes.json, questions.jsonl, and SHA256SUMS
     barewire-vectors-1.1.0.tgz     the same files as a package of npm, with index.js
 
 vectors/VERSION is the version of the next release. vectors/released.json has what was released: by the version that
@@ -23,9 +23,11 @@ import re
 import sys
 import tarfile
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
+
+from barewire.vectors.files import load_vectors
 
 ROOT = Path(__file__).parent.parent
 VECTORS = ROOT / "vectors"
@@ -131,6 +133,17 @@ def recorded(now: Mapping[str, str], before: Releases, new: str) -> str:
     return json.dumps(rows, indent=0) + "\n"
 
 
+def questions() -> Iterator[bytes]:
+    """Yield the lines of questions.jsonl: each question of each case, and what a judge needs for its answer."""
+    vectors = load_vectors(VECTORS)
+    for file in vectors.files:
+        for case in file.cases:
+            judged = {name: case[name] for name in ("result", "fails", "reason", "flags") if name in case}
+            for question in vectors.questions(file, case):
+                row = {"case": case["id"], **judged, "question": question.as_json(), "expected": question.expected}
+                yield json.dumps(row, ensure_ascii=False).encode() + b"\n"
+
+
 # The archives -----------------------------------------------------------------------------------------------------
 
 
@@ -142,6 +155,7 @@ def content() -> Content:
         if file.is_file() and not PROGRAMS_OWN & {*parts} and not parts[-1].startswith("."):
             found["/".join(parts)] = file.read_bytes()
     changelog = found["CHANGELOG.md"].decode()
+    found["questions.jsonl"] = b"".join(questions())
     found["changes.json"] = _json(changes(meanings(), released(), changelog, version()))
     return dict(sorted(found.items()))
 

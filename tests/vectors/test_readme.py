@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import sys
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from barewire.vectors.files import load_vectors
 from barewire.vectors.judge import judge
 from barewire.vectors.questions import Question
 from barewire.vectors.run import run_cases, selected
+from tools.vectors_release import questions
 
 VECTORS = load_vectors()
 README = (Path(__file__).parents[2] / "vectors" / "README.md").read_text(encoding="utf-8")
@@ -92,6 +94,61 @@ def test_the_numbers_of_the_protocol_are_those_of_the_program() -> None:
     assert "After twenty such losses" in text
     assert vector_adapter.LINE_LONGEST == 1 << 20
     assert "at most 1 MiB" in text
+
+
+def test_the_line_of_a_release_is_one_of_its_questions() -> None:
+    line = json.loads(block("json", '{"case": "lrc-1"'))
+    assert line in [json.loads(row) for row in islice(questions(), 3000) if b'"lrc-1"' in row]
+
+
+VALID = {"result": "valid"}
+SHORT = {"result": "invalid", "fails": "decode", "reason": "short"}
+PAIR = {"result": "invalid", "fails": "compare", "reason": "checksum"}
+OPEN = {"result": "acceptable"}
+TOLERANT = {"result": "acceptable", "flags": ["tolerant"]}
+RIGHT, WRONG, MORE = {"is": {"bytes": "0A 0B"}}, {"is": {"bytes": "0A"}}, {"is": {"bytes": "0a0b", "more": 1}}
+REFUSED, SILENT, OTHER = {"refused": "short"}, {"refused": ""}, {"refused": "long"}
+
+
+@pytest.mark.parametrize(
+    ("case", "do", "answers", "state"),
+    [
+        (VALID, "decode", [RIGHT, MORE], "passed"),
+        (VALID, "decode", [WRONG, REFUSED, {}, {"is": []}, {"refused": 1}, {"is": {}}], "failed"),
+        (SHORT, "decode", [REFUSED, SILENT], "passed"),
+        (SHORT, "decode", [RIGHT, WRONG, OTHER, {}], "failed"),
+        (PAIR, "encode", [REFUSED, OTHER, WRONG], "passed"),
+        (PAIR, "encode", [RIGHT, MORE, {}], "failed"),
+        (OPEN, "encode", [RIGHT, WRONG, REFUSED], "passed"),
+        (TOLERANT, "encode", [WRONG, REFUSED], "passed"),
+        (TOLERANT, "encode", [RIGHT, MORE], "failed"),
+        (OPEN, "decode", [RIGHT], "passed"),
+        (TOLERANT, "decode", [WRONG, REFUSED, SILENT], "open"),
+        (VALID, "decode", [{"not_offered": "so"}], "not offered"),
+    ],
+)
+def test_the_verdicts_are_those_of_the_table(
+    case: dict[str, Any], do: str, answers: list[dict[str, Any]], state: str
+) -> None:
+    question = Question({"id": "x-1", **case}, "number", do, {"type": "u16"}, {"bytes": "0A 0B"})
+    assert {judge(question, answer).state for answer in answers} == {state}
+
+
+@pytest.mark.parametrize(
+    ("kind", "type_", "wanted", "found", "same"),
+    [
+        ("number", "i8", "1", "1.0", True),
+        ("number", "f32", "0.1", "0.100000001", True),
+        ("number", "f64", "0.1", "0.100000001", False),
+        ("number", "f64", "nan", "-nan", True),
+        ("object-value", "VISIBLE_STRING", "1", "1.0", False),
+        ("object-value", "BOOLEAN", True, 1, False),
+        ("number", "i8", None, None, True),
+    ],
+)
+def test_values_are_equal_as_described(kind: str, type_: str, wanted: object, found: object, same: bool) -> None:
+    question = Question({"id": "x-1", "result": "valid"}, kind, "decode", {"type": type_}, {"value": wanted})
+    assert (judge(question, {"is": {"value": found}}).state == "passed") is same
 
 
 # The fields -------------------------------------------------------------------------------------------------------

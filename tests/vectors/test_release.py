@@ -117,7 +117,7 @@ def test_the_archive_has_all_files_and_their_checksums(archive: zipfile.ZipFile)
     assert all(name.startswith(TOP) for name in archive.namelist())
     assert names >= {f"{file.name}.json" for file in VECTORS.files}
     assert names >= {"README.md", "CHANGELOG.md", "LICENSE", "VERSION", "SHA256SUMS", "adapters/own.py"}
-    assert names >= {"kinds.json", "schema.json", "index.json", "released.json", "changes.json"}
+    assert names >= {"kinds.json", "schema.json", "index.json", "released.json", "changes.json", "questions.jsonl"}
     rows = [line.split("  ") for line in archive.read(f"{TOP}SHA256SUMS").decode().splitlines()]
     assert {name for _, name in rows} == names - {"SHA256SUMS"}
     assert all(hashlib.sha256(archive.read(TOP + name)).hexdigest() == digest for digest, name in rows)
@@ -142,6 +142,27 @@ def test_the_changelog_of_the_archive_has_every_id(archive: zipfile.ZipFile) -> 
     assert sorted(ids) == sorted(VECTORS.digests)
 
 
+def test_the_archive_has_every_question_as_an_adapter_reads_it(archive: zipfile.ZipFile) -> None:
+    rows = [json.loads(line) for line in archive.read(f"{TOP}questions.jsonl").splitlines()]
+    asked = {row["question"]["id"]: row for row in rows}
+    wanted = {
+        question.id: (question, case)
+        for file in VECTORS.files
+        for case in file.cases
+        for question in VECTORS.questions(file, case)
+    }
+    assert len(asked) == len(rows)
+    assert asked.keys() == wanted.keys()
+    for case_id, (question, case) in wanted.items():
+        row = asked[case_id]
+        assert (row["question"], row["expected"]) == (question.as_json(), question.expected)
+        assert row["case"] == case["id"]
+        assert [row.get(name) for name in JUDGED] == [case.get(name) for name in JUDGED]
+
+
+JUDGED = ("result", "fails", "reason", "flags")
+
+
 def test_the_command_builds_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", ["vectors_release", "--to", str(tmp_path / "dist")])
     assert release.main() == 0
@@ -151,11 +172,12 @@ def test_the_command_builds_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 # The npm package --------------------------------------------------------------------------------------------------
 
 COUNT = """
-const { version, kinds, files, cases, index, schema, changes } = require('barewire-vectors');
+const { version, kinds, files, cases, index, schema, changes, questions } = require('barewire-vectors');
 const find = (id) => cases.find((one) => one.id === id);
 console.log(JSON.stringify({
   version, files: files.length, cases: cases.length, kinds: Object.keys(kinds).length, schema: schema.title,
   lrc: find('lrc-1'), digests: Object.keys(index).length, versions: Object.keys(changes),
+  asked: questions().filter((one) => one.case === 'lrc-1'),
 }));
 """
 
@@ -186,6 +208,14 @@ def test_the_package_has_files_and_cases(installed: Path) -> None:
         "schema": "barewire-vectors/1",
         "lrc": {"id": "lrc-1", "kind": "lrc", "file": "ascii/lrc", "case": dict(case)},
         "digests": len(VECTORS.digests),
+        "asked": [
+            {
+                "case": "lrc-1",
+                **{name: case[name] for name in JUDGED if name in case},
+                "question": {"id": "lrc-1.encode", "kind": "lrc", "do": "encode", "bytes": case["bytes"]},
+                "expected": {"lrc": "F3"},
+            }
+        ],
         "versions": [*reversed({**release.released(), release.version(): 0})],
     }
 

@@ -33,3 +33,14 @@ export const index: Record<string, string>;
 export const changes: Record<string, { added: string[]; corrected: Record<string, string> }>;
 export const files: VectorFile[];
 export const cases: { id: string; kind: string; file: string; case: Case }[];
+
+export interface Asked extends Pick<Case, 'result' | 'reason' | 'fails' | 'flags'> {
+  /** The id of the case. */
+  case: string;
+  /** The line that an adapter reads. */
+  question: { id: string; kind: string; do: string; [field: string]: unknown };
+  expected: Record<string, unknown>;
+}
+
+/** All questions; they are read at each call. */
+export function questions(): Asked[];

@@ -28,3 +28,7 @@ exports.files = readdirSync(__dirname, { withFileTypes: true })
 exports.cases = exports.files.flatMap((file) =>
   file.cases.map((one) => ({ id: one.id, kind: file.kind, file: file.name, case: one })),
 );
+
+// Each question of each case: the line for an adapter, the expected fields, and what the verdict depends on.
+exports.questions = () =>
+  readFileSync(join(__dirname, 'questions.jsonl'), 'utf8').trimEnd().split('\n').map((line) => JSON.parse(line));

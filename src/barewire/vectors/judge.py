@@ -189,7 +189,7 @@ def _same_number(wanted: str, found: str, kind: str) -> bool:
     """Whether two texts are the same number: of floating point the nearest ones of that type, others exactly."""
     try:
         if not kind.startswith("f"):
-            return bool(kind) and Decimal(wanted) == Decimal(found)
+            return kind.startswith(("u", "i", "b")) and Decimal(wanted) == Decimal(found)
         numbers = [float(wanted), float(found)]
         return all(map(math.isnan, numbers)) or len({_nearest(number, kind) for number in numbers}) == 1
     except (ValueError, OverflowError, InvalidOperation):
