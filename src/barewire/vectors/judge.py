@@ -31,7 +31,7 @@ from barewire.vectors.questions import Question
 Answer: TypeAlias = Mapping[str, Any]
 VerdictState = Literal["passed", "open", "failed", "not offered"]
 
-_ALTERNATIVES = ("device", "drive-path")
+_ALTERNATIVES = ("device", "drive-path", "gateway-309-3")
 """Kinds whose texts may name several right answers, "585#... | 585#...", and whose frames of different identifiers may
 come in any order."""
 _HEX = re.compile(r"[0-9A-Fa-f ]*")

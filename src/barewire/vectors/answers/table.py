@@ -14,11 +14,11 @@ from barewire.vectors.answers import (
     frames,
     lines,
     messages,
-    nodes,
     records,
     servers,
     transfers,
 )
+from barewire.vectors.answers.nodes import local, masters
 from barewire.vectors.questions import Fields
 
 ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
@@ -57,7 +57,10 @@ ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
     "time": {"encode": canopen.encode_time, "decode": canopen.decode_time},
     "lss": {"encode": canopen.encode_lss, "decode": canopen.decode_lss},
     "node-talk": {"run": transfers.node},
-    "device": {"run": nodes.device},
+    "device": {"run": local.device},
+    "heartbeat-watch": {"run": masters.watch},
+    "lss-talk": {"run": masters.talk_lss},
+    "gateway-309-3": {"run": masters.talk_gateway},
     "mpdo": {"encode": records.encode_mpdo, "decode": records.decode_mpdo},
     "log-line": {"decode": records.read_lines},
     "eds": {"read": records.read_eds, "check": records.check_eds},

@@ -1,0 +1,1 @@
+"""Answers for CANopen nodes over time: devices, and masters."""
