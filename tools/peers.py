@@ -60,7 +60,7 @@ PEERS = (
     Peer("uModbus", "Python", "Modbus library", ("umodbus_adapter.py",), "umodbus"),
     Peer("pyModbusTCP", "Python", "Modbus TCP library", ("pymodbustcp_adapter.py",), "pyModbusTCP"),
     Peer("modbus-tk", "Python", "Modbus test kit", ("modbus_tk_adapter.py",), "modbus_tk"),
-    Peer("libmodbus", "C", "Modbus library", ("build/libmodbus_adapter",)),
+    Peer("libmodbus", "C", "Modbus library", ("libmodbus_adapter.py",), "ctypes"),
     Peer("modbus-serial", "JavaScript", "Modbus library", ("node", f"{NODE}/modbus-serial.js")),
     Peer("jsmodbus", "JavaScript", "Modbus library", ("node", f"{NODE}/jsmodbus.js")),
     Peer("modbus-pdu", "JavaScript", "codec of Modbus messages", ("node", f"{NODE}/modbus-pdu.js")),

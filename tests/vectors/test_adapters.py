@@ -17,7 +17,7 @@ from tools.peers import PEERS, ROOT, Peer, PeerRun, confirms, python_with, run
 
 DATA: dict[str, Any] = json.loads(scoreboard.DATA.read_text(encoding="utf-8"))
 VECTORS = load_vectors(ROOT / "vectors")
-NEEDS = {"libmodbus": ("libmodbus", "cc"), "tshark": ("tshark",)}
+NEEDS = {"libmodbus": ("libmodbus",), "tshark": ("tshark",)}
 HERE = [peer for peer in PEERS if peer.name in DATA and (not peer.module or python_with(peer.module))]
 """tmodbus needs Python 3.12: `.ci/run` runs this file with it too."""
 
@@ -71,7 +71,7 @@ def test_every_name_in_a_case_is_in_oracles() -> None:
     assert oracles == json.loads(scoreboard.oracles(DATA))
 
 
-def test_at_least_eight_stacks_in_several_languages() -> None:
+def test_at_least_eight_stacks_in_three_languages() -> None:
     stacks = [peer.name for peer in PEERS if peer.name in DATA and not peer.oracle]
     assert len(stacks) >= 8
-    assert len({DATA[name]["language"] for name in stacks}) >= 2
+    assert len({DATA[name]["language"] for name in stacks}) >= 3

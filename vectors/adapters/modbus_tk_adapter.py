@@ -10,11 +10,20 @@ from typing import Any
 
 from adapter import crc_fields, hexed, octets, serve
 from adapter_client import ExceptionAnswer, client_answers
-from modbus_tk import utils
+from adapter_server import Units, server_answers
+from modbus_tk import defines, utils
 from modbus_tk.exceptions import ModbusError
-from modbus_tk.modbus import Master
+from modbus_tk.modbus import Databank, Master
 from modbus_tk.modbus_rtu import RtuQuery
 from modbus_tk.modbus_tcp import TcpQuery
+
+KINDS = {
+    "coils": defines.COILS,
+    "discrete_inputs": defines.DISCRETE_INPUTS,
+    "holding_registers": defines.HOLDING_REGISTERS,
+    "input_registers": defines.ANALOG_INPUTS,
+}
+CODES = {1, 2, 3, 4, 5, 6, 15, 16, 0x16, 0x17}
 
 
 class Playback(Master):
@@ -69,6 +78,28 @@ def call(code: int, fields: dict[str, Any], reply: bytes | None) -> tuple[bytes,
     return master.sent[1:-2], result
 
 
+class Server:
+    """A databank of modbus-tk, asked with its own frames."""
+
+    def __init__(self, line: str, units: Units) -> None:
+        self.query = {"rtu": RtuQuery, "tcp": TcpQuery}[line]
+        self.bank = Databank(error_on_missing_slave=False)
+        for unit, tables in units.items():
+            slave = self.bank.add_slave(unit)
+            for table, blocks in tables.items():
+                for first, row in blocks.items():
+                    slave.add_block(f"{table} {first}", KINDS[table], first, len(row))
+                    slave.set_values(f"{table} {first}", first, row)
+
+    def ask(self, unit: int, pdu: bytes) -> bytes | None:
+        asked = self.query()
+        answer = self.bank.handle_request(self.query(), asked.build_request(pdu, unit))
+        return asked.parse_response(answer) if answer else None
+
+    def values(self, unit: int, table: str, first: int, count: int) -> list[int]:
+        return list(self.bank.get_slave(unit).get_values(f"{table} {first}", first, count))
+
+
 def encode_rtu(question: dict[str, Any]) -> dict[str, Any]:
     return {"frame": hexed(RtuQuery().build_request(octets(question["pdu"]), question["unit"]))}
 
@@ -98,7 +129,8 @@ serve(
     "modbus-tk",
     version("modbus-tk"),
     {
-        **client_answers(call, {1, 2, 3, 4, 5, 6, 15, 16, 0x16, 0x17}),
+        **client_answers(call, CODES),
+        **server_answers(Server, {*CODES, 7}, {"rtu", "tcp"}),
         "rtu-frame": {"encode": encode_rtu, "decode": decode_rtu},
         "tcp-frame": {"encode": encode_tcp, "decode": decode_tcp},
         "crc16": {"encode": crc},

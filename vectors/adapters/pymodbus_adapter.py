@@ -5,6 +5,7 @@ barewire vectors check --adapter "python vectors/adapters/pymodbus_adapter.py"
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import pymodbus
@@ -24,10 +25,13 @@ from adapter import (
     worded,
     words,
 )
+from adapter_server import Units, server_answers
 from pymodbus.client.mixin import ModbusClientMixin
-from pymodbus.framer import FramerAscii, FramerRTU, FramerSocket
+from pymodbus.datastore import ModbusDeviceContext, ModbusSequentialDataBlock, ModbusServerContext
+from pymodbus.framer import FramerAscii, FramerRTU, FramerSocket, FramerType
 from pymodbus.pdu import DecodePDU, ExceptionResponse
 from pymodbus.pdu.file_message import FileRecord
+from pymodbus.server import ModbusTcpServer
 
 DECODERS = {"request": DecodePDU(is_server=True), "response": DecodePDU(is_server=False)}
 NAMES = {  # our name of a field -> theirs; others have the same one
@@ -36,6 +40,10 @@ NAMES = {  # our name of a field -> theirs; others have the same one
     "message_count": "message_count",
     "next_object": "next_object_id",
 }
+SHORT = {"coils": "co", "discrete_inputs": "di", "holding_registers": "hr", "input_registers": "ir"}
+SILENCE = 0.1
+"""Seconds after which a server that does not answer is silent."""
+CODES = {1, 2, 3, 4, 5, 6, 0x0F, 0x10, 0x16, 0x17}
 FRAMERS = {"rtu-frame": FramerRTU, "ascii-frame": FramerAscii, "tcp-frame": FramerSocket}
 
 
@@ -246,11 +254,71 @@ def decode_number(question: dict[str, Any]) -> dict[str, Any]:
     return {"value": str(ModbusClientMixin.convert_from_registers(registers(data), kind, order))}
 
 
+class Server:
+    """A server of pymodbus, asked in RTU or TCP frames over a connection to this machine."""
+
+    def __init__(self, line: str, units: Units) -> None:
+        self.framer, self.tables = FRAMERS[f"{line}-frame"], units
+        self.loop = asyncio.new_event_loop()
+        blocks = {
+            unit: ModbusDeviceContext(
+                **{SHORT[name]: block_of(name, rows) for name, rows in tables.items()},
+            )
+            for unit, tables in units.items()
+        }
+        framer = {"rtu": FramerType.RTU, "ascii": FramerType.ASCII, "tcp": FramerType.SOCKET}[line]
+        self.loop.run_until_complete(self.start(ModbusServerContext(blocks), framer))
+
+    async def start(self, context: ModbusServerContext, framer: FramerType) -> None:
+        self.server = ModbusTcpServer(context, framer=framer, address=("127.0.0.1", 0), ignore_missing_devices=True)
+        await self.server.listen()
+        port = self.server.transport.sockets[0].getsockname()[1]  # type: ignore[union-attr]
+        self.reader, self.writer = await asyncio.open_connection("127.0.0.1", port)
+
+    def ask(self, unit: int, pdu: bytes) -> bytes | None:
+        return self.loop.run_until_complete(self.asked(unit, pdu))
+
+    async def asked(self, unit: int, pdu: bytes) -> bytes | None:
+        self.writer.write(self.framer(DECODERS["request"]).encode(pdu, unit, 1))
+        try:
+            answer = await asyncio.wait_for(self.reader.read(1024), SILENCE)
+        except TimeoutError:
+            return None
+        found = read(self.framer(DECODERS["response"]), answer)
+        if found is None or found["unit"] != unit:
+            raise Refused(f"an answer of another unit: {hexed(answer)}")
+        return octets(found["pdu"])
+
+    def values(self, unit: int, table: str, first: int, count: int) -> list[int]:
+        code = {"coils": 1, "discrete_inputs": 2, "holding_registers": 3, "input_registers": 4}[table]
+        found = self.loop.run_until_complete(self.server.context.async_getValues(unit, code, first, count))
+        if not isinstance(found, list):
+            raise Refused(str(found))
+        return [int(value) for value in found]
+
+    def close(self) -> None:
+        """Close the connection and the server."""
+        self.writer.close()
+        self.loop.run_until_complete(self.server.shutdown())
+        self.loop.close()
+
+
+def block_of(name: str, rows: dict[int, list[int]]) -> ModbusSequentialDataBlock:
+    """Return the block of a table, which begins one before the address that it is given."""
+    if len(rows) > 1:
+        raise NotOffered("a sequential block has no gap")
+    ((first, values),) = rows.items()
+    if name in ("coils", "discrete_inputs") and len(values) % 16:
+        raise NotOffered("bits are kept in whole registers: there would be more of them")
+    return ModbusSequentialDataBlock(first + 1, list(values))
+
+
 FRAME = {"encode": encode_frame, "decode": decode_frame, "receive": receive}
 serve(
     "pymodbus",
     pymodbus.__version__,
     {
+        **server_answers(Server, CODES, {"rtu", "ascii", "tcp"}),
         "pdu": {"encode": encode_pdu, "decode": decode_pdu},
         "rtu-frame": FRAME,
         "ascii-frame": FRAME,

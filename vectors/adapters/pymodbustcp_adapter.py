@@ -10,9 +10,15 @@ from typing import Any
 import pyModbusTCP
 from adapter import NotOffered, Refused, crc_fields, number, octets, register_bytes, registers, serve
 from adapter_client import ExceptionAnswer, client_answers
+from adapter_server import Units, server_answers
 from pyModbusTCP import utils
 from pyModbusTCP.client import ModbusClient
 from pyModbusTCP.constants import MB_EXCEPT_ERR
+from pyModbusTCP.server import DataBank, ModbusServer
+
+SIZES = {"coils": "coils_size", "discrete_inputs": "d_inputs_size"}
+SIZES |= {"holding_registers": "h_regs_size", "input_registers": "i_regs_size"}
+CODES = {1, 2, 3, 4, 5, 6, 15, 16, 0x17, 0x2B}
 
 
 class Playback(ModbusClient):
@@ -66,6 +72,30 @@ def received(client: Playback, pdu: bytes, min_len: int) -> bytes:
     return ModbusClient._recv_pdu(client, min_len)
 
 
+class Server:
+    """The engine of the server, without its sockets: one table of each kind, from address 0 on."""
+
+    def __init__(self, line: str, units: Units) -> None:
+        if len(units) > 1 or any({*blocks} != {0} for blocks in units[min(units)].values()):
+            raise NotOffered("a data bank has tables from address 0 on, for every unit")
+        ((_, tables),) = units.items()
+        rows = {SIZES[name]: len(blocks[0]) for name, blocks in tables.items()}
+        self.bank = DataBank(**{**dict.fromkeys(SIZES.values(), 0), **rows})
+        self.server = ModbusServer(data_bank=self.bank)
+        for name, blocks in tables.items():
+            getattr(self.bank, f"set_{name}")(0, blocks[0])
+
+    def ask(self, unit: int, pdu: bytes) -> bytes | None:
+        session = ModbusServer.SessionData()
+        session.request.mbap.raw = b"\0\1\0\0" + (1 + len(pdu)).to_bytes(2, "big") + bytes([unit])
+        session.request.pdu.raw = pdu
+        self.server._engine(session)
+        return session.response.pdu.raw or None
+
+    def values(self, unit: int, table: str, first: int, count: int) -> list[int]:
+        return [int(value) for value in getattr(self.bank, f"get_{table}")(first, count)]
+
+
 def crc(question: dict[str, Any]) -> dict[str, Any]:
     return crc_fields(utils.crc16(octets(question["bytes"])).to_bytes(2, "little"))
 
@@ -113,7 +143,8 @@ serve(
     "pyModbusTCP",
     pyModbusTCP.__version__,
     {
-        **client_answers(call, {1, 2, 3, 4, 5, 6, 15, 16, 0x17, 0x2B}),
+        **client_answers(call, CODES),
+        **server_answers(Server, CODES, {"tcp"}),
         "crc16": {"encode": crc},
         "number": {"encode": encode_number, "decode": decode_number},
         "register-part": {"encode": encode_part, "decode": decode_part},

@@ -1,0 +1,81 @@
+"""For the adapters of servers: units with tables, asked step by step.
+
+`make(line, units)` builds the library's server. It has `ask(unit, pdu)`, which returns the PDU of the answer or None
+for silence, and `values(unit, table, first, count)`, which reads the tables without a request.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from adapter import Answers, NotOffered, bits, bitted, hexed, octets, worded, words
+
+TABLES = ("coils", "discrete_inputs", "holding_registers", "input_registers")
+PUBLIC = {*range(1, 9), 0x0B, 0x0C, 0x0F, 0x10, 0x11, 0x14, 0x15, 0x16, 0x17, 0x18, 0x2B}
+"""The functions of the standard: one that a library does not have is not offered, one that nobody has is asked."""
+
+Units = dict[int, dict[str, dict[int, list[int]]]]
+
+
+class Server(Protocol):
+    """A server of a library."""
+
+    def ask(self, unit: int, pdu: bytes) -> bytes | None: ...
+
+    def values(self, unit: int, table: str, first: int, count: int) -> list[int]: ...
+
+
+def server_answers(make: Callable[[str, Units], Server], codes: set[int], lines: set[str]) -> Answers:
+    """Return the answers of a server that has these functions, on these lines."""
+
+    def run(question: dict[str, Any]) -> dict[str, Any]:
+        server = question["server"]
+        asked = {octets(step["ask"])[0] for step in question["talk"] if step.get("ask")}
+        if server["line"] not in lines or any("ask" not in step for step in question["talk"]):
+            raise NotOffered("not on this line")
+        if any({*unit} - {*TABLES} for unit in server["units"].values()):
+            raise NotOffered("a server with tables only")
+        if asked & PUBLIC - codes:
+            raise NotOffered("the library has no such function")
+        units = {
+            int(address): {
+                table: {int(first): numbers(table, text) for first, text in blocks.items()}
+                for table, blocks in unit.items()
+            }
+            for address, unit in server["units"].items()
+        }
+        theirs = make(server["line"], units)
+        try:
+            return played(theirs, units, question["talk"])
+        finally:
+            getattr(theirs, "close", lambda: None)()
+
+    return {"server": {"run": run}}
+
+
+def played(theirs: Server, units: Units, steps: list[dict[str, Any]]) -> dict[str, Any]:
+    """Ask step by step, then read the tables."""
+    talk = []
+    for step in steps:
+        answer = theirs.ask(step["unit"], octets(step["ask"]))
+        talk.append({"say": None if answer is None else hexed(answer)})
+    then = {
+        str(address): {
+            table: {
+                str(first): written(table, theirs.values(address, table, first, len(row)))
+                for first, row in blocks.items()
+            }
+            for table, blocks in unit.items()
+        }
+        for address, unit in units.items()
+    }
+    return {"talk": talk, "then": then}
+
+
+def numbers(table: str, text: str) -> list[int]:
+    return [int(bit) for bit in bits(text)] if table in ("coils", "discrete_inputs") else words(text)
+
+
+def written(table: str, row: list[int]) -> str:
+    return bitted(row) if table in ("coils", "discrete_inputs") else worded(row)
