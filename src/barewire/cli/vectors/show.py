@@ -12,7 +12,19 @@ from barewire.vectors.files import VectorFile, Vectors
 from barewire.vectors.judge import judge
 from barewire.vectors.questions import Case
 
-_FIRST = ("id", "result", "reason", "fails", "flags", "comment", "source", "clause", "origin", "confirmed_by")
+_FIRST = (
+    "id",
+    "result",
+    "reason",
+    "fails",
+    "flags",
+    "comment",
+    "source",
+    "clause",
+    "origin",
+    "confirmed_by",
+    "unconfirmed",
+)
 _WIDTH = 110
 _WHOLE = 12
 """The most frames whose bytes are shown."""
