@@ -3,7 +3,8 @@
     texts        hexadecimal, registers and bits as the vectors write them
     codecs       number, bits, register-part, text
     messages     pdu, exchange
-    frames       crc16, lrc, rtu-timing, the three frame kinds
+    frames       crc16, lrc, rtu-timing, the three frame kinds, tls-role
+    modbus/      server, server-conformance, gateway
     lines        the three talk kinds of lines
     canopen      frames and messages of CANopen
     transfers    sdo-talk, object-value, node-talk

@@ -9,15 +9,14 @@ from barewire.vectors.answers import (
     canopen,
     client,
     codecs,
-    conformance,
     devices,
     frames,
     lines,
     messages,
     records,
-    servers,
     transfers,
 )
+from barewire.vectors.answers.modbus import conformance, gateways, servers
 from barewire.vectors.answers.nodes import local, masters
 from barewire.vectors.questions import Fields
 
@@ -28,6 +27,7 @@ ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
     "text": {"encode": codecs.encode_characters, "decode": codecs.decode_characters},
     "pdu": {"encode": messages.encode_pdu, "decode": messages.decode_pdu},
     "exchange": {"decode": messages.accept},
+    "gateway": {"run": gateways.route},
     "tls-role": {"decode": frames.role},
     "server": {"run": servers.serve},
     "server-conformance": {"run": conformance.answer_steps},
