@@ -63,6 +63,10 @@ plant: $(VENV)/installed-dev ## 127 CANopen nodes booted, configured and run wit
 vectors-release: $(VENV)/installed-dev ## the vectors as an archive and as a package of npm, in dist/
 	@$(BIN)/python -m tools.vectors_release $(ARGS)
 
+vectors-mutants: $(VENV)/installed-dev ## which changes of the vectors' reference no case notices; writes vectors/mutants.json
+	@$(BIN)/python tools/vectors_mutants.py $(ARGS)
+	@$(BIN)/python tools/vectors.py
+
 mutants: $(VENV)/installed-mutants ## which changes of the core no test notices; writes docs/mutation.md
 	@$(BIN)/python tools/mutants.py $(ARGS)
 
@@ -85,5 +89,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers hostile plant vectors-release format clean
+.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers hostile plant vectors-release vectors-mutants format clean
 .NOTPARALLEL:

@@ -172,6 +172,9 @@ def decode_sdo(given: Fields) -> Fields:
     """Return the SDO message of a frame."""
     frame = frame_of(given)
     request = given["side"] == "request"
+    service, node = classify(frame) or (None, 0)
+    if service is None or service.name != ("SDO request" if request else "SDO answer"):
+        raise DecodeError("mismatch", b"", 0, f"{given['cob_id']} is not the identifier of an SDO {given['side']}")
     message: Any = messages.decode_sdo_request(frame.data) if request else messages.decode_sdo_response(frame.data)
     name = next((name for name, kind in _SDO.items() if type(message) is kind), type(message).__name__)
     fields: Fields = {"name": name}
@@ -181,7 +184,7 @@ def decode_sdo(given: Fields) -> Fields:
         fields |= {"data": hexed(message.data), "indicated": message.indicated}
     if hasattr(message, "size"):
         fields["size"] = message.size
-    answer: Fields = {"node": frame.id - (0x600 if request else 0x580), "message": fields}
+    answer: Fields = {"node": node, "message": fields}
     if hasattr(message, "code"):
         fields["code"] = f"{message.code:08X}"
         answer["known"] = message.code in {int(code) for code in AbortCode}
