@@ -41,7 +41,7 @@ NAMES = {  # our name of a field -> theirs; others have the same one
     "next_object": "next_object_id",
 }
 SHORT = {"coils": "co", "discrete_inputs": "di", "holding_registers": "hr", "input_registers": "ir"}
-SILENCE = 0.1
+SILENCE = 0.3
 """Seconds after which a server that does not answer is silent."""
 CODES = {1, 2, 3, 4, 5, 6, 0x0F, 0x10, 0x16, 0x17}
 FRAMERS = {"rtu-frame": FramerRTU, "ascii-frame": FramerAscii, "tcp-frame": FramerSocket}

@@ -53,7 +53,7 @@ async function call(code, m, reply) {
   };
   port.sent = null;
   port.reply = reply;
-  client.setTimeout(reply ? 200 : 1);
+  client.setTimeout(reply ? 1000 : 1);
   try {
     return {result: await calls[code](), sent: port.sent.subarray(1, -2)};
   } catch (error) {
