@@ -15,7 +15,7 @@ import pytest
 from barewire.io import vector_adapter
 from barewire.io.vector_adapter import VectorAdapter
 from barewire.vectors.files import load_vectors
-from barewire.vectors.judge import judge
+from barewire.vectors.judge import _ALTERNATIVES, judge
 from barewire.vectors.questions import Question
 from barewire.vectors.run import run_cases, selected
 from tools.vectors_release import questions
@@ -151,6 +151,11 @@ def test_values_are_equal_as_described(kind: str, type_: str, wanted: object, fo
     assert (judge(question, {"is": {"value": found}}).state == "passed") is same
 
 
+def test_the_kinds_with_several_right_texts_are_named() -> None:
+    (line,) = [line for line in section("## The verdict").splitlines() if "between ` | `" in line]
+    assert re.findall("`([a-z0-9-]+)`", line) == [*_ALTERNATIVES]
+
+
 # The fields -------------------------------------------------------------------------------------------------------
 
 
@@ -159,7 +164,8 @@ def test_every_field_of_a_kind_has_its_row(kind: str) -> None:
     fields = {name for file in VECTORS.files if file.kind == kind for case in file.cases for name in case}
     for operation in VECTORS.kinds[kind]:
         fields |= {name.removesuffix("?") for name in (*operation.given, *operation.gives)}
-    rows = re.findall(r"^\| `([a-z_0-9]+)` \| (.+?) \| .+ \|$", section(f"### {kind}"), flags=re.MULTILINE)
+    table = section(f"### {kind}").partition("\n| field | form | meaning |\n")[2].partition("\n\n")[0]
+    rows = re.findall(r"^\| `([a-z_0-9]+)` \| (.+?) \| .+ \|$", table, flags=re.MULTILINE)
     assert sorted(fields - DESCRIBES) == sorted(name for name, _ in rows), (
         "rows of the table | field | form | meaning |"
     )
