@@ -129,3 +129,8 @@ def test_the_first_request_of_a_line_leaves_number_0_to_the_line_that_has_it() -
     fan.lines[1].request(1, b"\x07")
     answer = encode(1, b"\x07\x6d", 0)
     assert fan.feed(answer) == [(0, answer)]
+
+
+def test_the_first_transaction_number_can_be_chosen() -> None:
+    fan = FanOut(2, first_number=0xFFFF)
+    assert [line.request(1, b"\x07")[:2].hex() for line in fan.lines] == ["ffff", "0000"]

@@ -25,8 +25,8 @@ class ClientPeer:
     def begin(self, place):
         ask = self.asks[place]
         self.open.append(place)
-        for address, value in ask.get("changes", {}).items():
-            self.units[ask["unit"]].registers[int(address)] = value
+        for first, row in ask.get("changes", {}).items():
+            self.units[ask["unit"]].registers.update(registers(first, row))
 
     def end(self, place):
         self.open.remove(place)
@@ -85,8 +85,11 @@ class ClientPeer:
 
 class Unit:
     def __init__(self, unit):
-        self.registers = {int(place): value for place, value in unit["registers"].items()}
-        self.coils = {int(place): value for place, value in unit["coils"].items()}
+        self.registers, self.coils = {}, {}
+        for first, row in unit["registers"].items():
+            self.registers.update(registers(first, row))
+        for first, row in unit["coils"].items():
+            self.coils.update({int(first) + n: int(bit) for n, bit in enumerate(row.replace(" ", ""))})
         self.diagnostics = unit.get("diagnostics", "echoes")
 
     def answer(self, pdu):
@@ -116,6 +119,11 @@ class Unit:
         if function == 16:
             table.update({place: int.from_bytes(pdu[6 + 2 * n :][:2], "big") for n, place in enumerate(places)})
         return pdu[:5]
+
+
+def registers(first, row):
+    """A row of registers, "006B 0001", as address -> value."""
+    return {int(first) + n: int(word, 16) for n, word in enumerate(row.split())}
 
 
 # Envelopes

@@ -14,11 +14,12 @@ Depends on: rtu, ascii, tcp.  Used by: client (the answers of kind `client`), te
 from __future__ import annotations
 
 from bisect import insort
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from barewire import ascii, rtu, tcp
 from barewire.codecs import pack_bits
-from barewire.vectors.answers.texts import octets
+from barewire.vectors.answers.texts import bits, octets, words
 from barewire.vectors.questions import Fields
 
 DELAY = 2_000
@@ -42,8 +43,8 @@ class ClientPeer:
         self._units = {
             unit["unit"]: {
                 "diagnostics": unit.get("diagnostics", "echoes"),
-                "registers": {int(place): value for place, value in unit.get("registers", {}).items()},
-                "coils": {int(place): value for place, value in unit.get("coils", {}).items()},
+                "registers": _table({first: words(text) for first, text in unit["registers"].items()}),
+                "coils": _table({first: bits(text) for first, text in unit["coils"].items()}),
             }
             for unit in given["units"]
         }
@@ -53,8 +54,9 @@ class ClientPeer:
         """Open a question: a request of it may come from now on, and registers may have changed."""
         ask = self._asks[place]
         self._open.append(place)
-        for address, value in ask.get("changes", {}).items():
-            self._units[ask["unit"]]["registers"][int(address)] = value
+        changes = {first: words(text) for first, text in ask.get("changes", {}).items()}
+        if changes:
+            self._units[ask["unit"]]["registers"].update(_table(changes))
 
     def end(self, place: int) -> None:
         """Close a question: its user has an outcome."""
@@ -144,7 +146,7 @@ class ClientPeer:
         if not set(places) <= table.keys():
             return bytes((function | 0x80, 2))
         if function in (1, 2):
-            packed = pack_bits([bool(table[place]) for place in places])
+            packed = pack_bits([table[place] for place in places])
             return bytes((function, len(packed))) + packed
         if function in (3, 4):
             return bytes((function, 2 * second)) + b"".join(table[place].to_bytes(2, "big") for place in places)
@@ -154,3 +156,8 @@ class ClientPeer:
             bit = pdu[6 + n // 8] >> n % 8 & 1 if function == 15 else 0
             table[place] = bit if function == 15 else int.from_bytes(pdu[6 + 2 * n : 8 + 2 * n], "big")
         return pdu[:5]
+
+
+def _table(rows: Mapping[str, Sequence[int]]) -> dict[int, int]:
+    """Return address -> value of rows that begin at an address."""
+    return {int(first) + n: int(value) for first, row in rows.items() for n, value in enumerate(row)}
