@@ -1,6 +1,6 @@
-"""Adapters of Modbus clients in Python, for kind `client`: pymodbus, minimalmodbus, modbus-tk, uModbus, pyModbusTCP.
+"""For the adapters of Modbus clients in Python: their answers for kind `client`.
 
-barewire vectors check --kind client --adapter "python vectors/adapters/client_peers.py pymodbus"
+barewire vectors check --kind client --adapter "python vectors/adapters/pymodbus_adapter.py"
 
 The libraries are not changed. They get a serial port or a socket on the line of the peer (../reference/client_peer.py),
 and the clock that they import is replaced by the time of this line, so nothing is waited for. A library that has no
@@ -8,8 +8,6 @@ such line, no retries, no broadcast or no way to ask this function says that the
 """
 
 import importlib
-import importlib.metadata
-import json
 import logging
 import socket
 import sys
@@ -20,18 +18,12 @@ from unittest.mock import patch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "reference"))
 
+from adapter import NotOffered
+from adapter_client import ExceptionAnswer
 from client_peer import ClientPeer
 
 BEGIN = 1000.0
 """The time at the beginning, in seconds: some libraries compare with a time 0."""
-
-
-class NotOffered(Exception):
-    """The library has no way to do this."""
-
-
-class Refused(Exception):
-    """An exception response, with its code."""
 
 
 class Line:
@@ -207,7 +199,7 @@ def pymodbus(line, patches):
         if response is None:
             return None
         if response.isError():
-            raise Refused(response.exception_code)
+            raise ExceptionAnswer(response.exception_code)
         return response.bits[:count] if function in (1, 2) else response.registers if function <= 4 else None
 
     return ask
@@ -238,7 +230,7 @@ def minimalmodbus(line, patches):
         except library.SlaveReportedException as error:
             text = str(error)
             code = next((code for part, code in texts.items() if part in text), None)
-            raise Refused(int(text.split()[-1]) if code is None else code) from None
+            raise ExceptionAnswer(int(text.split()[-1]) if code is None else code) from None
 
     return ask
 
@@ -262,7 +254,7 @@ def modbus_tk(line, patches):
             value = values[0] if function in (5, 6) else values
             found = client.execute(unit, function, address, count if function <= 4 else 0, value or 0)
         except error_class as error:
-            raise Refused(error.get_exception_code()) from None
+            raise ExceptionAnswer(error.get_exception_code()) from None
         return list(found) if function <= 4 else None
 
     return ask
@@ -281,7 +273,7 @@ def umodbus(line, patches):
         try:
             found = library.send_message(adu, line)
         except error_class as error:
-            raise Refused(error.error_code) from None
+            raise ExceptionAnswer(error.error_code) from None
         return found if function <= 4 else None
 
     return ask
@@ -307,7 +299,7 @@ def pymodbustcp(line, patches):
         result = getattr(client, NAMES[function])(address, what)
         if not result:
             if client.last_except:
-                raise Refused(client.last_except)
+                raise ExceptionAnswer(client.last_except)
             raise TimeoutError(client.last_error_as_txt)
         return result if function <= 4 else None
 
@@ -315,11 +307,11 @@ def pymodbustcp(line, patches):
 
 
 LIBRARIES = {
-    "pymodbus": ("pymodbus", pymodbus),
-    "minimalmodbus": ("minimalmodbus", minimalmodbus),
-    "modbus-tk": ("modbus_tk", modbus_tk),
-    "uModbus": ("uModbus", umodbus),
-    "pyModbusTCP": ("pyModbusTCP", pymodbustcp),
+    "pymodbus": pymodbus,
+    "minimalmodbus": minimalmodbus,
+    "modbus-tk": modbus_tk,
+    "uModbus": umodbus,
+    "pyModbusTCP": pymodbustcp,
 }
 
 
@@ -346,7 +338,7 @@ def outcome(ask, question):
         found = ask(question["unit"], function, address, count, values)
     except NotOffered:
         raise
-    except Refused as refused:
+    except ExceptionAnswer as refused:
         return f"exception {refused.args[0]:02X}"
     except Exception:
         return "no answer"
@@ -357,37 +349,20 @@ def outcome(ask, question):
     return "registers " + " ".join(f"{register:04X}" for register in found)
 
 
-def answer(connect, case):
-    line = Line(case)
-    outcomes = []
-    with ExitStack() as patches:
-        try:
-            ask = connect(line, patches)
+def client_runner(library):
+    """Return the function that answers client.run with this library."""
+    logging.disable(logging.CRITICAL)
+
+    def run(case):
+        line = Line(case)
+        outcomes = []
+        with ExitStack() as patches:
+            ask = LIBRARIES[library](line, patches)
             for place, question in enumerate(case["ask"]):
                 line.now = max(line.now, BEGIN + question["at"] / 1e6)
                 line.peer.begin(place)
                 outcomes.append(outcome(ask, question))
                 line.peer.end(place)
-        except NotOffered as why:
-            return {"not_offered": str(why)}
-    return {"is": {"ask": [{"outcome": one, "seen": seen} for one, seen in zip(outcomes, line.peer.seen)]}}
+        return {"ask": [{"outcome": one, "seen": seen} for one, seen in zip(outcomes, line.peer.seen)]}
 
-
-def main(name):
-    logging.disable(logging.CRITICAL)
-    distribution, connect = LIBRARIES[name]
-    for text in sys.stdin:
-        question = json.loads(text)
-        if "hello" in question:
-            version = importlib.metadata.version(distribution)
-            reply = {"name": name, "version": version, "kinds": {"client": ["run"]}}
-        else:
-            reply = {"id": question["id"], **answer(connect, question)}
-        sys.stdout.write(json.dumps(reply) + "\n")
-        sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    if len(sys.argv) != 2 or sys.argv[1] not in LIBRARIES:
-        sys.exit(f"the name of one library, please: {', '.join(LIBRARIES)}")
-    main(sys.argv[1])
+    return run

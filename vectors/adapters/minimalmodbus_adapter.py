@@ -12,6 +12,7 @@ import minimalmodbus
 import serial
 from adapter import NotOffered, crc_fields, hexed, number, octets, serve
 from adapter_client import ExceptionAnswer, client_answers
+from client_peers import client_runner
 
 EXCEPTIONS = {
     minimalmodbus.IllegalRequestError: {"illegal function": 1, "data address": 2, "data value": 3},
@@ -155,6 +156,7 @@ serve(
     minimalmodbus.__version__,
     {
         **client_answers(call, {1, 2, 3, 4, 5, 6, 15, 16}),
+        "client": {"run": client_runner("minimalmodbus")},
         "crc16": {"encode": crc},
         "lrc": {"encode": lrc},
         "rtu-frame": {"encode": encode_rtu},

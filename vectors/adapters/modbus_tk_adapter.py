@@ -11,6 +11,7 @@ from typing import Any
 from adapter import crc_fields, hexed, octets, serve
 from adapter_client import ExceptionAnswer, client_answers
 from adapter_server import Units, server_answers
+from client_peers import client_runner
 from modbus_tk import defines, utils
 from modbus_tk.exceptions import ModbusError
 from modbus_tk.modbus import Databank, Master
@@ -133,6 +134,7 @@ serve(
         **server_answers(Server, {*CODES, 7}, {"rtu", "tcp"}),
         "rtu-frame": {"encode": encode_rtu, "decode": decode_rtu},
         "tcp-frame": {"encode": encode_tcp, "decode": decode_tcp},
+        "client": {"run": client_runner("modbus-tk")},
         "crc16": {"encode": crc},
     },
 )

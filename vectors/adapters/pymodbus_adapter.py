@@ -26,6 +26,7 @@ from adapter import (
     words,
 )
 from adapter_server import Units, server_answers
+from client_peers import client_runner
 from pymodbus.client.mixin import ModbusClientMixin
 from pymodbus.datastore import ModbusDeviceContext, ModbusSequentialDataBlock, ModbusServerContext
 from pymodbus.framer import FramerAscii, FramerRTU, FramerSocket, FramerType
@@ -323,6 +324,7 @@ serve(
         "rtu-frame": FRAME,
         "ascii-frame": FRAME,
         "tcp-frame": FRAME,
+        "client": {"run": client_runner("pymodbus")},
         "crc16": {"encode": crc},
         "lrc": {"encode": lrc},
         "number": {"encode": encode_number, "decode": decode_number},

@@ -11,6 +11,7 @@ import pyModbusTCP
 from adapter import NotOffered, Refused, crc_fields, number, octets, register_bytes, registers, serve
 from adapter_client import ExceptionAnswer, client_answers
 from adapter_server import Units, server_answers
+from client_peers import client_runner
 from pyModbusTCP import utils
 from pyModbusTCP.client import ModbusClient
 from pyModbusTCP.constants import MB_EXCEPT_ERR
@@ -145,6 +146,7 @@ serve(
     {
         **client_answers(call, CODES),
         **server_answers(Server, CODES, {"tcp"}),
+        "client": {"run": client_runner("pyModbusTCP")},
         "crc16": {"encode": crc},
         "number": {"encode": encode_number, "decode": decode_number},
         "register-part": {"encode": encode_part, "decode": decode_part},

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from typing import Any
 
 from adapter import NotOffered, bits, bitted, crc_fields, hexed, octets, serve, worded, words
+from client_peers import client_runner
 from umodbus import functions
 from umodbus.client.serial.redundancy_check import add_crc, get_crc, validate_crc
 from umodbus.exceptions import ModbusError
@@ -100,6 +101,7 @@ serve(
     {
         "pdu": {"encode": encode_pdu, "decode": decode_pdu},
         "exchange": {"decode": exchange},
+        "client": {"run": client_runner("uModbus")},
         "crc16": {"encode": crc},
         "rtu-frame": {"encode": encode_rtu, "decode": decode_rtu},
     },
