@@ -20,13 +20,14 @@ import pdu
 import sdo
 import sdo_client
 import sdo_server
+import server
 import services
 import values
 from texts import Refused
 
 MODULES = (
     *(values, checks, pdu, exchange, frames, lines),
-    *(can_frames, services, sdo, sdo_client, sdo_server, pdo, node_talk, devices),
+    *(can_frames, services, sdo, sdo_client, sdo_server, pdo, node_talk, devices, server),
 )
 KINDS: dict = {}
 for module in MODULES:
