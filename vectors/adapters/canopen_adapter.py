@@ -321,6 +321,57 @@ def server(question: dict[str, Any]) -> dict[str, Any]:
     )
 
 
+ALWAYS = [
+    {"object": place, "type": kind, "access": "ro", "value": "0"}
+    for place, kind in (("1000:00", "UNSIGNED32"), ("1001:00", "UNSIGNED8"), ("1018:01", "UNSIGNED32"))
+]
+"""Objects that every device has."""
+
+
+def device(question: dict[str, Any]) -> dict[str, Any]:
+    """Ask the SDO server of a device with objects from 2000h on."""
+    setup = question["device"]
+    lines = [line for step in question["talk"] for line in step.get("hear", ())]
+    mine = f"{0x600 + (setup['id'] or 0):03X}#"
+    timers = any(row["object"] < "2000" for row in setup["objects"]) or setup.get("lss")
+    if timers or not all(line.startswith(mine) for line in lines) or any(step.get("act") for step in question["talk"]):
+        raise NotOffered("a local node of canopen answers SDO, and does nothing over time by itself")
+    if any(line[4:5] in ("A", "C", "R") for line in lines):
+        raise NotOffered("its server has no block transfer, and its network passes no remote frame on")
+    rows = [*ALWAYS, *setup["objects"]]
+    places = [(int(row["object"][:4], 16), int(row["object"][5:], 16), row) for row in rows]
+    records = {index for index, sub, _ in places if sub}
+    objects: dict[int, Any] = {index: objectdictionary.ODRecord(f"{index:04X}", index) for index in records}
+    for index in records - {index for index, sub, _ in places if not sub}:
+        highest = max(sub for one, sub, _ in places if one == index)
+        places.append((index, 0, {"type": "UNSIGNED8", "access": "ro", "value": str(highest)}))
+    for index, sub, row in places:
+        one = variable(row["type"], index, sub)
+        one.access_type, one.default = row["access"], default(row)
+        one.min, one.max = (int(row[name]) if name in row else None for name in ("low", "high"))
+        if index in objects:
+            objects[index].add_member(one)
+        else:
+            objects[index] = one
+    network, node = local_node(setup["id"], *objects.values())
+    node.nmt.state = "INITIALISING"  # its application sends the boot-up message
+    talk = []
+    for step in question["talk"]:
+        for line in step.get("hear", ()):
+            network.notify(node.sdo.rx_cobid, bytearray(octets(line.partition("#")[2])), 0.0)
+        talk.append({"say": [f"{cob_id:03X}#{data.hex().upper()}" for cob_id, data in network.sent]})
+        network.sent.clear()
+    return {"talk": talk}
+
+
+def default(row: dict[str, Any]) -> Any:
+    """Return the default value of an object."""
+    value = row.get("value")
+    if value is None or row["type"] in ("VISIBLE_STRING", "UNICODE_STRING"):
+        return value
+    return octets(value) if row["type"] in ("DOMAIN", "OCTET_STRING") else number(value)
+
+
 def drive_state(question: dict[str, Any]) -> dict[str, Any]:
     node = BaseNode402(1, canopen.ObjectDictionary())
     node.tpdo_values[0x6041] = int(question["word"], 16)
@@ -346,6 +397,7 @@ serve(
         "object-value": {"encode": encode_object, "decode": decode_object},
         "number": {"encode": encode_number, "decode": decode_number},
         "sdo": {"encode": encode_sdo},
+        "device": {"run": device},
         "sdo-talk": {"client": client, "server": server},
         "drive-state": {"decode": drive_state, "table": state_table},
     },
