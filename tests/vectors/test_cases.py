@@ -125,6 +125,8 @@ MAY_BE_INDIFFERENT = {
     ("client", "coils"),
     ("client", "changes"),
     ("cob-restricted", "cob_id"),  # the next identifier is restricted, too
+    *[("boot-slave", name) for name in ("device_type", "vendor", "product", "revision", "serial")],  # another wrong one
+    ("boot-slave", "bytes"),  # of a node that is not configured
     ("device", "value"),  # the object is overwritten, or only its address matters
     ("device", "low"),
     ("device", "high"),

@@ -60,6 +60,7 @@ ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
     "device": {"run": local.device},
     "heartbeat-watch": {"run": masters.watch},
     "lss-talk": {"run": masters.talk_lss},
+    "boot-slave": {"run": masters.boot},
     "gateway-309-3": {"run": masters.talk_gateway},
     "mpdo": {"encode": records.encode_mpdo, "decode": records.decode_mpdo},
     "log-line": {"decode": records.read_lines},

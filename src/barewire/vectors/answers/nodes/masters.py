@@ -6,14 +6,18 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from barewire.canopen.configuration.concise_dcf import ConciseValue
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.session import GatewaySession
 from barewire.canopen.lss import fastscan, master
 from barewire.canopen.lss.messages import LssAddress, LssRefused, LssState
+from barewire.canopen.manager.boot_slave import boot_slave
+from barewire.canopen.manager.network_list import BootSlave
 from barewire.canopen.nmt.heartbeat import HeartbeatConsumer
 from barewire.canopen.nmt.node_guarding import Guard, GuardingMaster
 from barewire.conversation import Conversation, play
 from barewire.errors import NoAnswer
+from barewire.vectors.answers.texts import octets
 from barewire.vectors.questions import Fields
 
 _BOOT = {"rebooted": "booted", "answered": "active"}
@@ -133,3 +137,17 @@ def talk_gateway(given: Fields) -> Fields:
         texts, _ = play(session.answer(step["line"]), _bus(step.get("hear", ()), said))
         steps.append({"say": said, "text": [text if '"' in text else text.partition(" #")[0] for text in texts]})
     return {"lines": steps}
+
+
+def boot(given: Fields) -> Fields:
+    """Carry out the boot slave process of a CANopen manager with one node."""
+    described, said = dict(given["slave"]), list[str]()
+    for name in ("heartbeat", "guard_time"):
+        described[name] = described.get(name, 0) / 1000
+    for name in ("device_type", "vendor", "product", "revision", "serial"):
+        described[name] = int(described.get(name, "0"), 16)
+    values = [(int(row["object"][:4], 16), int(row["object"][5:], 16), row) for row in described.pop("writes", ())]
+    described["configuration"] = tuple(ConciseValue(index, sub, octets(row["bytes"])) for index, sub, row in values)
+    described["date"] = tuple(described.get("date", (0, 0)))
+    result, _ = play(boot_slave(BootSlave(**described)), _bus([row["hear"] for row in given["talk"]], said))
+    return {"talk": [{"say": text} for text in said], "ends": "ok" if result.error is None else result.error.name}
