@@ -3,7 +3,7 @@
     python tools/vectors_mutants.py [FILE ...]     FILE: pdu, frames, ... (default: all)
 
 A changed reference is a mutant. It runs the cases of the kinds that call the changed function, until one fails. A
-mutant that no case notices survives: either a case is missing, or vectors/reference/README.md has a row for it, with
+mutant that no case notices survives: either a case is missing, or vectors/reference/SURVIVORS.md has a row for it, with
 the reason. After a run of all files the numbers of each kind go to vectors/mutants.json, and from there into
 the table of vectors/README.md.
 """
@@ -20,6 +20,9 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from types import CodeType, FrameType, ModuleType
 from typing import Any, NamedTuple, TypeAlias
@@ -30,7 +33,7 @@ from barewire.vectors.questions import Case, Question
 
 ROOT = Path(__file__).parent.parent
 REFERENCE = ROOT / "vectors" / "reference"
-PAGE, NUMBERS = REFERENCE / "README.md", REFERENCE.parent / "mutants.json"
+PAGE, NUMBERS = REFERENCE / "SURVIVORS.md", REFERENCE.parent / "mutants.json"
 LONGEST = 20.0
 """Seconds after which a mutant is stopped: it is in an endless loop, which a user would notice too."""
 
@@ -304,9 +307,9 @@ def explained(page: str) -> dict[tuple[str, str, str], str]:
     return {(place, before.replace("\\|", "|"), after.replace("\\|", "|")): why for place, before, after, why in cells}
 
 
-def row(mutant: Mutant, why: str = "") -> str:
+def row(mutant: tuple[str, str, str], why: str = "") -> str:
     """Return the row of a mutant."""
-    place, before, after = mutant.row
+    place, before, after = mutant
     return f"| `{place}` | `{before.replace('|', chr(92) + '|')}` | `{after.replace('|', chr(92) + '|')}` | {why} |"
 
 
@@ -336,10 +339,21 @@ def is_noticed(code: Mapping[str, CodeType], mutant: Mutant, cases: Sequence[lis
         signal.setitimer(signal.ITIMER_REAL, 0)
 
 
-def main(names: Sequence[str]) -> int:
-    """Run the mutants, compare the survivors with the page, and write the numbers."""
+def _run(places: Mapping[str, set[str]], file: str) -> list[tuple[tuple[str, str, str], list[str], str]]:
+    """Return the mutants of a file: its row, its kinds, and whether it was killed or survived."""
     signal.signal(signal.SIGALRM, _stop)
     resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
+    texts, asked, found = sources(), asked_of_kinds(), []
+    code = compiled(texts)
+    for mutant in mutants(file, texts[file]):
+        kinds = sorted(places.get(f"{file}.{mutant.place}", ()), key=lambda kind: len(asked[kind]))
+        noticed = is_noticed(code, mutant, [asked[kind] for kind in kinds])
+        found.append((mutant.row, kinds, "killed" if noticed else "survived"))
+    return found
+
+
+def main(names: Sequence[str]) -> int:
+    """Run the mutants, compare the survivors with the page, and write the numbers."""
     texts = sources()
     code, asked = compiled(texts), asked_of_kinds()
     asked = {kind: asked[kind] for kind in Reference(code).module("main").KINDS}
@@ -347,25 +361,25 @@ def main(names: Sequence[str]) -> int:
     reasons = explained(PAGE.read_text(encoding="utf-8")) if PAGE.exists() else {}
     numbers: dict[str, Counter[str]] = {kind: Counter() for kind in asked}
     unexplained, used = 0, set()
-    for file in names or [name for name in texts if name != "main"]:
-        total: Counter[str] = Counter()
-        for mutant in mutants(file, texts[file]):
-            kinds = sorted(places.get(f"{file}.{mutant.place}", ()), key=lambda kind: len(asked[kind]))
-            state = "killed" if is_noticed(code, mutant, [asked[kind] for kind in kinds]) else "explained"
-            if state == "explained":
-                used.add(mutant.row)
-                if mutant.row not in reasons:
-                    unexplained += 1
-                    sys.stdout.write(f"{row(mutant)}\n")
-            for count in (total, *(numbers[kind] for kind in kinds)):
-                count[state] += 1
-        sys.stdout.write(f"{file}: {total.total()} mutants, {total['killed']} noticed\n")
-        sys.stdout.flush()
+    files = names or [name for name in texts if name != "main"]
+    with ProcessPoolExecutor(mp_context=get_context("fork")) as pool:
+        for file, states in zip(files, pool.map(partial(_run, places), files)):
+            total: Counter[str] = Counter()
+            for mutant_row, kinds, state in states:
+                for count in (total, *(numbers[kind] for kind in kinds)):
+                    count[state] += 1
+                if state == "survived":
+                    used.add(mutant_row)
+                    if mutant_row not in reasons:
+                        unexplained += 1
+                        sys.stdout.write(f"{row(mutant_row)}\n")
+            sys.stdout.write(f"{file}: {total.total()} mutants, {total['killed']} noticed\n")
+            sys.stdout.flush()
     outdated = set() if names else reasons.keys() - used
     for place, before, after in sorted(outdated):
         sys.stdout.write(f"a row of {PAGE.name} is out of date: {place}: {before} -> {after}\n")
     if not (names or unexplained or outdated):
-        rows = {kind: {"mutants": one.total(), **one} for kind, one in numbers.items()}
+        rows = {kind: {state: one[state] for state in ("killed", "survived")} for kind, one in numbers.items()}
         NUMBERS.write_text(json.dumps({"files": digests(texts), "kinds": rows}, indent=1) + "\n", encoding="utf-8")
     return 1 if unexplained or outdated else 0
 

@@ -48,5 +48,5 @@ def test_a_mutant_has_a_row() -> None:
         one for one in vectors_mutants.mutants("x", "def f(a):\n    return a & 1\n") if one.after == "return a & 2"
     ]
     assert found.row == ("x.f", "return a & 1", "return a & 2")
-    row = vectors_mutants.row(found, "a reason")
+    row = vectors_mutants.row(found.row, "a reason")
     assert vectors_mutants.explained(row + "\n") == {found.row: "a reason"}

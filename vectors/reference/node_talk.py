@@ -53,7 +53,7 @@ class LssSlave:
         elif service == 0x4C and self.node is None:
             return [0x50]
         elif service == 0x51 and self.node is None and not self.configuring:
-            return self.scan(value, *body[4:7])
+            return self.scan(value, *body[4:])
         elif self.configuring and service == 0x11:
             right = 1 <= body[0] <= 127 or body[0] == 0xFF
             return [0x11, 0 if right else 1]

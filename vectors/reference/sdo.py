@@ -61,7 +61,7 @@ def decode(given):
         return {"node": node, "message": {"name": name, **place, "code": f"{code:08X}"}, "known": code in ABORTS}
     if name in EXPEDITED and command & 2:
         indicated = command & 1 == 1
-        size = 4 - (command >> 2 & 3) if indicated else 4
+        size = 4 - (command >> 2 & 3) if indicated else 4  # without s, n says nothing
         if len(rest) < size:
             raise Refused("short")
         value = {"data": hexed(rest[:size]), "indicated": indicated}
