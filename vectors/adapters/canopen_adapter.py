@@ -21,12 +21,8 @@ from canopen.profiles.p402 import BaseNode402, State402
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 logging.disable()
-COMMANDS = dict(
-    zip(
-        ("start", "stop", "enter pre-operational", "reset node", "reset communication"),
-        ("OPERATIONAL", "STOPPED", "PRE-OPERATIONAL", "RESET", "RESET COMMUNICATION"),
-    )
-)
+COMMANDS = {"start": "OPERATIONAL", "stop": "STOPPED", "enter pre-operational": "PRE-OPERATIONAL"}
+COMMANDS |= {"reset node": "RESET", "reset communication": "RESET COMMUNICATION"}
 EXACT = {"u": "UNSIGNED", "i": "INTEGER", "f": "REAL"}
 
 
@@ -71,9 +67,8 @@ def remote_node(node: int) -> tuple[Recorder, Any]:
 
 
 def encode_nmt(question: dict[str, Any]) -> dict[str, Any]:
-    network, node = (
-        remote_node(question["node"]) if question["node"] else ((alone := Recorder()), alone)
-    )  # the network itself commands all nodes
+    # the network itself commands all nodes
+    network, node = remote_node(question["node"]) if question["node"] else ((alone := Recorder()), alone)
     node.nmt.state = COMMANDS[question["command"]]
     return network.frame()
 
@@ -199,19 +194,19 @@ def decode_object(question: dict[str, Any]) -> dict[str, Any]:
     return {"value": hexed(value) if isinstance(value, bytes) else value}
 
 
+def number_object(question: dict[str, Any]) -> ODVariable:
+    """Return an object of the type of a number."""
+    if question["order"] != "DCBA":
+        raise NotOffered("CANopen has one order of bytes")
+    return variable(question["type"])
+
+
 def encode_number(question: dict[str, Any]) -> dict[str, Any]:
-    little(question)
-    return {"bytes": hexed(variable(question["type"]).encode_raw(number(question["value"])))}
+    return {"bytes": hexed(number_object(question).encode_raw(number(question["value"])))}
 
 
 def decode_number(question: dict[str, Any]) -> dict[str, Any]:
-    little(question)
-    return {"value": str(variable(question["type"]).decode_raw(octets(question["bytes"])))}
-
-
-def little(question: dict[str, Any]) -> None:
-    if question["order"] != "DCBA":
-        raise NotOffered("CANopen has one order of bytes")
+    return {"value": str(number_object(question).decode_raw(octets(question["bytes"])))}
 
 
 def encode_sdo(question: dict[str, Any]) -> dict[str, Any]:
