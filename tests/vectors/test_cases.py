@@ -153,6 +153,7 @@ MAY_BE_INDIFFERENT = {
     ("server", "functions"),  # another function that no step asks for
     ("tls-role", "extensions"),  # those of other purposes
     ("gateway", "bytes"),  # what is discarded in any case
+    ("server", "one_of"),  # the answers of others
     ("server", "ask"),  # many requests are refused in the same way
     ("server", "raw"),  # other bytes are not a frame either
     ("server", "holding_registers"),  # registers and bits that no step reads or writes

@@ -36,8 +36,7 @@ class Station:
         self.count("0E")
         self.note(0x80 | (0x40 if is_broadcast else 0) | self.listening())
         if self.listens and pdu not in RESTARTS:
-            self.count("0F")
-            return None
+            return None  # 08/0F would count it, but the restart that ends this mode clears that counter
         was_listening, code = self.listens, 0
         try:
             response = self.carry_out(pdu, is_serial=True)
@@ -49,20 +48,20 @@ class Station:
                 self.count({6: "11", 7: "10"}[code])
         if (pdu == LISTEN_ONLY and not code) or (pdu in RESTARTS and was_listening):
             response = None
-        if response is None or is_broadcast:
+        if is_broadcast:
             self.count("0F")
         is_own_event = not code and (pdu in RESTARTS or pdu == LISTEN_ONLY)  # 00 or 04 are in the log already
         if not is_own_event:
             self.note(SENT_BITS.get(code, 0x40) | self.listening())
             if not code and pdu[0] != 0x0B and pdu != CLEAR:
                 self.count("events")
-        return None if is_broadcast else response
+        return response
 
     def carry_out(self, pdu, is_serial):
         """Return the response to a request. Raise Declined."""
         name = f"2B/{pdu[1]:02X}" if pdu[0] == 0x2B and len(pdu) > 1 else f"{pdu[0]:02X}"
         known = [*FUNCTIONS, *(ABOUT_LINE if is_serial else ())]
-        demand(name in known and name in self.unit.given.get("functions", known), 1)
+        demand(name in self.unit.given.get("functions", known), 1)
         if name == "08":
             return self.diagnose(pdu)
         if name in ABOUT_LINE:
@@ -77,7 +76,7 @@ class Station:
         """Return the response to 08, whose data are 0000 but for an echo (00) and a restart (01)."""
         demand(len(pdu) >= 3, 3)
         sub, data = word(pdu, 1), pdu[3:]
-        demand(sub in (0, 1, 2, 4, 0x0A, *range(0x0B, 0x13), 0x14), 1)
+        demand(sub in (0, 1, 2, 4, *range(0x0A, 0x13), 0x14), 1)
         if sub == 0x00:
             return pdu
         demand(data == b"\0\0" or pdu in RESTARTS, 3)
@@ -100,9 +99,8 @@ class Station:
 
 def answer(stations, is_serial, number, pdu):
     """Return the response to a request for a unit, or None."""
-    if is_serial:
-        for station in stations.values():
-            station.count("0B")
+    for station in stations.values():
+        station.count("0B")
     if pdu[0] & 0x80:
         return None  # the exception response of another unit
     if is_serial and number == 0:
