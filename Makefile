@@ -63,9 +63,8 @@ plant: $(VENV)/installed-dev ## 127 CANopen nodes booted, configured and run wit
 vectors-release: $(VENV)/installed-dev ## the vectors as an archive and as a package of npm, in dist/
 	@$(BIN)/python -m tools.vectors_release $(ARGS)
 
-vectors-mutants: $(VENV)/installed-dev ## which changes of the vectors' reference no case notices; writes vectors/mutants.json
+vectors-mutants: $(VENV)/installed-dev ## which changes of the reference of the vectors no case notices
 	@$(BIN)/python tools/vectors_mutants.py $(ARGS)
-	@$(BIN)/python tools/vectors.py
 
 mutants: $(VENV)/installed-mutants ## which changes of the core no test notices; writes docs/mutation.md
 	@$(BIN)/python tools/mutants.py $(ARGS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 
 import pytest
@@ -50,3 +51,12 @@ def test_a_mutant_has_a_row() -> None:
     assert found.row == ("x.f", "return a & 1", "return a & 2")
     row = vectors_mutants.row(found.row, "a reason")
     assert vectors_mutants.explained(row + "\n") == {found.row: "a reason"}
+
+
+def test_the_table_of_mutants_names_the_files_and_adds_up() -> None:
+    page = (vectors_mutants.REFERENCE / "README.md").read_text(encoding="utf-8")
+    rows = [
+        (name, int(made), int(noticed)) for name, made, noticed in re.findall(r"`(\w+)\.py` \| (\d+) \| (\d+)", page)
+    ]
+    assert {name for name, _, _ in rows} <= {*TEXTS}
+    assert f"| **all** | {sum(made for _, made, _ in rows)} | {sum(noticed for _, _, noticed in rows)} |" in page
