@@ -331,7 +331,7 @@ def asked(pdu):
     raise NotOffered(f"function {function:02X}")
 
 
-def outcome(ask, question):
+def outcome(ask, question, is_serial):
     """Ask one question, and return the text of its outcome."""
     function, address, count, values = asked(bytes.fromhex(question["pdu"]))
     try:
@@ -343,7 +343,7 @@ def outcome(ask, question):
     except Exception:
         return "no answer"
     if found is None:
-        return "done" if question["unit"] else "sent"
+        return "sent" if question["unit"] == 0 and is_serial else "done"
     if function in (1, 2):
         return "bits " + "".join("1" if bit else "0" for bit in found)
     return "registers " + " ".join(f"{register:04X}" for register in found)
@@ -361,7 +361,7 @@ def client_runner(library):
             for place, question in enumerate(case["ask"]):
                 line.now = max(line.now, BEGIN + question["at"] / 1e6)
                 line.peer.begin(place)
-                outcomes.append(outcome(ask, question))
+                outcomes.append(outcome(ask, question, line.is_serial))
                 line.peer.end(place)
         return {"ask": [{"outcome": one, "seen": seen} for one, seen in zip(outcomes, line.peer.seen)]}
 

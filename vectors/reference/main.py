@@ -10,6 +10,7 @@ import sys
 
 import can_frames
 import checks
+import client
 import devices
 import exchange
 import frames
@@ -26,7 +27,7 @@ import values
 from texts import Refused
 
 MODULES = (
-    *(values, checks, pdu, exchange, frames, lines),
+    *(values, checks, pdu, exchange, frames, lines, client),
     *(can_frames, services, sdo, sdo_client, sdo_server, pdo, node_talk, devices, server),
 )
 KINDS: dict = {}
