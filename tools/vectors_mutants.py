@@ -362,7 +362,8 @@ def main(names: Sequence[str]) -> int:
     reasons = explained(PAGE.read_text(encoding="utf-8")) if PAGE.exists() else {}
     numbers: dict[str, Counter[str]] = {kind: Counter() for kind in asked}
     unexplained, used = 0, set()
-    files = names or [name for name in texts if f"import {name}" in texts["main"] or name in ("texts", "sdo_blocks")]
+    used_files = [name for name in texts if any(f"from {name} import" in text for text in texts.values())]
+    files = names or [name for name in texts if f"import {name}\n" in texts["main"] or name in used_files]
     with ProcessPoolExecutor(mp_context=get_context("fork")) as pool:
         for file, states in zip(files, pool.map(partial(_run, places), files)):
             total: Counter[str] = Counter()
