@@ -47,11 +47,12 @@ proof: $(VENV)/installed-bench ## every order of late answers, ours and those of
 scoreboard: $(VENV)/installed-dev peers ## what other stacks make of the vectors; writes docs/scoreboard.md; ARGS=names
 	@$(BIN)/python tools/scoreboard.py $(ARGS)
 
-# What adapters need and pip does not install. Without npm it is left out.
+# What adapters need and pip does not install.
 PEERS := vectors/adapters/javascript-peers
-peers:
-	@! command -v npm >/dev/null || cmp -s $(PEERS)/package-lock.json $(PEERS)/node_modules/installed || \
-	  (cd $(PEERS) && npm ci --loglevel=error --no-audit --no-fund --omit=optional >/dev/null && \
+peers: $(VENV)/bin/pip
+	@cmp -s $(PEERS)/package-lock.json $(PEERS)/node_modules/installed || \
+	  (export PYTHON=$(abspath $(BIN))/python && cd $(PEERS) && \
+	  ../../../tools/with-node npm ci --loglevel=error --no-audit --no-fund --omit=optional >/dev/null && \
 	  cp package-lock.json node_modules/installed)
 
 hostile: $(VENV)/installed-dev ## CANopen devices after every configuration of two steps and random ones; ARGS=--help
