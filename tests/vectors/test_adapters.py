@@ -26,7 +26,9 @@ HERE = [peer for peer in PEERS if peer.name in DATA and (not peer.module or pyth
 @pytest.fixture(scope="module", autouse=True)
 def peers() -> None:
     """Install what pip does not."""
-    subprocess.run(["make", "-s", "peers", f"VENV={sys.prefix}"], cwd=ROOT, check=True, timeout=300, capture_output=True)
+    subprocess.run(
+        ["make", "-s", "peers", f"VENV={sys.prefix}"], cwd=ROOT, check=True, timeout=300, capture_output=True
+    )
 
 
 def marked(peer: Peer) -> Any:
