@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -67,6 +71,7 @@ def test_a_wrong_answer_fails_one_case(tmp_path: Path) -> None:
         ("{'id': q['id'], 'was': 1}", "an answer needs is, refused or not_offered"),
         ("{'id': q['id'], 'is': 'F3'}", "an answer needs is, refused or not_offered"),
         ("int('x')", "ValueError: invalid literal"),
+        ("'[' * 100000", "its answer is not JSON"),
     ],
 )
 def test_an_adapter_that_fails_once_fails_one_case(tmp_path: Path, answer: str, text: str) -> None:
@@ -75,6 +80,19 @@ def test_an_adapter_that_fails_once_fails_one_case(tmp_path: Path, answer: str, 
     assert states.pop(SECOND) == "failed"
     assert text in found[SECOND].verdict.text
     assert {*states.values()} == {"passed"}
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ("['F3']", "encode: lrc is ['F3'], expected a str"),
+        ("float('nan')", "encode: lrc is nan, expected a str"),
+    ],
+)
+def test_nonsense_does_not_pass_a_case_that_compares(tmp_path: Path, value: str, text: str) -> None:
+    found = run(program(tmp_path, f"{{'id': q['id'], 'is': {{'lrc': {value}}}}}"))
+    compares = [checked for checked in found.values() if checked.case.get("fails") == "compare"]
+    assert {checked.verdict.text for checked in compares} == {text}
 
 
 def test_an_adapter_that_always_crashes_is_given_up(tmp_path: Path) -> None:
@@ -93,10 +111,36 @@ def test_what_is_not_offered_is_not_asked(tmp_path: Path) -> None:
     [
         ("", "the command is empty"),
         ("no-such-program-here", "No such file"),
+        ("python 'x", "No closing quotation"),
         (f"{sys.executable} -c pass", "it ended"),
-        (f"""{sys.executable} -c "print('{{}}')" """, "its hello needs"),
+        (f"""{sys.executable} -c "input(); print('{{}}')" """, "its hello needs"),
     ],
 )
 def test_a_program_that_is_not_an_adapter_is_refused(command: str, text: str) -> None:
     with pytest.raises(PortError, match=text):
         VectorAdapter(command)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("answers_hello", [True, False])
+def test_a_signal_ends_the_adapter_too(tmp_path: Path, number: signal.Signals, answers_hello: bool) -> None:
+    silent, started = "time.sleep(600)", tmp_path / "started"
+    command = program(tmp_path, f"(open({str(started)!r}, 'w').write(str(os.getpid())), {silent})")
+    if not answers_hello:
+        file = tmp_path / "adapter.py"
+        text = f"import os, time\nopen({str(started)!r}, 'w').write(str(os.getpid()))\n{silent}\n"
+        file.write_text(text)
+    arguments = ["vectors", "check", "--kind", "lrc", "--adapter", command]
+    checking = subprocess.Popen([sys.executable, "-m", "barewire", *arguments], stdout=subprocess.DEVNULL)
+    try:
+        while not (started.exists() and started.read_text()):
+            assert checking.poll() is None
+            time.sleep(0.02)
+        checking.send_signal(number)
+        assert checking.wait(30) == {signal.SIGTERM: 143, signal.SIGINT: 130}[number]
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(started.read_text()), 0)
+    finally:
+        checking.kill()
+        checking.wait()

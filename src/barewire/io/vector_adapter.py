@@ -104,7 +104,10 @@ class VectorAdapter:
 
     def _start(self) -> None:
         """Start the program and shake hands. Raise PortError if it cannot be used."""
-        words = shlex.split(self._command)
+        try:
+            words = shlex.split(self._command)
+        except ValueError as error:
+            raise PortError(f"adapter {shown(self._command)}: {error}") from None
         if not words:
             raise PortError("adapter: the command is empty")
         pipe = subprocess.PIPE
@@ -126,6 +129,9 @@ class VectorAdapter:
         except AdapterFailure as failure:
             self.close()
             raise PortError(f"adapter {shown(self._command)}: {failure}") from None
+        except BaseException:  # Ctrl-C while it starts
+            self.close()
+            raise
         kinds = hello.get("kinds")
         rows = kinds.values() if isinstance(kinds, dict) else ()
         if not isinstance(kinds, dict) or not all(isinstance(row, list) for row in rows):
@@ -154,7 +160,7 @@ class VectorAdapter:
                 self._fail("it ended without an answer")
             try:
                 answer = json.loads(line)
-            except ValueError:
+            except (ValueError, RecursionError):
                 raise AdapterFailure(
                     f"its answer is not JSON: {shown(line.decode(errors='replace').strip())}"
                 ) from None

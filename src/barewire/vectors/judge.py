@@ -58,7 +58,9 @@ def judge(question: Question, answer: Answer, *, exact: bool = False) -> Verdict
         return _refusal(question, answer)
     same = "is" in answer and not differences(question, answer["is"])
     if result == "invalid":
-        return Verdict("failed", f"{_shown(answer)}, as in the case, which is wrong") if same else Verdict("passed")
+        if "is" in answer and (wrong := _of_other_form(question.expected, answer["is"])):
+            return Verdict("failed", wrong)
+        return Verdict("failed", f"{_shown(answer)}, as in the case, which is wrong") if same else PASSED
     if result == "acceptable" and question.do == "encode":
         return (
             Verdict("failed", f"encoded as {_shown(answer)}, which is for decoding only")
@@ -101,6 +103,16 @@ def differences(question: Question, found: Mapping[str, Any]) -> list[str]:
         for name, wanted in question.expected.items()
         if not _as_expected(name, wanted, found.get(name), question)
     ]
+
+
+def _of_other_form(expected: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    """Return what makes an answer one that no case has: a field that is missing, or of another type of JSON."""
+    for name, value in expected.items():
+        if name not in found:
+            return f"the answer has no {name}"
+        if found[name] is not None and type(found[name]) is not type(value):
+            return f"{name} is {_shown(found[name])}, expected a {type(value).__name__}"
+    return ""
 
 
 def _refusal(question: Question, answer: Answer) -> Verdict:

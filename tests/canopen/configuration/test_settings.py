@@ -36,11 +36,25 @@ def test_commands_and_unused_mapping_entries_are_left_out() -> None:
     )
 
 
-def test_a_value_that_cannot_be_read_is_told() -> None:
-    document = dcf({"Heartbeat": 1, "Cycle": 5})
-    document.put("1017", "ParameterValue", "70000")
-    (text,) = device_configuration(document).left_out
-    assert "out-of-range: [1017] ParameterValue = 70000" in text
+@pytest.mark.parametrize(("value", "rule"), [("70000", "out-of-range"), ("zzz", "bad-number")])
+@pytest.mark.parametrize("is_alone", [True, False])
+def test_a_file_with_a_value_that_cannot_be_read_is_refused(value: str, rule: str, is_alone: bool) -> None:
+    """Such a value would not be written, and a device that lacks it would be called right."""
+    document = dcf({"Heartbeat": 1} if is_alone else {"Heartbeat": 1, "Cycle": 5})
+    document.put("1017", "ParameterValue", value)
+    with pytest.raises(EncodeError, match=rf"^line \d+: {rule}: \[1017\] ParameterValue = {value}"):
+        device_configuration(document)
+
+
+def test_a_value_with_blanks_in_its_line_is_a_value() -> None:
+    document = eds.parse(b"[1017]\nParameterName=Heartbeat\nDataType=6\nAccessType=rw\nParameterValue = 500\n")
+    assert texts(device_configuration(document, 5).settings) == ["<Setting 1017h:00 Heartbeat = 500>"]
+
+
+def test_a_wrong_node_id_of_the_file_is_named() -> None:
+    lines = "[DeviceComissioning]", "NodeID=300", "[1017]", "ParameterName=H", "DataType=6", "ParameterValue=5"
+    with pytest.raises(EncodeError, match=r"the DCF has no node-ID: .*NodeID"):
+        device_configuration(eds.parse("\n".join(lines).encode()))
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,10 @@ class DeviceConfiguration:
         return f"<DeviceConfiguration of node {self.node}: {len(self.settings)} settings>"
 
 
+_UNREADABLE = ("bad-number", "bad-formula", "out-of-range")
+"""The rules of an EDS by which a value is ignored."""
+
+
 def device_configuration(dcf: Eds, node: int | None = None) -> DeviceConfiguration:
     """Return the configuration that a DCF describes, for its node-ID or another one.
 
@@ -119,18 +123,23 @@ def device_configuration(dcf: Eds, node: int | None = None) -> DeviceConfigurati
     >>> device_configuration(eds.parse("\\n".join(lines).encode()), 5).settings
     (<Setting 1017h:00 Heartbeat = 500>,)
 
-    Raise EncodeError if the file has no ParameterValue, which is an EDS, or no node-ID and none is given, and for
-    values that a `DeviceConfiguration` cannot have.
+    Raise EncodeError if the file has no ParameterValue, which is an EDS, or one that cannot be read, or no node-ID and
+    none is given, and for values that a `DeviceConfiguration` cannot have.
     """
     items = {(described.index, item.sub): item for described, item in every_item(dcf.objects.values())}
+    unreadable = [str(one) for one in dcf.diagnostics if "ParameterValue" in one.text and one.rule in _UNREADABLE]
+    if unreadable:
+        more = f"; and {len(unreadable) - 1} more" if len(unreadable) > 1 else ""
+        raise EncodeError(f"line {unreadable[0]}{more}", "dcf")
     if not any(item.value is not None for item in items.values()):
         raise EncodeError("the file has no ParameterValue: expected a DCF, such as eds.to_dcf makes of an EDS", "dcf")
     number = dcf.node_id if node is None else node
     if number is None:
-        raise EncodeError("the DCF has no node-ID: expected NodeID in [DeviceComissioning], or a node", "dcf")
+        wrong = next((f" ({one})" for one in dcf.diagnostics if "NodeID" in one.text), "")
+        raise EncodeError(f"the DCF has no node-ID: expected NodeID in [DeviceComissioning], or a node{wrong}", "dcf")
     check_node(number)
     objects = dcf.dictionary(number)
-    left_out = [str(one) for one in dcf.diagnostics if "ParameterValue" in one.text and one.text.endswith("; ignored")]
+    left_out: list[str] = []
     settings = list(_settings(objects, items, left_out))
     return DeviceConfiguration(
         number, tuple(settings), tuple(_identity(dcf, objects, items)), _date(dcf, objects, items), tuple(left_out)

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from barewire.cli.arguments import CommandGroup, Seconds, json_option, print_json
+from barewire.cli.arguments import CommandGroup, EndedBySignal, Seconds, ended_by_signals, json_option, print_json
 from barewire.cli.vectors.report import Progress, print_checked, summary_fields, table, write_junit
 from barewire.cli.vectors.show import shown_case
 from barewire.errors import EncodeError
@@ -104,7 +104,13 @@ def show_command(case_id: str, folder: Path | None, as_json: bool) -> int:
 @folder_option
 @click.option("--adapter", metavar="COMMAND", help="The program that answers; without it barewire itself answers.")
 @click.option("--endpoint", metavar="ENDPOINT", help="A running Modbus server that answers: kind server-conformance.")
-@click.option("--timeout", type=Seconds(), default=10.0, metavar="SECONDS", help="For each answer of the adapter (10).")
+@click.option(
+    "--timeout",
+    type=Seconds(),
+    default=10.0,
+    metavar="SECONDS",
+    help="For each answer of the adapter (10; 30 for the first).",
+)
 @click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="Also write JUnit XML.")
 @json_option
 def check_command(
@@ -146,8 +152,11 @@ def check_command(
         raise EncodeError("--adapter: the command is empty")
     if junit is not None:
         write_junit(junit, "", [])  # fail now, and not after the run, if the file cannot be written
-    with _implementation(adapter, endpoint, timeout) as (name, ask):
-        cases = _run(vectors, ask, as_json, exact=adapter is None and endpoint is None)
+    try:
+        with ended_by_signals(), _implementation(adapter, endpoint, timeout) as (name, ask):
+            cases = _run(vectors, ask, as_json, exact=adapter is None and endpoint is None)
+    except EndedBySignal as error:
+        return error.status
     summary = CheckSummary()
     for checked in cases:
         summary.add(checked)
