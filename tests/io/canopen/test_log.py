@@ -80,6 +80,9 @@ def test_an_asyncio_server_and_client(log: pytest.LogCaptureFixture) -> None:
             await client.node(5).sdo.upload(0x1000)
             with pytest.raises(NoAnswer) as caught:
                 await client.node(9).sdo.upload(0x1000)
+            async with asyncio.timeout(10):
+                while server.statistics.received < 3:  # the abort to node 9 may still be on its way
+                    await asyncio.sleep(0.01)
             return server, str(caught.value)
 
     server, text = asyncio.run(main())
