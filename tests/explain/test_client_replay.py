@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import tracemalloc
 
 import pytest
 
@@ -146,3 +147,20 @@ def test_any_frames_are_played() -> None:
         items: list[RecordedItem] = [Recorded(n / 100, "can0", frame) for n, frame in enumerate(frames)]
         requests = sum(frame.id == 0x605 for frame in frames)
         assert sum(one.recorded is not None for one in played(items)) <= requests
+
+
+def test_an_announced_size_of_4_gib_takes_no_memory() -> None:
+    """The recorded client announced FFFFFFFFh bytes and gave up after one segment."""
+    tracemalloc.start()
+    try:
+        found = outcomes(
+            "605#21002100FFFFFFFF",
+            "585#6000210000000000",
+            "605#0000000000000000",
+            "585#2000000000000000",
+            "605#8000210000000008",
+        )
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+    assert [sent for _, _, sent in found][:1] in ([], ["605#1000000000000000"])

@@ -42,6 +42,7 @@ from barewire.explain.played import Played, PlayedOutcome
 _STEP = 0.001
 _APART = 1e-9
 """Seconds between two frames with the same recorded time: so each has its own."""
+_PIECE = 889  # a block of 127 segments
 _STEPS_MAX = 1_000_000
 """How often a client sends or listens at most in one transfer."""
 _ABORT = b"\x80"
@@ -54,6 +55,16 @@ class _Transfer(NamedTuple):
     frames: list[tuple[float, Recorded, CanFrame]]
     report: SdoTransferReport
     is_cut: bool
+
+
+def _padded(data: bytes, size: int) -> Iterator[bytes]:
+    """Yield the data, and zeros for what was not sent before an abort. Pieces are never sent expedited.
+
+    A recording may announce up to 4 GiB, so the zeros are made as they are sent.
+    """
+    yield data
+    for at in range(len(data), size, _PIECE):
+        yield bytes(min(_PIECE, size - at))
 
 
 class ClientReplay:
@@ -171,14 +182,12 @@ class ClientReplay:
             return download(channel, request.index, request.sub, data, timeout=self.timeout, indicated=indicated)
         if isinstance(request, Abort) or (report.data is None and report.count):
             return None
-        # What was not sent before an abort is zeros. An iterable of pieces is never sent expedited.
-        data = (report.data or b"").ljust(request.size or 0, b"\0")
         mode = False if isinstance(request, InitiateDownload) else BlockSettings(crc=request.crc, falls_back=False)
         return download(
             channel,
             request.index,
             request.sub,
-            [data],
+            _padded(report.data or b"", request.size or 0),
             timeout=self.timeout,
             size=request.size,
             indicated=request.size is not None,
