@@ -28,13 +28,14 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from barewire.vectors.files import load_vectors
+from barewire.vectors.questions import DESCRIPTION
 
 ROOT = Path(__file__).parent.parent
 VECTORS = ROOT / "vectors"
 NAME = "barewire-vectors"
 PROGRAMS_OWN = {"node_modules", "__pycache__", "npm", "build"}
 """Folders below vectors/ that are not released: what programs put there, and the files that only npm needs."""
-DESCRIBES = {"id", "comment", "source", "printed", "why", "clause", "origin", "confirmed_by", "unconfirmed", "flags"}
+DESCRIBES = {*DESCRIPTION, "id", "flags"}
 """Fields that describe a case without a change of its meaning."""
 DECIDING_FLAGS = {"tolerant", "uncountable"}
 """Flags that decide what is asked, or how an answer is judged."""

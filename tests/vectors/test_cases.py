@@ -12,26 +12,12 @@ import pytest
 
 from barewire.vectors.answers.table import own_answer
 from barewire.vectors.files import VectorFile, Vectors, digest, load_vectors
-from barewire.vectors.questions import Case, Question
+from barewire.vectors.questions import DESCRIPTION, Case, Question
 from barewire.vectors.run import CheckedCase, run_cases
 
 VECTORS = load_vectors()
 CASES = [(file, case) for file in VECTORS.files for case in file.cases]
-DESCRIBES = {
-    "id",
-    "result",
-    "reason",
-    "fails",
-    "flags",
-    "comment",
-    "source",
-    "clause",
-    "origin",
-    "printed",
-    "why",
-    "side",
-}
-DESCRIBES |= {"confirmed_by", "unconfirmed", "do"}
+DESCRIBES = {*DESCRIPTION, "id", "result", "reason", "fails", "flags", "side", "do"}
 """Fields that describe a case; the others are given or expected. `side` is given, but not every message needs it."""
 
 

@@ -16,14 +16,13 @@ from barewire.io import vector_adapter
 from barewire.io.vector_adapter import VectorAdapter
 from barewire.vectors.files import load_vectors
 from barewire.vectors.judge import _ALTERNATIVES, judge
-from barewire.vectors.questions import Question
+from barewire.vectors.questions import DESCRIPTION, Question
 from barewire.vectors.run import run_cases, selected
 from tools.vectors_release import questions
 
 VECTORS = load_vectors()
 README = (Path(__file__).parents[2] / "vectors" / "README.md").read_text(encoding="utf-8")
-DESCRIBES = {"id", "result", "reason", "fails", "flags", "comment", "source", "printed", "why", "do"}
-DESCRIBES |= {"clause", "origin", "confirmed_by", "unconfirmed"}
+DESCRIBES = {*DESCRIPTION, "id", "result", "reason", "fails", "flags", "do"}
 """Fields of all kinds, which the first sections describe."""
 
 

@@ -155,36 +155,34 @@ class VectorAdapter:
             try:
                 line = self._lines.get(timeout=timeout)
             except queue.Empty:
-                self._fail(f"no answer within {timeout:g} s")
+                self._fail(f"no answer within {timeout:g} s", is_ending=False)
             if line is None:
                 self._fail("it ended without an answer")
+            text = shown(line.decode(errors="replace").strip())
             try:
                 answer = json.loads(line)
             except (ValueError, RecursionError):
-                raise AdapterFailure(
-                    f"its answer is not JSON: {shown(line.decode(errors='replace').strip())}"
-                ) from None
+                raise AdapterFailure(f"its answer is not JSON: {text}") from None
             if not isinstance(answer, dict):
-                raise AdapterFailure(f"its answer is not an object: {shown(line.decode(errors='replace').strip())}")
+                raise AdapterFailure(f"its answer is not an object: {text}")
             if answer.get("id") == wanted:
                 return answer
             if not isinstance(answer.get("id"), str):
-                raise AdapterFailure(
-                    f"its answer has no id of a question: {shown(line.decode(errors='replace').strip())}"
-                )
+                raise AdapterFailure(f"its answer has no id of a question: {text}")
 
-    def _fail(self, text: str) -> NoReturn:
-        """Kill the program, and raise AdapterFailure with the last line that it wrote to its standard error."""
+    def _fail(self, text: str, *, is_ending: bool = True) -> NoReturn:
+        """Kill the program, and raise AdapterFailure with the last line that it wrote to its standard error.
+
+        A program that `is_ending` by itself is given time for it, so that its exit status can be told.
+        """
         assert self._process is not None
         process = self._process
         self._process = None
         self._lost += 1
-        if "no answer" in text:
-            process.kill()
-        else:
+        if is_ending:
             with suppress(subprocess.TimeoutExpired):
-                process.wait(_END_TIMEOUT)  # it is ending by itself: wait for its exit status
-            process.kill()
+                process.wait(_END_TIMEOUT)
+        process.kill()
         self._release(process)
         status = process.returncode
         last = self._complaints[-1] if self._complaints else ""

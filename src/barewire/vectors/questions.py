@@ -19,6 +19,9 @@ from typing import Any, NamedTuple, TypeAlias
 Case: TypeAlias = Mapping[str, Any]
 Fields: TypeAlias = dict[str, Any]
 
+DESCRIPTION = frozenset({"comment", "source", "printed", "why", "clause", "origin", "confirmed_by", "unconfirmed"})
+"""Fields that say something about a case, and change neither its questions nor the verdict."""
+
 FRAMES = ("rtu-frame", "ascii-frame", "tcp-frame")
 _NOISE = {"rtu-frame": "FF 00 07", "ascii-frame": "\x00\xffzz"}
 """What stands before a frame in one of its deliveries. A stream of TCP has no noise."""

@@ -91,22 +91,16 @@ def is_command(given: Fields) -> Fields:
     return {"matches": command_of(int(given["word"], 16)) is _command(given["command"])}
 
 
-_DISABLE_OPERATION = 5
-_NAMES = {3: DriveCommand.SWITCH_ON}
-"""Transition 3 is that of switch on; enable operation makes it on its way to 4."""
+_OF_ANOTHER_COMMAND = {"switch on": 5, "disable operation": 3, "enable operation": 3}
+"""By command: a transition that its control word makes too, but under the name of another command."""
 
 
 def command_table(given: Fields) -> Fields:
     """Return the row of a command in the table of control words."""
     reset = (DriveCommand.FAULT_RESET, DriveCommand.FAULT_RESET)
-    command = _command(given["command"])
+    command, other = _command(given["command"]), _OF_ANOTHER_COMMAND.get(given["command"])
     mask, masked = CONTROL_PATTERNS.get(command, reset)
-    disables = given["command"] == "disable operation"
-    causes = [
-        step.number for step in TRANSITIONS if step.command is command and _NAMES.get(step.number, command) is command
-    ]
-    if command is DriveCommand.SWITCH_ON:
-        causes = [number for number in causes if (number == _DISABLE_OPERATION) is disables]
+    causes = [step.number for step in TRANSITIONS if step.command is command and step.number != other]
     return {"mask": f"{mask:04X}", "masked": f"{masked:04X}", "transitions": causes}
 
 

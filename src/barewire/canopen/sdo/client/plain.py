@@ -20,6 +20,7 @@ Depends on: the channel, upload and download. Used by: the fast path of the CAN 
 from __future__ import annotations
 
 import struct
+from abc import ABC, abstractmethod
 from struct import Struct
 from typing import Final, Generic, Literal, TypeAlias, TypeVar
 
@@ -44,7 +45,7 @@ _FRAME = 8
 _new = tuple.__new__
 
 
-class PlainExchange(Generic[T]):
+class PlainExchange(ABC, Generic[T]):
     """One request and its usual response. A base class; each kind of transfer adds the four methods at its end."""
 
     __slots__ = ("channel", "index", "named", "sub", "timeout")
@@ -76,21 +77,21 @@ class PlainExchange(Generic[T]):
         self.channel.restart_counters()
         self.channel.busy = False
 
+    @abstractmethod
     def _request(self) -> bytes | None:
         """Return the bytes of the request; None for arguments that need a conversation, or an error."""
-        raise NotImplementedError
 
+    @abstractmethod
     def answer_in(self, frame: CanFrame) -> T | NotPlain:
         """Return the result, and end the exchange, if the frame is the usual response to the request."""
-        raise NotImplementedError
 
+    @abstractmethod
     def whole(self) -> Conversation[CanFrame, T]:
         """Return the conversation of the transfer. Raise EncodeError for arguments that cannot be encoded."""
-        raise NotImplementedError
 
+    @abstractmethod
     def rest(self, sent_at: float) -> Conversation[CanFrame, T]:
         """Return the conversation of the transfer from the point where it listens; the request was sent then."""
-        raise NotImplementedError
 
 
 class PlainUpload(PlainExchange[bytes]):
