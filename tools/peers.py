@@ -69,7 +69,10 @@ PEERS = (
     Peer("struct", "C", "numbers of Python's standard library", ("python_oracles.py", "struct"), "struct", oracle=True),
     Peer("numpy", "C", "numbers of numpy", ("python_oracles.py", "numpy"), "numpy", oracle=True),
     Peer("crcmod", "C", "catalogue of checksums", ("python_oracles.py", "crcmod"), "crcmod", oracle=True),
-    Peer("python-can", "Python", "lines of candump", ("python_oracles.py", "python-can"), "can", oracle=True),
+    Peer("python-can", "Python", "lines of candump", ("log_oracles.py", "python-can"), "can", oracle=True),
+    Peer("cryptography", "Rust", "decoder of DER", ("tls_oracle.py",), "cryptography.hazmat.asn1", oracle=True),
+    Peer("arithmetic", "Python", "our arithmetic done another way", ("arithmetic_oracle.py",), "ctypes", oracle=True),
+    Peer("cantools", "Python", "lines of candump", ("log_oracles.py", "cantools"), "cantools", oracle=True),
 )
 
 

@@ -131,6 +131,9 @@ def confirmations() -> str:
         done = sum("confirmed_by" in case for case in of_kind)
         by = Counter(name for case in of_kind for name in case.get("confirmed_by", ())) if kind else {}
         names = ", ".join(f"{name} {count}" for name, count in by.items())
+        if not kind:
+            alone = sum(case.get("confirmed_by") == ["arithmetic"] for case in of_kind)
+            names = f"{done - alone} by programs of others, {alone} by arithmetic alone"
         shown = f"`{kind}`" if kind else "**all**"
         rows.append(f"| {shown} | {len(of_kind)} | {done} | {100 * done // len(of_kind)} % | {names} |")
     return "\n".join(rows)

@@ -67,6 +67,16 @@ def test_the_page_is_made_of_the_data() -> None:
     assert scoreboard.with_tables(text, DATA) == text, "run python tools/scoreboard.py --page"
 
 
+def test_every_case_is_confirmed_or_says_why_not() -> None:
+    neither = [
+        case["id"]
+        for file in VECTORS.files
+        for case in file.cases
+        if ("confirmed_by" in case) == ("unconfirmed" in case)
+    ]
+    assert neither == [], "run `make scoreboard`"
+
+
 def test_every_name_in_a_case_is_in_oracles() -> None:
     oracles = json.loads(scoreboard.ORACLES.read_text(encoding="utf-8"))
     named = {name for file in VECTORS.files for case in file.cases for name in case.get("confirmed_by", ())}

@@ -15,15 +15,14 @@ import canopen
 from adapter import NotOffered, hexed, number, octets, serve
 from canopen import objectdictionary
 from canopen.lss import LssMaster
-from canopen.objectdictionary import ODVariable, datatypes
+from canopen.objectdictionary import ODVariable
 from canopen.pdo.base import PdoMap
-from canopen.profiles.p402 import BaseNode402, State402
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
+from canopen_objects import DRIVE_ANSWERS, EDS_ANSWERS, OBJECT_ANSWERS, variable
 
 logging.disable()
 COMMANDS = {"start": "OPERATIONAL", "stop": "STOPPED", "enter pre-operational": "PRE-OPERATIONAL"}
 COMMANDS |= {"reset node": "RESET", "reset communication": "RESET COMMUNICATION"}
-EXACT = {"u": "UNSIGNED", "i": "INTEGER", "f": "REAL"}
 
 
 class Recorder(canopen.Network):
@@ -40,16 +39,6 @@ class Recorder(canopen.Network):
         """Return the first frame that was sent, as the vectors write it."""
         cob_id, data = self.sent[0]
         return {"cob_id": f"{cob_id:03X}", "data": hexed(data)}
-
-
-def variable(kind: str, index: int = 0x2000, sub: int = 0) -> ODVariable:
-    """Return an object of a type: "u16", "bool" or a name of the standard."""
-    name = {"bool": "BOOLEAN"}.get(kind) or (EXACT.get(kind[0], "") + kind[1:] if kind[1:].isdigit() else kind)
-    found = ODVariable(f"{index:04X}:{sub}", index, sub)
-    found.data_type = getattr(datatypes, name, None)
-    if found.data_type is None or name.startswith("TIME_"):
-        raise NotOffered(f"canopen has no codec for {kind}")
-    return found
 
 
 def local_node(node: int, *objects: ODVariable) -> tuple[Recorder, Any]:
@@ -367,17 +356,6 @@ def default(row: dict[str, Any]) -> Any:
     return octets(value) if row["type"] in ("DOMAIN", "OCTET_STRING") else number(value)
 
 
-def drive_state(question: dict[str, Any]) -> dict[str, Any]:
-    node = BaseNode402(1, canopen.ObjectDictionary())
-    node.tpdo_values[0x6041] = int(question["word"], 16)
-    return {"state": node.state.lower()}
-
-
-def state_table(question: dict[str, Any]) -> dict[str, Any]:
-    mask, masked = State402.SW_MASK[question["state"].upper()]
-    return {"mask": f"{mask:04X}", "masked": f"{masked:04X}"}
-
-
 serve(
     "canopen",
     version("canopen"),
@@ -394,6 +372,8 @@ serve(
         "sdo": {"encode": encode_sdo},
         "device": {"run": device},
         "sdo-talk": {"client": client, "server": server},
-        "drive-state": {"decode": drive_state, "table": state_table},
+        **EDS_ANSWERS,
+        **DRIVE_ANSWERS,
+        **OBJECT_ANSWERS,
     },
 )

@@ -1,6 +1,6 @@
-"""Python's standard library, numpy, crcmod and python-can as an adapter: they confirm values, not a protocol.
+"""Python's standard library, numpy and crcmod as an adapter: they confirm values, not a protocol.
 
-barewire vectors check --adapter "python vectors/adapters/python_oracles.py struct"      (or numpy, crcmod, python-can)
+barewire vectors check --adapter "python vectors/adapters/python_oracles.py struct"      (or numpy, crcmod)
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ import platform
 import struct
 import sys
 from importlib.metadata import version
-from io import StringIO
 from typing import Any
 
 from adapter import NotOffered, bits, bitted, crc_fields, hexed, number, octets, serve
@@ -117,43 +116,13 @@ def crcmod() -> Any:
     return {"crc16": {"encode": crc}}
 
 
-def python_can() -> Any:
-    """The lines of candump, as python-can writes and reads them."""
-    from can import CanutilsLogReader, CanutilsLogWriter, Message
-
-    def encode(question: dict[str, Any]) -> dict[str, Any]:
-        frame = question["frame"]
-        if frame["remote"] and frame["requested"]:
-            raise NotOffered("python-can writes the requested number after the letter R only since 4.7")
-        message = Message(
-            arbitration_id=int(frame["id"], 16),
-            is_extended_id=frame["extended"],
-            is_remote_frame=frame["remote"],
-            data=None if frame["remote"] else octets(frame["data"]),
-            check=True,
-        )
-        file = StringIO()
-        CanutilsLogWriter(file).on_message_received(message)
-        return {"text": file.getvalue().split()[2]}
-
-    def decode(question: dict[str, Any]) -> dict[str, Any]:
-        (found,) = CanutilsLogReader(StringIO(f"(0.0) can0 {question['text']}\n"))
-        width = 8 if found.is_extended_id else 3
-        frame = {"id": f"{found.arbitration_id:0{width}X}", "extended": found.is_extended_id}
-        requested = found.dlc if found.is_remote_frame else 0
-        data = "" if found.is_remote_frame else hexed(found.data)
-        return {"frame": {**frame, "remote": found.is_remote_frame, "requested": requested, "data": data}}
-
-    return {"can-text": {"encode": encode, "decode": decode}}
-
-
 STANDARD = {
     "number": {"encode": encode_number, "decode": decode_number},
     "text": {"decode": decode_text},
     "object-value": {"encode": encode_object, "decode": decode_object},
 }
 match sys.argv[1:]:
-    case ["numpy" | "crcmod" | "python-can" as name]:
-        serve(name, version(name), {"numpy": numpy, "crcmod": crcmod, "python-can": python_can}[name]())
+    case ["numpy" | "crcmod" as name]:
+        serve(name, version(name), {"numpy": numpy, "crcmod": crcmod}[name]())
     case _:
         serve("Python", platform.python_version(), STANDARD)
