@@ -5,7 +5,8 @@
     confirms    whether a program confirms a case: all that it offers passed, and at least one answer could have failed
 
 `make peers` installs those that pip does not. A program that is not installed here is left out; tmodbus runs on the
-first Python that has it.
+first Python that has it. Libraries in C that no distribution has are built by hand, outside this repository; an
+environment variable names each.
 """
 
 from __future__ import annotations
@@ -41,6 +42,14 @@ class Peer(NamedTuple):
     module: str = ""
     oracle: bool = False
     """Whether it confirms values only, and is no stack: it has no row in the scoreboard."""
+    by_hand: str = ""
+    """The environment variable with a library that somebody has built, and its version: "libnanomodbus.so 1.9.1"."""
+
+    def is_here(self) -> bool:
+        """Whether it is installed, as far as Python can tell."""
+        if self.by_hand and not os.environ.get(self.by_hand):
+            return False
+        return not self.module or python_with(self.module) is not None
 
     def command(self) -> str:
         """Return the command of the adapter. Raise PortError if no Python here has its module."""
@@ -49,7 +58,10 @@ class Peer(NamedTuple):
         python = python_with(self.module)
         if python is None:
             raise PortError(f"{self.name}: no Python here can import {self.module}")
-        return shlex.join([python, str(ADAPTERS / self.words[0]), *self.words[1:]])
+        given = shlex.split(os.environ.get(self.by_hand, "")) if self.by_hand else []
+        if self.by_hand and len(given) != 2:
+            raise PortError(f"{self.name}: ${self.by_hand} names no library and its version")
+        return shlex.join([python, str(ADAPTERS / self.words[0]), *self.words[1:], *given])
 
 
 NODE = "vectors/adapters/javascript-peers"
@@ -61,6 +73,14 @@ PEERS = (
     Peer("pyModbusTCP", "Python", "Modbus TCP library", ("pymodbustcp_adapter.py",), "pyModbusTCP"),
     Peer("modbus-tk", "Python", "Modbus test kit", ("modbus_tk_adapter.py",), "modbus_tk"),
     Peer("libmodbus", "C", "Modbus library", ("libmodbus_adapter.py",), "ctypes"),
+    Peer(
+        *("nanoMODBUS", "C", "Modbus library for microcontrollers", ("nanomodbus_adapter.py",), "ctypes"),
+        by_hand="NANOMODBUS",
+    ),
+    Peer(
+        *("c-modbus-slave", "C", "Modbus server for microcontrollers", ("cmodbusslave_adapter.py",), "ctypes"),
+        by_hand="CMODBUSSLAVE",
+    ),
     Peer("modbus-serial", "JavaScript", "Modbus library", ("node", f"{NODE}/modbus-serial.js")),
     Peer("jsmodbus", "JavaScript", "Modbus library", ("node", f"{NODE}/jsmodbus.js")),
     Peer("modbus-pdu", "JavaScript", "codec of Modbus messages", ("node", f"{NODE}/modbus-pdu.js")),

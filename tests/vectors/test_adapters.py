@@ -12,14 +12,15 @@ from typing import Any
 
 import pytest
 
+from barewire.errors import PortError
 from barewire.vectors.files import load_vectors
 from tools import scoreboard
-from tools.peers import PEERS, ROOT, Peer, PeerRun, confirms, python_with, run
+from tools.peers import PEERS, ROOT, Peer, PeerRun, confirms, run
 
 DATA: dict[str, Any] = json.loads(scoreboard.DATA.read_text(encoding="utf-8"))
 VECTORS = load_vectors(ROOT / "vectors")
 NEEDS = {"libmodbus": ("libmodbus",), "tshark": ("tshark",)}
-HERE = [peer for peer in PEERS if peer.name in DATA and (not peer.module or python_with(peer.module))]
+HERE = [peer for peer in PEERS if peer.name in DATA and peer.is_here()]
 """tmodbus needs Python 3.12: `.ci/run` runs this file with it too."""
 
 
@@ -60,6 +61,17 @@ def unconfirmed(found: PeerRun, known: set[str]) -> list[str]:
         for checked in found.cases
         if checked.id in known and confirms(checked) is not (found.peer.name in checked.case.get("confirmed_by", ()))
     ]
+
+
+def test_a_library_that_is_built_by_hand_is_named_by_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    (peer,) = [peer for peer in PEERS if peer.name == "nanoMODBUS"]
+    monkeypatch.delenv("NANOMODBUS", raising=False)
+    assert not peer.is_here()
+    with pytest.raises(PortError, match=r"^nanoMODBUS: \$NANOMODBUS names no library and its version$"):
+        peer.command()
+    monkeypatch.setenv("NANOMODBUS", "/opt/libnanomodbus.so 1.9.1")
+    assert peer.is_here()
+    assert peer.command().endswith("nanomodbus_adapter.py /opt/libnanomodbus.so 1.9.1")
 
 
 def test_the_page_is_made_of_the_data() -> None:

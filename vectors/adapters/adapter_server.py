@@ -1,12 +1,14 @@
 """For the adapters of servers: units with tables, asked step by step.
 
 `make(line, units)` builds the library's server. It has `ask(unit, pdu)`, which returns the PDU of the answer or None
-for silence, and `values(unit, table, first, count)`, which reads the tables without a request.
+for silence, and `values(unit, table, first, count)`, which reads the tables without a request. `hear(data)` is for
+bytes that are not a frame, `files(unit)` for the files in the end. A library that has `more` than tables is made with a
+third argument: the units as the case describes them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any, Protocol
 
 from adapter import Answers, NotOffered, bits, bitted, hexed, octets, worded, words
@@ -26,26 +28,32 @@ class Server(Protocol):
     def values(self, unit: int, table: str, first: int, count: int) -> list[int]: ...
 
 
-def server_answers(make: Callable[[str, Units], Server], codes: set[int], lines: set[str]) -> Answers:
-    """Return the answers of a server that has these functions, on these lines."""
+def server_answers(
+    make: Callable[..., Server], codes: set[int], lines: set[str], more: Collection[str] = ()
+) -> Answers:
+    """Return the answers of a server that has these functions, on these lines, and `more` than tables."""
 
     def run(question: dict[str, Any]) -> dict[str, Any]:
         server = question["server"]
         asked = {octets(step["ask"])[0] for step in question["talk"] if step.get("ask")}
-        if server["line"] not in lines or any("ask" not in step for step in question["talk"]):
+        if server["line"] not in lines or any("overrun" in step for step in question["talk"]):
             raise NotOffered("not on this line")
-        if any({*unit} - {*TABLES} for unit in server["units"].values()):
-            raise NotOffered("a server with tables only")
-        if asked & PUBLIC - codes:
+        if any({*unit} - {*TABLES, *more} for unit in server["units"].values()):
+            raise NotOffered("the library has no such setting of a unit")
+        if asked & PUBLIC - codes - absent(server["units"].values()):
             raise NotOffered("the library has no such function")
         units = {
             int(address): {
                 table: {int(first): numbers(table, text) for first, text in blocks.items()}
                 for table, blocks in unit.items()
+                if table in TABLES
             }
             for address, unit in server["units"].items()
         }
-        theirs = make(server["line"], units)
+        described = {int(address): unit for address, unit in server["units"].items()}
+        theirs = make(server["line"], units, described) if more else make(server["line"], units)
+        if not hasattr(theirs, "hear") and any("raw" in step for step in question["talk"]):
+            raise NotOffered("the library is given whole frames")
         try:
             return played(theirs, units, question["talk"])
         finally:
@@ -58,9 +66,12 @@ def played(theirs: Server, units: Units, steps: list[dict[str, Any]]) -> dict[st
     """Ask step by step, then read the tables."""
     talk = []
     for step in steps:
-        answer = theirs.ask(step["unit"], octets(step["ask"]))
+        if "raw" in step:
+            answer = getattr(theirs, "hear")(octets(step["raw"])) or None  # noqa: B009 - only some have it
+        else:
+            answer = theirs.ask(step["unit"], octets(step["ask"]))
         talk.append({"say": None if answer is None else hexed(answer)})
-    then = {
+    then: dict[str, dict[str, Any]] = {
         str(address): {
             table: {
                 str(first): written(table, theirs.values(address, table, first, len(row)))
@@ -70,7 +81,16 @@ def played(theirs: Server, units: Units, steps: list[dict[str, Any]]) -> dict[st
         }
         for address, unit in units.items()
     }
+    if files := getattr(theirs, "files", None):
+        for address in units:
+            then[str(address)]["files"] = {str(name): worded(row) for name, row in files(address).items()}
     return {"talk": talk, "then": then}
+
+
+def absent(units: Iterable[dict[str, Any]]) -> set[int]:
+    """Return the functions that none of the units has: a library answers them as it does unknown ones."""
+    rows = [{int(code[:2], 16) for code in unit["functions"]} if "functions" in unit else PUBLIC for unit in units]
+    return PUBLIC - set().union(*rows)
 
 
 def numbers(table: str, text: str) -> list[int]:
