@@ -79,6 +79,15 @@ def test_expedited_transfers_need_no_conversation(direct: bool) -> None:
         assert client.bus.monitor.count(0x706) == 3
 
 
+@pytest.mark.usefixtures("plain_only")
+def test_a_frame_that_another_client_sent_meanwhile_does_not_stay_for_the_next_exchange() -> None:
+    port = KeepingPort({READ: [VALUE]})
+    with client_on(port, direct=True) as client:
+        sdo = client.node().sdo
+        port.hook = lambda: client.bus.send(CanFrame.parse("585#4300100000000000"))
+        assert [sdo.upload(0x1000) for _ in range(3)] == [VALUE.data[4:]] * 3
+
+
 def outcome(act: Callable[[], object]) -> object:
     try:
         return act()

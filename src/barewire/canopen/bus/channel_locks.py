@@ -102,6 +102,8 @@ class ChannelLocks:
         """Remove a request, granted or waiting, and grant the requests that waited only for it."""
         self._queue.pop(lock, None)
         lock.granted = False
+        if not self._queue:
+            return
         taken: set[Hashable] = set()
         for waiting in self._queue:
             keys = waiting.keys

@@ -27,6 +27,9 @@ _RECENT = 10.0
 """Seconds for which a report of the controller is part of an explanation."""
 
 
+_new = tuple.__new__
+
+
 class TrafficMark(NamedTuple):
     """The frame counts at one moment, from which later frames are counted."""
 
@@ -129,7 +132,7 @@ class NodeMonitor:
 
     def mark(self, response_id: int) -> TrafficMark:
         """Return the present counts, to be given to `explain_silence` later."""
-        return TrafficMark(self.frames, self._extended.get(response_id, 0))
+        return _new(TrafficMark, (self.frames, self._extended.get(response_id, 0)))
 
     def explain_silence(self, node: int, response_id: int, since: TrafficMark, now: float, *, responses: int) -> str:
         """Return a sentence on why a node may not have responded; it sent `responses` frames on `response_id`."""

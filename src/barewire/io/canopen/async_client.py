@@ -125,8 +125,9 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
 
     async def carry_out(self, operation: AnyOperation[T]) -> T:
         """Wait for the locks of an operation, then carry it out. If the bus is being opened again, wait for it too."""
-        self._check_open()
-        bus = self.bus
+        if self._closed:
+            self._check_open()
+        bus = self._bus or self.bus
         if not isinstance(operation, BusOperation):
             return await self._fast_path.exchange(bus, operation)
         await wait_until_open(bus, self.timeout if operation.timeout is None else operation.timeout)

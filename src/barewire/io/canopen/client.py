@@ -118,8 +118,9 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
 
     def carry_out(self, operation: AnyOperation[T]) -> T:
         """Wait for the locks of an operation, then carry it out. If the bus is being opened again, wait for it too."""
-        self._check_open()
-        bus = self.bus
+        if self._closed:
+            self._check_open()
+        bus = self._bus or self.bus
         if not isinstance(operation, BusOperation):
             return self._fast_path.exchange(bus, operation)
         patience = self.timeout if operation.timeout is None else operation.timeout

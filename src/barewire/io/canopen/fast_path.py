@@ -90,12 +90,13 @@ S = TypeVar("S", bound=Subscriber)
 class KnownChannel(Generic[S]):
     """What the fast path remembers of a channel: its lock, the frames that it receives, and its subscriber."""
 
-    __slots__ = ("keys", "lock", "subscriber")
+    __slots__ = ("direct", "keys", "lock", "subscriber")
 
     def __init__(self, channel: Channel) -> None:
         locks, self.keys = sdo_keys(channel)
         self.lock = ChannelLock(locks, None, _ignore)
         self.subscriber: S | None = None
+        self.direct: DirectPort | None = None
 
     def close(self) -> None:
         """Take the subscriber off the bus."""
@@ -160,8 +161,10 @@ class FastPath(ChannelMemory[ChannelSubscriber]):
         if bus.failure is not None or not bus.lock_if_free(lock, threading.get_ident()):
             return self._carry_out(whole_transfer(plain))
         try:
-            port = bus.direct(known.keys, plain.timeout)
+            port = known.direct
             if port is None:
+                port = known.direct = DirectPort(bus, bus.reading, known.keys)
+            if not bus.begin_direct(port, plain.timeout):
                 return self._exchange_on(self._subscriber(bus, known), plain)
             try:
                 return self._exchange_on(port, plain)

@@ -54,26 +54,32 @@ class ReadableBus(FrameBus, Protocol):
 
 
 class DirectPort:
-    """A port for one conversation, or one plain exchange. `CanBus.direct` makes it; `close` lets others read."""
+    """A port for one conversation or plain exchange at a time. `CanBus.direct` makes it; `close` lets others read."""
 
     __slots__ = ("_bus", "_has_sent", "_keys", "_patience", "_reading", "_subscriber", "inbox", "sent_at", "thread")
 
     node = False
 
-    def __init__(self, bus: ReadableBus, reading: threading.Lock, keys: frozenset[Key] | None, patience: float) -> None:
+    def __init__(self, bus: ReadableBus, reading: threading.Lock, keys: frozenset[Key] | None) -> None:
         """`reading`: the lock of whoever reads; this port holds it only inside `receive`, since between two calls the
-        caller's functions may take long. `patience`: seconds to wait for a bus that failed before anything was sent,
-        and is opened again."""
+        caller's functions may take long."""
         self.inbox: deque[CanFrame] = deque()
         self._bus = bus
         self._reading = reading
         self._keys = keys
+        self.begin(0.0)
+
+    def begin(self, patience: float) -> None:
+        """Begin a conversation in this thread. `patience`: seconds to wait for a bus that failed before anything was
+        sent, and is opened again."""
+        self.thread = threading.get_ident()
         self._patience = patience
         self._has_sent = False
         self.sent_at: float | None = None
         """When `exchange` sent the request."""
-        self.thread = threading.get_ident()
         self._subscriber: Subscriber | None = None
+        if self.inbox:
+            self.inbox.clear()
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self._bus.name}>"
@@ -99,7 +105,7 @@ class DirectPort:
         the bus, so a conversation goes on from here. Raise PortError.
         """
         bus, keys, clock = self._bus, self._keys, time.monotonic
-        if bus.has_frames is None or keys is None or not self._reading.acquire(blocking=False):
+        if bus.has_frames is None or keys is None or not self._reading.acquire(False):
             return None
         try:
             if bus.has_frames() or self.inbox or not bus.try_send(request, self):

@@ -157,14 +157,20 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
 
     def direct(self, keys: frozenset[Key] | None, patience: float) -> DirectPort | None:
         """Return a port for a conversation that reads the bus itself; None if a thread or a loop reads it."""
+        direct = DirectPort(self, self.reading, keys)
+        return direct if self.begin_direct(direct, patience) else None
+
+    def begin_direct(self, direct: DirectPort, patience: float) -> bool:
+        """Let a new or closed port read the bus for a conversation. Return False if a thread or a loop reads it."""
         if self._reader is not None or self.failure is not None:
-            return None
+            return False
         with self._changing:
             others = self._direct or self.loop_reader or self._alone or self._reader
             if others is not None or self._closed:
-                return None
-            self._direct = direct = DirectPort(self, self.reading, keys, patience)
-        return direct
+                return False
+            direct.begin(patience)
+            self._direct = direct
+        return True
 
     def take(self, item: BusItem) -> bool:
         """Deliver an item that a conversation read to all others. Return whether it is a frame."""
@@ -175,7 +181,8 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
             self._watch("received", item)
         now = time.monotonic()
         self.monitor.feed(item, now)
-        self.put(item, now, None)
+        if self.subscribers:
+            self.put(item, now, None)
         return True
 
     def subscribe_instead(self, keys: frozenset[Key] | None) -> Subscriber:

@@ -109,7 +109,8 @@ class CanBus(ReceivingBus):
                 if self._direct is None and self.loop_reader is None:
                     self._start_reader(None)  # a reader notices whether the port has failed, and opens it again
                 raise
-        self._distribute(frame, time.monotonic(), sender)
+        if self.subscribers or sender is None or sender is not self._direct:
+            self._distribute(frame, time.monotonic(), sender)
         return True
 
     def try_send_all(self, frames: Sequence[CanFrame], sender: Sender | None = None) -> int:

@@ -196,12 +196,15 @@ else:
 
         @functools.wraps(make)
         def method(self, *args, **kwargs):
-            if not isinstance(self, Methods):
-                raise called_on_class(make)
-            check_timeout(kwargs.get("timeout"))
-            if self.runner.is_open:
-                return self.runner.carry_out(make(self, *args, **kwargs))
-            return self.runner.open_and_carry_out(functools.partial(make, self, *args, **kwargs))
+            try:  # quicker than `isinstance`
+                runner = self.runner
+            except AttributeError:
+                raise called_on_class(make) from None
+            if kwargs:
+                check_timeout(kwargs.get("timeout"))
+            if runner.is_open:
+                return runner.carry_out(make(self, *args, **kwargs))
+            return runner.open_and_carry_out(functools.partial(make, self, *args, **kwargs))
 
         return documented(method, make)
 

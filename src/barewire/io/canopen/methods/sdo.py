@@ -75,7 +75,8 @@ class SdoMethods(Methods[R]):
 
         Raises SdoAbort, NoAnswer, PortError.
         """
-        channel, wait = self.channel, self._wait(timeout)
+        channel = self._channel or self.channel
+        wait = self.timeout if timeout is None else timeout
         if block is False and progress is None:
             return PlainUpload(channel, index, sub, wait, size, limit)
         options: dict[str, Any] = {"size": size, "block": block, "limit": limit, "progress": progress, "timeout": wait}

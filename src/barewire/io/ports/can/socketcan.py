@@ -116,16 +116,17 @@ class SocketCanPort:
 
     def send(self, item: CanFrame) -> None:
         """Hand the frame to the controller. If it has no room, try again for a second at most."""
-        identifier, data, extended, remote, _ = item
-        if extended or remote:
-            is_sent = self.try_send(item)
-        else:  # most frames: the quickest way
-            try:
-                self._send(_pack(identifier, len(data), data), _NOW)
-                return
-            except (OSError, struct.error) as error:
-                is_sent = self._refused(item, error)
-        if not is_sent:
+        if item[2] or item[3]:
+            self._send_patiently(item, self.try_send(item))
+            return
+        data = item[1]
+        try:  # most frames: the quickest way
+            self._send(_pack(item[0], len(data), data), _NOW)
+        except (OSError, struct.error) as error:
+            self._send_patiently(item, self._refused(item, error))
+
+    def _send_patiently(self, item: CanFrame, is_sent: bool) -> None:
+        if not is_sent:  # a function of its own, because `send` would be slower with the function in it
             send_when_room(lambda: self.try_send(item), f"can://{self.name}")
 
     def try_send(self, item: CanFrame) -> bool:
