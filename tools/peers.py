@@ -85,6 +85,10 @@ PEERS = (
     Peer("jsmodbus", "JavaScript", "Modbus library", ("node", f"{NODE}/jsmodbus.js")),
     Peer("modbus-pdu", "JavaScript", "codec of Modbus messages", ("node", f"{NODE}/modbus-pdu.js")),
     Peer("canopen", "Python", "CANopen library", ("canopen_adapter.py",), "canopen"),
+    Peer(
+        *("CANopenNode", "C", "CANopen stack for microcontrollers", ("canopennode/main.py",), "ctypes"),
+        by_hand="CANOPENNODE",
+    ),
     Peer("tshark", "C", "dissectors of Wireshark", ("tshark_adapter.py",), "json", oracle=True),
     Peer("struct", "C", "numbers of Python's standard library", ("python_oracles.py", "struct"), "struct", oracle=True),
     Peer("numpy", "C", "numbers of numpy", ("python_oracles.py", "numpy"), "numpy", oracle=True),

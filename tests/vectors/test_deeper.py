@@ -130,6 +130,15 @@ def test_one_of_several_right_frames_passes_and_another_one_fails() -> None:
     assert device_verdict([], expected) == "failed"
 
 
+def test_two_dots_are_a_byte_that_may_have_any_value() -> None:
+    expected = ["085#308111........00 | 085#3081FF"]
+    assert device_verdict(["085#308111091B00FF00"], expected) == "passed"
+    assert device_verdict(["085#3081FF"], expected) == "passed"
+    assert device_verdict(["085#308111091B00FF01"], expected) == "failed"
+    assert device_verdict(["085#308111091B00FF"], expected) == "failed"
+    assert device_verdict(["085#308110091B00FF00"], expected) == "failed"
+
+
 def test_the_order_of_frames_counts_within_an_identifier() -> None:
     expected = ["705#05", "085#01", "085#02"]
     assert device_verdict(["085#01", "085#02", "705#05"], expected) == "passed"

@@ -33,7 +33,7 @@ VerdictState = Literal["passed", "open", "failed", "not offered"]
 
 _ALTERNATIVES = ("device", "drive-path", "gateway-309-3")
 """Kinds whose texts may name several right answers, "585#... | 585#...", and whose frames of different identifiers may
-come in any order."""
+come in any order. In the frames of a device two dots are a byte that may have any value."""
 _HEX = re.compile(r"[0-9A-Fa-f ]*")
 _SHOWN = 300
 """Characters of an answer that a text shows."""
@@ -171,8 +171,8 @@ def _equal(wanted: Any, found: Any, around: Mapping[str, Any], question: Questio
             )
         )
     if isinstance(wanted, str) and isinstance(found, str):
-        if " | " in wanted and question.kind in _ALTERNATIVES:
-            return found in wanted.split(" | ")
+        if question.kind in _ALTERNATIVES and (" | " in wanted or ".." in wanted):
+            return any(_fits(one, found, question.kind) for one in wanted.split(" | "))
         return wanted == found or _same_digits(wanted, found) or _same_number(wanted, found, _type_of(around))
     return type(wanted) is type(found) and bool(wanted == found)
 
@@ -184,6 +184,13 @@ def _by_identifier(items: list[Any]) -> list[Any]:
 
 def _are_frames(items: list[Any]) -> bool:
     return all(isinstance(item, str) and "#" in item for item in items)
+
+
+def _fits(wanted: str, found: str, kind: str) -> bool:
+    """Whether a text is the wanted one. In a frame of a device two dots stand for any byte."""
+    if kind != "device" or ".." not in wanted:
+        return wanted == found
+    return re.fullmatch(wanted.replace("..", "[0-9A-F]{2}"), found) is not None
 
 
 def _same_digits(wanted: str, found: str) -> bool:

@@ -23,7 +23,7 @@ from barewire.explain.result import as_problem, explained_fields
 from barewire.vectors.questions import Case
 
 _FRAMES = {"rtu-frame": ("rtu", "frame"), "ascii-frame": ("ascii", "text"), "tcp-frame": ("tcp", "frame")}
-_ALTERNATIVE = " | "
+_ALTERNATIVE, _ANY_BYTE = " | ", ".."
 
 
 class FrameOfCase(NamedTuple):
@@ -83,7 +83,9 @@ def _talk(case: Case) -> Iterator[FrameOfCase]:
                 if isinstance(item, str) and "#" in item:
                     text, _, others = item.partition(_ALTERNATIVE)
                     note = f", or {others}" if others else ""
-                    yield FrameOfCase(f"{place}, {name}{note}", bus.explained(CanFrame.parse(text)))
+                    note += ", shown with 00 for each byte that may have any value" if _ANY_BYTE in text else ""
+                    frame = CanFrame.parse(text.replace(_ANY_BYTE, "00"))
+                    yield FrameOfCase(f"{place}, {name}{note}", bus.explained(frame))
                 elif isinstance(item, dict) and "pdu" in item:
                     role: FrameRole | None = "response" if case["line"].get("role") == "client" else None
                     yield FrameOfCase(f"{place}, frame of unit {item['unit']}", _pdu(item["pdu"], role))
