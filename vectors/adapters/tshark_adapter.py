@@ -52,7 +52,22 @@ CANOPEN = [f"canopen.{name}" for name in ("node_id", "nmt_ctrl.cd", "nmt_ctrl.no
 CANOPEN += [f"canopen.{name}" for name in ("nmt_guard.toggle", "sync.counter", "time_stamp_ms", "time_stamp_days")]
 CANOPEN += [f"canopen.em.{name}" for name in ("err_code", "err_reg", "err_field")]
 CANOPEN += [f"canopen.sdo.{name}" for name in ("ccs", "scs", "main_idx", "sub_idx", "e", "s", "n")]
-CANOPEN += ["canopen.sdo.data.bytes", "canopen.lss.cs", "_ws.malformed", "_ws.expert", "canopen.cob_id"]
+CANOPEN += ["canopen.sdo.data.bytes", "canopen.lss.cs", "_ws.malformed", "_ws.expert", "canopen.cob_id", "_ws.col.Info"]
+LSS = {  # the fields of a LSS message in their order, and the bytes of each
+    **{f"lss.{name}": 1 for name in ("switch.mode", "nid", "bt.tbl_selector", "bt.tbl_index")},
+    **{f"lss.{name}": 4 for name in ("addr.vendor", "addr.product", "addr.revision", "addr.revision_low")},
+    **{f"lss.{name}": 4 for name in ("addr.revision_high", "addr.serial", "addr.serial_low", "addr.serial_high")},
+    **{"lss.fastscan.id": 4, "lss.fastscan.check": 1, "lss.fastscan.sub": 1, "lss.fastscan.next": 1},
+    **{f"lss.{name}.err_code": 1 for name in ("conf_id", "conf_bt", "store_conf")},
+    **{"lss.spec_err": 1, "lss.abt_delay": 2},
+}
+CANOPEN += [f"canopen.{name}" for name in LSS]
+SERVICES = {
+    **{name: name for name in ("NMT", "SYNC", "EMCY")},
+    **{f"PDO{number} ({way}x)": f"{way.upper()}PDO{number}" for number in range(1, 5) for way in "tr"},
+    **{"TIME STAMP": "TIME", "Default-SDO (tx)": "SDO answer", "Default-SDO (rx)": "SDO request"},
+    **{"NMT Error Control": "error control", "LSS (Master)": "LSS request", "LSS (Slave)": "LSS answer"},
+}
 bus: list[Tshark] = []
 
 
@@ -60,8 +75,8 @@ def on_can(question: dict[str, Any]) -> dict[str, str]:
     """Return the fields of a CAN frame without their prefix."""
     if not bus:
         bus.append(Tshark(CAN, CANOPEN, "-d", "can.subdissector,canopen"))
-    data = octets(question["data"])
-    found = bus[0].ask(struct.pack(">IB3x", int(question["cob_id"], 16), len(data)) + data)
+    data, extended = octets(question["data"]), len(question["cob_id"]) > 3
+    found = bus[0].ask(struct.pack(">IB3x", int(question["cob_id"], 16) | extended << 31, len(data)) + data)
     if "_ws.malformed" in found:
         raise Refused("malformed packet")
     return {name.removeprefix("canopen."): value for name, value in found.items()}
@@ -148,6 +163,28 @@ def sdo(question: dict[str, Any]) -> dict[str, Any]:
     return {"node": whole(found["node_id"]), "message": {"name": name, **message}}
 
 
+def cob_id(question: dict[str, Any]) -> dict[str, Any]:
+    found = on_can({"cob_id": question["cob_id"], "data": "00 " * 8})
+    service = SERVICES.get(found["_ws.col.Info"].partition(":")[0].partition(" [")[0])
+    if service is None:
+        raise Refused(found["_ws.col.Info"])
+    return {"service": service, "node": 0 if service.startswith("LSS") else whole(found["node_id"])}
+
+
+def lss(question: dict[str, Any]) -> dict[str, Any]:
+    found = on_can(question)
+    side = {"LSS request": "request", "LSS answer": "answer"}.get(
+        SERVICES.get(found["_ws.col.Info"].partition(":")[0], "")
+    )
+    if side is None:
+        raise Refused("no LSS")
+    if "Unknown" in found["_ws.col.Info"]:
+        raise Refused("no command")
+    body = b"".join(whole(found[name]).to_bytes(size, "little") for name, size in LSS.items() if name in found)
+    return {"side": side, "service": f"{whole(found['lss.cs']):02X}", "body": hexed(body.ljust(7, bytes(1)))}
+
+
 version = subprocess.run(["tshark", "--version"], capture_output=True, text=True, check=True).stdout.split()[2]
 CAN_ANSWERS = {"nmt": nmt, "node-state": node_state, "sync": sync, "time": time_of_day, "emcy": emcy, "sdo": sdo}
+CAN_ANSWERS |= {"cob-id": cob_id, "lss": lss}
 serve("tshark", version.rstrip("."), {kind: {"decode": function} for kind, function in CAN_ANSWERS.items()})
