@@ -207,17 +207,36 @@ def read(framer: Any, data: bytes) -> dict[str, Any] | None:
 
 
 def receive(question: dict[str, Any]) -> dict[str, Any]:
-    framer = FRAMERS[question["kind"]](DECODERS[question["side"]])
-    frames, buffer = [], b""
     if question["kind"] == "rtu-frame":
         knows(octets(" ".join(question["pieces"]).removeprefix("FF 00 07 ")))
-    for piece in question["pieces"]:
-        buffer += piece.encode("latin-1") if question["kind"] == "ascii-frame" else octets(piece)
+    return received(question["kind"], question["side"], question["pieces"])
+
+
+def talk(question: dict[str, Any]) -> dict[str, Any]:
+    kind, line, steps = question["kind"].replace("talk", "frame"), question["line"], question["talk"]
+    if line.get("role") == "listener" or line.get("patience", 0) is None:
+        raise NotOffered("pymodbus counts bytes, and hears one side")
+    longest = {"rtu-frame": line.get("patience"), "ascii-frame": line.get("timeout")}.get(kind)
+    pauses = [after["at"] - before["at"] for before, after in zip(steps, steps[1:])]
+    if longest and any(pause > longest for pause in pauses) and line.get("role") != "client":
+        raise NotOffered("a server of pymodbus knows no time")
+    if kind == "rtu-frame":
+        knows(octets(" ".join(step.get("hear", "") for step in steps)))
+    side = "response" if line.get("role") == "client" else "request"
+    return received(kind, side, [step["hear"] for step in steps if "hear" in step])
+
+
+def received(kind: str, side: str, pieces: list[str]) -> dict[str, Any]:
+    """Return the frames that come out of pieces."""
+    framer = FRAMERS[kind](DECODERS[side])
+    frames, buffer = [], b""
+    for piece in pieces:
+        buffer += piece.encode("latin-1") if kind == "ascii-frame" else octets(piece)
         while buffer:
             used, unit, transaction, pdu = framer.decode(buffer)
             buffer = buffer[used:]
             if pdu:
-                first = {"transaction": transaction} if question["kind"] == "tcp-frame" else {}
+                first = {"transaction": transaction} if kind == "tcp-frame" else {}
                 frames.append({**first, "unit": unit, "pdu": hexed(pdu)})
             if not used or not pdu:
                 break
@@ -324,6 +343,7 @@ serve(
         "rtu-frame": FRAME,
         "ascii-frame": FRAME,
         "tcp-frame": FRAME,
+        **{kind: {"frames": talk} for kind in ("rtu-talk", "ascii-talk", "tcp-talk")},
         "client": {"run": client_runner("pymodbus")},
         "crc16": {"encode": crc},
         "lrc": {"encode": lrc},

@@ -228,11 +228,22 @@ def talk_tcp(given):
     return talk(TcpLine(), given, octets, hexed)
 
 
+def only_frames(run):
+    """line, talk -> frames"""
+
+    def frames(given):
+        silence = {"at": given["talk"][-1]["at"] + 10_000_000}
+        steps = run({**given, "talk": [*given["talk"], silence]})["talk"]
+        return {"frames": [event for step in steps for event in step["events"] if "pdu" in event]}
+
+    return frames
+
+
 KINDS = {
     "rtu-frame": {"receive": receive_rtu},
     "ascii-frame": {"receive": receive_ascii},
     "tcp-frame": {"receive": receive_tcp},
-    "rtu-talk": {"run": talk_rtu},
-    "ascii-talk": {"run": talk_ascii},
-    "tcp-talk": {"run": talk_tcp},
+    "rtu-talk": {"run": talk_rtu, "frames": only_frames(talk_rtu)},
+    "ascii-talk": {"run": talk_ascii, "frames": only_frames(talk_ascii)},
+    "tcp-talk": {"run": talk_tcp, "frames": only_frames(talk_tcp)},
 }

@@ -23,6 +23,7 @@ DESCRIPTION = frozenset({"comment", "source", "printed", "why", "clause", "origi
 """Fields that say something about a case, and change neither its questions nor the verdict."""
 
 FRAMES = ("rtu-frame", "ascii-frame", "tcp-frame")
+TALKS = ("rtu-talk", "ascii-talk", "tcp-talk")
 _NOISE = {"rtu-frame": "FF 00 07", "ascii-frame": "\x00\xffzz"}
 """What stands before a frame in one of its deliveries. A stream of TCP has no noise."""
 
@@ -125,6 +126,10 @@ def _made(kind: str, do: str, case: Case) -> Iterator[Case]:
     if kind in FRAMES and do == "receive":
         if case["result"] == "valid":
             yield from _deliveries(kind, case)
+    elif kind in TALKS and do == "frames":
+        if not case["held"]:
+            events = [event for step in case["talk"] for event in step["events"]]
+            yield {**case, "frames": [event for event in events if "pdu" in event]}
     elif kind == "sdo-talk":
         if case.get("broken") != do:
             yield _side(do, case)

@@ -15,6 +15,10 @@ from barewire.vectors.answers.texts import hexed, latin, octets
 from barewire.vectors.questions import Fields
 
 
+SILENCE = 10_000_000
+"""Microseconds that are longer than any time-out."""
+
+
 def talk_rtu(given: Fields) -> Fields:
     """Feed a receiver of RTU."""
     setup = given["line"]
@@ -34,6 +38,17 @@ def talk_ascii(given: Fields) -> Fields:
 def talk_tcp(given: Fields) -> Fields:
     """Feed a receiver of TCP."""
     return _talk(TcpLine(), given, octets, hexed)
+
+
+def frames_only(talk: Callable[[Fields], Fields]) -> Callable[[Fields], Fields]:
+    """Return the answer that has the frames alone, silence behind the last step included."""
+
+    def answer(given: Fields) -> Fields:
+        ends = {"at": given["talk"][-1]["at"] + SILENCE}
+        steps = talk({**given, "talk": [*given["talk"], ends]})["talk"]
+        return {"frames": [event for step in steps for event in step["events"] if "pdu" in event]}
+
+    return answer
 
 
 def _talk(line: Line, given: Fields, read: Callable[[str], bytes], write: Callable[[bytes], str]) -> Fields:
