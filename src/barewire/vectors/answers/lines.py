@@ -14,7 +14,6 @@ from barewire.vectors.answers.frames import adu_fields
 from barewire.vectors.answers.texts import hexed, latin, octets
 from barewire.vectors.questions import Fields
 
-
 SILENCE = 10_000_000
 """Microseconds that are longer than any time-out."""
 
