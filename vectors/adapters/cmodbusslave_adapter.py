@@ -13,6 +13,7 @@ from ctypes import CFUNCTYPE, POINTER, Structure, c_int, c_size_t, c_uint8, c_ui
 from typing import Any
 
 from adapter import NotOffered, crc_fields, octets, serve, words
+from adapter_conformance import conformance_answers
 from adapter_server import Units, server_answers
 
 PATH, VERSION = sys.argv[1:]
@@ -191,10 +192,20 @@ def crc(question: dict[str, Any]) -> dict[str, Any]:
     return crc_fields(checksum(octets(question["bytes"])))
 
 
+def ten(line: str) -> Server:
+    """Return a server of unit 1 with ten registers and ten coils."""
+    units: Units = {1: {"holding_registers": {0: [0] * 10}, "coils": {0: [0] * 10}}}
+    return Server(line, units, {1: {}})
+
+
 SERVED = {*range(1, 9), 0x0B, 0x0C, 0x0F, 0x10, 0x14, 0x15, 0x16, 0x17}
 MORE = {"files", "exception_status", "counters"}
 serve(
     "c-modbus-slave",
     VERSION,
-    {**server_answers(Server, SERVED, {"rtu", "ascii", "tcp"}, MORE), "crc16": {"encode": crc}},
+    {
+        **server_answers(Server, SERVED, {"rtu", "ascii", "tcp"}, MORE),
+        **conformance_answers(ten, {"rtu", "ascii", "tcp"}),
+        "crc16": {"encode": crc},
+    },
 )

@@ -13,6 +13,7 @@ from typing import Any
 
 from adapter import NotOffered, Refused, hexed, number, octets, register_bytes, registers, serve
 from adapter_client import ExceptionAnswer, client_answers
+from adapter_conformance import conformance_answers
 from adapter_server import Units, server_answers
 
 LIBRARY = ctypes.CDLL(ctypes.util.find_library("modbus"), use_errno=True)
@@ -127,15 +128,24 @@ class Server:
                 getattr(self.mapping.contents, name)[at] = value
 
     def ask(self, unit: int, pdu: bytes) -> bytes | None:
-        self.line.far.send(frame(unit, pdu))
+        return self.hear(frame(unit, pdu))[1:-2] or None
+
+    def hear(self, data: bytes) -> bytes:
+        """Return what the server sends when these bytes have come."""
+        self.line.far.send(data)
         request = (c_uint8 * 512)()
         length = LIBRARY.modbus_receive(self.line.context, request)
         if length > 0:
             LIBRARY.modbus_reply(self.line.context, request, length, self.mapping)
-        return self.line.sent()[1:-2] or None
+        return self.line.sent()
 
     def values(self, unit: int, table: str, first: int, count: int) -> list[int]:
         return [getattr(self.mapping.contents, table)[at] for at in range(count)]
+
+
+def ten(line: str) -> Server:
+    """Return a server of unit 1 with ten registers and ten coils."""
+    return Server(line, {1: {"holding_registers": {0: [0] * 10}, "coils": {0: [0] * 10}}})
 
 
 def encode_rtu(question: dict[str, Any]) -> dict[str, Any]:
@@ -168,6 +178,7 @@ serve(
     {
         **client_answers(call, CODES),
         **server_answers(Server, CODES, {"rtu"}),
+        **conformance_answers(ten, {"rtu"}),
         "rtu-frame": {"encode": encode_rtu},
         "number": {"encode": encode_number, "decode": decode_number},
     },

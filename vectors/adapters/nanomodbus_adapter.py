@@ -14,6 +14,7 @@ from typing import Any
 
 from adapter import NotOffered, Refused, crc_fields, octets, serve, words
 from adapter_client import ExceptionAnswer, client_answers
+from adapter_conformance import conformance_answers
 from adapter_server import Units, server_answers
 
 PATH, VERSION = sys.argv[1:]
@@ -301,6 +302,12 @@ def crc(question: dict[str, Any]) -> dict[str, Any]:
     return crc_fields(checksum(octets(question["bytes"])))
 
 
+def ten(line: str) -> Server:
+    """Return a server of unit 1 with ten registers and ten coils."""
+    units: Units = {1: {"holding_registers": {0: [0] * 10}, "coils": {0: [0] * 10}}}
+    return Server(line, units, {1: {}})
+
+
 SERVED = {1, 2, 3, 4, 5, 6, 0x0F, 0x10, 0x14, 0x15, 0x17, 0x2B}
 MORE = {"files", "identification", "functions", "faults", "read_only"}
 serve(
@@ -309,6 +316,7 @@ serve(
     {
         **client_answers(call, SERVED - {0x14, 0x15, 0x2B}),
         **server_answers(Server, SERVED, {"rtu", "tcp"}, MORE),
+        **conformance_answers(ten, {"rtu", "tcp"}),
         "crc16": {"encode": crc},
     },
 )

@@ -6,6 +6,7 @@ barewire vectors check --adapter "python vectors/adapters/pymodbus_adapter.py"
 from __future__ import annotations
 
 import asyncio
+from itertools import pairwise
 from typing import Any
 
 import pymodbus
@@ -217,7 +218,7 @@ def talk(question: dict[str, Any]) -> dict[str, Any]:
     if line.get("role") == "listener" or line.get("patience", 0) is None:
         raise NotOffered("pymodbus counts bytes, and hears one side")
     longest = {"rtu-frame": line.get("patience"), "ascii-frame": line.get("timeout")}.get(kind)
-    pauses = [after["at"] - before["at"] for before, after in zip(steps, steps[1:])]
+    pauses = [after["at"] - before["at"] for before, after in pairwise(steps)]
     if longest and any(pause > longest for pause in pauses) and line.get("role") != "client":
         raise NotOffered("a server of pymodbus knows no time")
     if kind == "rtu-frame":
