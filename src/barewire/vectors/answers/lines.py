@@ -14,7 +14,7 @@ from barewire.vectors.answers.frames import adu_fields
 from barewire.vectors.answers.texts import hexed, latin, octets
 from barewire.vectors.questions import Fields
 
-SILENCE = 10_000_000
+LONG_SILENCE = 10_000_000
 """Microseconds that are longer than any time-out."""
 
 
@@ -43,7 +43,7 @@ def frames_only(talk: Callable[[Fields], Fields]) -> Callable[[Fields], Fields]:
     """Return the answer that has the frames alone, silence behind the last step included."""
 
     def answer(given: Fields) -> Fields:
-        ends = {"at": given["talk"][-1]["at"] + SILENCE}
+        ends = {"at": given["talk"][-1]["at"] + LONG_SILENCE}
         steps = talk({**given, "talk": [*given["talk"], ends]})["talk"]
         return {"frames": [event for step in steps for event in step["events"] if "pdu" in event]}
 
