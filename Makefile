@@ -3,6 +3,9 @@
 # Each makes .venv, installs what it needs there (once; again when pyproject.toml changes) and runs.
 # Another Python:  make test PYTHON=python3.12 VENV=.venv-3.12        Fewer tests:  make suite ARGS=tests/rtu
 
+# Python keeps what it has compiled, also where the environment says otherwise: the tests start it hundreds of times.
+unexport PYTHONDONTWRITEBYTECODE
+
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 NEW    := import sys; sys.exit(sys.version_info < (3, 11))
@@ -18,7 +21,7 @@ demo: $(VENV)/installed-all ## watch it work: three devices, two protocols, no h
 	@$(BIN)/barewire demo
 
 check: style types ## what to run while you work, in less than a minute: format, lint, types, the tests that do not wait
-	$(BIN)/pytest -rs $(WORKERS) -m "not long" --ignore=tests/io --ignore=tests/cli --ignore=tests/interop $(ARGS)
+	$(BIN)/pytest -rs -n auto --dist loadfile -m "not long" --ignore=tests/io --ignore=tests/cli --ignore=tests/interop $(ARGS)
 
 test: style types suite ## everything a change must pass: format, lint, types, then all tests
 

@@ -17,6 +17,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -103,8 +104,10 @@ PEERS = (
 @cache
 def python_with(module: str) -> str | None:
     """Return the first Python here that can import a module."""
+    if find_spec(module) is not None:
+        return sys.executable
     beside = [ROOT / name / "bin" / "python" for name in OTHER_PYTHONS]
-    for python in (sys.executable, *os.environ.get("BAREWIRE_PYTHONS", "").split(), *map(str, beside)):
+    for python in (*os.environ.get("BAREWIRE_PYTHONS", "").split(), *map(str, beside)):
         probe = [python, "-c", f"import {module}"]
         if Path(python).exists() and subprocess.run(probe, capture_output=True).returncode == 0:
             return python

@@ -11,6 +11,8 @@ from tests.model.choices import run_random
 from tests.model.one_line import Tally
 from tests.model.test_one_line import Forgetful
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize("setup", [ON_TCP, ON_RTU, WITH_ECHO], ids=["TCP", "RTU", "RTU with echo"])
 def test_no_answer_is_delivered_to_another_task(setup: Tasks) -> None:

@@ -37,6 +37,7 @@ def test_every_simulated_device_with_canopen_is_tried() -> None:
     assert tuple(name for name in names() if load(name).canopen is not None) == SIMULATED
 
 
+@pytest.mark.long
 @EVERY
 def test_the_letters_change_the_device(name: str) -> None:
     master = MASTERS[name]()

@@ -16,6 +16,8 @@ from barewire.io.vector_adapter import VectorAdapter
 from barewire.vectors.files import load_vectors
 from barewire.vectors.run import CheckedCase, run_cases, selected
 
+pytestmark = pytest.mark.long
+
 OWN = f"{sys.executable} {Path(__file__).parents[2] / 'vectors' / 'adapters' / 'own.py'}"
 LRC = selected(load_vectors(), kinds=["lrc"])
 SECOND = "lrc-2"

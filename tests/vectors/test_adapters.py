@@ -17,6 +17,8 @@ from barewire.vectors.files import load_vectors
 from tools import scoreboard
 from tools.peers import PEERS, ROOT, Peer, PeerRun, confirms, run
 
+pytestmark = pytest.mark.long
+
 DATA: dict[str, Any] = json.loads(scoreboard.DATA.read_text(encoding="utf-8"))
 VECTORS = load_vectors(ROOT / "vectors")
 NEEDS = {"libmodbus": ("libmodbus",), "tshark": ("tshark",)}

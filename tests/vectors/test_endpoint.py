@@ -14,6 +14,8 @@ from barewire.vectors.files import load_vectors
 from tests.cli.helpers import run_command
 from tests.io.peers import answer, peer
 
+pytestmark = pytest.mark.long
+
 CASES = {case["comment"]: case for file in load_vectors().files for case in file.cases if "framings" in case}
 FEW = ["03 with quantity 0", "17 writes before it reads", "five requests in one segment", "08/0B bus message count"]
 

@@ -18,6 +18,8 @@ import pytest
 from barewire.vectors.files import load_vectors
 from tools import vectors_release as release
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[2]
 VECTORS = load_vectors(ROOT / "vectors")
 CHANGELOG = (ROOT / "vectors" / "CHANGELOG.md").read_text(encoding="utf-8")

@@ -11,6 +11,8 @@ from barewire.codecs import Value
 from tests.canopen.conformance.devices import LARGE, NODE, FaultyDevice, bus_with, failures, plain
 from tests.canopen.virtual_bus import VirtualBus
 
+pytestmark = pytest.mark.long
+
 BOOT_UP = CanFrame(0x700 + NODE, b"\0")
 KEPT = {"NMT-17", "RPD-19", "TPD-19", "SYN-05", "CHN-06", "CHN-08", "CHN-12", "CHN-13", "CFG-02", "STO-03"}
 """The cases of what a reset of the communication restores."""

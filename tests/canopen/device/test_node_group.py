@@ -106,6 +106,7 @@ def feed_when_due(machine: NodeGroup | EveryNode, frame: CanFrame | None, now: f
     return sorted(map(str, frames))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("all_mappable", [False, True])
 @pytest.mark.parametrize("seed", range(12))
 def test_a_group_answers_as_the_nodes_do_that_receive_every_frame(seed: int, all_mappable: bool) -> None:

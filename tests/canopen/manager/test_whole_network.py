@@ -7,6 +7,8 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+import pytest
+
 from barewire.canopen import (
     BootEvent,
     CanFrame,
@@ -23,6 +25,8 @@ from barewire.canopen import (
 from barewire.canopen.eds.value_syntax import Expression
 from tests.canopen.configuration.plant import MODIFIED, dcf, described
 from tests.canopen.virtual_bus import VirtualBus
+
+pytestmark = pytest.mark.long
 
 NODES = range(1, 128)
 PERIOD = 0.01

@@ -13,6 +13,8 @@ from barewire.modbus.messages import registers
 from tests.devices.sim.bench import Bench
 from tests.devices.sim.test_round_trips import PUSHED
 
+pytestmark = pytest.mark.long
+
 ALL = [(name, parameter) for name in names() for parameter in load(name).parameters]
 ON_MODBUS = [(name, parameter) for name, parameter in ALL if parameter.modbus is not None]
 IDS = [f"{name}-{parameter.name}" for name, parameter in ON_MODBUS]

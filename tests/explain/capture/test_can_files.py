@@ -6,6 +6,7 @@ import json
 import random
 import struct
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -190,6 +191,7 @@ def test_an_invalid_time_is_unread(stamp: str) -> None:
 # Damaged -------------------------------------------------------------------------------------------------------------
 
 
+@cache
 def seeds() -> dict[str, bytes]:
     run = [*frames()[:60], *((BEGAN + 30 + place, frame) for place, frame in enumerate(MIXED))]
     keeper = CanRecordingWriter("a.pcapng")
@@ -218,7 +220,7 @@ def damaged(data: bytes, dice: random.Random) -> bytes:
     return data
 
 
-@pytest.mark.parametrize("form", list(seeds()))
+@pytest.mark.parametrize("form", ["candump", "screen", "asc", "blf", "pcapng"])
 def test_a_damaged_recording_is_read_as_far_as_possible(form: str) -> None:
     """Every item has a line and JSON, and can be written again; nothing raises, and reading ends."""
     dice, keeper = random.Random(form), CanRecordingWriter("a.pcapng")

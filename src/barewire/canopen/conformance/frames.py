@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from binascii import crc_hqx
+from functools import lru_cache
 from typing import NamedTuple
 
 from barewire.canopen.conformance.model import SILENCE, Effect, NodeCase, NodeStep, Subject
@@ -84,11 +85,11 @@ class Sdo(NamedTuple):
 
     def refused(self, index: int, sub: int, *codes: int) -> str:
         """Return an abort with one of these codes, or with the general error."""
-        return "|".join(self.response(f"80{multiplexer(index, sub)}{little(code, 4)}") for code in (*codes, _GENERAL))
+        return _aborts(self.node, multiplexer(index, sub), codes)
 
     def aborted(self, *codes: int) -> str:
         """Return the same with any multiplexer, because devices differ where a request names no object."""
-        return "|".join(self.response(f"80......{little(code, 4)}") for code in (*codes, _GENERAL))
+        return _aborts(self.node, "......", codes)
 
     @property
     def responses(self) -> str:
@@ -131,6 +132,11 @@ class Sdo(NamedTuple):
     def unchanged(self, index: int, value: int = 5000) -> tuple[NodeStep, NodeStep]:
         """Return the first and the last step of a case that must not change an object: it is written, and read back."""
         return self.write(index, 0, value, 2), self.read(index, 0, value.to_bytes(2, "little"))
+
+
+@lru_cache(maxsize=1024)  # one object is written with hundreds of values, which are refused with the same codes
+def _aborts(node: int, place: str, codes: tuple[int, ...]) -> str:
+    return "|".join(Sdo(node).response(f"80{place}{little(code, 4)}") for code in (*codes, _GENERAL))
 
 
 def silence(*sends: str, wait: float | None = None) -> NodeStep:
