@@ -106,6 +106,40 @@ def wait(condition: Callable[[], bool]) -> None:
     raise AssertionError("the condition did not become true")
 
 
+class Held:
+    """A machine that holds its thread at each frame until it is let go."""
+
+    deadline = None
+
+    def __init__(self) -> None:
+        self.fed = 0
+        self.holds, self.goes_on = threading.Event(), threading.Event()
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        if frame is not None:
+            self.fed += 1
+            self.holds.set()
+            assert self.goes_on.wait(PATIENCE)
+        return []
+
+
+def test_a_closed_client_ends_all_its_nodes_at_once_and_drops_what_they_have_not_taken() -> None:
+    """Else 127 nodes, each with thousands of frames in its queue, would take minutes to close, one after the other."""
+    port, machines = MemoryPort(), [Held() for _ in range(4)]
+    with CanBus(port) as bus:
+        client = CanopenClient(bus)
+        tasks = [client.host(machine) for machine in machines]
+        port.deliver(*[CanFrame(0x80)] * 9)
+        assert all(machine.holds.wait(PATIENCE) for machine in machines)
+        closing = threading.Thread(target=client.close)
+        closing.start()  # it waits for the thread of one of them
+        wait(lambda: all(task.is_ending for task in tasks))
+        for machine in machines:
+            machine.goes_on.set()
+        closing.join(PATIENCE)
+    assert [machine.fed for machine in machines] == [1, 1, 1, 1]
+
+
 def test_a_node_in_the_url_must_be_that_of_the_device() -> None:
     for node in (device(7), simulator("az3").canopen):
         with pytest.raises(EncodeError, match=r"node 5 is requested, the device is node (7|1)"):
