@@ -54,7 +54,7 @@ def test_a_tiny_period_sends_one_frame_a_call() -> None:
 
 @pytest.mark.parametrize("period", [0, -1.0, float("nan"), float("inf")])
 def test_a_wrong_period_is_refused(period: float) -> None:
-    with refused(EncodeError, "expected more than 0"):
+    with refused(EncodeError, f"period {period} s: expected a number of seconds above 0"):
         CyclicProducer(period, ONE)
 
 

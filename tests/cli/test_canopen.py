@@ -120,6 +120,8 @@ def test_files_from_which_no_network_boots(tmp_path: Path) -> None:
     assert "node 7 has a DCF, but the manager does not list it (1F81h:07)" in error_of(
         *boot, str(manager), str(node), status=2
     )
+    text = error_of("canopen", "boot", f"{url}?node=6", str(node), status=2)
+    assert "node 6 is requested; boot boots the nodes of the files, which are 7: leave out node=" in text
     assert "a second DCF of node 7" in error_of(*boot, str(node), str(node), status=2)
     (tmp_path / "left.concise").unlink()
     assert "left.concise: No such file" in error_of(*boot, str(manager))

@@ -14,6 +14,7 @@ import pytest
 from barewire.ascii import encode as ascii_frame
 from barewire.canopen import CanFrame
 from barewire.canopen.eds import parse, to_dcf
+from barewire.errors import PortError
 from barewire.explain.capture.pcapng import read_packets
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint
@@ -26,6 +27,7 @@ from tests.cli.helpers import (
     error_of,
     output_of,
     run_command,
+    run_here,
 )
 from tests.helpers import free_port, unhex
 
@@ -229,6 +231,30 @@ def test_a_live_bus_is_decoded_and_nothing_is_sent(tmp_path: Path) -> None:
     sender.close()
     hub.close()
     assert "STATUS WORD" in output_of("sniff", str(file), "--device", "az3", "--node", "5")
+
+
+@pytest.mark.parametrize("name", ["bus.log", "bus.pcapng"])
+def test_a_server_that_ends_is_an_error_and_the_file_keeps_all_frames_before(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a serial line whose adapter is unplugged. A client would connect again."""
+    file, frames = tmp_path / name, [CanFrame(0x701 + number, b"\x05") for number in range(3)]
+
+    class Port:
+        def receive_any(self, timeout: float) -> CanFrame | None:
+            if not frames:
+                raise PortError("can://socketcand/127.0.0.1/can0: the server hung up")
+            return frames.pop()
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr("barewire.io.ports.can.interfaces.can_port", lambda endpoint, *, stamps: Port())
+    done = run_here("sniff", "can://socketcand/127.0.0.1/can0", "--write", str(file))
+    assert done.returncode == 1
+    assert done.stderr == (
+        f"barewire: can://socketcand/127.0.0.1/can0: the server hung up; {file} has the 3 frames before\n"
+    )
+    assert output_of("sniff", str(file)).count("heartbeat") == 3
 
 
 def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:

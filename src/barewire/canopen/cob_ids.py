@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 from barewire.canopen.frame import CanFrame
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 
 NODE_MIN, NODE_MAX = 1, 127
 
@@ -83,9 +83,11 @@ _RESTRICTED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (
 
 
 def check_node(node: int) -> int:
-    """Return the node-ID. Raise EncodeError outside 1..127; 0 means "all nodes", and only in an NMT command."""
-    if not NODE_MIN <= node <= NODE_MAX:
-        raise EncodeError(f"node {node}: expected {NODE_MIN}..{NODE_MAX}")
+    """Return the node-ID. Raise EncodeError for any other object, and outside 1..127.
+
+    0 means "all nodes", and only in an NMT command."""
+    if isinstance(node, bool) or not isinstance(node, int) or not NODE_MIN <= node <= NODE_MAX:
+        raise EncodeError(f"node {shown(node)}: expected {NODE_MIN}..{NODE_MAX}", "node")
     return node
 
 

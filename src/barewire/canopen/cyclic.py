@@ -16,6 +16,13 @@ from barewire.canopen.frame import CanFrame
 from barewire.errors import EncodeError, shown
 
 
+def check_period(what: str, period: object) -> float:
+    """Return the period in seconds. Raise EncodeError unless it is a number above 0, and finite."""
+    if isinstance(period, bool) or not isinstance(period, (int, float)) or not 0 < period < float("inf"):
+        raise EncodeError(f"{what} {shown(period)} s: expected a number of seconds above 0", "period")
+    return period
+
+
 class CyclicProducer:
     """A machine that sends a frame every `period` seconds, the first one at once. Several frames take turns.
 
@@ -33,9 +40,7 @@ class CyclicProducer:
     __slots__ = ("_next", "_turn", "frames", "missed", "period")
 
     def __init__(self, period: float, *frames: CanFrame) -> None:
-        if not 0 < period < float("inf"):
-            raise EncodeError(f"period {shown(period)} s: expected more than 0", "period")
-        self.period = period
+        self.period = check_period("period", period)
         self.missed = 0
         self._turn = 0
         self._next: float | None = None

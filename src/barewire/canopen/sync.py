@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from barewire.canopen.cob_ids import SYNC_KEY
+from barewire.canopen.cyclic import check_period
 from barewire.canopen.frame import CanFrame
-from barewire.errors import DecodeError, EncodeError
+from barewire.errors import DecodeError, EncodeError, shown
 
 COUNTER_MAX = 240
 _LOST_AFTER = 1.5
@@ -38,8 +39,8 @@ class SyncMessage:
         """Return the frame; the default COB-ID is 080h. Raise EncodeError for a counter outside 1..240."""
         if self.counter is None:
             return CanFrame(key[0], b"", key[1])
-        if not 1 <= self.counter <= COUNTER_MAX:
-            raise EncodeError(f"SYNC counter {self.counter}: expected 1..{COUNTER_MAX}")
+        if not isinstance(self.counter, int) or not 1 <= self.counter <= COUNTER_MAX:
+            raise EncodeError(f"SYNC counter {shown(self.counter)}: expected 1..{COUNTER_MAX}", "counter")
         return CanFrame(key[0], bytes([self.counter]), key[1])
 
     @classmethod
@@ -76,11 +77,9 @@ class SyncProducer:
     __slots__ = ("_counter", "_next", "key", "latest", "missed", "overflow", "period")
 
     def __init__(self, period: float, *, overflow: int = 0, key: tuple[int, bool] = SYNC_KEY) -> None:
-        if overflow == 1 or not 0 <= overflow <= COUNTER_MAX:
-            raise EncodeError(f"SYNC counter overflow {overflow}: expected 0 or 2..{COUNTER_MAX}")
-        if not period > 0:
-            raise EncodeError(f"SYNC period {period} s: expected more than 0")
-        self.period = period
+        if not isinstance(overflow, int) or overflow == 1 or not 0 <= overflow <= COUNTER_MAX:
+            raise EncodeError(f"SYNC counter overflow {shown(overflow)}: expected 0 or 2..{COUNTER_MAX}", "overflow")
+        self.period = check_period("SYNC period", period)
         self.overflow = overflow
         self.key = key
         self.missed = 0
@@ -164,7 +163,7 @@ class SyncMonitor:
     def __init__(
         self, period: float | None = None, *, overflow: int | None = None, key: tuple[int, bool] = SYNC_KEY
     ) -> None:
-        self.period = period
+        self.period = None if period is None else check_period("SYNC period", period)
         self.overflow = overflow
         self.key = key
         self.shortest: float | None = None

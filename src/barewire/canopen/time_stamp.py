@@ -15,9 +15,10 @@ from datetime import UTC, datetime
 from typing import NamedTuple
 
 from barewire.canopen.cob_ids import TIME_KEY
+from barewire.canopen.cyclic import check_period
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.time_types import TimeCodec, TimeOfDay
-from barewire.errors import DecodeError, EncodeError
+from barewire.errors import DecodeError, EncodeError, shown
 
 EPOCH_UNIX = int(datetime(1984, 1, 1, tzinfo=UTC).timestamp())
 """1 January 1984 in seconds since 1 January 1970."""
@@ -41,8 +42,8 @@ class TimeStamp:
         """Convert seconds since 1 January 1970, rounded to milliseconds. Raise EncodeError for a day out of range."""
         try:
             moment = TimeOfDay(round((seconds - EPOCH_UNIX) * 1000))
-        except (ValueError, OverflowError):
-            raise EncodeError(f"{seconds} s is not a time of day: expected a finite number of seconds") from None
+        except (TypeError, ValueError, OverflowError):
+            raise EncodeError(f"{shown(seconds)} s is not a time of day: expected a finite number of seconds") from None
         _CODEC.encode(moment)
         return cls(moment)
 
@@ -81,9 +82,7 @@ class TimeProducer:
     __slots__ = ("_next", "key", "period", "unix_at_zero")
 
     def __init__(self, period: float, unix_at_zero: float, *, key: tuple[int, bool] = TIME_KEY) -> None:
-        if not period > 0:
-            raise EncodeError(f"TIME every {period} s: expected more than 0")
-        self.period = period
+        self.period = check_period("TIME period", period)
         self.unix_at_zero = unix_at_zero
         self.key = key
         self._next: float | None = None

@@ -13,6 +13,7 @@ import click
 
 from barewire.cli.arguments import endpoint_argument, file_content, json_option, print_json
 from barewire.errors import BarewireError, EncodeError, shown
+from barewire.io.endpoint import Endpoint
 
 if TYPE_CHECKING:
     from barewire.canopen import BootEvent, BootResult, DeviceConfiguration, NetworkList
@@ -40,7 +41,8 @@ def boot_command(
 
     Each FILE is the DCF of a node, which must boot. One FILE may be the DCF of the manager, with the nodes in 1F80h to
     1F89h, what they must be, and their concise DCFs in 1F22h; then the DCF of a node takes the place of its
-    configuration there. The nodes are not watched afterwards.
+    configuration there. The nodes are those of the files: ?node= of ENDPOINT is refused if it is another one. The nodes
+    are not watched afterwards.
 
     Exit status 1 if the network is not ready: a mandatory node has not booted.
 
@@ -51,6 +53,12 @@ def boot_command(
     if not endpoint.startswith("can://"):
         raise EncodeError(f"endpoint {shown(endpoint, 200)}: a DCF is for CANopen: expected can://")
     network = _network_of(files)
+    asked = Endpoint.parse(endpoint).integer("node", 0)
+    numbers = [slave.node for slave in network.slaves]
+    if asked and numbers != [asked]:
+        found = ", ".join(map(str, numbers)) or "no nodes"
+        text = f"node {asked} is requested; boot boots the nodes of the files, which are {found}: leave out node="
+        raise EncodeError(f"endpoint {shown(endpoint, 200)}: {text}", "node")
     if no_start:
         network = replace(network, start_slaves=False)
     if boot_time is not None:

@@ -102,6 +102,9 @@ def sniff_command(
     log of lines such as "12.345678 01 03 00 00 ...", or a hex dump; of a CAN bus the output or log of candump, an ASC
     or BLF file of Vector, a capture, or the log of CiA's conformance test tool.
 
+    The command ends with status 1 when the line or bus fails, also when a socketcand server ends: it does not connect
+    again, as clients do. The file of --write keeps all frames before.
+
     \b
     barewire sniff "rtu:///dev/ttyUSB0?baudrate=9600" --write bus.pcapng
     wireshark -o mbrtu.udp.port:5020 bus.pcapng
@@ -186,6 +189,7 @@ class _RecordingFile:
         self.name = name
         self._frames = 0
         self._size = 0
+        self._refused: PortError | None = None
         try:
             self._file = Path(name).open("wb", buffering=0)  # noqa: SIM115 - closed in `__exit__`
         except OSError as error:
@@ -194,8 +198,11 @@ class _RecordingFile:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _: object, error: object, __: object) -> None:
         self._file.close()
+        if isinstance(error, PortError) and error is not self._refused:  # of the line or bus
+            error.add_note(f"{self.name} has the {self._frames} frames before" if self._frames else
+                           f"{self.name} has no frame")  # fmt: skip
 
     def write(self, data: bytes, *, frame: bool = True) -> None:
         """Write a frame, or the head of the file. Raises PortError if that fails, and keeps the frames before."""
@@ -207,7 +214,8 @@ class _RecordingFile:
             with suppress(OSError):
                 self._file.truncate(self._size)
             kept = f"it has the {self._frames} frames before" if self._frames else "nothing was written"
-            raise PortError(f"{self.name}: {reason(error)}; {kept}") from None
+            self._refused = PortError(f"{self.name}: {reason(error)}; {kept}")
+            raise self._refused from None
         self._size += len(data)
         self._frames += frame
 

@@ -298,6 +298,12 @@ def test_invalid_factory_settings_raise() -> None:
 
 
 def test_a_list_of_entries_is_not_a_dictionary() -> None:
+    for wrong in ("5", 5.0, True, 0, 128):
+        with pytest.raises(EncodeError, match=rf"^node {wrong!r}: expected 1..127$"):
+            LocalNode(wrong, ObjectDictionary())  # type: ignore[arg-type]
+    for pdos in (5, [5]):
+        with pytest.raises(EncodeError, match=r"^LocalNode: pdos = \[?5\]?: expected several PdoConfig, such as "):
+            LocalNode(5, ObjectDictionary(), pdos)  # type: ignore[arg-type]
     with pytest.raises(EncodeError, match=r"expected an ObjectDictionary, such as ObjectDictionary\(\[Entry"):
         LocalNode(5, [Entry(0x6040, 0, "controlword", "u16")])  # type: ignore[arg-type]
 

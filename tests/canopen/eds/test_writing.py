@@ -263,6 +263,21 @@ def test_a_dcf_is_made_of_an_eds() -> None:
     assert again.get("DeviceComissioning", "NodeName") == "left wheel"
 
 
+def test_lines_that_are_added_leave_the_positions_of_all_others_right() -> None:
+    """Sections and diagnostics are those that a parser of the changed text finds."""
+    twice = (
+        "stray=1\n[2000]\nParameterName=x\nwhat = 1\nDataType=5\n[2001]\nDataType=6\nDataType=7\n[2000]\nwhy=2\n[Old]\n"
+    )
+    document = eds.parse(twice.encode())
+    for section, key in (("2001", "ParameterName"), ("Old", "first"), ("2000", "AccessType"), ("2001", "odd key")):
+        assert len(document.diagnostics) > 4
+        document.put(section, key, "7")
+        parsed = eds.parse(document.encode())
+        assert (dict(document.sections), document.diagnostics) == (dict(parsed.sections), parsed.diagnostics)
+        assert document.get(section, key) == "7"
+        assert list(document.objects) == list(parsed.objects)
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [
@@ -270,15 +285,25 @@ def test_a_dcf_is_made_of_an_eds() -> None:
         ({(0x2000, 0): -11}, "expected -10..10"),
         ({(0x2000, 1): 1}, "no object 2000h:01"),
         ({"Nothing": 1}, "no object is called 'Nothing'"),
-        ({(0x2000, 0): "text"}, None),
+        ({(0x2000, 0): "text"}, "^2000h:00 Speed = 'text': expected a value of i16$"),
+        ({(0x2000, 0): ""}, "^2000h:00 Speed = '': expected a value of i16$"),
+        ({(0x2000, 0): "0x0B"}, r"^2000h:00 Speed = 11: expected -10..10$"),
+        ({0x2000: 1.5}, "^1.5 is not a whole number for i16; 2000h:00 Speed$"),
+        ({0x2000: None}, "^2000h:00 Speed = None: expected a value of i16$"),
+        ({0x2001: 1}, "^there is no object 2001h:00$"),
+        ({(0x2000,): 1}, r"^\(8192,\): expected the name of an object, its index, or \(index, sub-index\)$"),
+        ([5], r"^to_dcf: values \[5\]: expected a mapping, such as \{\(0x1017, 0\): 500\}$"),
     ],
 )
-def test_a_dcf_refuses_values_outside_of_their_limits(values: Any, message: str | None) -> None:
+def test_a_dcf_refuses_values_outside_of_their_type_or_limits(values: Any, message: str) -> None:
     document = eds.parse(GOOD.replace("=5\n", "=5\nLowLimit=-10\nHighLimit=10\n").encode())
-    if message is None:
-        assert [diagnostic.rule for diagnostic in eds.to_dcf(document, 5, values).diagnostics] == ["bad-number"]
-        return
     with pytest.raises(EncodeError, match=message):
         eds.to_dcf(document, 5, values)
+    assert eds.to_dcf(document, 5, {(0x2000, 0): "0x0A"}).dictionary().get(0x2000) == 10
+    for node in ("5", 5.0, None, True, 0, 128):
+        with pytest.raises(EncodeError, match=rf"^node {node!r}: expected 1..127$"):
+            eds.to_dcf(document, node)  # type: ignore[arg-type]
+    with pytest.raises(EncodeError, match=r"^to_dcf: 'a.eds': expected an EDS, such as eds.parse returns$"):
+        eds.to_dcf("a.eds", 5)  # type: ignore[arg-type]
     with pytest.raises(EncodeError, match="expected one of 10, 20"):
         eds.to_dcf(document, 5, bitrate=33_000)

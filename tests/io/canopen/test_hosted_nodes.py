@@ -133,7 +133,7 @@ def test_a_closed_client_ends_all_its_nodes_at_once_and_drops_what_they_have_not
         assert all(machine.holds.wait(PATIENCE) for machine in machines)
         closing = threading.Thread(target=client.close)
         closing.start()  # it waits for the thread of one of them
-        wait(lambda: all(task.is_ending for task in tasks))
+        wait(lambda: all(task._is_ending for task in tasks))
         for machine in machines:
             machine.goes_on.set()
         closing.join(PATIENCE)

@@ -10,7 +10,7 @@ import pytest
 
 from barewire import CanopenClient
 from barewire.canopen import CanFrame, Entry, ObjectDictionary, PdoConfig
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.bus.shared_bus import CanBus
 from tests.helpers import refused
@@ -36,6 +36,14 @@ TEXTS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda c: c.scan(5), "scan(5): expected several node-IDs; one node is scan([5])"),
     (lambda c: c.scan("5"), "scan('5'): expected several node-IDs"),
     (lambda c: c.scan([5, 128]), "node 128: expected a number in 1..127"),
+    (lambda c: c.sync.start("1"), "SYNC period '1' s: expected a number of seconds above 0"),
+    (lambda c: c.sync.start(True), "SYNC period True s: expected a number of seconds above 0"),
+    (lambda c: c.sync.start(1, overflow="1"), "SYNC counter overflow '1': expected 0 or 2..240"),
+    (lambda c: c.sync.start(1, key=0x80), "128: expected (identifier, extended), such as (128, False)"),
+    (lambda c: c.sync.send("1"), "SYNC counter '1': expected 1..240"),
+    (lambda c: c.sync.events("1"), "SYNC period '1' s: expected a number of seconds above 0"),
+    (lambda c: c.time.start("1"), "TIME period '1' s: expected a number of seconds above 0"),
+    (lambda c: c.time.send("1"), "'1' s is not a time of day: expected a finite number of seconds"),
     (lambda c: c.scan([5.5]), "node 5.5: expected a number in 1..127"),
 ]
 
@@ -96,6 +104,35 @@ def test_a_wrong_argument_raises_encode_error_and_sends_nothing(kind: str, case:
             blocking(bus)
         else:
             asyncio.run(with_asyncio(bus))
+
+
+def test_an_object_that_is_not_a_port_is_refused() -> None:
+    for wrong in (None, "can://memory/x", CanBus):
+        with pytest.raises(EncodeError, match=r": expected a port, such as can_port returns; CanBus.open takes a URL$"):
+            CanBus(wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", ["blocking", "asyncio"])
+def test_a_port_of_the_application_whose_send_fails_is_a_port_error_with_its_cause(kind: str) -> None:
+    cause = OSError(5, "input/output error")
+
+    class Broken(MemoryPort):
+        name = "mine"
+
+        def send(self, item: CanFrame) -> None:
+            raise cause
+
+    async def with_asyncio() -> None:
+        async with AsyncCanopenClient(Broken(), node=6) as client:
+            await client.node().sdo.upload(0x1000)
+
+    def blocking() -> None:
+        with CanopenClient(Broken(), node=6) as client:
+            client.node().sdo.upload(0x1000)
+
+    with pytest.raises(PortError, match=r"^mine: input/output error$") as caught:
+        blocking() if kind == "blocking" else asyncio.run(with_asyncio())
+    assert caught.value.__cause__ is cause
 
 
 def test_a_wrong_time_out_of_a_client_is_refused() -> None:

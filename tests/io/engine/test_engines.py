@@ -67,6 +67,41 @@ def sent_items(port: Port) -> list[str]:
 
 
 @engines
+@pytest.mark.parametrize("failing", ["send", "receive"])
+def test_an_oserror_of_a_port_of_the_application_is_a_port_error_with_its_cause(
+    failing: str, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cause = OSError(5, "input/output error")
+
+    def fail(*_: object) -> None:
+        raise cause
+
+    def conversation() -> TextConversation:
+        heard = [(yield Send("a"))]
+        try:
+            heard.append((yield Listen(0.0)))
+        except Abandoned:
+            yield Send("abort")  # fails too
+        return heard
+
+    port = Port()
+    monkeypatch.setattr(port, failing, fail)
+    with pytest.raises(PortError, match=r"^(Async)?Port: input/output error$") as caught:
+        run(port, conversation())
+    assert caught.value.__cause__ is cause
+
+
+@engines
+def test_an_oserror_of_the_conversation_itself_is_not_one_of_the_port(run: Run) -> None:
+    def conversation() -> TextConversation:
+        yield Send("a")
+        raise BrokenPipeError("of a callback that prints")
+
+    with pytest.raises(BrokenPipeError, match="prints"):
+        run(Port(), conversation())
+
+
+@engines
 def test_send_all_sends_in_order_and_is_resumed_once(run: Run) -> None:
     def conversation() -> TextConversation:
         received = [(yield Send("a")), (yield SendAll(("b", "c", "d"))), (yield SendAll(()))]

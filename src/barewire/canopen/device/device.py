@@ -45,7 +45,7 @@ from barewire.canopen.lss.slave import LssSlave
 from barewire.canopen.nmt.heartbeat import HeartbeatProducer
 from barewire.canopen.nmt.messages import NmtCommand, NmtSlave, NmtState
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.pdo.config import PdoConfig
+from barewire.canopen.pdo.config import PdoConfig, checked_pdos
 from barewire.canopen.pdo.engine import PdoEngine
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.server.server import SdoServer
@@ -103,9 +103,9 @@ class LocalNode:
         if not isinstance(objects, ObjectDictionary):
             text = "expected an ObjectDictionary, such as ObjectDictionary([Entry(...), ...])"
             raise EncodeError(f"LocalNode: objects = {shown(objects)}: {text}", "objects")
+        check_node(NODE_MAX if node is None else node)
         check_callbacks("LocalNode", on_reset=on_reset)
-        self.objects = objects
-        self.dialect, self.on_reset = dialect, on_reset
+        self.objects, self.dialect, self.on_reset = objects, dialect, on_reset
         self.on_failure = on_failure
         self._has_failed = False  # and no emergency says so yet
         self.lss = lss
@@ -118,7 +118,7 @@ class LocalNode:
         validate_sync_writes(objects)
         validate_consumer_writes(objects)
         validate_channel_writes(objects)
-        self._pdos, self._on = tuple(pdos), False
+        self._pdos, self._on = checked_pdos(pdos), False
         self._silent_until = self._due = _PAST
         self._seen, self._computed = _NEVER, True
         self.errors = EmcyProducer(node or NODE_MAX, objects)
@@ -132,7 +132,7 @@ class LocalNode:
         """Make the services for a node-ID. Without a node-ID they exist but are not fed."""
         self.node = node
         self._identifiers: tuple[object, frozenset[tuple[int, bool]] | None] | None = None
-        number = check_node(NODE_MAX if node is None else node)
+        number = NODE_MAX if node is None else check_node(node)
         self.errors.renumber(number)
         self.nmt = NmtSlave(number)
         self.sdo = SdoServer(number, self.objects, self.dialect, on_failure=self.report_failure)

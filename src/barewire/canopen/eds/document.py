@@ -43,6 +43,10 @@ class Document:
         """Discard sections and diagnostics, because lines were changed; they are computed again when needed."""
         self._sections: dict[str, Section] | None = None
         self._name_diagnostics: list[Diagnostic] = []
+        self._discard_objects()
+
+    def _discard_objects(self) -> None:
+        """Discard what `Eds` computes of the sections, because a value was changed."""
 
     def copy(self) -> Self:
         """Return another document with the same lines."""
@@ -127,6 +131,7 @@ class Document:
             old = self._lines[position]
             after = f" {old.after}" if old.after.startswith(";") else old.after  # a comment needs a blank before it
             self._lines[position] = self._checked(old._replace(value=value, after=after))
+            self._discard_objects()
         else:
             end = self._line_end()
             new = self._checked(EdsLine("pair", "", new_key.proper, "=", value, "", end))
@@ -134,9 +139,22 @@ class Document:
                 head = self._checked(EdsLine("section", "[", name.proper, after="]", end=end))
                 gap = [EdsLine("blank", end=end)] if self._lines else []
                 self._insert(len(self._lines), [*gap, head, new])
+                self._discard_computed()
             else:
-                self._insert(max([found.line, *(line + 1 for line in found.keys.values())]), [new])
-        self._discard_computed()
+                position = max([found.line, *(line + 1 for line in found.keys.values())])
+                self._insert(position, [new])
+                self._move_down(position)
+                self._add_key(self.sections[name.key], position, new)
+                self._discard_objects()
+
+    def _move_down(self, position: int) -> None:
+        """Follow a line that was inserted: a DCF gets hundreds, and to find all sections anew takes long."""
+        sections = {}
+        for key, section in self.sections.items():
+            keys = {name: line + (line >= position) for name, line in section.keys.items()}
+            sections[key] = Section(section.name, section.line + (section.line > position), keys, section.names)
+        self._sections = sections
+        self._name_diagnostics = [one._replace(line=one.line + (one.line > position)) for one in self._name_diagnostics]
 
     def append(self, lines: Iterable[str]) -> None:
         """Add lines at the end of the file, with the line end that the file has."""

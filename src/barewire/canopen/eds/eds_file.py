@@ -20,9 +20,9 @@ from barewire.canopen.eds.lexer import EdsText, decode_text
 from barewire.canopen.eds.model import EdsItem, EdsObject, every_item, to_dictionary
 from barewire.canopen.eds.reader import read_objects
 from barewire.canopen.eds.section_names import BAUD_RATES, COMMISSIONING, DEVICE_INFO, FILE_INFO, LISTS
-from barewire.canopen.eds.value_syntax import Expression, Formula
+from barewire.canopen.eds.value_syntax import Expression, Formula, read_value
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 
 
 class Eds(Document):
@@ -41,8 +41,7 @@ class Eds(Document):
 
     __slots__ = ("_object_diagnostics", "_objects")
 
-    def _discard_computed(self) -> None:
-        super()._discard_computed()
+    def _discard_objects(self) -> None:
         self._objects: dict[int, EdsObject] | None = None
         self._object_diagnostics: list[Diagnostic] = []
 
@@ -148,9 +147,14 @@ def to_dcf(
 ) -> Eds:
     """Return the DCF of one device: a copy of its EDS with [DeviceComissioning] and values.
 
-    `values` are the ParameterValues by (index, sub-index) or by name, `name` is the NodeName, `bitrate` is in bit/s.
-    Raise EncodeError for a value outside of its data type or limits.
+    `values` are the ParameterValues by (index, sub-index) or by name; `name` is the NodeName, `bitrate` is
+    in bit/s. Raise EncodeError for an object that the EDS does not have, and a value outside of its data type or
+    limits. A text is accepted for a number if a file may have it: "0x1F4", "$NODEID+0x200".
     """
+    if not isinstance(eds, Eds):
+        raise EncodeError(f"to_dcf: {shown(eds)}: expected an EDS, such as eds.parse returns", "eds")
+    if not isinstance(values, Mapping | None):
+        raise EncodeError(f"to_dcf: values {shown(values)}: expected a mapping, such as {{(0x1017, 0): 500}}", "values")
     check_node(node_id)
     dcf = eds.copy()
     if bitrate is not None and f"BaudRate_{bitrate // 1000}" not in BAUD_RATES:
@@ -167,22 +171,31 @@ def to_dcf(
     items = {(described.index, item.sub): (described, item) for described, item in every_item(eds.objects.values())}
     dictionary = eds.dictionary(node_id)
     for place, value in (values or {}).items():
-        if isinstance(place, str):
-            entry = dictionary.find(place)
-            place = entry.index, entry.sub
-        if place not in items:
-            raise EncodeError(f"there is no object {place[0]:04X}h:{place[1]:02X}")
-        described, item = items[place]
-        _check_limits(item, place, value, node_id)
-        set_key(dcf, described, item, "ParameterValue", value)
+        entry = dictionary.at(place)
+        described, item = items[entry.index, entry.sub]
+        where = f"{entry.index:04X}h:{entry.sub:02X} {item.name}"
+        _check_value(item, where, value, node_id)
+        try:
+            set_key(dcf, described, item, "ParameterValue", value)
+        except EncodeError as error:
+            error.add_context(where)
+            raise
     return dcf
 
 
-def _check_limits(item: EdsItem, place: tuple[int, int], value: Expression, node: int) -> None:
-    number = value.at(node) if isinstance(value, Formula) else value
-    if isinstance(number, (str, bytes)):
+def _check_value(item: EdsItem, where: str, value: Expression, node: int) -> None:
+    """Raise EncodeError for a value that is not of the data type, or outside of the limits."""
+    given: Expression | None = value
+    if isinstance(value, str) and item.type not in ("string", "unicode"):
+        given, rules = read_value(value, item.type)
+        if "bad-hex" in rules:
+            given = None
+    if given is None:
+        raise EncodeError(f"{where} = {shown(value)}: expected a value of {item.type}", "values")
+    number = given.at(node) if isinstance(given, Formula) else given
+    if not isinstance(number, (int, float)):
         return
     low, high = (limit.at(node) if isinstance(limit, Formula) else limit for limit in item.limits)
     if (low is not None and number < low) or (high is not None and number > high):
         reach = f"{'' if low is None else low}..{'' if high is None else high}"
-        raise EncodeError(f"{place[0]:04X}h:{place[1]:02X} {item.name} = {number}: expected {reach}")
+        raise EncodeError(f"{where} = {number}: expected {reach}", "values")

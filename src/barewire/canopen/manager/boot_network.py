@@ -376,8 +376,7 @@ def boot_network(
                 yield Send(item)
             elif on_event is not None:
                 on_event(item)
-        complete = all(any(one.node == slave.node for one in manager.results) for slave in network.slaves)
-        if not manager.busy and (heard.now >= end or complete):
+        if not manager.busy and (heard.now >= end or len(manager.results) == len(network.slaves)):
             return NetworkBoot(manager.ready, manager.results)
         deadline = manager.deadline
         heard = yield Listen(end if deadline is None or (not manager.busy and deadline > end) else deadline)

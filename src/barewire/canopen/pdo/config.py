@@ -24,7 +24,7 @@ number, switch the PDO on. Any other order is refused with 0601 0000h.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -34,7 +34,7 @@ from barewire.canopen.object_dictionary import Entry, ObjectDictionary
 from barewire.canopen.pdo.mapping import BITS_MAX, ENTRIES_MAX, MappedObject, PdoMapping
 from barewire.canopen.pdo.multiplexed import MPDO_COUNTS, Addressing
 from barewire.codecs import Value
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 
 PdoDirection = Literal["RPDO", "TPDO"]
 
@@ -312,3 +312,13 @@ class _Rules:
                 raise SdoAbort(AbortCode.NOT_MAPPABLE, self.pdo.map, sub) from None
 
         return check
+
+
+def checked_pdos(pdos: Iterable[PdoConfig]) -> tuple[PdoConfig, ...]:
+    """Return the PDOs. Raise EncodeError for anything else."""
+    listed = tuple(pdos) if isinstance(pdos, Iterable) else (pdos,)
+    for pdo in listed:
+        if not isinstance(pdo, PdoConfig):
+            text = "expected several PdoConfig, such as [PdoConfig('TPDO', 1, (0x60410010,))]"
+            raise EncodeError(f"LocalNode: pdos = {shown(pdos)}: {text}", "pdos")
+    return listed

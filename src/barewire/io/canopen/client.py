@@ -80,9 +80,6 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
 
     def close(self) -> None:
         """Close the streams and background tasks of this client, and the bus unless it is shared."""
-        for running in list(self._running):
-            if isinstance(running, Running):
-                running.end_soon()  # all of them, before the first one is waited for
         self._stop_running()
         self._fast_path.close()
         if self.owns_bus:

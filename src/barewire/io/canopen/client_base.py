@@ -21,7 +21,8 @@ from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import EncodeError, NoAnswer, PortError, shown
 from barewire.io.canopen.bus.event_stream import FrameListener
-from barewire.io.canopen.bus.node_runner import Speaker, checked_machine
+from barewire.io.canopen.bus.node_runner import Speaker, checked_machine, stop_all
+from barewire.io.canopen.bus.receiving import check_port
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import Key, check_key
 from barewire.io.canopen.methods.nmt import ERROR_CONTROL, NetworkNmtMethods
@@ -96,8 +97,8 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
                 raise EncodeError(f"{names}: an option of a bus that is opened by its URL; this bus is open")
             if isinstance(bus, CanBus):
                 self._bus = bus
-            elif isinstance(bus, type) or not (hasattr(bus, "send") and hasattr(bus, "receive")):
-                raise EncodeError(f"{shown(bus)}: expected a URL such as 'can://socketcan/can0', a CanBus, or a port")
+            else:
+                check_port(bus, "a URL such as 'can://socketcan/can0', a CanBus, or a port")
         self._port = bus if not isinstance(bus, (str, CanBus)) else None
         self.owns_bus = self._bus is None
         self.node_id = node
@@ -170,8 +171,7 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         self._closed = True
         if self._log is not None:
             self._log.flush()
-        for running in list(self._running):
-            running.close()
+        stop_all(self._running)
 
     @overload
     def node(

@@ -11,6 +11,7 @@ from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import BarewireError
 from barewire.io.engine.blocking import frames_of_abort
 from barewire.io.engine.fast_path import answer, listening
+from barewire.io.ports.base import raise_port_error
 
 if TYPE_CHECKING:
     from barewire.io.ports.base import AsyncPort
@@ -35,17 +36,20 @@ async def run(
         step = next(conversation) if heard is None else conversation.send(heard)
         while True:
             item: Item | None = None
-            if isinstance(step, Listen):
-                wait = step.until - clock()
-                item = await port.receive(wait if wait > 0.0 else 0.0)
-            else:
-                if isinstance(step, Send):
-                    port.write(step.item)
+            try:
+                if isinstance(step, Listen):
+                    wait = step.until - clock()
+                    item = await port.receive(wait if wait > 0.0 else 0.0)
                 else:
-                    _write_all(port, step.items)
-                sent = port.sent()
-                if sent is not None:  # None: the bytes are on the wire already
-                    await sent
+                    if isinstance(step, Send):
+                        port.write(step.item)
+                    else:
+                        _write_all(port, step.items)
+                    sent = port.sent()
+                    if sent is not None:  # None: the bytes are on the wire already
+                        await sent
+            except OSError as error:
+                raise_port_error(port, error)
             step = conversation.send(Heard(item, clock()))
     except StopIteration as stop:
         result: Result = stop.value
@@ -68,7 +72,7 @@ def _write_all(port: AsyncPort[Item], items: Sequence[Item]) -> None:
 def abandon(conversation: Conversation[Item, Result], port: AsyncPort[Item], error: BaseException) -> None:
     """End a conversation that `error` interrupted, and write its abort frames, if the port still accepts them."""
     for item in frames_of_abort(conversation, error):
-        with contextlib.suppress(BarewireError):
+        with contextlib.suppress(BarewireError, OSError):
             port.write(item)
 
 

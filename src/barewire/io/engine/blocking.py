@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from barewire.conversation import Conversation, Heard, Listen, Send, abort_frames
 from barewire.errors import BarewireError, PortError
+from barewire.io.ports.base import raise_port_error
 
 if TYPE_CHECKING:
     from barewire.io.ports.base import Port
@@ -40,13 +41,16 @@ def run(
         step = next(conversation) if heard is None else conversation.send(heard)
         while True:
             item: Item | None = None
-            if isinstance(step, Listen):
-                wait = step.until - clock()
-                item = port.receive(wait if wait > 0.0 else 0.0)
-            elif isinstance(step, Send):
-                port.send(step.item)
-            else:
-                _send_all(port, step.items)
+            try:
+                if isinstance(step, Listen):
+                    wait = step.until - clock()
+                    item = port.receive(wait if wait > 0.0 else 0.0)
+                elif isinstance(step, Send):
+                    port.send(step.item)
+                else:
+                    _send_all(port, step.items)
+            except OSError as error:
+                raise_port_error(port, error)
             step = conversation.send(Heard(item, clock()))
     except StopIteration as stop:
         result: Result = stop.value
@@ -70,7 +74,7 @@ def _send_all(port: Port[Item], items: Sequence[Item]) -> None:
 def abandon(conversation: Conversation[Item, Result], port: Port[Item], error: BaseException) -> None:
     """End a conversation that `error` interrupted, and send its abort frames, if the port still accepts them."""
     for item in frames_of_abort(conversation, error):
-        with contextlib.suppress(BarewireError):
+        with contextlib.suppress(BarewireError, OSError):
             port.send(item)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Awaitable, Callable
-from typing import Protocol, TypeVar
+from typing import NoReturn, Protocol, TypeVar
 
 from barewire.errors import PortError
 
@@ -71,3 +71,12 @@ def send_when_room(try_send: Callable[[], bool], name: str) -> None:
 def no_room(name: str) -> PortError:
     """Return the error of a frame that was not sent in time."""
     return PortError(f"{name}: the controller has had no room for a frame for {SEND_TIMEOUT:g} s")
+
+
+def raise_port_error(port: object, error: OSError) -> NoReturn:
+    """Raise the error of a port of the application as PortError, with that error as its cause. The ports of barewire
+    raise PortErrors; any other OSError that leaves them is that of a callback, and is raised as it is."""
+    if isinstance(error, PortError) or type(port).__module__.startswith("barewire.io."):
+        raise error
+    name = getattr(port, "name", None) or type(port).__name__
+    raise PortError(f"{name}: {error.strerror or error or type(error).__name__}") from error

@@ -250,8 +250,7 @@ class Running:
         """The error that ended the machine: it could not be started."""
         self.by_kernel: bool = getattr(machine, "by_kernel", False)
         """Whether the kernel sends the frames of the machine."""
-        self.is_ending = False
-        """Whether it was told to end."""
+        self._is_ending = False
         self._thread = threading.Thread(target=self._run, name=f"{type(machine).__name__} on {bus.name}", daemon=True)
         self._thread.start()
 
@@ -284,7 +283,7 @@ class Running:
                     arrived = self._subscriber.pull(driver.wait(clock()))
                 except PortError:
                     return
-                if self.is_ending:
+                if self._is_ending:
                     return
                 self.statistics.count(None if arrived is None else arrived.item)
                 with self._sending:
@@ -313,15 +312,22 @@ class Running:
                 frames = [*(action(now) or ()), *self._driver.feed(None, now)]
             self._send(frames)
 
-    def end_soon(self) -> None:
-        """Let the thread end, without waiting for it. Frames that it has not taken yet are dropped."""
-        self.is_ending = True  # nothing else: with many threads at work, each lock would wait for all of them
-
     def stop(self) -> None:
-        """Stop the machine: it sends no further frame. Returns when the thread has ended."""
-        self.end_soon()
+        """Stop the machine: it sends no further frame. Returns when the thread has ended. Frames that the machine has
+        not received yet are dropped."""
+        self._is_ending = True
         self._subscriber.close()
         if self._thread is not threading.current_thread():
             self._thread.join()
 
     close = stop
+
+
+def stop_all(tasks: Iterable[Any]) -> None:
+    """Stop machines, and close other users of a bus. All threads are told to end before the first one is waited for."""
+    listed = list(tasks)
+    for task in listed:
+        if isinstance(task, Running):
+            task._is_ending = True  # nothing else: with many threads at work, each lock would wait for all of them
+    for task in listed:
+        task.close()

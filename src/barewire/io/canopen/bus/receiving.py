@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.canopen.nmt.node_monitor import NodeMonitor
-from barewire.errors import PortError
+from barewire.errors import EncodeError, PortError, shown
 from barewire.io.canopen.bus.direct_port import DirectPort
 from barewire.io.canopen.bus.reconnect import AwaitedBus, Dial, Reopening, receiver
 from barewire.io.canopen.bus.subscriber import (
@@ -52,6 +52,12 @@ def inside_one_process(place: str) -> str:
 
 Sender: TypeAlias = Subscriber | DirectPort
 WatchFrames: TypeAlias = "Callable[[Direction, CanFrame], Any]"
+
+
+def check_port(port: object, expected: str) -> None:
+    """Raise EncodeError for an object that is not a port."""
+    if isinstance(port, type) or not (hasattr(port, "send") and hasattr(port, "receive")):
+        raise EncodeError(f"{shown(port)}: expected {expected}")
 
 
 class ReceivingBus(SubscriberTable, AwaitedBus, ABC):

@@ -27,12 +27,12 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import PortError
-from barewire.io.canopen.bus.receiving import ReceivingBus, Sender, WatchFrames
+from barewire.io.canopen.bus.receiving import ReceivingBus, Sender, WatchFrames, check_port
 from barewire.io.canopen.bus.reconnect import Dial, leaves_out_own_frames
 from barewire.io.canopen.bus.subscriber import BusDown, Key, Subscriber
 from barewire.io.endpoint import PAUSES, Endpoint
 from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
-from barewire.io.ports.base import Port, send_when_room
+from barewire.io.ports.base import Port, raise_port_error, send_when_room
 
 _NO_KEYS: frozenset[Key] = frozenset()
 
@@ -56,6 +56,7 @@ class CanBus(ReceivingBus):
         pauses: tuple[float, float] = PAUSES,
         lazy: bool = False,
     ) -> None:
+        check_port(port, "a port, such as can_port returns; CanBus.open takes a URL")
         self._channels: dict[tuple[int, SdoDialect], Channel] = {}
         self._locks = ChannelLocks()
         self._is_inherited = False  # by a forked process, which must not close the port
@@ -105,10 +106,10 @@ class CanBus(ReceivingBus):
                     self.port.send(frame)
                 elif not self._try_send(frame):
                     return False
-            except PortError:
+            except OSError as error:
                 if self._direct is None and self.loop_reader is None:
                     self._start_reader(None)  # a reader notices whether the port has failed, and opens it again
-                raise
+                raise_port_error(self.port, error)
         if self.subscribers or sender is None or sender is not self._direct:
             self._distribute(frame, time.monotonic(), sender)
         return True
