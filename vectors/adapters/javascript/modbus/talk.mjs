@@ -3,15 +3,25 @@
 import { codes, parseBytes } from '../hex.mjs';
 import { AsciiReceiver, RtuReceiver, TcpReceiver, showHeld } from './receivers.mjs';
 
-function run(Receiver, parse) {
-  return ({ line, talk }) => {
-    const receiver = new Receiver(line);
-    const heard = talk.map(({ at, hear }) => ({ events: receiver.feed(parse(hear ?? ''), at) }));
-    return { talk: heard, held: showHeld(receiver) };
+const SECOND = 1000000;
+const SILENCE = 10 * SECOND;
+const framesOf = (events) => events.filter((event) => 'pdu' in event);
+
+/** The two operations of a talk: every event of every step, or the frames alone, with the silence behind the talk. */
+function talk(Receiver, parse) {
+  const heard = (receiver, steps) => steps.map(({ at, hear }) => ({ events: receiver.feed(parse(hear ?? ''), at) }));
+  return {
+    run({ line, talk: steps }) {
+      const receiver = new Receiver(line);
+      return { talk: heard(receiver, steps), held: showHeld(receiver) };
+    },
+    frames({ line, talk: steps }) {
+      const receiver = new Receiver(line);
+      const events = heard(receiver, steps).flatMap((step) => step.events);
+      return { frames: framesOf([...events, ...receiver.feed([], steps.at(-1).at + SILENCE)]) };
+    },
   };
 }
-
-const SECOND = 1000000;
 
 /** All pieces without a pause, then silence: the frames that come out. */
 function receive(receiverOf, parse) {
@@ -24,8 +34,8 @@ function receive(receiverOf, parse) {
       at += bytes.length * CHARACTER;
       events.push(...receiver.feed(bytes, at));
     }
-    events.push(...receiver.feed([], at + 10 * SECOND));
-    return { frames: events.filter((event) => 'pdu' in event) };
+    events.push(...receiver.feed([], at + SILENCE));
+    return { frames: framesOf(events) };
   };
 }
 
@@ -38,9 +48,9 @@ const rtuReceiver = ({ side, unit }) =>
   new RtuReceiver({ role: role(side), baud: BAUD, bits: BITS, patience: 30000, units: [unit] });
 
 export const KINDS = {
-  'rtu-talk': { run: run(RtuReceiver, parseBytes) },
-  'ascii-talk': { run: run(AsciiReceiver, codes) },
-  'tcp-talk': { run: run(TcpReceiver, parseBytes) },
+  'rtu-talk': talk(RtuReceiver, parseBytes),
+  'ascii-talk': talk(AsciiReceiver, codes),
+  'tcp-talk': talk(TcpReceiver, parseBytes),
   'rtu-frame': { receive: receive(rtuReceiver, parseBytes) },
   'ascii-frame': { receive: receive(() => new AsciiReceiver({ timeout: SECOND }), codes) },
   'tcp-frame': { receive: receive(() => new TcpReceiver(), parseBytes) },
