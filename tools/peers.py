@@ -82,6 +82,7 @@ PEERS = (
         *("c-modbus-slave", "C", "Modbus server for microcontrollers", ("cmodbusslave_adapter.py",), "ctypes"),
         by_hand="CMODBUSSLAVE",
     ),
+    Peer("mbusd", "C", "Modbus gateway", ("mbusd_adapter.py",), "pty", by_hand="MBUSD"),
     Peer("modbus-serial", "JavaScript", "Modbus library", ("node", f"{NODE}/modbus-serial.js")),
     Peer("jsmodbus", "JavaScript", "Modbus library", ("node", f"{NODE}/jsmodbus.js")),
     Peer("modbus-pdu", "JavaScript", "codec of Modbus messages", ("node", f"{NODE}/modbus-pdu.js")),
