@@ -13,8 +13,9 @@ from typing import Any
 
 import pytest
 
-from barewire.canopen.conformance.battery import case_names, cases
 from barewire.devices import load, names
+from barewire.io.canopen.conformance import NODE_KIND, case_names, cases
+from barewire.vectors.files import load_vectors
 from tests.canopen.conformance.described import OBJECTS
 from tests.interop.conftest import pytest_runtest_call
 from tests.interop.services import PUBLIC
@@ -54,6 +55,16 @@ def test_the_table_has_the_127_cases_of_the_cia_tool_and_names_of_ours() -> None
     for group, listed, _, named, note in cia_cases.CIA_CASES:
         assert named or note, (group, listed)
         assert named == cia_cases.LINT or set(named.split()) <= ours, (group, listed)
+
+
+def test_each_case_of_the_vectors_names_the_cases_of_the_cia_tool() -> None:
+    wanted: dict[str, list[str]] = {}
+    for group, listed, _, named, _ in cia_cases.CIA_CASES:
+        for name in named.split():
+            wanted.setdefault(name, []).extend(f"{group} {number}" for number in listed.split())
+    for case in (case for file in load_vectors().files if file.kind == NODE_KIND for case in file.cases):
+        names = ", ".join(wanted.get(case["name"], ()))
+        assert case.get("origin", "") == (f"also in CiA's conformance test tool: {names}" if names else ""), case["id"]
 
 
 # docs/devices.md

@@ -8,9 +8,8 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
-from barewire.canopen.conformance.battery import cases  # noqa: E402
 from barewire.canopen.conformance.model import Subject  # noqa: E402
-from barewire.io.canopen.conformance import why_left_out  # noqa: E402
+from barewire.io.canopen.conformance import cases, why_left_out  # noqa: E402
 from tests.canopen.conformance.devices import LARGE, az3, bus_with, failures, plain, subject_of  # noqa: E402
 from tools.cia_cases import table  # noqa: E402
 
@@ -79,15 +78,23 @@ it silent sends NMT 80h, *enter pre-operational*, first, and says so on stderr; 
 
 Interfaces without remote frames (socketcand) leave out the cases that need them.
 
-The cases are data in `barewire.canopen.conformance`, and a conversation carries them out, so they run in virtual time
-as well. This tests a device of your own in a second, with the cases that do not start or stop it:
+The cases are data for any language, of the kind `device-conformance` of the
+[vectors](../vectors/README.md#device-conformance), in the files `vectors/canopen/conform-*.json`: frames to send,
+patterns of the answers that are accepted, and placeholders for what differs between devices. Only the cases RND
+(random order) and those of an EDS are made by the program. The same cases, with JUnit XML and the other options of
+[`vectors check`](vectors.md):
+
+    barewire vectors check --endpoint "can://socketcan/can0?node=5" --junit report.xml
+
+A conversation carries the cases out, so they run in virtual time as well. This tests a device of your own in a second,
+with the cases that do not start or stop it:
 
 ```python
 from barewire.canopen import LocalNode, ObjectDictionary, standard_objects
-from barewire.canopen.conformance.battery import cases
-from barewire.canopen.conformance.probe import probe
 from barewire.canopen.conformance.battery import prepare, run_case
+from barewire.canopen.conformance.probe import probe
 from barewire.conversation import play
+from barewire.io.canopen.conformance import cases
 
 device = LocalNode(5, ObjectDictionary(standard_objects()))
 device.start(0.0)

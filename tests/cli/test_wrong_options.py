@@ -211,7 +211,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("vectors", "list", "--flag", "no-such"), "no case fits 'no-such'"),
     (("vectors", "list", "--cases", "/no/such"), "folder /no/such: no vectors"),
     (("vectors", "check", "--adapter", ""), "--adapter: the command is empty"),
-    (("vectors", "check", "--endpoint", CAN), "there are cases for tcp://"),
+    (("vectors", "check", "--endpoint", "http://x"), "expected tcp://HOST:PORT"),
     (("vectors", "check", "--endpoint", TCP, "--adapter", "x"), "give one of them"),
     (("vectors", "check", "--timeout", "0"), "expected seconds, above 0"),
     (("vectors", "show", "crc16"), "no case has the id 'crc16'"),

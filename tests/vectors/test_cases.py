@@ -118,6 +118,8 @@ MAY_BE_INDIFFERENT = {
     ("device", "high"),
     ("device", "error"),  # that nobody is told, while the device is stopped
     ("device", "clear"),  # an error that is not there
+    ("device-conformance", "in"),  # another number that is restricted, too, or that the device does not have
+    ("device-conformance", "value"),  # other bytes, which are read back
     ("drive-path", "before"),  # of which only bit 7 matters, and only to a fault
     ("drive-path", "words"),  # bits of the mode and of the manufacturer
     ("drive-path", "seen"),

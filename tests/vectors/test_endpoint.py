@@ -1,4 +1,4 @@
-"""`barewire vectors check --endpoint`: the cases of server-conformance, put to a server that runs."""
+"""`barewire vectors check --endpoint`: the cases of server-conformance and device-conformance, put to what runs."""
 
 from __future__ import annotations
 
@@ -8,9 +8,15 @@ from typing import Any
 
 import pytest
 
-from barewire import ModbusServer
+from barewire import CanopenServer, ModbusServer
+from barewire.canopen import Entry
+from barewire.io.canopen import conformance as shell
+from barewire.io.canopen.conformance import LiveDevice
+from barewire.io.endpoint import Endpoint
 from barewire.modbus import Table
 from barewire.vectors.files import load_vectors
+from barewire.vectors.run import run_cases, selected
+from tests.canopen.conformance.devices import NODE, plain
 from tests.cli.helpers import run_command
 from tests.io.peers import answer, peer
 
@@ -64,11 +70,40 @@ def test_a_server_that_always_answers_the_same_fails() -> None:
     assert texts == ["run: answers is ['03 02 00 00'], expected [['83 03']]"]
 
 
+NODE_CASES = {case["name"]: case["id"] for file in load_vectors().files for case in file.cases if "effect" in case}
+
+
+def test_a_running_device_passes_fails_lacks_what_a_case_needs_and_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its device type has two bytes, and its TPDO answers no remote frames."""
+    device = plain(tpdo=0x4000_0180 + NODE)
+    device.objects.replace(Entry(0x1000, 0, "device type", "u16", "const", 0x192))
+    names = ["SDO-01", "SDO-45", "SEG-01", "SEG-40", "STO-01", "TPD-48"]
+    vectors = selected(load_vectors(), only=[NODE_CASES[name] for name in names])
+    url = f"can://virtual/vectors?node={NODE}"
+    monkeypatch.setattr(shell, "BOOT", 0.1)
+    with CanopenServer(url, device=device) as server, LiveDevice(Endpoint.parse(f"{url}&timeout=0.2")) as ask:
+        found = {one.case["name"]: one.verdict for one in run_cases(vectors, ask)}
+        server.close()
+        gone = [one.verdict.text for one in run_cases(selected(vectors, only=[NODE_CASES["SDO-45"]]), ask)]
+    assert {name: found[name].state for name in ("SDO-01", "SDO-45", "SEG-01")} == {
+        "SDO-01": "failed",
+        "SDO-45": "passed",
+        "SEG-01": "passed",
+    }
+    assert "after 605#4000100000000000: 585#4B00100092010000, expected 585#43001000" in found["SDO-01"].text
+    assert {name: verdict.text for name, verdict in found.items() if verdict.state == "not offered"} == {
+        "SEG-40": "run: needs large object",
+        "STO-01": "run: stores values: needs --save",
+        "TPD-48": "run: only for a device with <tpdo.word&40000000/4> is 00000000",
+    }
+    assert gone == [f"run: node {NODE} does not answer any more after the case SEG-01"]
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [
         (["--endpoint", "tcp://127.0.0.1:1"], "connection refused"),
-        (["--endpoint", "can://socketcan/can0"], "there are cases for tcp://"),
+        (["--endpoint", "can://virtual/nobody?timeout=0.05"], "node 1 did not answer"),
         (["--endpoint", "tcp://127.0.0.1:1", "--adapter", "x"], "give one of them"),
     ],
 )

@@ -217,7 +217,7 @@ def _test_node(
 
 def _beginnings(only: str, eds: Eds | None) -> tuple[str, ...]:
     """Return the beginnings of names of cases that `--only` gives. Raises EncodeError for one that no case has."""
-    from barewire.canopen.conformance.battery import case_names
+    from barewire.io.canopen.conformance import case_names
 
     wanted = tuple(name.strip().upper() for name in only.split(","))
     names = case_names() if eds is None else case_names(eds.objects, eds.dummies)

@@ -135,6 +135,8 @@ def _made(kind: str, do: str, case: Case) -> Iterator[Case]:
             yield _side(do, case)
     elif kind == "server-conformance":
         yield from ({**case, "framing": framing} for framing in case["framings"])
+    elif kind == "device-conformance":
+        yield {**case, "failure": None}
     elif kind == "bits":
         yield {**case, "count": len(case["bits"].replace(" ", ""))}
     elif kind == "pdu" and "function" not in case:

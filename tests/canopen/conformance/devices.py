@@ -6,46 +6,19 @@ from collections.abc import Callable, Mapping
 
 from barewire.canopen import (
     CanFrame,
-    Entry,
     LocalNode,
-    LssAddress,
-    LssSlave,
-    ObjectDictionary,
-    PdoConfig,
-    standard_objects,
 )
-from barewire.canopen.conformance.battery import cases, needs_reset, prepare, run_case
+from barewire.canopen.conformance.battery import needs_reset, prepare, run_case
 from barewire.canopen.conformance.model import NodeCase, NodeOutcome, Subject
 from barewire.canopen.conformance.probe import probe
 from barewire.canopen.eds import EdsObject
 from barewire.devices.sim import simulator
+from barewire.io.canopen.conformance import cases
+from barewire.vectors.answers.nodes import conformance
 from tests.canopen.virtual_bus import Participant, VirtualBus
 
-NODE = 5
-LARGE = (0x2100, 0)
-ADDRESS = LssAddress(0x0000_0360, 0x1234, 0x0001_0002, 7)
-
-
-def plain(*more: Entry) -> LocalNode:
-    """Return a device with the objects that most cases need, and `more`."""
-    objects = [
-        *standard_objects(ADDRESS, device_type=0x0002_0192, name="barewire plain device", servers=4),
-        Entry(0x1020, 1, "configuration date", "u32", "rw", 0),
-        Entry(0x1020, 2, "configuration time", "u32", "rw", 0),
-        *(
-            Entry(index, sub, "COB-ID of an SDO client", "u32", "rw", 0x8000_0000)
-            for index in (0x1280, 0x1281, 0x1282)
-            for sub in (1, 2)
-        ),
-        Entry(0x1010, 1, "save all", "u32", "rw", 1),
-        Entry(0x1011, 1, "restore all", "u32", "rw", 1),
-        Entry(*LARGE, "anything", "domain", "rw", b""),
-        Entry(0x6040, 0, "controlword", "u16", "rw", 0),
-        Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
-        *more,
-    ]
-    pdos = [PdoConfig("RPDO", 1, (0x60400010,)), PdoConfig("TPDO", 1, (0x60410010,), type=1)]
-    return LocalNode(NODE, ObjectDictionary(objects), pdos, lss=LssSlave(ADDRESS))
+ADDRESS, LARGE, NODE = conformance.ADDRESS, conformance.LARGE, conformance.NODE
+plain = conformance.plain_device
 
 
 def az3() -> Participant:

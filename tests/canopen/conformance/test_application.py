@@ -7,10 +7,11 @@ from dataclasses import replace
 import pytest
 
 from barewire.canopen import CanFrame, Entry, LocalNode
-from barewire.canopen.conformance.battery import cases, prepare
+from barewire.canopen.conformance.battery import prepare
 from barewire.canopen.conformance.model import NodeCase
 from barewire.canopen.conformance.probe import probe
 from barewire.canopen.eds import EdsObject
+from barewire.io.canopen.conformance import cases
 from tests.canopen.conformance.described import MORE, OBJECTS, described_with, device
 from tests.canopen.conformance.devices import NODE, FaultyDevice, bus_with, run_after_reset
 from tests.canopen.virtual_bus import VirtualBus

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from barewire.canopen import CanFrame, Entry, LocalNode, NmtState
-from barewire.canopen.conformance.battery import FLOOD, case_names, cases, run_case
+from barewire.canopen.conformance.battery import FLOOD, run_case
 from barewire.canopen.conformance.frames import Sdo
 from barewire.canopen.conformance.model import NodeCase, NodeStep, Subject
 from barewire.canopen.conformance.probe import probe
@@ -16,6 +16,7 @@ from barewire.conversation import play
 from barewire.devices import load
 from barewire.devices.description.export_eds import export
 from barewire.errors import NoAnswer
+from barewire.io.canopen.conformance import case_names, cases
 from tests.canopen.conformance.devices import (
     LARGE,
     NODE,
@@ -41,15 +42,6 @@ def runnable(all_cases: tuple[NodeCase, ...]) -> list[NodeCase]:
 DEVIATIONS = {
     "SDO-47": "it sends every number in four bytes",
 }
-
-
-@pytest.mark.parametrize(
-    "case", [case for case in PLAIN if not case.lacks and case.effect != "power"], ids=lambda case: case.name
-)
-def test_a_plain_device(case: NodeCase) -> None:
-    outcome = run_after_reset(bus_with(plain()), PLAIN_SUBJECT, case)
-    assert outcome.failure is None
-    assert len(outcome.received) <= len(case.steps)
 
 
 @pytest.mark.parametrize(

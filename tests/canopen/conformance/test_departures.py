@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import CanFrame, Entry, LocalNode, NmtCommand
-from barewire.canopen.conformance.battery import cases, prepare, run_case
+from barewire.canopen.conformance.battery import prepare, run_case
 from barewire.canopen.conformance.probe import probe
 from barewire.codecs import Value
+from barewire.io.canopen.conformance import cases
 from tests.canopen.conformance.devices import LARGE, NODE, FaultyDevice, bus_with, failures, plain
 from tests.canopen.virtual_bus import VirtualBus
 

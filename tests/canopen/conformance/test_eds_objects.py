@@ -9,9 +9,9 @@ from dataclasses import replace
 import pytest
 
 from barewire.canopen import CanFrame, Entry, LocalNode
-from barewire.canopen.conformance.battery import case_names, cases
 from barewire.canopen.conformance.probe import probe
 from barewire.canopen.eds import EdsItem, EdsObject
+from barewire.io.canopen.conformance import case_names, cases
 from tests.canopen.conformance.described import MORE, OBJECTS, described_with, device
 from tests.canopen.conformance.devices import NODE, bus_with, failures, run_after_reset
 from tests.canopen.virtual_bus import VirtualBus

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from barewire.canopen import AbortCode, CanFrame, Entry, LocalNode, SdoAbort
-from barewire.canopen.conformance.battery import cases
 from barewire.canopen.conformance.probe import probe
 from barewire.codecs import Value
+from barewire.io.canopen.conformance import cases
 from tests.canopen.conformance.described import described_with
 from tests.canopen.conformance.devices import LARGE, NODE, FaultyDevice, bus_with, failures, plain
 from tests.canopen.virtual_bus import Participant

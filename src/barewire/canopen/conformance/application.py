@@ -18,10 +18,10 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Final
 
-from barewire.canopen.conformance.configuration import irregular
 from barewire.canopen.conformance.eds_objects import DescribedItem, read_steps, write_steps
 from barewire.canopen.conformance.frames import READ_ONLY_CODES, Sdo, make_case
 from barewire.canopen.conformance.model import NodeCase, NodeStep, Subject
+from barewire.canopen.conformance.random_order import irregular
 from barewire.canopen.datatypes import object_codec
 from barewire.canopen.eds.model import EdsObject, every_item
 

@@ -1,13 +1,14 @@
 """The conformance battery of CANopen devices: all cases in their order, and how one is run.   [CiA 301, CiA 305]
 
-    cases         all cases for one device; case_names: their names
+    all_cases     all cases for one device: those of the vectors, in random order, and those of an EDS
     prepare       resets the communication of the device, before and after a case that changes it, and enters
                   PRE-OPERATIONAL; undoes what the case before has written
     run_case      sends the steps of a case, compares received frames with the accepted patterns, stops at a difference
 
 Frames that a case does not listen for (heartbeats, process data of other nodes) are ignored.
 
-Depends on: the model, the files with the cases.  Used by: `io.canopen.conformance`, `tools/conform_can.py`.
+Depends on: the model, script, the files with further cases.  Used by: `io.canopen.conformance`, the answers of the
+vectors.
 """
 
 from __future__ import annotations
@@ -16,17 +17,12 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 
 from barewire.canopen.conformance.application import application_cases
-from barewire.canopen.conformance.configuration import configuration_cases
 from barewire.canopen.conformance.eds_objects import object_cases
-from barewire.canopen.conformance.emcy_sync_time import emcy_sync_time_cases
-from barewire.canopen.conformance.lss import lss_cases
 from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, NodeStep, Subject
-from barewire.canopen.conformance.nmt import nmt_cases
-from barewire.canopen.conformance.pdo import pdo_cases
+from barewire.canopen.conformance.placeholders import Placeholders
+from barewire.canopen.conformance.random_order import random_cases
 from barewire.canopen.conformance.restore import restore_values
-from barewire.canopen.conformance.sdo_block import block_cases
-from barewire.canopen.conformance.sdo_expedited import expedited_cases
-from barewire.canopen.conformance.sdo_segmented import segmented_cases
+from barewire.canopen.conformance.script import CaseFields, applies, read_node_case
 from barewire.canopen.eds.model import EdsObject
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand
@@ -40,26 +36,25 @@ _SHOWN = 8
 """The text of a difference shows at most this many received frames."""
 
 
-def cases(
-    subject: Subject, objects: Mapping[int, EdsObject] | None = None, dummies: Iterable[int] = ()
+def all_cases(
+    subject: Subject,
+    scripts: Iterable[CaseFields],
+    objects: Mapping[int, EdsObject] | None = None,
+    dummies: Iterable[int] = (),
 ) -> tuple[NodeCase, ...]:
     """Return all cases for one device, in order. A case that needs something the device lacks names it in `lacks`.
 
-    `objects` and `dummies` are those of the EDS of the device, which add the cases of `eds_objects`. They come first,
-    while all objects have the values that they have after a reset; those of `application` come last.
+    `scripts` are the cases of the vectors. `objects` and `dummies` are those of the EDS of the device, which add the
+    cases of `eds_objects`. They come first, while all objects have the values that they have after a reset; those of
+    `application` come last.
     """
-    services = (
-        *(expedited_cases, segmented_cases, block_cases, nmt_cases, emcy_sync_time_cases, pdo_cases, lss_cases),
-        configuration_cases,
+    device = Placeholders(subject)
+    return (
+        *(() if objects is None else object_cases(subject, objects, dummies)),
+        *(read_node_case(fields, device) for fields in scripts if applies(fields, device)),
+        *random_cases(subject),
+        *(() if objects is None else application_cases(subject, objects)),
     )
-    described = () if objects is None else object_cases(subject, objects, dummies)
-    written = () if objects is None else application_cases(subject, objects)
-    return (*described, *(case for service in services for case in service(subject)), *written)
-
-
-def case_names(objects: Mapping[int, EdsObject] | None = None, dummies: Iterable[int] = ()) -> tuple[str, ...]:
-    """Return the names of all cases, in order. Every device has them, except RPD-33 if its RPDO has 8 bytes."""
-    return tuple(case.name for case in cases(Subject(1, {}), objects, dummies))
 
 
 def needs_reset(case: NodeCase, previous: NodeOutcome | None) -> bool:

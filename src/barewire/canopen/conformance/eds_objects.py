@@ -28,12 +28,11 @@ from barewire.canopen.conformance.frames import (
     little,
     make_case,
     multiplexer,
-    parts,
-    segment,
     silence,
 )
 from barewire.canopen.conformance.model import Effect, NodeCase, NodeStep, Subject, SubjectPdo
 from barewire.canopen.conformance.probe import STANDARD_OBJECTS, may_be_read
+from barewire.canopen.conformance.transfers import download_steps, upload_steps
 from barewire.canopen.datatypes import BY_CODE, DataType, object_codec
 from barewire.canopen.eds.model import MAPPABLE, RECORD, EdsItem, EdsObject, every_item
 from barewire.canopen.eds.value_syntax import Expression, Formula
@@ -289,14 +288,7 @@ def read_steps(s: Sdo, index: int, sub: int, data: bytes) -> list[NodeStep]:
     """Return the steps that read this value, in one frame or in segments."""
     if len(data) <= 4:
         return [s.read(index, sub, data)]
-    place = multiplexer(index, sub)
-    begin = s.response(f"41{place}{little(len(data), 4)}"), s.response(f"40{place}")
-    pieces = parts(data)
-    segments = [
-        NodeStep((s.request("70" if number & 1 else "60"),), (s.response(segment(number, piece, piece is pieces[-1])),))
-        for number, piece in enumerate(pieces)
-    ]
-    return [NodeStep((s.upload(index, sub),), begin), *segments]
+    return upload_steps(s, multiplexer(index, sub), data)
 
 
 def write_steps(s: Sdo, index: int, sub: int, data: bytes) -> list[NodeStep]:
@@ -305,13 +297,4 @@ def write_steps(s: Sdo, index: int, sub: int, data: bytes) -> list[NodeStep]:
     if len(data) <= 4:
         step = s.write(index, sub, int.from_bytes(data, "little"), len(data))
         return [step._replace(ends=not_now)]
-    begin = NodeStep(
-        (s.request(f"21{multiplexer(index, sub)}{little(len(data), 4)}"),), (s.accepted(index, sub),), not_now
-    )
-    pieces = parts(data)
-    segments = [
-        NodeStep((s.request(segment(number, piece, piece is pieces[-1])),),
-                 (s.response("30" if number & 1 else "20"),), not_now)
-        for number, piece in enumerate(pieces)
-    ]  # fmt: skip
-    return [begin, *segments]
+    return [step._replace(ends=not_now) for step in download_steps(s, multiplexer(index, sub), data)]

@@ -4,7 +4,7 @@
         Sdo(5).value(0x1001, 0, b"\\0")        585#4F01100000......        accepted: reserved bytes may have any value
         Sdo(5).refused(0x1000, 0, 0x06010002) 585#8000100002000106|585#8000100000000008
 
-Depends on: the model.  Used by: the files with the cases.
+Depends on: the model.  Used by: transfers, script, the files with the cases of an EDS and in random order.
 """
 
 from __future__ import annotations
@@ -16,28 +16,26 @@ from typing import NamedTuple
 
 from barewire.canopen.conformance.model import SILENCE, Effect, NodeCase, NodeStep, Subject
 from barewire.canopen.sdo.messages.segment import SEGMENT
+from barewire.errors import EncodeError, shown
 
-NOWHERE = 0x0FFF
-"""An index in the reserved range: no device can have it."""
 _GENERAL = 0x0800_0000
 """An abort with the general error is always accepted as a refusal."""
 
-START, STOP, PRE, RESET, RESET_COMMUNICATION = "01", "02", "80", "81", "82"
+START, STOP, PRE = "01", "02", "80"
 """NMT commands."""
 
-SAVE, LOAD = 0x6576_6173, 0x6461_6F6C
-"""The signatures "save" of 1010h and "load" of 1011h: 73 61 76 65 and 6C 6F 61 64 in a frame."""
+SAVE = 0x6576_6173
+"""The signature "save" of 1010h: 73 61 76 65 in a frame."""
 
 READ_ONLY_CODES = (0x0601_0000, 0x0601_0002)
 LENGTH_CODES = (0x0607_0010, 0x0607_0012, 0x0607_0013)
 """Abort codes that are accepted as equal."""
-HEARTBEAT, TEXT, LARGE = ("1017h",), ("text of 8 bytes",), ("large object",)
-"""Needs of several cases."""
-IDENTIFY = "LSS identify remote slave"
-"""The need of the cases of this service."""
+HEARTBEAT = ("1017h",)
+"""The need of several cases."""
 OTHER_TYPE = "a value of type "
 """The need of a case for an object whose value has another length than the EDS says; the type follows."""
 
+_OBJECT = re.compile("([0-9A-F]{4})h(?::([0-9A-F]{2}))?")
 _DOWNLOADS = {1: 0x2F, 2: 0x2B, 3: 0x27, 4: 0x23}
 _UPLOADS = {1: "4F", 2: "4B", 3: "47", 4: "43"}
 
@@ -97,11 +95,6 @@ class Sdo(NamedTuple):
         return self.response("")[:4]
 
     @property
-    def any_abort(self) -> str:
-        """An abort with any code."""
-        return self.response("80")
-
-    @property
     def abort(self) -> str:
         """The abort of the client."""
         return self.request("80 0010 00 0000 0008")
@@ -128,10 +121,6 @@ class Sdo(NamedTuple):
     def refuse(self, index: int, sub: int, value: int, size: int, *codes: int) -> NodeStep:
         """Return a step in which a number is refused with one of these codes."""
         return NodeStep((self.download(index, sub, value, size),), (self.refused(index, sub, *codes),))
-
-    def unchanged(self, index: int, value: int = 5000) -> tuple[NodeStep, NodeStep]:
-        """Return the first and the last step of a case that must not change an object: it is written, and read back."""
-        return self.write(index, 0, value, 2), self.read(index, 0, value.to_bytes(2, "little"))
 
 
 @lru_cache(maxsize=1024)  # one object is written with hundreds of values, which are refused with the same codes
@@ -164,11 +153,6 @@ def parts(value: bytes, size: int = SEGMENT) -> list[bytes]:
     return [value[start : start + size] for start in range(0, len(value), size)] or [b""]
 
 
-def ascending(length: int) -> bytes:
-    """Return a value for the large object: 00h, 01h, 02h ..., which objects that verify what is written accept too."""
-    return bytes(number & 0xFF for number in range(length))
-
-
 def segment(number: int, data: bytes, last: bool) -> str:
     """Return the download or upload segment of that number, counted from 0, as bytes without padding."""
     return f"{(number & 1) << 4 | (SEGMENT - len(data)) << 1 | last:02X}{data.hex().upper()}"
@@ -197,11 +181,11 @@ def make_case(
     why: str = "",
 ) -> NodeCase:
     """Return a case; `lacks` of the case has those of `needs` that the subject does not have."""
-    missing = [need for need in needs if not _provides(subject, need)]
+    missing = [need for need in needs if not provides(subject, need)]
     return NodeCase(name, title, clause, effect, listens, steps, why, ", ".join(missing))
 
 
-def _provides(subject: Subject, need: str) -> bool:
+def provides(subject: Subject, need: str) -> bool:
     """Return whether the subject has what a case needs: an object (1019h, 1016h:02), or one of the names below."""
     if need.startswith(OTHER_TYPE):
         return False
@@ -209,13 +193,17 @@ def _provides(subject: Subject, need: str) -> bool:
         return subject.large is not None
     if need == "text of 8 bytes":
         return subject.has_text
+    if need == "text of at most 140 bytes":
+        return len(subject.text_object[1]) <= 20 * SEGMENT
     if need == "TPDO":
         return subject.pdo(0x1800, 0x1A00) is not None
     if need == "RPDO":
         return subject.pdo(0x1400, 0x1600) is not None
     if need == "LSS":
         return subject.lss is not None
-    if need == IDENTIFY:
+    if need == "LSS identify remote slave":
         return subject.identifies
-    index, _, sub = need.partition("h")
-    return subject.has(int(index, 16), int(sub.removeprefix(":") or "0", 16))
+    found = _OBJECT.fullmatch(need)
+    if found is None:
+        raise EncodeError(f"need {shown(need)}: expected an object such as 1017h or 1016h:02", "needs")
+    return subject.has(int(found[1], 16), int(found[2] or "0", 16))

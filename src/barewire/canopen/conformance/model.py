@@ -30,9 +30,6 @@ stores        writes its non-volatile memory
 power         does so, and waits until somebody has switched the device off and on
 application   writes objects of the application: a machine may move, outputs may switch
 """
-POWER_CYCLE = 120.0
-"""Seconds that switching the device off and on may take."""
-
 SILENCE = ""
 NODE_ANSWER_TIMEOUT = 0.5
 """Seconds after which no response is expected any more."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,10 @@ from barewire.vectors.answers.table import own_answer
 from barewire.vectors.files import Vectors, load_vectors
 from barewire.vectors.run import Ask, CheckedCase, CheckSummary, run_cases, selected
 
+LIVE_KINDS = {"can": "device-conformance"}
+"""By the scheme of an endpoint: the kind of the cases that a running device can be asked."""
 LIVE_KIND = "server-conformance"
-"""The kind of the cases that a running server can be asked."""
+"""The kind of those that a running Modbus server can be asked."""
 
 folder_option = click.option(
     "--cases",
@@ -103,7 +105,7 @@ def show_command(case_id: str, folder: Path | None, as_json: bool) -> int:
 @filter_options
 @folder_option
 @click.option("--adapter", metavar="COMMAND", help="The program that answers; without it barewire itself answers.")
-@click.option("--endpoint", metavar="ENDPOINT", help="A running Modbus server that answers: kind server-conformance.")
+@click.option("--endpoint", metavar="ENDPOINT", help="A running Modbus server or CANopen device that answers.")
 @click.option(
     "--timeout",
     type=Seconds(),
@@ -133,7 +135,8 @@ def check_command(
 
     With --endpoint the cases of the kind server-conformance are put to a Modbus server, as `barewire conform` does:
     they write registers and coils 0 to 9 of the unit. Cases for another framing, and cases that need a function or a
-    register that the server does not have, are not offered.
+    register that the server does not have, are not offered. A CANopen device at can:// gets those of the kind
+    device-conformance, without the ones that store values: it is reset many times, started and stopped.
 
     With --json every case is an object, and the last one has the numbers. Exit status 1 if a case has failed, or if
     nothing was offered.
@@ -142,11 +145,12 @@ def check_command(
     barewire vectors check
     barewire vectors check --adapter "node vectors/adapters/javascript/main.mjs" --kind crc16
     barewire vectors check --endpoint "tcp://127.0.0.1:1502?unit=1"
+    barewire vectors check --endpoint "can://socketcan/can0?node=5"
     """
     if endpoint is not None:
         if adapter is not None:
             raise EncodeError("--endpoint and --adapter: give one of them, the implementation that answers")
-        kinds = kinds or (LIVE_KIND,)
+        kinds = kinds or (LIVE_KINDS.get(endpoint.partition("://")[0], LIVE_KIND),)
     vectors = selected(load_vectors(folder), kinds=kinds, only=only, flags=flags)
     if adapter is not None and not adapter.split():
         raise EncodeError("--adapter: the command is empty")
@@ -169,15 +173,26 @@ def check_command(
     return int(summary.total["failed"] > 0 or not summary.total["passed"])
 
 
+def _live(endpoint: str) -> AbstractContextManager[Ask]:
+    """Return what puts questions to a running server or device."""
+    from barewire.io.endpoint import Endpoint
+
+    parsed = Endpoint.parse(endpoint)
+    if parsed.scheme in LIVE_KINDS:
+        from barewire.io.canopen.conformance import LiveDevice
+
+        return LiveDevice(parsed)
+    from barewire.io.modbus.conformance import LiveServer
+
+    return LiveServer(parsed)
+
+
 @contextmanager
 def _implementation(adapter: str | None, endpoint: str | None, timeout: float) -> Iterator[tuple[str, Ask]]:
     """Yield the name of the implementation, and the function that answers."""
     if endpoint is not None:
-        from barewire.io.endpoint import Endpoint
-        from barewire.io.modbus.conformance import LiveServer
-
-        with LiveServer(Endpoint.parse(endpoint)) as server:
-            yield endpoint, server
+        with _live(endpoint) as ask:
+            yield endpoint, ask
         return
     if adapter is None:
         from barewire import __version__

@@ -1,4 +1,4 @@
-"""The conformance battery of `canopen.conformance`, run on a device on a real bus.
+"""Runs the conformance cases of the vectors, kind `device-conformance`, and those of an EDS on a device on a real bus.
 
     for result in conform_can(Endpoint.parse("can://socketcan/can0?node=5")): ...
 
@@ -10,13 +10,15 @@ reset if it or the previous case changes values. A `gentle` battery only reads.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache, partial
+from typing import NamedTuple, Self
 
-from barewire.canopen.conformance.battery import cases, may_have_changed, needs_reset, prepare, run_case
+from barewire.canopen.conformance.battery import all_cases, may_have_changed, needs_reset, prepare, run_case
 from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, Subject
+from barewire.canopen.conformance.placeholders import Placeholders
 from barewire.canopen.conformance.probe import is_there, probe
+from barewire.canopen.conformance.script import applies, read_node_case
 from barewire.canopen.eds import Eds, EdsObject
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand
@@ -26,6 +28,15 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.engine.blocking import run
 from barewire.io.engine.conformance import Unfinished
 from barewire.io.ports.base import Port
+from barewire.vectors.files import load_vectors
+from barewire.vectors.judge import Answer
+from barewire.vectors.questions import Case, Question
+from barewire.vectors.run import AdapterFailure
+
+NODE_KIND = "device-conformance"
+"""The kind of the vectors that these cases are."""
+FILES = ("sdo", "segments", "blocks", "nmt", "services", "pdo", "lss", "configuration")
+"""The files of that kind, vectors/canopen/conform-*.json, in the order in which they are run."""
 
 
 class NodeCaseResult(NamedTuple):
@@ -73,49 +84,159 @@ def conform_can(
         raise EncodeError("the EDS describes no objects: expected sections like [1000]")
     from barewire.io.ports.can.interfaces import can_port
 
-    node, patience = endpoint.integer("node", 1), endpoint.seconds("timeout", NODE_ANSWER_TIMEOUT)
     objects, dummies = (None, frozenset[int]()) if eds is None else (eds.objects, eds.dummies)
     port: Port[CanFrame] = can_port(endpoint)
     try:
-        if not gentle:
-            _wake(port, node, patience, on_stopped)
-        subject, boot = _probe(port, node, patience, gentle, large, only, objects)
+        tester = _Tester(endpoint, port, gentle, large, only, objects, on_stopped)
         why = partial(
             why_left_out,
             gentle=gentle,
-            remote=not endpoint.place.startswith("socketcand/"),
+            remote=_has_remote_frames(endpoint),
             save=save or on_power_cycle is not None,
             power_cycle=on_power_cycle is not None,
             application=write_application,
         )
-        wanted = [case for case in cases(subject, objects, dummies) if case.name.startswith(only)]
-        previous = None
+        wanted = [case for case in cases(tester.subject, objects, dummies) if case.name.startswith(only)]
         for place, case in enumerate(wanted):
             if left_out := why(case):
                 yield NodeCaseResult(case, None, left_out)
                 continue
             not_run = sum(not why(other) for other in wanted[place:])
-            before = previous and previous.case
-            try:
-                if needs_reset(case, previous) and not run(
-                    prepare(subject, after=before, boot=boot, timeout=patience), port
-                ):
-                    # A device that sends no boot-up message (reported by NMT-11) is not waited for again.
-                    boot = patience
-                    _check_answers(node, patience, port, not_run, before)
-                if case.effect == "power" and on_power_cycle is not None:
-                    on_power_cycle()
-                outcome = run(run_case(case, timeout=patience), port)
-            except PortError as error:
-                raise Unfinished(f"{error}, in the case {case.name}", not_run) from None
+            outcome = tester.run(case, not_run, on_power_cycle)
             yield NodeCaseResult(case, outcome)
-            previous = outcome
-            if outcome.failure is not None and not outcome.received[-1] and case.effect in ("reads", "tries"):
-                _check_answers(node, patience, port, not_run - 1, case)
-        if previous is not None and may_have_changed(previous):
-            run(prepare(subject, after=previous.case, boot=boot, timeout=patience), port)
+            tester.check_after(outcome, not_run - 1)
+        tester.end()
     finally:
         port.close()
+
+
+def cases(
+    subject: Subject, objects: Mapping[int, EdsObject] | None = None, dummies: Iterable[int] = ()
+) -> tuple[NodeCase, ...]:
+    """Return all cases for one device, in order: those of the vectors, and with the objects of an EDS those of it.
+
+    A case that needs something the device lacks names it in `lacks`. `dummies` are those of the EDS.
+    """
+    return all_cases(subject, _vector_cases(), objects, dummies)
+
+
+def case_names(objects: Mapping[int, EdsObject] | None = None, dummies: Iterable[int] = ()) -> tuple[str, ...]:
+    """Return the names of all cases, in order. Every device has them, except RPD-33 if its RPDO has 8 bytes."""
+    return tuple(case.name for case in cases(Subject(1, {}), objects, dummies))
+
+
+@cache
+def _vector_cases() -> tuple[Case, ...]:
+    by_name = {file.name: file.cases for file in load_vectors().files}
+    return tuple(case for name in FILES for case in by_name[f"canopen/conform-{name}"])
+
+
+class LiveDevice:
+    """A device behind an endpoint, as a function from a question of the vectors to its answer.
+
+    Only questions of the kind `device-conformance` are put to it; cases that store values or switch it off are not
+    offered. Raises PortError for a bus that cannot be opened, NoAnswer if no device answers.
+    """
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        from barewire.io.ports.can.interfaces import can_port
+
+        self._endpoint = endpoint
+        self._gone = ""
+        self._port: Port[CanFrame] = can_port(endpoint)
+        try:
+            self._tester = _Tester(endpoint, self._port)
+        except BaseException:
+            self._port.close()
+            raise
+
+    def __repr__(self) -> str:
+        return f"<LiveDevice: {self._endpoint}>"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            if not self._gone:
+                self._tester.end()
+        finally:
+            self._port.close()
+
+    def __call__(self, question: Question) -> Answer:
+        """Return whether the device passes. Raises AdapterFailure if it is not there any more."""
+        if question.kind != NODE_KIND:
+            return {"not_offered": f"a running device cannot be asked for {question.kind}"}
+        if self._gone:
+            raise AdapterFailure(f"not asked: {self._gone}")
+        device = Placeholders(self._tester.subject)
+        if not applies(question.case, device):
+            return {"not_offered": f"only for a device with {', '.join(question.case['if'])}"}
+        case = read_node_case(question.case, device)
+        if left_out := why_left_out(case, gentle=False, remote=_has_remote_frames(self._endpoint)):
+            return {"not_offered": left_out}
+        try:
+            outcome = self._tester.run(case, 0)
+            self._tester.check_after(outcome, 0)
+        except NoAnswer as error:
+            self._gone = str(error)
+            raise AdapterFailure(self._gone) from None
+        return {"is": {"failure": outcome.failure}}
+
+
+def _has_remote_frames(endpoint: Endpoint) -> bool:
+    return not endpoint.place.startswith("socketcand/")
+
+
+class _Tester:
+    """Carries out cases on one device. `subject` has its objects, as they were before the first case."""
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        port: Port[CanFrame],
+        gentle: bool = False,
+        large: tuple[int, int] | None = None,
+        only: tuple[str, ...] = ("",),
+        objects: Mapping[int, EdsObject] | None = None,
+        on_stopped: Callable[[], None] | None = None,
+    ) -> None:
+        self._node = endpoint.integer("node", 1)
+        self._patience = endpoint.seconds("timeout", NODE_ANSWER_TIMEOUT)
+        self._port = port
+        self._previous: NodeOutcome | None = None
+        if not gentle:
+            _wake(port, self._node, self._patience, on_stopped)
+        self.subject, self._boot = _probe(port, self._node, self._patience, gentle, large, only, objects)
+
+    def run(self, case: NodeCase, not_run: int, on_power_cycle: Callable[[], None] | None = None) -> NodeOutcome:
+        """Run one case, after a reset if it needs one. Raises Unfinished if the device does not answer any more."""
+        before = self._previous and self._previous.case
+        try:
+            if needs_reset(case, self._previous) and not self._prepare(before):
+                # A device that sends no boot-up message (reported by NMT-11) is not waited for again.
+                self._boot = self._patience
+                _check_answers(self._node, self._patience, self._port, not_run, before)
+            if case.effect == "power" and on_power_cycle is not None:
+                on_power_cycle()
+            self._previous = run(run_case(case, timeout=self._patience), self._port)
+        except PortError as error:
+            raise Unfinished(f"{error}, in the case {case.name}", not_run) from None
+        return self._previous
+
+    def check_after(self, outcome: NodeOutcome, not_run: int) -> None:
+        """Check that the device still answers, if it did not in a case that changes nothing."""
+        case = outcome.case
+        if outcome.failure is not None and not outcome.received[-1] and case.effect in ("reads", "tries"):
+            _check_answers(self._node, self._patience, self._port, not_run, case)
+
+    def end(self) -> None:
+        """Undo what the last case has changed."""
+        if self._previous is not None and may_have_changed(self._previous):
+            self._prepare(self._previous.case)
+
+    def _prepare(self, after: NodeCase | None) -> bool:
+        return run(prepare(self.subject, after=after, boot=self._boot, timeout=self._patience), self._port)
 
 
 def _wake(port: Port[CanFrame], node: int, patience: float, on_stopped: Callable[[], None] | None) -> None:

@@ -17,7 +17,7 @@ from barewire.vectors.answers import (
     transfers,
 )
 from barewire.vectors.answers.modbus import conformance, gateways, servers
-from barewire.vectors.answers.nodes import local, masters
+from barewire.vectors.answers.nodes import conformance as node_conformance, local, masters
 from barewire.vectors.questions import Fields
 
 ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
@@ -58,6 +58,7 @@ ANSWERS: dict[str, dict[str, Callable[[Fields], Fields]]] = {
     "lss": {"encode": canopen.encode_lss, "decode": canopen.decode_lss},
     "node-talk": {"run": transfers.node},
     "device": {"run": local.device},
+    "device-conformance": {"run": node_conformance.run_on_device},
     "heartbeat-watch": {"run": masters.watch},
     "lss-talk": {"run": masters.talk_lss},
     "boot-slave": {"run": masters.boot},
