@@ -115,7 +115,7 @@ def by_silence(case: Case, timing: Timing) -> list[tuple[int, bytes]]:
     return found
 
 
-def device_verdict(say: list[str], expected: list[str]) -> str:
+def device_verdict(say: list[str], expected: list[Any]) -> str:
     """The verdict on a device that says `say` in one step where `expected` is right."""
     case = {"id": "device-1", "result": "valid", "device": {}, "talk": [{"at": 0, "say": expected}]}
     question = Question(case, "device", "run", {"talk": [{"at": 0}]}, {"talk": [{"say": expected}]})
@@ -123,7 +123,7 @@ def device_verdict(say: list[str], expected: list[str]) -> str:
 
 
 def test_one_of_several_right_frames_passes_and_another_one_fails() -> None:
-    expected = ["585#8000200000000106 | 585#8000200022000008"]
+    expected = [{"one_of": ["585#8000200000000106", "585#8000200022000008"]}]
     assert device_verdict(["585#8000200022000008"], expected) == "passed"
     assert device_verdict(["585#8000200000000106"], expected) == "passed"
     assert device_verdict(["585#8000200000000006"], expected) == "failed"
@@ -131,7 +131,7 @@ def test_one_of_several_right_frames_passes_and_another_one_fails() -> None:
 
 
 def test_two_dots_are_a_byte_that_may_have_any_value() -> None:
-    expected = ["085#308111........00 | 085#3081FF"]
+    expected = [{"one_of": ["085#308111........00", "085#3081FF"]}]
     assert device_verdict(["085#308111091B00FF00"], expected) == "passed"
     assert device_verdict(["085#3081FF"], expected) == "passed"
     assert device_verdict(["085#308111091B00FF01"], expected) == "failed"
@@ -140,7 +140,7 @@ def test_two_dots_are_a_byte_that_may_have_any_value() -> None:
 
 
 def test_the_order_of_frames_counts_within_an_identifier() -> None:
-    expected = ["705#05", "085#01", "085#02"]
+    expected = ["705#05", "085#01", {"one_of": ["085#02", "085#12"]}]
     assert device_verdict(["085#01", "085#02", "705#05"], expected) == "passed"
     assert device_verdict(["705#05", "085#02", "085#01"], expected) == "failed"
     assert device_verdict(["705#05", "085#01"], expected) == "failed"

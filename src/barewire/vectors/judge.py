@@ -11,7 +11,8 @@
 An answer is JSON: {"is": {fields}}, {"refused": reason or "", "text": ...}, {"not_offered": why}. A field of
 hexadecimal digits may have other letters or blanks; numbers of floating point are compared as numbers of their type.
 Where several answers are right, a case has {"one_of": [...]} or, for a number, {"from": ..., "to": ...} in their place.
-Beside `one_of`, `never` has answers that are wrong even if the case is acceptable.
+Beside `one_of`, `never` has answers that are wrong even if the case is acceptable. In a frame of a device two dots are
+a byte that may have any value.
 
 Depends on: questions.  Used by: `barewire vectors`, tests.
 """
@@ -31,9 +32,8 @@ from barewire.vectors.questions import Question
 Answer: TypeAlias = Mapping[str, Any]
 VerdictState = Literal["passed", "open", "failed", "not offered"]
 
-_ALTERNATIVES = ("device", "drive-path", "gateway-309-3")
-"""Kinds whose texts may name several right answers, "585#... | 585#...", and whose frames of different identifiers may
-come in any order. In the frames of a device two dots are a byte that may have any value."""
+_UNORDERED = ("device", "gateway-309-3")
+"""Kinds whose frames of different identifiers may come in any order."""
 _HEX = re.compile(r"[0-9A-Fa-f ]*")
 _SHOWN = 300
 """Characters of an answer that a text shows."""
@@ -160,7 +160,7 @@ def _equal(wanted: Any, found: Any, around: Mapping[str, Any], question: Questio
         )
     if isinstance(wanted, list):
         rows = question.given.get("entries", ()) if question.kind == "pdo" else ()
-        if question.kind in _ALTERNATIVES and isinstance(found, list):
+        if question.kind in _UNORDERED and isinstance(found, list):
             wanted, found = _by_identifier(wanted), _by_identifier(found)
         return (
             isinstance(found, list)
@@ -171,26 +171,19 @@ def _equal(wanted: Any, found: Any, around: Mapping[str, Any], question: Questio
             )
         )
     if isinstance(wanted, str) and isinstance(found, str):
-        if question.kind in _ALTERNATIVES and (" | " in wanted or ".." in wanted):
-            return any(_fits(one, found, question.kind) for one in wanted.split(" | "))
+        if question.kind == "device" and ".." in wanted:
+            return re.fullmatch(wanted.replace("..", "[0-9A-F]{2}"), found) is not None
         return wanted == found or _same_digits(wanted, found) or _same_number(wanted, found, _type_of(around))
     return type(wanted) is type(found) and bool(wanted == found)
 
 
 def _by_identifier(items: list[Any]) -> list[Any]:
     """Return frames in the order of their identifiers, those of one identifier as they came; other lists unchanged."""
-    return sorted(items, key=lambda item: item.partition("#")[0]) if _are_frames(items) else items
-
-
-def _are_frames(items: list[Any]) -> bool:
-    return all(isinstance(item, str) and "#" in item for item in items)
-
-
-def _fits(wanted: str, found: str, kind: str) -> bool:
-    """Whether a text is the wanted one. In a frame of a device two dots stand for any byte."""
-    if kind != "device" or ".." not in wanted:
-        return wanted == found
-    return re.fullmatch(wanted.replace("..", "[0-9A-F]{2}"), found) is not None
+    frames = [item["one_of"][0] if isinstance(item, dict) and item.get("one_of") else item for item in items]
+    if not all(isinstance(frame, str) and "#" in frame for frame in frames):
+        return items
+    places = sorted(range(len(items)), key=lambda place: frames[place].partition("#")[0])
+    return [items[place] for place in places]
 
 
 def _same_digits(wanted: str, found: str) -> bool:

@@ -23,7 +23,7 @@ from barewire.explain.result import as_problem, explained_fields
 from barewire.vectors.questions import Case
 
 _FRAMES = {"rtu-frame": ("rtu", "frame"), "ascii-frame": ("ascii", "text"), "tcp-frame": ("tcp", "frame")}
-_ALTERNATIVE, _ANY_BYTE = " | ", ".."
+_ANY_BYTE = ".."
 
 
 class FrameOfCase(NamedTuple):
@@ -79,12 +79,12 @@ def _talk(case: Case) -> Iterator[FrameOfCase]:
     for number, step in enumerate(case["talk"], start=1):
         place = f"at {step['at']} us" if "at" in step else f"step {number}"
         for name, value in step.items():
-            for item in value if isinstance(value, list) else [value]:
+            for wanted in value if isinstance(value, list) else [value]:
+                item, *others = wanted["one_of"] if isinstance(wanted, dict) and "one_of" in wanted else [wanted]
                 if isinstance(item, str) and "#" in item:
-                    text, _, others = item.partition(_ALTERNATIVE)
-                    note = f", or {others}" if others else ""
-                    note += ", shown with 00 for each byte that may have any value" if _ANY_BYTE in text else ""
-                    frame = CanFrame.parse(text.replace(_ANY_BYTE, "00"))
+                    note = f", or {' or '.join(others)}" if others else ""
+                    note += ", shown with 00 for each byte that may have any value" if _ANY_BYTE in item else ""
+                    frame = CanFrame.parse(item.replace(_ANY_BYTE, "00"))
                     yield FrameOfCase(f"{place}, {name}{note}", bus.explained(frame))
                 elif isinstance(item, dict) and "pdu" in item:
                     role: FrameRole | None = "response" if case["line"].get("role") == "client" else None
