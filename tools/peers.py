@@ -91,6 +91,7 @@ PEERS = (
         *("CANopenNode", "C", "CANopen stack for microcontrollers", ("canopennode/main.py",), "ctypes"),
         by_hand="CANOPENNODE",
     ),
+    Peer(*("Lely", "C", "CANopen stack, Lely core libraries", ("lely/main.py",), "ctypes"), by_hand="LELY"),
     Peer("tshark", "C", "dissectors of Wireshark", ("tshark_adapter.py",), "json", oracle=True),
     Peer("struct", "C", "numbers of Python's standard library", ("python_oracles.py", "struct"), "struct", oracle=True),
     Peer("numpy", "C", "numbers of numpy", ("python_oracles.py", "numpy"), "numpy", oracle=True),

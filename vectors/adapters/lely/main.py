@@ -1,0 +1,23 @@
+"""Lely CANopen (C) as an adapter: its devices and masters on a bus that only records, in virtual time.
+
+barewire vectors check --adapter "python vectors/adapters/lely/main.py liblely.so 2.3.0"
+
+The arguments are a shared library of Lely's core libraries, built by hand outside of this repository, and its version.
+make scoreboard takes them from $LELY.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+if len(sys.argv) != 3:
+    sys.exit("main.py: two arguments are needed, the library of Lely CANopen and its version")
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+import device
+import masters
+from adapter import serve
+
+serve("Lely", sys.argv[2], {**device.ANSWERS, **masters.ANSWERS})
