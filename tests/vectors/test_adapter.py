@@ -87,8 +87,8 @@ def test_an_adapter_that_fails_once_fails_one_case(tmp_path: Path, answer: str, 
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        ("['F3']", "encode: lrc is ['F3'], expected a str"),
-        ("float('nan')", "encode: lrc is nan, expected a str"),
+        ("['F3']", 'encode: lrc is ["F3"], expected a text'),
+        ("float('nan')", "encode: lrc is NaN, expected a text"),
     ],
 )
 def test_nonsense_does_not_pass_a_case_that_compares(tmp_path: Path, value: str, text: str) -> None:

@@ -130,6 +130,22 @@ def test_one_of_several_right_frames_passes_and_another_one_fails() -> None:
     assert device_verdict([], expected) == "failed"
 
 
+def test_the_difference_of_a_long_talk_is_told_at_its_place() -> None:
+    wanted: list[dict[str, Any]] = [{"say": ["585#00"]}, {"say": ["585#01"], "held": None}, {"say": []}]
+    question = Question({"result": "valid", "id": "device-1"}, "device", "run", {}, {"talk": wanted, "ends": "done"})
+
+    def texts(*steps: dict[str, Any]) -> str:
+        return judge(question, {"is": {"talk": [*steps], "ends": "done"}}).text
+
+    first, last = wanted[0], wanted[2]
+    assert texts(first, {"say": ["585#02"]}, last) == 'talk[1].say is ["585#02"], expected ["585#01"]'
+    assert texts(first, {"say": ["585#01"], "held": "0A"}, last) == "talk[1].held is 0A, expected null"
+    assert texts(first, last) == "talk has 2 items, expected 3; talk[1].say is [], expected [\"585#01\"]"
+    assert texts(*wanted, last) == "talk has 4 items, expected 3"
+    missing = judge(question, {"is": {"talk": wanted}}).text
+    assert missing == "ends is missing, expected done"
+
+
 def test_two_dots_are_a_byte_that_may_have_any_value() -> None:
     expected = [{"one_of": ["085#308111........00", "085#3081FF"]}]
     assert device_verdict(["085#308111091B00FF00"], expected) == "passed"

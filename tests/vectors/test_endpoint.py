@@ -67,7 +67,7 @@ def test_a_server_that_always_answers_the_same_fails() -> None:
         status, cases, _ = check(f"tcp://127.0.0.1:{port}?timeout=1", ids("03 with quantity 0", "five requests"))
     texts = [case["text"] for case in cases.values() if case["state"] == "failed"]
     assert status == 1
-    assert texts == ["run: answers is ['03 02 00 00'], expected [['83 03']]"]
+    assert texts == ['run: answers is ["03 02 00 00"], expected [["83 03"]]']
 
 
 NODE_CASES = {case["name"]: case["id"] for file in load_vectors().files for case in file.cases if "effect" in case}

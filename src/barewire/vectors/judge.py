@@ -19,6 +19,7 @@ Depends on: questions.  Used by: `barewire vectors`, tests.
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import struct
@@ -37,6 +38,8 @@ _UNORDERED = ("device", "gateway-309-3")
 _HEX = re.compile(r"[0-9A-Fa-f ]*")
 _SHOWN = 300
 """Characters of an answer that a text shows."""
+_MISSING: Any = object()
+_NAMES = {str: "a text", bool: "true or false", int: "an integer", list: "a list", dict: "an object", type(None): "null"}
 
 
 class Verdict(NamedTuple):
@@ -97,12 +100,34 @@ def malformed(answer: Answer) -> str:
 
 
 def differences(question: Question, found: Mapping[str, Any]) -> list[str]:
-    """Return each field that differs from the expected one, as a sentence."""
+    """Return each field that differs from the expected one, as a sentence about the first place where it does."""
     return [
-        f"{name} is {_shown(found.get(name))}, expected {_shown(wanted)}"
+        _difference(name, wanted, found.get(name, _MISSING), question)
         for name, wanted in question.expected.items()
         if not _as_expected(name, wanted, found.get(name), question)
     ]
+
+
+def _difference(path: str, wanted: Any, found: Any, question: Question) -> str:
+    """Return what differs: `talk[1].say is ["585#02"], expected ["585#01"]`."""
+    if isinstance(wanted, dict) and isinstance(found, dict):
+        for name, value in wanted.items():
+            if not _equal(value, found.get(name), question.given, question):
+                return _difference(f"{path}.{name}", value, found.get(name, _MISSING), question)
+    if isinstance(found, list) and isinstance(wanted, list) and any(_is_deep(item) for item in wanted):
+        sizes = [f"{path} has {len(found)} items, expected {len(wanted)}"] if len(found) != len(wanted) else []
+        for place, (value, item) in enumerate(zip(wanted, found)):
+            if not _equal(value, item, question.given, question):
+                return "; ".join([*sizes, _difference(f"{path}[{place}]", value, item, question)])
+        if sizes:
+            return sizes[0]
+    is_what = "is missing" if found is _MISSING else f"is {_shown(found)}"
+    return f"{path} {is_what}, expected {_shown(wanted)}"
+
+
+def _is_deep(item: Any) -> bool:
+    """Whether an item of a list has fields of its own, such as a step of a talk."""
+    return isinstance(item, dict) and "one_of" not in item
 
 
 def _of_other_form(expected: Mapping[str, Any], found: Mapping[str, Any]) -> str:
@@ -111,7 +136,7 @@ def _of_other_form(expected: Mapping[str, Any], found: Mapping[str, Any]) -> str
         if name not in found:
             return f"the answer has no {name}"
         if found[name] is not None and type(found[name]) is not type(value):
-            return f"{name} is {_shown(found[name])}, expected a {type(value).__name__}"
+            return f"{name} is {_shown(found[name])}, expected {_NAMES[type(value)]}"
     return ""
 
 
@@ -225,5 +250,5 @@ def _padded(name: str, wanted: Any, found: Any, question: Question) -> bool:
 
 
 def _shown(value: Any) -> str:
-    text = value if isinstance(value, str) else repr(value)
+    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."
