@@ -140,7 +140,7 @@ def test_the_difference_of_a_long_talk_is_told_at_its_place() -> None:
     first, last = wanted[0], wanted[2]
     assert texts(first, {"say": ["585#02"]}, last) == 'talk[1].say is ["585#02"], expected ["585#01"]'
     assert texts(first, {"say": ["585#01"], "held": "0A"}, last) == "talk[1].held is 0A, expected null"
-    assert texts(first, last) == "talk has 2 items, expected 3; talk[1].say is [], expected [\"585#01\"]"
+    assert texts(first, last) == 'talk has 2 items, expected 3; talk[1].say is [], expected ["585#01"]'
     assert texts(*wanted, last) == "talk has 4 items, expected 3"
     missing = judge(question, {"is": {"talk": wanted}}).text
     assert missing == "ends is missing, expected done"

@@ -39,7 +39,14 @@ _HEX = re.compile(r"[0-9A-Fa-f ]*")
 _SHOWN = 300
 """Characters of an answer that a text shows."""
 _MISSING: Any = object()
-_NAMES = {str: "a text", bool: "true or false", int: "an integer", list: "a list", dict: "an object", type(None): "null"}
+_NAMES = {
+    str: "a text",
+    bool: "true or false",
+    int: "an integer",
+    list: "a list",
+    dict: "an object",
+    type(None): "null",
+}
 
 
 class Verdict(NamedTuple):
