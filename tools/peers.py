@@ -92,6 +92,7 @@ PEERS = (
         by_hand="CANOPENNODE",
     ),
     Peer(*("Lely", "C", "CANopen stack, Lely core libraries", ("lely/main.py",), "ctypes"), by_hand="LELY"),
+    Peer("durand", "Python", "CANopen devices", ("durand_adapter.py",), "durand"),
     Peer("tshark", "C", "dissectors of Wireshark", ("tshark_adapter.py",), "json", oracle=True),
     Peer("struct", "C", "numbers of Python's standard library", ("python_oracles.py", "struct"), "struct", oracle=True),
     Peer("numpy", "C", "numbers of numpy", ("python_oracles.py", "numpy"), "numpy", oracle=True),
