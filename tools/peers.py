@@ -16,6 +16,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -107,8 +108,9 @@ PEERS = (
 @cache
 def python_with(module: str) -> str | None:
     """Return the first Python here that can import a module."""
-    if find_spec(module) is not None:
-        return sys.executable
+    with suppress(ModuleNotFoundError):  # the package that the module is in is not here either
+        if find_spec(module) is not None:
+            return sys.executable
     beside = [ROOT / name / "bin" / "python" for name in OTHER_PYTHONS]
     for python in (*os.environ.get("BAREWIRE_PYTHONS", "").split(), *map(str, beside)):
         probe = [python, "-c", f"import {module}"]

@@ -15,7 +15,7 @@ import pytest
 from barewire.errors import PortError
 from barewire.vectors.files import load_vectors
 from tools import scoreboard
-from tools.peers import PEERS, ROOT, Peer, PeerRun, confirms, run
+from tools.peers import PEERS, ROOT, Peer, PeerRun, confirms, python_with, run
 
 pytestmark = pytest.mark.long
 
@@ -89,6 +89,10 @@ def test_every_case_is_confirmed_or_says_why_not() -> None:
         if ("confirmed_by" in case) == ("unconfirmed" in case)
     ]
     assert neither == [], "run `make scoreboard`"
+
+
+def test_a_module_whose_package_is_not_installed_is_in_no_python() -> None:
+    assert python_with("no_such_package.module") is None
 
 
 def test_every_name_in_a_case_is_in_oracles() -> None:
