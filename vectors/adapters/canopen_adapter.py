@@ -18,6 +18,7 @@ from canopen.lss import LssMaster
 from canopen.objectdictionary import ODVariable
 from canopen.pdo.base import PdoMap
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
+from canopen_device import DEVICE_ANSWERS
 from canopen_objects import DRIVE_ANSWERS, EDS_ANSWERS, OBJECT_ANSWERS, variable
 
 logging.disable()
@@ -375,5 +376,6 @@ serve(
         **EDS_ANSWERS,
         **DRIVE_ANSWERS,
         **OBJECT_ANSWERS,
+        **DEVICE_ANSWERS,
     },
 )

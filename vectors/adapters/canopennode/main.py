@@ -21,6 +21,7 @@ import values
 from adapter import serve
 from device import device, node_talk
 from masters import gateway, heartbeat_watch, lss_talk, sdo_client, sdo_server
+from tested import TESTED_ANSWERS
 
 serve(
     "CANopenNode",
@@ -36,5 +37,6 @@ serve(
         "cob-restricted": {"decode": values.restricted},
         "heartbeat-consumer": {"decode": values.heartbeat_consumer},
         "lss": {"encode": values.lss_frame},
+        **TESTED_ANSWERS,
     },
 )

@@ -18,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import device
 import masters
+import tested
 from adapter import serve
 
-serve("Lely", sys.argv[2], {**device.ANSWERS, **masters.ANSWERS})
+serve("Lely", sys.argv[2], {**device.ANSWERS, **masters.ANSWERS, **tested.ANSWERS})
