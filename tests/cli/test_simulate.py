@@ -141,6 +141,11 @@ def test_the_help_names_every_fault_and_every_carrier() -> None:
         assert word in text
 
 
+def test_a_bus_is_named_once() -> None:
+    buses = [f"can://socketcand/127.0.0.1:29536/can0?node={node}" for node in (5, 6)]
+    assert "the device is on this bus already: expected it once" in error_of("simulate", "az3", *buses, status=2)
+
+
 def test_a_virtual_bus_is_refused_because_no_other_process_reaches_it() -> None:
     for device in ("az3", "table"):
         error = error_of("simulate", device, "tcp://127.0.0.1:0", "can://virtual/x?node=5", status=2)

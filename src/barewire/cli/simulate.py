@@ -128,8 +128,11 @@ def simulate_command(
         raise EncodeError(
             f"{shown(device)}: a simulated device has its own byte order; --set its register, if it has one"
         )
-    for endpoint in endpoints:
+    for number, endpoint in enumerate(endpoints):
         _check_reachable(endpoint)
+        bus = Endpoint.parse(endpoint)
+        if bus.scheme == "can" and any(bus.place == Endpoint.parse(other).place for other in endpoints[:number]):
+            raise EncodeError(f"endpoint {shown(endpoint, 200)}: the device is on this bus already: expected it once")
     faults = None if fault is None else _checked_faults(fault, late, list(map(Endpoint.parse, endpoints)))
     is_described = device.lower().endswith((".eds", ".dcf"))
     recorded = None if is_described else _recorded(device)

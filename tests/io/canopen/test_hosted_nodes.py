@@ -11,7 +11,18 @@ from typing import Any
 import pytest
 
 from barewire import AsyncCanopenClient, AsyncCanopenServer, CanopenClient, CanopenServer
-from barewire.canopen import CanFrame, Entry, ErrorFrame, LocalNode, NmtCommand, NmtState, ObjectDictionary, PdoConfig
+from barewire.canopen import (
+    CanFrame,
+    Entry,
+    ErrorFrame,
+    HeartbeatProducer,
+    LocalNode,
+    NmtCommand,
+    NmtState,
+    NodeGroup,
+    ObjectDictionary,
+    PdoConfig,
+)
 from barewire.canopen.communication_objects import standard_objects
 from barewire.canopen.emcy.consumer import EmcyEvent
 from barewire.devices import load
@@ -138,6 +149,27 @@ def test_a_closed_client_ends_all_its_nodes_at_once_and_drops_what_they_have_not
             machine.goes_on.set()
         closing.join(PATIENCE)
     assert [machine.fed for machine in machines] == [1, 1, 1, 1]
+
+
+def test_a_second_device_with_the_same_node_id_on_a_bus_is_refused() -> None:
+    with CanBus(MemoryPort()) as bus, CanopenClient(bus) as client, CanopenClient(bus) as other:
+        taken = r"^node 5 runs on memory already: expected another node-ID, or stop the other one first$"
+        az3 = simulator("az3", 0.0, node=5).canopen
+        with client.host(device(5)), client.host(device(6)), client.host(device(None)), client.host(device(None)):
+            client.start(HeartbeatProducer(5)).stop()
+            for second in (device(5), NodeGroup([device(7), device(5)]), az3):
+                with pytest.raises(EncodeError, match=taken):
+                    other.host(second)
+        other.host(az3).stop()
+
+        async def main() -> None:
+            async with AsyncCanopenClient(bus) as third:
+                with third.host(device(5)), pytest.raises(EncodeError, match=taken):
+                    third.host(device(5))
+                with third.host(device(5)):
+                    pass
+
+        asyncio.run(main())
 
 
 def test_a_node_in_the_url_must_be_that_of_the_device() -> None:

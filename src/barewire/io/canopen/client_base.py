@@ -333,7 +333,8 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
     def host(self, device: Speaker) -> BackgroundTask:
         """Run a `LocalNode`, or any machine that receives all frames, on this bus until it is stopped.
 
-        Raises EncodeError for any other object."""
+        Raises EncodeError for any other object, and for a node-ID that another device on this bus has: nodes of other
+        programs, and of other clients with a bus of their own, are not known."""
         return BackgroundTask(checked_machine(device), None)
 
     @background

@@ -23,7 +23,14 @@ from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
 from barewire.io.canopen.bus.event_stream import STREAM_ROOM, FrameListener, Listener, Report, StreamBase
-from barewire.io.canopen.bus.node_runner import Action, NodeDriver, NodeStatistics, Speaker, ended_text
+from barewire.io.canopen.bus.node_runner import (
+    Action,
+    NodeDriver,
+    NodeStatistics,
+    Speaker,
+    check_node_is_free,
+    ended_text,
+)
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import (
     LONGEST_PULL,
@@ -263,7 +270,9 @@ class AsyncRunning:
         self.statistics = NodeStatistics() if statistics is None else statistics
         self._log = PortLog("barewire.canopen.client", f"can://{bus.name}") if log is None else log
         self._driver = NodeDriver(machine, self.statistics, self._log)
+        check_node_is_free(bus, machine)
         self._subscriber = AsyncSubscriber(bus, keys, node=True, reports=True)
+        self._subscriber.machine = machine
         self.failure: BaseException | None = None
         """The error that ended the machine: it could not be started."""
         self.by_kernel: bool = getattr(machine, "by_kernel", False)

@@ -87,6 +87,27 @@ def checked_machine(machine: Speaker) -> Speaker:
     return machine
 
 
+def check_node_is_free(bus: FrameBus, machine: object) -> None:
+    """Raise EncodeError if a node with the same node-ID runs on this bus: both would answer each request."""
+    numbers = _node_ids(machine)
+    for subscriber in tuple(bus.subscribers) if numbers else ():
+        for number in sorted(numbers & _node_ids(subscriber.machine)):
+            text = f"node {number} runs on {bus.name} already: expected another node-ID, or stop the other one first"
+            raise EncodeError(text, "device")
+
+
+def _node_ids(machine: object) -> frozenset[int]:
+    """Return the node-IDs of a whole node, of a simulated one, or of a group. Other machines, such as a heartbeat
+    producer, may serve a node that is on the bus."""
+    from barewire.canopen import LocalNode, NodeGroup  # not at the top: only who hosts a node needs them
+
+    machine = machine.served if isinstance(machine, SharedNode) else machine
+    if isinstance(machine, NodeGroup):
+        return frozenset[int]().union(*map(_node_ids, machine.nodes))
+    node = machine if isinstance(machine, LocalNode) else getattr(machine, "node", None)
+    return frozenset([node.node]) if isinstance(node, LocalNode) and node.node is not None else frozenset()
+
+
 class CallbackAdapter:
     """A machine whose results are frames and events, such as the master of node guarding. Its frames go to the bus, its
     events to `callback`, in the thread or task of the machine.
@@ -245,7 +266,9 @@ class Running:
         self._log = PortLog("barewire.canopen.client", f"can://{bus.name}")
         self._driver = NodeDriver(machine, self.statistics, self._log)
         self._sending = threading.RLock()  # frames are sent in the order in which they were made
+        check_node_is_free(bus, machine)
         self._subscriber = Subscriber(bus, keys, node=True, reports=True)
+        self._subscriber.machine = machine
         self.failure: BaseException | None = None
         """The error that ended the machine: it could not be started."""
         self.by_kernel: bool = getattr(machine, "by_kernel", False)

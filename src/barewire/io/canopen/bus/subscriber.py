@@ -79,6 +79,7 @@ class FrameBus(Protocol):
     """The operations of a bus that a subscriber uses."""
 
     name: str
+    subscribers: set[Subscriber]
 
     def add(self, subscriber: Subscriber, /) -> None: ...
 
@@ -119,6 +120,8 @@ class Subscriber:
 
     loop: AbstractEventLoop | None = None
     """The event loop in which its frames are taken; None for a thread."""
+    machine: object = None
+    """The machine that runs on the bus by this subscriber."""
 
     def __init__(
         self,
