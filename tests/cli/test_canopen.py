@@ -38,6 +38,8 @@ def test_diff_dry_run_configure_and_no_differences(tmp_path: Path) -> None:
         assert wet.splitlines() == [*lines, "node 5: 2 values written"]
         assert output_of("canopen", "diff", endpoint, str(file)) == "node 5: no differences\n"
         assert output_of("canopen", "configure", endpoint, str(file), "--json") == ""
+        dry = output_of("canopen", "configure", endpoint, str(file), "--dry-run")
+        assert dry == "node 5: no differences, nothing would be written\n"
 
 
 def test_files_that_are_not_a_dcf(tmp_path: Path) -> None:

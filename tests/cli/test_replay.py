@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.helpers import error_of, output_of, run_command
+from tests.cli.helpers import error_of, output_of, run_command, run_here
 
 LOG = """\
 (10.0) can0 705#00
@@ -54,6 +54,18 @@ def test_differences_are_listed_and_decide_the_exit_status(eds: Path, tmp_path: 
     assert output_of("replay", str(log), "--against", str(eds)).startswith("2 recorded frames of node 5: 2 same")
 
 
+def test_the_summary_says_what_was_not_played(eds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("barewire.explain.peer_replay.STEPS_MAX", 10)
+    monkeypatch.setattr("barewire.cli.recordings.replay.STEPS_MAX", 10)
+    log = tmp_path / "run.log"
+    text = OBJECT.format(index="1017", name="heartbeat", type="0x0006", access="rw", value="1000")
+    eds.write_text(f"{eds.read_text()}{text}")
+    log.write_text("(1.0) can0 705#00\n(60.0) can0 605#4000100000000000\n(60.1) can0 585#4300100000000000\n")
+    summary = run_here("replay", str(log), "--against", str(eds)).stdout.splitlines()[-1]
+    cut = "; 1 pause of the recording cut short: the device was due more than 10 times in each"
+    assert summary.endswith(f" 10 extra; the device received 1 frame{cut}")
+
+
 def test_json_and_all(eds: Path, tmp_path: Path) -> None:
     log = tmp_path / "run.log"
     log.write_text(LOG)
@@ -63,7 +75,16 @@ def test_json_and_all(eds: Path, tmp_path: Path) -> None:
     assert played[1]["sent"] == "585#8001600031000906"
     assert (played[1]["recorded"], played[1]["request"]) == ("585#6001600000000000", "605#2B01600008070000")
     assert summary == {
-        **{"event": "summary", "node": 5, "received": 3, "same": 1, "different": 2, "missing": 0, "extra": 0},
+        **{
+            "event": "summary",
+            "node": 5,
+            "received": 3,
+            "cut_short": 0,
+            "same": 1,
+            "different": 2,
+            "missing": 0,
+            "extra": 0,
+        },
     }
 
 

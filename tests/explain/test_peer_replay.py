@@ -240,6 +240,7 @@ def test_a_device_whose_deadline_does_not_move_ends() -> None:
 
     replay = PeerReplay(Stuck(), 5, timed=False)
     assert Counter(one.outcome for one in replay.play(items_of("0 705#00", "0.1 705#7F"))) == {"missing": 2}
+    assert replay.cut_short == 2
 
 
 def test_the_node_of_a_recording() -> None:

@@ -81,6 +81,8 @@ def configure_command(endpoint: str, file: Path, dry_run: bool, store: bool, as_
             print(f"not written: {text}")
         verb = "would be written" if dry_run else "written"
         count = f"{len(result.changes)} value{'s' if len(result.changes) != 1 else ''}"
+        if not result.changes:
+            count = "nothing" if result.left_out else "no differences, nothing"
         print(f"node {node.number}: {count} {verb}{', stored' if result.stored else ''}")
 
 

@@ -40,7 +40,7 @@ COUNTERPART_WINDOW = 1.0
 _PATIENCE = 10.0
 """Seconds that pass at most for one recorded frame, if the recording has no times."""
 _STEP = 0.001
-_TIMES_MAX = 10_000
+STEPS_MAX = 10_000
 """How often a device is fed at most without time passing: one whose deadline does not move would be fed for ever."""
 _LSS_ANSWER = (0x7E4, False)
 _RESETS = (NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION)
@@ -99,6 +99,8 @@ class PeerReplay:
         """The frames of others while the recorded device was off or booting."""
         self.restarts = 0
         """The recorded boot-ups without a reset command."""
+        self.cut_short = 0
+        """How often the device was due 10,000 times between two frames, the most that is played."""
         self._now = 0.0
         self._is_on = False
         self._reset: CanFrame | None = None  # the command that takes effect at the next recorded boot-up
@@ -253,12 +255,14 @@ class PeerReplay:
 
     def _pass_time(self, now: float) -> None:
         """Let the device send what is due up to this time, and report what has waited too long."""
-        for _ in range(_TIMES_MAX):
+        for _ in range(STEPS_MAX):
             due = self.device.deadline if self._is_on and self._reset is None else None
             if due is None or due > now:
                 break
             self._now = max(self._now, due)
             self._take(self.device.feed(None, self._now))
+        else:
+            self.cut_short += 1
         self._now = max(self._now, now)
         self._close(self._now - self.window)
 
@@ -314,7 +318,7 @@ class PeerReplay:
     def _wait_for(self, key: tuple[int, bool]) -> None:
         """Let time pass until the device sends a frame with this identifier."""
         until = self._now + _PATIENCE
-        for _ in range(_TIMES_MAX):
+        for _ in range(STEPS_MAX):
             due = self.device.deadline if self._is_on else None
             if due is None or due > until or self._sent.get(key):
                 return

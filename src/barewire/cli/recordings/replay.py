@@ -12,7 +12,7 @@ from barewire.devices.device import Device
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.explain.can_monitor.recording import is_timed, read_recording
 from barewire.explain.capture.model import Recorded, RecordedItem, Unread
-from barewire.explain.peer_replay import COUNTERPART_WINDOW, PeerReplay, PlayedDevice
+from barewire.explain.peer_replay import COUNTERPART_WINDOW, STEPS_MAX, PeerReplay, PlayedDevice
 from barewire.explain.played import PLAYED_KINDS, Played, nodes_of
 from barewire.explain.recorded_values import values_of
 from barewire.explain.result import counted
@@ -98,7 +98,8 @@ def replay_command(
     shown = _printed(replay.play(items, given), only, everything=everything, as_json=as_json, timed=timed)
     counts = {outcome: shown.count(outcome) for outcome in ("same", "different", "missing", "extra")}
     if as_json:
-        print_json({"event": "summary", "node": number, "received": replay.received, **counts})
+        totals = {"received": replay.received, "cut_short": replay.cut_short}
+        print_json({"event": "summary", "node": number, **totals, **counts})
     else:
         print(_summary(replay, number, counts))
     return int(counts["same"] < len(shown) or not shown)
@@ -263,4 +264,7 @@ def _summary(replay: PeerReplay, node: int, counts: dict[str, int]) -> str:
         text += f", {replay.not_received} not, while the recorded one was off or booting"
     if replay.restarts:
         text += f"; it was switched off and on {counted(replay.restarts, 'time')}"
+    if replay.cut_short:
+        pauses = counted(replay.cut_short, "pause")
+        text += f"; {pauses} of the recording cut short: the device was due more than {STEPS_MAX} times in each"
     return text

@@ -132,7 +132,7 @@ def from_toml(text: str, name: str) -> RecordedLine:
     _check_keys(items, ("unit",), name)
     line = RecordedLine()
     for place, item in enumerate(_tables(items, "unit", name), start=1):
-        where = f"{name}: unit {place}"
+        where = f"{name}: [[unit]] number {place}"
         _check_keys(item, ("address", "request"), where)
         address = _whole(item, "address", where, 0, 255)
         if address in line.units:
@@ -179,16 +179,19 @@ def _place(item: dict[str, Any], kind: str, where: str) -> RecordedRequest:
     text = item[kind]
     table, _, number = text.partition(":") if isinstance(text, str) else ("", "", "")
     tables = tuple(READS.values()) if kind == "read" else ("coil", "holding")
-    if table not in tables or not number.isdecimal() or len(number) > 5 or int(number) > 0xFFFF:
+    if table not in tables:
         expected = f"expected one of {', '.join(tables)}, a colon and an address, such as 'holding:0'"
         raise EncodeError(f"{where}: key {kind!r}: {shown(text)}: {expected}{suggest(table, dict.fromkeys(tables))}")
+    if not number.isdecimal() or len(number) > 5 or int(number) > 0xFFFF:
+        raise EncodeError(f"{where}: key {kind!r}: {shown(text)}: expected an address in 0..65535 after the colon")
     if kind == "read":
         quantity = _whole(item, "quantity", where, 1, 2000 if table in ("coil", "discrete") else 125)
         return RecordedRequest(_FUNCTION_OF[table], table, int(number), quantity)
     functions = sorted(function for function, written in WRITES.items() if written == table)
-    function = _whole(item, "function", where, functions[0], functions[-1])
-    if function not in functions:
-        raise EncodeError(f"{where}: key 'function': {function}: expected {' or '.join(map(str, functions))}")
+    function = item.get("function")
+    if isinstance(function, bool) or function not in functions:
+        given = "not given" if function is None else shown(function)
+        raise EncodeError(f"{where}: key 'function': {given}: expected {' or '.join(map(str, functions))}")
     return RecordedRequest(function, table, int(number))
 
 
