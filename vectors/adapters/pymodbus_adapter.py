@@ -32,6 +32,7 @@ from pymodbus.client.mixin import ModbusClientMixin
 from pymodbus.datastore import ModbusDeviceContext, ModbusSequentialDataBlock, ModbusServerContext
 from pymodbus.framer import FramerAscii, FramerRTU, FramerSocket, FramerType
 from pymodbus.pdu import DecodePDU, ExceptionResponse
+from pymodbus.pdu.device import ModbusControlBlock, ModbusDeviceIdentification
 from pymodbus.pdu.file_message import FileRecord
 from pymodbus.server import ModbusTcpServer
 
@@ -278,8 +279,14 @@ def decode_number(question: dict[str, Any]) -> dict[str, Any]:
 class Server:
     """A server of pymodbus, asked in RTU or TCP frames over a connection to this machine."""
 
-    def __init__(self, line: str, units: Units) -> None:
+    def __init__(self, line: str, units: Units, described: dict[int, Any]) -> None:
         self.framer, self.tables = FRAMERS[f"{line}-frame"], units
+        names = {
+            int(name, 16): octets(text)
+            for unit in described.values()
+            for name, text in unit.get("identification", {}).items()
+        }
+        ModbusControlBlock()._identity = ModbusDeviceIdentification(info=names)  # of all servers in a process
         self.loop = asyncio.new_event_loop()
         blocks = {
             unit: ModbusDeviceContext(
@@ -339,7 +346,7 @@ serve(
     "pymodbus",
     pymodbus.__version__,
     {
-        **server_answers(Server, CODES, {"rtu", "ascii", "tcp"}),
+        **server_answers(Server, {*CODES, 0x2B}, {"rtu", "ascii", "tcp"}, {"identification"}),
         "pdu": {"encode": encode_pdu, "decode": decode_pdu},
         "rtu-frame": FRAME,
         "ascii-frame": FRAME,
