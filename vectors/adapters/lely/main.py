@@ -17,8 +17,9 @@ if len(sys.argv) != 3:
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import device
+import eds
 import masters
 import tested
 from adapter import serve
 
-serve("Lely", sys.argv[2], {**device.ANSWERS, **masters.ANSWERS, **tested.ANSWERS})
+serve("Lely", sys.argv[2], {**device.ANSWERS, **masters.ANSWERS, **tested.ANSWERS, **eds.ANSWERS})
