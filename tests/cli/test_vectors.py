@@ -45,6 +45,10 @@ def test_a_case_of_every_kind_is_shown(kind: str) -> None:
         ("node-talk-1", ["at 0 us, hear", "at 0 us, said", "error control"]),
         ("sdo-segments-1", ["client", "server", "expedited"]),
         ("sdo-blocks-1", ["segment 1 of a block", "segment 2 of a block, the last", "last segment received in order"]),
+        (
+            "conform-nmt-2",
+            ["step 2, send 605#4000100000000000, accepted: silence:", "valid: SDO request to node 5: initiate upload"],
+        ),
         ("device-access-1", ["at 0 us, say", "valid: error control from node 5: boot-up"]),
     ],
 )  # fmt: skip

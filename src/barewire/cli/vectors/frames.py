@@ -5,6 +5,7 @@ rtu-frame, ascii-frame, ...  the envelope, too
 rtu-talk, ...                the PDU of each frame that is received
 cob_id and data, can-text    a CAN frame
 sdo-talk, node-talk, device  each CAN frame; those before it tell whether it is a segment of a block
+device-conformance           each frame that is sent, with the values of our device
 """
 
 from __future__ import annotations
@@ -20,10 +21,13 @@ from barewire.explain.can_monitor import CanMonitor
 from barewire.explain.canopen.frame import explain_can, explain_segment
 from barewire.explain.modbus.pdu import explain_pdu
 from barewire.explain.result import as_problem, explained_fields
+from barewire.vectors.answers.nodes.conformance import case_on_device
 from barewire.vectors.questions import Case
 
 _FRAMES = {"rtu-frame": ("rtu", "frame"), "ascii-frame": ("ascii", "text"), "tcp-frame": ("tcp", "frame")}
 _ANY_BYTE = ".."
+_STEPS_SHOWN = 40
+"""Steps of a case of device-conformance that are explained: some write 800 numbers, one after the other."""
 
 
 class FrameOfCase(NamedTuple):
@@ -47,6 +51,8 @@ def frames_of_case(kind: str, case: Case) -> Iterator[FrameOfCase]:
         yield FrameOfCase("response", _pdu(case["response"], "response"))
     elif kind == "sdo-talk":
         yield from _sdo_talk(case)
+    elif kind == "device-conformance":
+        yield from _device_steps(case)
     elif "talk" in case:
         yield from _talk(case)
     elif kind == "can-text" or ("cob_id" in case and "data" in case):
@@ -71,6 +77,17 @@ def _sdo_talk(case: Case) -> Iterator[FrameOfCase]:
     for place, data in case["talk"]:
         frame = CanFrame(sides[place.partition(" ")[0]], bytes.fromhex(data))
         yield FrameOfCase(place, bus.explained(frame, is_lost=place.endswith("lost")))
+
+
+def _device_steps(case: Case) -> Iterator[FrameOfCase]:
+    """Yield the frames that are sent to our device, and what is accepted after them; of a long case its beginning."""
+    bus, steps = _Bus(), case_on_device(dict(case)).steps
+    for number, step in enumerate(steps[:_STEPS_SHOWN], start=1):
+        accepted = " or ".join(pattern or "silence" for pattern in (*step.accepts, *step.ends))
+        for place, text in enumerate(step.sends, start=1):
+            note = f", accepted: {accepted}" if place == len(step.sends) else ""
+            note += f", and so on up to step {len(steps)}" if number == _STEPS_SHOWN < len(steps) else ""
+            yield FrameOfCase(f"step {number}, send {text}{note}", bus.explained(CanFrame.parse(text)))
 
 
 def _talk(case: Case) -> Iterator[FrameOfCase]:

@@ -12,7 +12,7 @@ from typing import Final, TypeVar
 
 from barewire.canopen.communication_objects import standard_objects
 from barewire.canopen.conformance.battery import run_case
-from barewire.canopen.conformance.model import Subject
+from barewire.canopen.conformance.model import NodeCase, Subject
 from barewire.canopen.conformance.placeholders import Placeholders
 from barewire.canopen.conformance.probe import probe
 from barewire.canopen.conformance.script import applies, read_node_case
@@ -23,6 +23,7 @@ from barewire.canopen.lss.slave import LssSlave
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
 from barewire.canopen.pdo.config import PdoConfig
 from barewire.conversation import Conversation, Heard, Listen
+from barewire.errors import EncodeError
 from barewire.vectors.questions import Fields
 
 NODE: Final = 5
@@ -59,12 +60,24 @@ def plain_device(*more: Entry, tpdo: int | None = None, address: LssAddress = AD
 
 def run_on_device(given: Fields) -> Fields:
     """Run the case against the first of our devices that it is for; return the difference, or null."""
+    case, make = _case_and_device(given)
+    return {"failure": _Bus(make()).run(run_case(case)).failure}
+
+
+def case_on_device(given: Fields) -> NodeCase:
+    """Return the case for the first of our devices that it is for, with their values in its frames."""
+    return _case_and_device(given)[0]
+
+
+def _case_and_device(given: Fields) -> tuple[NodeCase, Callable[[], LocalNode]]:
+    lacks = ""
     for kind, make in _DEVICES.items():
         device = Placeholders(_subject(kind))
         case = read_node_case(given, device)
         if applies(given, device) and not case.lacks:
-            return {"failure": _Bus(make()).run(run_case(case)).failure}
-    return {"failure": f"our devices have no {case.lacks or 'such property'}"}
+            return case, make
+        lacks = lacks or case.lacks
+    raise EncodeError(f"case {given['name']}: our devices have no {lacks or 'such property'}", "needs")
 
 
 _DEVICES: dict[str, Callable[[], LocalNode]] = {
