@@ -93,6 +93,7 @@ PEERS = (
         by_hand="CANOPENNODE",
     ),
     Peer(*("Lely", "C", "CANopen stack, Lely core libraries", ("lely/main.py",), "ctypes"), by_hand="LELY"),
+    Peer("GMP", "C", "motor control", ("gmp_adapter.py",), "ctypes", by_hand="GMP402"),
     Peer("durand", "Python", "CANopen devices", ("durand_adapter.py",), "durand"),
     Peer("tshark", "C", "dissectors of Wireshark", ("tshark_adapter.py",), "json", oracle=True),
     Peer("struct", "C", "numbers of Python's standard library", ("python_oracles.py", "struct"), "struct", oracle=True),
