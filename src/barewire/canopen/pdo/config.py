@@ -16,7 +16,8 @@
         type 254/255  TPDO when its data changes, at the latest with the event timer   RPDO at once
                       a multiplexed PDO has one of these two; any other type is refused for it: 0609 0030h
 
-The event timer of an RPDO is the longest time between two receptions.
+The event timer of an RPDO is the longest time between two receptions. 02 and 05 may be written while the PDO is on: a
+TPDO of type 254 or 255 is then sent at once, and its timer runs from there, which CiA 301 leaves open.
 
 To change a mapping: switch the PDO off (bit 31 of 01), set 00 of the mapping to 0, write the entries, set 00 to their
 number, switch the PDO on. Any other order is refused with 0601 0000h.

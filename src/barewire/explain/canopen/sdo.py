@@ -5,7 +5,7 @@
 
 The same byte has different meanings in the two directions, so there are two tables. **Inside a block transfer** byte 0
 from 01h to 7Fh, with bit 7 set for the last, is the number of a segment; only the frames before show that. Here every
-frame is explained alone.
+frame is explained alone: as a segment only if its byte 0 is no command.
 """
 
 from __future__ import annotations
@@ -173,6 +173,8 @@ def explain_sdo(data: bytes, role: FrameRole) -> ExplainedSdo:
             [], DecodeError("short", data, 0, "the command is byte 0, but the frame is empty"), "nothing"
         )
     row = next((row for row in (_REQUESTS if role == "request" else _RESPONSES) if row.pattern.matches(data[0])), None)
+    if row is None and len(data) == _LENGTH:  # byte 0 is neither 00h nor 80h: they are in both tables
+        return _only_in_blocks(data, role)
     if row is None:
         fields = [Field(0, 1, "command", data[0], f"not a command of an SDO {role}")]
         error = DecodeError("function", data, 0, f"command {data[0]:02X}h is not a command of an SDO {role}")
@@ -182,6 +184,16 @@ def explain_sdo(data: bytes, role: FrameRole) -> ExplainedSdo:
     fields = [Field(0, 1, "command", data[0], _command_text(name, row, data[0], role, bits)), *row.layout(data, bits)]
     fields = [field for field in fields if field.offset + field.length <= len(data)]
     return ExplainedSdo(fill_gaps(fields, len(data)), None, _summary(row.name, fields))
+
+
+def _only_in_blocks(data: bytes, role: FrameRole) -> ExplainedSdo:
+    """Explain a frame whose byte 0 is no command. In a block transfer it is a segment: the frame alone does not show
+    whether there is one."""
+    segment = f"segment {data[0] & 0x7F}{', the last' if data[0] & 0x80 else ''}"
+    transfer = f"block {'download' if role == 'request' else 'upload'}"
+    meaning = f"no command of an SDO {role}; in a {transfer} {segment}: only the frames before show that"
+    fields = [Field(0, 1, "segment", data[0], meaning), *_segment(data, {"n": 0})]
+    return ExplainedSdo(fields, None, f"only in a {transfer}: {segment}, 7 bytes")
 
 
 def with_object_names(

@@ -7,6 +7,10 @@
         left      abandoned, or the caller's data or sink failed: it sends abort 0800 0000h     as it was raised
         disputed  another client sent a request on this channel: the client sends nothing more   NoAnswer
 
+A response of another kind, or about another object, may be the late answer to an earlier transfer. It is counted and
+ignored, and the client waits on until the time-out. CiA 301 has abort 0504 0001h for an invalid command specifier, and
+other clients send it at once; then an answer that is late ends the wrong transfer.
+
 A request is never repeated automatically: after a time-out it is unknown whether the first one arrived.
 
 A server that aborts because it is out of step (0503 0000h, 0504 0000h, 0504 0001h, 0504 0003h) has received something
