@@ -166,10 +166,14 @@ def plainly(plain: PlainExchange[Any]) -> Conversation[CanFrame, Any]:
     except BaseException:
         plain.cancel()
         raise
-    if heard.item is not None:  # a bus only looks whether a frame waits
-        plain.cancel()
-        return (yield from _going_on(plain.whole(), heard))
     sent_at, channel = heard.now, plain.channel
+    if heard.item is not None:  # a bus only looks whether a frame waits: the node monitor has not counted it yet
+        counted = channel._mark
+        plain.cancel()
+        whole = plain.whole()
+        next(whole)
+        channel._mark = counted
+        return (yield from _going_on(whole, heard))
     try:
         heard = yield Listen(sent_at + plain.timeout)
         while heard.item is not None and heard.item.id not in (channel.request_id, channel.response_id):
@@ -182,12 +186,13 @@ def plainly(plain: PlainExchange[Any]) -> Conversation[CanFrame, Any]:
         result = plain.answer_in(heard.item)
         if result is not NOT_PLAIN:
             return result
-    return (yield from _going_on(plain.rest(sent_at), heard))
+    rest = plain.rest(sent_at)
+    next(rest)
+    return (yield from _going_on(rest, heard))
 
 
 def _going_on(conversation: Conversation[CanFrame, Any], heard: Heard[CanFrame]) -> Conversation[CanFrame, Any]:
-    """Continue a conversation that listens first, and has heard this."""
-    next(conversation)
+    """Continue a conversation that listens, and has heard this."""
     try:
         step = conversation.send(heard)
     except StopIteration as stop:

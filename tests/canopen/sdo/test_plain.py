@@ -11,9 +11,10 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies as st
 
-from barewire.canopen import CanFrame, Channel, SdoDialect, download, upload
+from barewire.canopen import CanFrame, Channel, Entry, ObjectDictionary, SdoDialect, download, read_object, upload
 from barewire.canopen.nmt.node_monitor import NodeMonitor
 from barewire.canopen.sdo.client.plain import NOT_PLAIN, PlainDownload, PlainExchange, PlainUpload
+from barewire.canopen.sdo.client.typed_access import PlainRead
 from barewire.conversation import Abandoned, Conversation, Heard, Listen
 from barewire.errors import BarewireError, EncodeError
 from tests.canopen.sdo.sdo_bus import plainly
@@ -21,6 +22,7 @@ from tests.helpers import modest
 
 TIMEOUT = 1.0
 INDEX, OTHER = 0x6041, 0x6042
+OBJECTS = ObjectDictionary([Entry(INDEX, 0, "state", "u16"), Entry(OTHER, 0, "on", "bool")])
 Make = Callable[[Channel, str, int], Conversation[CanFrame, Any]]
 
 KINDS = {
@@ -42,7 +44,7 @@ KINDS = {
 WRAPPED = ("of another object", "extended", "remote", "a request", "a heartbeat", "interrupt", "nothing")
 ITEM = st.tuples(st.sampled_from([*KINDS, *WRAPPED, "good", "good"]), st.sampled_from([0.0, 0.25, 0.5, 1.0]))
 STEP = st.tuples(
-    st.sampled_from(["upload", "download"]),
+    st.sampled_from(["upload", "download", "read"]),
     st.sampled_from([INDEX, INDEX, OTHER]),
     st.lists(ITEM, max_size=3) | st.just([("good", 0.25)]),
     st.sampled_from([0.0, 0.0, 5.0]),
@@ -117,12 +119,16 @@ class Peer:
 def by_conversation(channel: Channel, verb: str, index: int) -> Conversation[CanFrame, Any]:
     if verb == "upload":
         return upload(channel, index, timeout=TIMEOUT)
+    if verb == "read":
+        return read_object(channel, OBJECTS, index, timeout=TIMEOUT)
     return download(channel, index, 0, b"\x0f\x00", timeout=TIMEOUT)
 
 
 def by_exchange(channel: Channel, verb: str, index: int) -> Conversation[CanFrame, Any]:
     if verb == "upload":
         return plainly(PlainUpload(channel, index, 0, TIMEOUT, None, 1 << 24))
+    if verb == "read":
+        return plainly(PlainRead(channel, OBJECTS.at(index), TIMEOUT))
     return plainly(PlainDownload(channel, index, 0, TIMEOUT, b"\x0f\x00"))
 
 
@@ -147,11 +153,17 @@ def test_a_plain_exchange_does_what_its_conversation_does(
     assert visible(by_exchange, steps, own_frames, monitored) == visible(by_conversation, steps, own_frames, monitored)
 
 
-@pytest.mark.parametrize("verb", ["upload", "download"])
+@pytest.mark.parametrize("verb", ["upload", "download", "read"])
 @pytest.mark.parametrize("second", [*KINDS, *WRAPPED])
 @pytest.mark.parametrize("first", [*KINDS, *WRAPPED])
 def test_after_every_pair_of_frames_both_are_in_the_same_state(first: str, second: str, verb: str) -> None:
     steps = [(verb, INDEX, [(first, 0.25), (second, 0.25)], 0.0), ("upload", INDEX, [("good", 0.25)], 0.0)]
+    assert visible(by_exchange, steps, False, True) == visible(by_conversation, steps, False, True)
+
+
+def test_a_frame_that_waits_before_the_request_is_explained_by_both() -> None:
+    twice = [("good", 0.0), ("good", 0.0)]
+    steps = [("upload", INDEX, script, 0.0) for script in ([("good", 0.25)], twice, [])]
     assert visible(by_exchange, steps, False, True) == visible(by_conversation, steps, False, True)
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from barewire import CanopenClient
-from barewire.canopen import CanFrame, ErrorFrame
-from barewire.errors import BarewireError, NoAnswer, PortError
+from barewire.canopen import CanFrame, Entry, ErrorFrame, ObjectDictionary
+from barewire.errors import BarewireError, DecodeError, NoAnswer, PortError
 from barewire.io.canopen import fast_path
 from barewire.io.canopen.bus.shared_bus import CanBus
 from tests.io.canopen.test_direct import KeepingPort
@@ -86,6 +86,36 @@ def test_a_frame_that_another_client_sent_meanwhile_does_not_stay_for_the_next_e
         sdo = client.node().sdo
         port.hook = lambda: client.bus.send(CanFrame.parse("585#4300100000000000"))
         assert [sdo.upload(0x1000) for _ in range(3)] == [VALUE.data[4:]] * 3
+
+
+@pytest.mark.usefixtures("plain_only")
+def test_reads_and_writes_by_name_need_no_conversation_whatever_the_value(direct: bool) -> None:
+    objects = ObjectDictionary([Entry(0x1000, 0, "on", "bool"), Entry(0x1001, 0, "speed", "i16")])
+    port = KeepingPort(
+        {
+            READ: [CanFrame.parse("585#4F00100000000000")],
+            CanFrame.parse("605#4001100000000000"): [CanFrame.parse("585#4B011000FEFF0000")],
+            CanFrame.parse("605#2B01100003000000"): [CanFrame.parse("585#6001100000000000")],
+        }
+    )
+    with client_on(port, direct=direct) as client:
+        node = client.node(eds=objects)
+        for _ in range(2):
+            assert node.read("on") is False
+            assert node.read("speed") == node.sdo.read_object(objects, "speed") == -2
+            node.write("speed", 3)
+            node.sdo.write_object(objects, "speed", 3)
+
+
+def test_a_value_that_is_not_of_its_type_is_refused_as_in_the_conversation(direct: bool) -> None:
+    objects = ObjectDictionary([Entry(0x1000, 0, "speed", "i16")])
+    port = KeepingPort({READ: [VALUE]})
+    with client_on(port, direct=direct) as client:
+        for _ in range(2):
+            with pytest.raises(DecodeError) as caught:
+                client.node(eds=objects).read("speed")
+            assert caught.value.__notes__ == ["speed is i16 in the dictionary, but the device sent this"]
+            assert not client.channel().busy
 
 
 def outcome(act: Callable[[], object]) -> object:

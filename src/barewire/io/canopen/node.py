@@ -22,6 +22,7 @@ from barewire.errors import DecodeError, EncodeError, Refused, shown
 from barewire.io.canopen.bus.subscriber import Key, check_key
 from barewire.io.canopen.methods.nmt import NodeNmtMethods
 from barewire.io.canopen.methods.operations import (
+    AnyOperation,
     AsyncBusRunner,
     BlockingBusRunner,
     BusOperation,
@@ -32,7 +33,7 @@ from barewire.io.canopen.methods.operations import (
     sdo_transfer,
     subscription,
 )
-from barewire.io.canopen.methods.sdo import SdoMethods
+from barewire.io.canopen.methods.sdo import SdoMethods, read_by_name, write_by_name
 from barewire.io.named_values import AsyncNamedValues, CanopenNames, NamedValues
 
 if TYPE_CHECKING:
@@ -147,14 +148,13 @@ class EdsNode(Node[R]):
         self.objects = objects
 
     @operation
-    def read(self, place: ObjectRef, *, block: BlockMode = False, timeout: float | None = None) -> BusOperation[Value]:
+    def read(self, place: ObjectRef, *, block: BlockMode = False, timeout: float | None = None) -> AnyOperation[Value]:
         """Read the value of an object by name, by index, or by (index, sub-index).
 
         Raises EncodeError for an object that the EDS does not have, DecodeError for a value that is not of its type,
         SdoAbort, NoAnswer, PortError.
         """
-        channel, wait = self.channel, self.timeout if timeout is None else timeout
-        return sdo_transfer(channel, canopen.read_object(channel, self.objects, place, block=block, timeout=wait), wait)
+        return read_by_name(self.channel, self.objects, place, block, self.timeout if timeout is None else timeout)
 
     @operation
     def read_all(self, places: Iterable[ObjectRef] | None = None) -> BusOperation[list[ObjectReading]]:
@@ -186,11 +186,10 @@ class EdsNode(Node[R]):
     @operation
     def write(
         self, place: ObjectRef, value: Value, *, block: BlockMode = False, timeout: float | None = None
-    ) -> BusOperation[None]:
+    ) -> AnyOperation[None]:
         """Write an object, once. Raises EncodeError, before anything is sent, if the value does not fit its type."""
-        channel, wait = self.channel, self.timeout if timeout is None else timeout
-        writing = canopen.write_object(channel, self.objects, place, value, block=block, timeout=wait)
-        return sdo_transfer(channel, writing, wait)
+        wait = self.timeout if timeout is None else timeout
+        return write_by_name(self.channel, self.objects, place, value, block, wait)
 
 
 class DeviceNode(Node[BlockingBusRunner], CanopenNames, NamedValues):

@@ -21,8 +21,9 @@ from __future__ import annotations
 
 import struct
 from abc import ABC, abstractmethod
+from enum import Enum
 from struct import Struct
-from typing import Final, Generic, Literal, TypeAlias, TypeVar
+from typing import Final, Generic, TypeVar
 
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.client.channel import Channel
@@ -32,8 +33,14 @@ from barewire.conversation import Conversation
 
 T = TypeVar("T")
 
-NotPlain: TypeAlias = Literal[False]
-NOT_PLAIN: Final = False
+
+class NotPlain(Enum):
+    """The type of `NOT_PLAIN`: no value of an object is that."""
+
+    NOT_PLAIN = 0
+
+
+NOT_PLAIN: Final = NotPlain.NOT_PLAIN
 
 _pack_read = Struct("<BHB4x").pack
 _pack_write = Struct("<BHB4s").pack
@@ -94,8 +101,8 @@ class PlainExchange(ABC, Generic[T]):
         """Return the conversation of the transfer from the point where it listens; the request was sent then."""
 
 
-class PlainUpload(PlainExchange[bytes]):
-    """The upload of an object that is expected to have at most four bytes; `size` and `limit` as in `upload`."""
+class UploadExchange(PlainExchange[T]):
+    """The base class of exchanges that upload an object of at most four bytes; `size` and `limit` as in `upload`."""
 
     __slots__ = ("limit", "size")
 
@@ -117,8 +124,8 @@ class PlainUpload(PlainExchange[bytes]):
         except struct.error:
             return None
 
-    def answer_in(self, frame: CanFrame) -> bytes | NotPlain:
-        """Return the value, if the frame is an expedited response with a size."""
+    def _value_in(self, frame: CanFrame) -> bytes | NotPlain:
+        """Return the bytes of the value, and end the exchange, if the frame is an expedited response with a size."""
         identifier, data, extended, _, _ = frame
         channel = self.channel
         if identifier != channel.response_id or extended is not channel.response_extended or len(data) != _FRAME:
@@ -129,12 +136,10 @@ class PlainUpload(PlainExchange[bytes]):
         channel.end_plain()
         return data[4:end]
 
-    def whole(self) -> Conversation[CanFrame, bytes]:
-        """Return the conversation of the upload."""
+    def _upload(self) -> Conversation[CanFrame, bytes]:
         return upload(self.channel, self.index, self.sub, timeout=self.timeout, size=self.size, limit=self.limit)
 
-    def rest(self, sent_at: float) -> Conversation[CanFrame, bytes]:
-        """Return the conversation of the upload from the point where it listens."""
+    def _rest_of_upload(self, sent_at: float) -> Conversation[CanFrame, bytes]:
         self.channel.restart_counters()
         return rest_of_upload(
             self.channel,
@@ -145,6 +150,24 @@ class PlainUpload(PlainExchange[bytes]):
             limit=self.limit,
             sent_at=sent_at,
         )
+
+
+class PlainUpload(UploadExchange[bytes]):
+    """The upload of the bytes of an object."""
+
+    __slots__ = ()
+
+    def answer_in(self, frame: CanFrame) -> bytes | NotPlain:
+        """Return the value, if the frame is an expedited response with a size."""
+        return self._value_in(frame)
+
+    def whole(self) -> Conversation[CanFrame, bytes]:
+        """Return the conversation of the upload."""
+        return self._upload()
+
+    def rest(self, sent_at: float) -> Conversation[CanFrame, bytes]:
+        """Return the conversation of the upload from the point where it listens."""
+        return self._rest_of_upload(sent_at)
 
 
 class PlainDownload(PlainExchange[None]):

@@ -133,11 +133,9 @@ class SdoMethods(Methods[R]):
     @operation
     def read_object(
         self, objects: ObjectDictionary, place: ObjectRef, *, block: BlockMode = False, timeout: float | None = None
-    ) -> BusOperation[Value]:
+    ) -> AnyOperation[Value]:
         """Read the value of an object that `objects` has by name, by index, or by (index, sub-index)."""
-        channel, wait = self.channel, self._wait(timeout)
-        found = checked_dictionary(objects)
-        return sdo_transfer(channel, canopen.read_object(channel, found, place, block=block, timeout=wait), wait)
+        return read_by_name(self.channel, checked_dictionary(objects), place, block, self._wait(timeout))
 
     @operation
     def write_object(
@@ -148,16 +146,37 @@ class SdoMethods(Methods[R]):
         *,
         block: BlockMode = False,
         timeout: float | None = None,
-    ) -> BusOperation[None]:
+    ) -> AnyOperation[None]:
         """Write the value of an object, once, in the type that `objects` has for it."""
-        channel, wait = self.channel, self._wait(timeout)
-        found = checked_dictionary(objects)
-        return sdo_transfer(
-            channel, canopen.write_object(channel, found, place, value, block=block, timeout=wait), wait
-        )
+        return write_by_name(self.channel, checked_dictionary(objects), place, value, block, self._wait(timeout))
 
     def _wait(self, timeout: float | None) -> float:
         return self.timeout if timeout is None else timeout
+
+
+def read_by_name(
+    channel: Channel, objects: ObjectDictionary, place: ObjectRef, block: BlockMode, timeout: float
+) -> AnyOperation[Value]:
+    """Return the operation that reads the value of an object of a dictionary."""
+    from barewire.canopen.sdo.client.typed_access import PlainRead, read_object
+
+    if block is False:
+        return PlainRead(channel, objects.at(place), timeout)
+    return sdo_transfer(channel, read_object(channel, objects, place, block=block, timeout=timeout), timeout)
+
+
+def write_by_name(
+    channel: Channel, objects: ObjectDictionary, place: ObjectRef, value: Value, block: BlockMode, timeout: float
+) -> AnyOperation[None]:
+    """Return the operation that writes the value of an object of a dictionary."""
+    from barewire.canopen.sdo.client.typed_access import encoded_value
+
+    entry = objects.at(place)
+    data = encoded_value(entry, value)
+    if 1 <= len(data) <= 4 and block in (False, "auto"):
+        return PlainDownload(channel, entry.index, entry.sub, timeout, data)
+    writing = download(channel, entry.index, entry.sub, data, block=block, timeout=timeout)
+    return sdo_transfer(channel, writing, timeout)
 
 
 def checked_dictionary(objects: object) -> ObjectDictionary:
