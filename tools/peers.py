@@ -83,6 +83,10 @@ PEERS = (
         *("c-modbus-slave", "C", "Modbus server for microcontrollers", ("cmodbusslave_adapter.py",), "ctypes"),
         by_hand="CMODBUSSLAVE",
     ),
+    Peer(
+        *("FreeModbus", "C", "Modbus server for microcontrollers", ("freemodbus_adapter.py",), "ctypes"),
+        by_hand="FREEMODBUS",
+    ),
     Peer("mbusd", "C", "Modbus gateway", ("mbusd_adapter.py",), "pty", by_hand="MBUSD"),
     Peer("modbus-serial", "JavaScript", "Modbus library", ("node", f"{NODE}/modbus-serial.js")),
     Peer("jsmodbus", "JavaScript", "Modbus library", ("node", f"{NODE}/jsmodbus.js")),
