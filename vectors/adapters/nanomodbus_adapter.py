@@ -16,6 +16,7 @@ from adapter import NotOffered, Refused, crc_fields, octets, serve, words
 from adapter_client import ExceptionAnswer, client_answers
 from adapter_conformance import conformance_answers
 from adapter_server import Units, server_answers
+from client_peers import LIBRARIES, client_runner, needs
 
 PATH, VERSION = sys.argv[1:]
 LIBRARY = ctypes.CDLL(PATH)
@@ -89,6 +90,13 @@ class Line:
         self.sent += ctypes.string_at(data, count)
         self.waiting, self.answer = self.answer, b""
         return count
+
+    def connect(self, unit: int, timeout: int) -> None:
+        """Put a client at the end of the line, with a time-out in milliseconds."""
+        LIBRARY.nmbs_client_create(self.instance, ctypes.byref(self.platform))
+        LIBRARY.nmbs_set_read_timeout(self.instance, timeout)
+        LIBRARY.nmbs_set_byte_timeout(self.instance, timeout)
+        LIBRARY.nmbs_set_destination_rtu_address(self.instance, c_uint8(unit))
 
     def take(self) -> bytes:
         sent, self.sent = self.sent, b""
@@ -256,10 +264,20 @@ def call(code: int, fields: dict[str, Any], reply: bytes | None) -> tuple[bytes,
     """Let the client make a request, and answer it."""
     line = Line("rtu")
     line.answer = framed(False, 1, reply) if reply is not None else b""
-    LIBRARY.nmbs_client_create(line.instance, ctypes.byref(line.platform))
-    LIBRARY.nmbs_set_read_timeout(line.instance, 1)
-    LIBRARY.nmbs_set_byte_timeout(line.instance, 1)
-    LIBRARY.nmbs_set_destination_rtu_address(line.instance, c_uint8(1))
+    line.connect(1, 1)
+    error, result = called(line.instance, code, fields)
+    request = line.take()[1:-2]
+    if error and not request:
+        raise Refused(f"error {error}")
+    if error and reply is not None:
+        if 1 <= error <= 4:
+            raise ExceptionAnswer(error)
+        raise Refused(f"error {error}")
+    return request, result
+
+
+def called(one: Any, code: int, fields: dict[str, Any]) -> tuple[int, list[int]]:
+    """Return the error of a call of the client, and the values that it has read."""
     values = fields.get("values", ())
     numbers = [value for value in (*fields.values(), *values) if isinstance(value, int)]
     if not all(0 <= value <= 0xFFFF for value in numbers) or len(values) > 2000:
@@ -269,7 +287,6 @@ def call(code: int, fields: dict[str, Any], reply: bytes | None) -> tuple[bytes,
     given = (c_uint16 * max(len(values), 1))(*values)
     rows = [values[at : at + 8] for at in range(0, len(values), 8)]
     given_bits = (c_uint8 * 250)(*(sum(bool(bit) << at for at, bit in enumerate(row)) for row in rows))
-    one = line.instance
     calls = {
         1: lambda: LIBRARY.nmbs_read_coils(one, c_uint16(address), c_uint16(count), found_bits),
         2: lambda: LIBRARY.nmbs_read_discrete_inputs(one, c_uint16(address), c_uint16(count), found_bits),
@@ -286,16 +303,49 @@ def call(code: int, fields: dict[str, Any], reply: bytes | None) -> tuple[bytes,
         ),
     }
     error = calls[code]()
-    request = line.take()[1:-2]
-    if error and not request:
-        raise Refused(f"error {error}")
-    if error and reply is not None:
+    if code in (1, 2):
+        return error, [found_bits[at // 8] >> at % 8 & 1 for at in range(count)]
+    return error, [*found[:count]]
+
+
+class TimedLine(Line):
+    """The line of the kind `client`: time passes while the library reads."""
+
+    def __init__(self, virtual: Any) -> None:
+        super().__init__(virtual.setup["framing"])
+        self.virtual = virtual
+
+    def read(self, data: Any, count: int, timeout: int, arg: Any) -> int:
+        self.virtual.timeout = timeout / 1000
+        part = self.virtual.read(count)
+        ctypes.memmove(data, part, len(part))
+        return len(part)
+
+    def write(self, data: Any, count: int, timeout: int, arg: Any) -> int:
+        self.virtual.write(ctypes.string_at(data, count))
+        return count
+
+
+def over_time(virtual: Any, _patches: Any) -> Any:
+    """Return the function that asks, for the runner of clients."""
+    needs(virtual, "rtu", "tcp")
+    line = TimedLine(virtual)
+    timeout = round(virtual.timeout * 1000)
+    line.connect(0, timeout)
+
+    def ask(unit: int, code: int, address: int, count: int, values: list[int]) -> list[int] | None:
+        if unit == 0 and line.tcp:
+            raise NotOffered("unit 0 is a broadcast to it on TCP, too")
+        LIBRARY.nmbs_set_destination_rtu_address(line.instance, c_uint8(unit))
+        fields = {"address": address, "quantity": count, "values": values, "value": values[0] if values else 0}
+        error, found = called(line.instance, code, fields)
         if 1 <= error <= 4:
             raise ExceptionAnswer(error)
-        raise Refused(f"error {error}")
-    if code in (1, 2):
-        return request, [found_bits[at // 8] >> at % 8 & 1 for at in range(count)]
-    return request, [*found[:count]]
+        if error:
+            raise TimeoutError(f"error {error}")
+        return found if code <= 4 else None
+
+    return ask
 
 
 def crc(question: dict[str, Any]) -> dict[str, Any]:
@@ -308,6 +358,7 @@ def ten(line: str) -> Server:
     return Server(line, units, {1: {}})
 
 
+LIBRARIES["nanoMODBUS"] = over_time
 SERVED = {1, 2, 3, 4, 5, 6, 0x0F, 0x10, 0x14, 0x15, 0x17, 0x2B}
 MORE = {"files", "identification", "functions", "faults", "read_only"}
 serve(
@@ -316,6 +367,7 @@ serve(
     {
         **client_answers(call, SERVED - {0x14, 0x15, 0x2B}),
         **server_answers(Server, SERVED, {"rtu", "tcp"}, MORE),
+        "client": {"run": client_runner("nanoMODBUS")},
         **conformance_answers(ten, {"rtu", "tcp"}),
         "crc16": {"encode": crc},
     },
