@@ -6,7 +6,7 @@ import { OPERATIONAL, cob, matches } from './cob.mjs';
 
 const [TOO_SHORT, TOO_LONG, TIMED_OUT] = [0x8210, 0x8220, 0x8250];
 const DUMMIES = 0x20; // indices below are data types
-const BASES = [0x180, 0x280, 0x380, 0x480];
+const OFF = 0x80000000; // the COB-ID of a PDO that does not exist
 
 /** The mapped objects: index, sub-index and bits of each. */
 function mapping(device, index) {
@@ -27,8 +27,7 @@ class Tpdo {
   }
 
   get channel() {
-    const { device } = this;
-    return cob(device.number(this.index, 1, (BASES[this.number] ?? 0) + device.id));
+    return cob(this.device.number(this.index, 1, OFF));
   }
 
   get type() {
@@ -126,8 +125,7 @@ class Rpdo {
   }
 
   get channel() {
-    const { device } = this;
-    return cob(device.number(this.index, 1, (BASES[this.number] ?? 0) + 0x80 + device.id));
+    return cob(this.device.number(this.index, 1, OFF));
   }
 
   stop() {
