@@ -339,9 +339,16 @@ def outcome(ask, question, is_serial):
     except NotOffered:
         raise
     except ExceptionAnswer as refused:
-        return f"exception {refused.args[0]:02X}"
+        found = refused
     except Exception:
         return "no answer"
+    return told(function, count, found, question, is_serial)
+
+
+def told(function, count, found, question, is_serial):
+    """The text of an outcome: values, None for a write, or an exception response."""
+    if isinstance(found, ExceptionAnswer):
+        return f"exception {found.args[0]:02X}"
     if found is None:
         return "sent" if question["unit"] == 0 and is_serial else "done"
     if function in (1, 2):

@@ -31,6 +31,7 @@ from tmodbus.transport.async_ascii import build_ascii_frame, decode_ascii_frame,
 from tmodbus.utils.crc import calculate_crc16
 from tmodbus.utils.lrc import calculate_lrc
 from tmodbus.utils.order_aware_struct import OrderAwareStruct
+from tmodbus_client import client
 
 LETTERS = {"u16": "H", "i16": "h", "u32": "I", "i32": "i", "u64": "Q", "i64": "q", "f32": "f", "f64": "d"}
 ORDERS = {"ABCD": ("big", "big"), "BADC": ("big", "little"), "CDAB": ("little", "big"), "DCBA": ("little", "little")}
@@ -268,6 +269,7 @@ serve(
     {
         "pdu": {"encode": encode_pdu, "decode": decode_pdu},
         "exchange": {"decode": exchange},
+        "client": {"run": client(class_of)},
         "ascii-frame": {"encode": encode_ascii, "decode": decode_ascii},
         "crc16": {"encode": crc},
         "lrc": {"encode": lrc},
