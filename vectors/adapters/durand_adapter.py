@@ -12,6 +12,7 @@ from threading import Lock
 from typing import Any
 
 from adapter import NotOffered, number, octets, serve
+from adapter_device import NODE, OBJECTS, device_answers
 from durand.datatypes import DatatypeEnum
 from durand.network import NetworkABC
 from durand.node import Node, NodeCapabilities
@@ -101,33 +102,64 @@ def variable(row: dict[str, Any]) -> Variable:
     return Variable(DatatypeEnum[row["type"]], ACCESS[row["access"]], value_of(row), **limits)
 
 
+class Device:
+    """A device of the library, switched on."""
+
+    def __init__(self, rows: dict[tuple[int, int], dict[str, Any]], node: int | None, *, lss: bool) -> None:
+        self.clock, self.network = Clock(), Recorder()
+        set_scheduler(self.clock)
+        here = [
+            sum((first + at, 1) in rows or (first + at, 0) in rows for at in range(4)) for first in (0x1400, 0x1800)
+        ]
+        capabilities = NodeCapabilities(sdo_servers=2 if (0x1201, 1) in rows else 1, rpdos=here[0], tpdos=here[1])
+        self.own = Node(self.network, node or UNCONFIGURED, capabilities=capabilities)
+        if node is None:
+            self.network.take()  # its application connects it to the bus only now: the library boots as node FFh
+        if not lss:
+            self.network.remove_subscription(0x7E5)
+        configure(self.own, rows)
+
+
 def device(question: dict[str, Any]) -> dict[str, Any]:
     setup = question["device"]
     rows = {place_of(row): row for row in setup["objects"]}
-    known = SERVICES | {first + at for first in PDO for at in range(4)}
-    if any(index < 0x2000 and index not in known for index, _ in rows):
+    if not all(known(index) for index, _ in rows):
         raise NotOffered("it has no such service")
     if any("error" in act or "clear" in act for step in question["talk"] for act in step.get("act", ())):
         raise NotOffered("which errors are active, its application keeps")
-    clock, network = Clock(), Recorder()
-    set_scheduler(clock)
-    counts = [sum((first + at, 1) in rows or (first + at, 0) in rows for at in range(4)) for first in (0x1400, 0x1800)]
-    capabilities = NodeCapabilities(sdo_servers=2 if (0x1201, 1) in rows else 1, rpdos=counts[0], tpdos=counts[1])
-    node = Node(network, setup["id"] or UNCONFIGURED, capabilities=capabilities)
-    if setup["id"] is None:
-        network.take()  # its application connects it to the bus only now: the library boots as node FFh
-    if not setup.get("lss"):
-        network.remove_subscription(0x7E5)
-    configure(node, rows)
+    here = Device(rows, setup["id"], lss=bool(setup.get("lss")))
     talk = []
     for step in question["talk"]:
-        clock.run(step["at"] / 1e6)
+        here.clock.run(step["at"] / 1e6)
         for frame in step.get("hear", ()):
-            network.hear(frame)
+            here.network.hear(frame)
         for act in step.get("act", ()):
-            node.object_dictionary.write(*place_of({"object": act["set"]}), number(act["value"]))
-        talk.append({"say": network.take()})
+            here.own.object_dictionary.write(*place_of({"object": act["set"]}), number(act["value"]))
+        talk.append({"say": here.network.take()})
     return {"talk": talk}
+
+
+class Tested(Device):
+    """The device with most objects, for device-conformance."""
+
+    node, has = NODE, ("LSS", "LSS identify remote slave", "large object")
+
+    def __init__(self) -> None:
+        super().__init__({place_of(row): row for row in OBJECTS if known(place_of(row)[0])}, NODE, lss=True)
+        self.network.take()
+
+    def hear(self, frame: str) -> list[str]:
+        self.network.hear(frame)
+        return self.network.take()
+
+    def wait(self, seconds: float) -> list[str]:
+        self.clock.run(self.clock.now + seconds)
+        return self.network.take()
+
+
+def known(index: int) -> bool:
+    """Return whether the library has the service of an object, or it belongs to the application."""
+    return index >= 0x2000 or index in SERVICES or any(index in range(first, first + 4) for first in PDO)
 
 
 def configure(node: Node, rows: dict[tuple[int, int], dict[str, Any]]) -> None:
@@ -161,4 +193,4 @@ def has(dictionary: Any, index: int, sub: int) -> bool:
     return sub == 0 if isinstance(found, Variable) else sub in found
 
 
-serve("durand", version("durand"), {"device": {"run": device}})
+serve("durand", version("durand"), {"device": {"run": device}, **device_answers(Tested)})
