@@ -151,6 +151,33 @@ def decode_number(question: dict[str, Any]) -> dict[str, Any]:
     raise NotOffered("minimalmodbus has no number of this size")
 
 
+def in_registers(question: dict[str, Any]) -> dict[str, Any]:
+    """Return the type and the order of a parameter that is in registers alone, and is not scaled."""
+    parameter = question["parameter"]
+    place = parameter.get("modbus", {})
+    if "object" in parameter or "scale" in parameter or {"half", "bit"} & place.keys():
+        raise NotOffered("registers only: minimalmodbus scales by tens in single registers, and knows no parts of them")
+    if parameter["type"] not in ("text", "u16", "i16", "u32", "i32", "u64", "i64", "f32", "f64"):
+        raise NotOffered("minimalmodbus has no number of this size")
+    return {"type": parameter["type"], "order": place.get("order", "ABCD"), "words": place["words"]}
+
+
+def encode_parameter(question: dict[str, Any]) -> dict[str, Any]:
+    place = in_registers(question)
+    if place["type"] != "text":
+        return {"registers": encode_number({**place, "value": question["value"]})["bytes"]}
+    raise NotOffered("minimalmodbus fills a text with blanks")
+
+
+def decode_parameter(question: dict[str, Any]) -> dict[str, Any]:
+    place = in_registers(question)
+    if place["type"] != "text":
+        return decode_number({**place, "bytes": question["registers"]})
+    data = octets(question["registers"])
+    PORT.reply, RTU.address = framed(bytes([3, len(data)]) + data), UNIT
+    return {"value": RTU.read_string(0, place["words"]).rstrip("\0")}
+
+
 serve(
     "minimalmodbus",
     minimalmodbus.__version__,
@@ -162,5 +189,6 @@ serve(
         "rtu-frame": {"encode": encode_rtu},
         "ascii-frame": {"encode": encode_ascii},
         "number": {"encode": encode_number, "decode": decode_number},
+        "parameter": {"encode": encode_parameter, "decode": decode_parameter},
     },
 )

@@ -28,6 +28,11 @@ from tmodbus.pdu.device import ReadDeviceIdentificationResponse
 from tmodbus.pdu.file import FileRecord, FileRecordRequest
 from tmodbus.pdu.serial_line import CommEventCounterResponse, CommEventLogResponse
 from tmodbus.transport.async_ascii import build_ascii_frame, decode_ascii_frame, validate_ascii_frame
+from tmodbus.transport.async_rtu import (
+    BITS_PER_CHAR,
+    compute_interframe_delay,
+    compute_max_continuous_transmission_delay,
+)
 from tmodbus.utils.crc import calculate_crc16
 from tmodbus.utils.lrc import calculate_lrc
 from tmodbus.utils.order_aware_struct import OrderAwareStruct
@@ -248,6 +253,15 @@ def lrc(question: dict[str, Any]) -> dict[str, Any]:
     return {"lrc": f"{calculate_lrc(octets(question['bytes'])):02X}"}
 
 
+def timing(question: dict[str, Any]) -> dict[str, Any]:
+    if question["bits"] != BITS_PER_CHAR or question["baud"] < 1:
+        raise NotOffered("its characters have 11 bits, and its serial port refuses speeds")
+    character = BITS_PER_CHAR / question["baud"]
+    times = {"t15_ns": compute_max_continuous_transmission_delay(character)}
+    times |= {"character_ns": character, "t35_ns": compute_interframe_delay(character)}
+    return {name: round(time * 1e9) for name, time in times.items()}
+
+
 def layout(question: dict[str, Any]) -> OrderAwareStruct:
     """Return their structure for a number."""
     if question["type"] not in LETTERS:
@@ -270,6 +284,7 @@ serve(
         "pdu": {"encode": encode_pdu, "decode": decode_pdu},
         "exchange": {"decode": exchange},
         "client": {"run": client(class_of)},
+        "rtu-timing": {"encode": timing},
         "ascii-frame": {"encode": encode_ascii, "decode": decode_ascii},
         "crc16": {"encode": crc},
         "lrc": {"encode": lrc},
