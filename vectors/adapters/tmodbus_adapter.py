@@ -231,7 +231,18 @@ def exchange(question: dict[str, Any]) -> dict[str, Any]:
     asked = class_of(request).decode_request(request)
     if response[0] & 0x80:
         raise NotOffered("tmodbus reads exceptions in its transports")
+    if request[0] == 0x08:
+        return {"message": diagnostic(int.from_bytes(request[1:3], "big"), asked.decode_response(response))}
     return {"message": result_of(request[0], asked, asked.decode_response(response))}
+
+
+def diagnostic(sub_function: int, value: Any) -> dict[str, Any]:
+    """Return the fields of a response of function 08: bytes, a counter, a delimiter, a choice, or nothing."""
+    if isinstance(value, bool):
+        value = b"\xff\x00" if value else b"\x00\x00"
+    elif isinstance(value, int):
+        value = bytes([value, 0]) if sub_function == 0x03 else value.to_bytes(2, "big")
+    return {"sub_function": sub_function, "data": hexed(value or bytes(2))}
 
 
 def encode_ascii(question: dict[str, Any]) -> dict[str, Any]:
