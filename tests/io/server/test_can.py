@@ -39,6 +39,34 @@ def objects() -> ObjectDictionary:
     return ObjectDictionary([*standard_objects(), Entry(0x2000, 0, "value", "u8", "rw", 9)])
 
 
+def test_a_node_is_served_once_on_a_bus() -> None:
+    url, taken = "can://memory/once?node=5", "^node 5 is served on can://memory/once already: expected another node-ID"
+
+    async def main() -> None:
+        async with AsyncCanopenServer(url, device="az3"):
+            for _ in range(2):  # one that is refused leaves the claim of the first alone
+                with pytest.raises(EncodeError, match=taken):
+                    CanopenServer(url, device="az3").start()
+                with pytest.raises(EncodeError, match=taken):
+                    await AsyncCanopenServer(url, device="az3").start()
+        with CanopenServer(url, device="az3"):
+            pass
+
+    with CanopenServer(url, device="az3") as first, CanopenServer("can://memory/once?node=6", device="az3"):
+        second = CanopenServer(url, device="az3")
+        with pytest.raises(EncodeError, match=taken):
+            second.start()
+        with pytest.raises(PortError, match="serves once"):
+            first.start()
+        with pytest.raises(EncodeError, match=taken), CanopenServer(url, device="az3"):
+            pass
+        with CanopenServer("can://memory/another?node=5", device="az3"):
+            pass
+    with pytest.raises(PortError, match="serves once"):
+        first.start()
+    asyncio.run(main())
+
+
 def test_a_node_of_a_dictionary_an_eds_a_file_a_simulator_or_its_name(tmp_path: Path) -> None:
     file = tmp_path / "node.eds"
     file.write_bytes(EDS)

@@ -15,11 +15,12 @@ import threading
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, cast
+from weakref import WeakValueDictionary
 
 from barewire.canopen import CanFrame
 from barewire.devices.device import Device
 from barewire.errors import EncodeError, PortError, shown
-from barewire.io.canopen.bus.node_runner import Action, NodeDriver, NodeStatistics, check_instance, ended_text
+from barewire.io.canopen.bus.node_runner import Action, NodeDriver, NodeStatistics, check_instance, ended_text, node_ids
 from barewire.io.canopen.bus.reconnect import Reopening, receiver
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.socketcand import SocketcandHub
@@ -41,6 +42,11 @@ if TYPE_CHECKING:
     from barewire.io.fault_injection.targets import GivenFaults
 
     Served = str | Device | Simulator | CanopenNode | ObjectDictionary | Eds
+
+
+_served: WeakValueDictionary[tuple[str, int], _CanopenServerBase] = WeakValueDictionary()
+"""The servers of this process that are open, by bus and node-ID."""
+_serving = threading.Lock()
 
 
 class _CanopenServerBase:
@@ -79,6 +85,22 @@ class _CanopenServerBase:
     def _prepare(self) -> None:
         """Finish the constructor."""
 
+    def _claim(self) -> None:
+        """Begin to serve. Raise EncodeError if this program serves a node with the same node-ID on the bus: both would
+        answer each request."""
+        keys = [(self._endpoint.place, number) for number in sorted(node_ids(self._node))]
+        with _serving:
+            for place, number in keys:
+                if _served.get((place, number), self) is not self:
+                    text = f"node {number} is served on can://{place} already: expected another node-ID, or close that"
+                    raise EncodeError(f"{text} server first", "device")
+            _served.update(dict.fromkeys(keys, self))
+
+    def _disclaim(self) -> None:
+        with _serving:
+            for key in [key for key, server in _served.items() if server is self]:
+                del _served[key]
+
 
 class CanopenServer(_CanopenServerBase, ThreadedServer):
     """A node on a bus, served in a thread. The constructor opens the port; `with`, `start()` or `run(stop)` serve.
@@ -94,7 +116,8 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
     code of the device is logged and kept in `statistics.errors`; the device works on, and a request is aborted with
     0800 0000h.
 
-    Raises EncodeError for a wrong URL, option or device, PortError for a bus that cannot be opened.
+    Raises EncodeError for a wrong URL, option or device, PortError for a bus that cannot be opened. `start` and `run`
+    raise EncodeError if this program serves a node with the same node-ID on the bus.
     """
 
     _logger = "barewire.canopen.server"
@@ -111,6 +134,15 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
             if self._hub is not None:
                 self._hub.close()
             raise
+
+    def _begin(self) -> None:
+        if not self._has_started:
+            try:
+                self._claim()
+            except EncodeError:
+                self.close()
+                raise
+        super()._begin()
 
     def _serve(self, stop: threading.Event) -> None:
         clock, driver = time.monotonic, self._driver
@@ -135,6 +167,7 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
                 self._send(driver.feed(item, clock()))
 
     def _release(self) -> None:
+        self._disclaim()
         self._driver.release()
         self.port.close()
         self._log.info("closed", "closed")
@@ -205,6 +238,7 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
     async def _open(self) -> None:
         from barewire.io.canopen.bus.async_bus import AsyncRunning, open_in_thread
 
+        self._claim()
         self._bus = await open_in_thread(self._open_bus)
         self._running = AsyncRunning(self._bus, self._node, None, self.statistics, self._log)
         self._log.info("serving", "serving")
@@ -222,6 +256,7 @@ class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
 
     async def _release(self) -> None:
         self._is_released = True
+        self._disclaim()
         if self._running is not None:
             self._running.stop()
             self._failure = self._running.failure

@@ -89,21 +89,21 @@ def checked_machine(machine: Speaker) -> Speaker:
 
 def check_node_is_free(bus: FrameBus, machine: object) -> None:
     """Raise EncodeError if a node with the same node-ID runs on this bus: both would answer each request."""
-    numbers = _node_ids(machine)
+    numbers = node_ids(machine)
     for subscriber in tuple(bus.subscribers) if numbers else ():
-        for number in sorted(numbers & _node_ids(subscriber.machine)):
+        for number in sorted(numbers & node_ids(subscriber.machine)):
             text = f"node {number} runs on {bus.name} already: expected another node-ID, or stop the other one first"
             raise EncodeError(text, "device")
 
 
-def _node_ids(machine: object) -> frozenset[int]:
+def node_ids(machine: object) -> frozenset[int]:
     """Return the node-IDs of a whole node, of a simulated one, or of a group. Other machines, such as a heartbeat
     producer, may serve a node that is on the bus."""
     from barewire.canopen import LocalNode, NodeGroup  # not at the top: only who hosts a node needs them
 
     machine = machine.served if isinstance(machine, SharedNode) else machine
     if isinstance(machine, NodeGroup):
-        return frozenset[int]().union(*map(_node_ids, machine.nodes))
+        return frozenset[int]().union(*map(node_ids, machine.nodes))
     node = machine if isinstance(machine, LocalNode) else getattr(machine, "node", None)
     return frozenset([node.node]) if isinstance(node, LocalNode) and node.node is not None else frozenset()
 
