@@ -2,8 +2,8 @@
 
 `make(line, units)` builds the library's server. It has `ask(unit, pdu)`, which returns the PDU of the answer or None
 for silence, and `values(unit, table, first, count)`, which reads the tables without a request. `hear(data)` is for
-bytes that are not a frame, `files(unit)` for the files in the end. A library that has `more` than tables is made with a
-third argument: the units as the case describes them.
+bytes that are not a frame, `overrun()` for a character that the port has lost, `files(unit)` for the files in the end. A
+library that has `more` than tables is made with a third argument: the units as the case describes them.
 """
 
 from __future__ import annotations
@@ -36,8 +36,10 @@ def server_answers(
     def run(question: dict[str, Any]) -> dict[str, Any]:
         server = question["server"]
         asked = {octets(step["ask"])[0] for step in question["talk"] if step.get("ask")}
-        if server["line"] not in lines or any("overrun" in step for step in question["talk"]):
+        if server["line"] not in lines:
             raise NotOffered("not on this line")
+        if not hasattr(make, "overrun") and any("overrun" in step for step in question["talk"]):
+            raise NotOffered("the library is not told of lost characters")
         if any({*unit} - {*TABLES, *more} for unit in server["units"].values()):
             raise NotOffered("the library has no such setting of a unit")
         if asked & PUBLIC - codes - absent(server["units"].values()):
@@ -66,7 +68,9 @@ def played(theirs: Server, units: Units, steps: list[dict[str, Any]]) -> dict[st
     """Ask step by step, then read the tables."""
     talk = []
     for step in steps:
-        if "raw" in step:
+        if "overrun" in step:
+            answer = getattr(theirs, "overrun")()  # noqa: B009 - only some have it
+        elif "raw" in step:
             answer = getattr(theirs, "hear")(octets(step["raw"])) or None  # noqa: B009 - only some have it
         else:
             answer = theirs.ask(step["unit"], octets(step["ask"]))

@@ -178,6 +178,11 @@ class Server:
         text = f":{data.hex()}{-sum(data) & 0xFF:02x}\r\n".upper().encode()
         return bytes.fromhex(self.hear(text)[1:-2].decode())[1:-1] or None
 
+    def overrun(self) -> None:
+        """Count a lost character, as the library leaves it to the port to do."""
+        for unit in self.units.values():
+            unit.instance.state.counter_12 += 1
+
     def hear(self, data: bytes) -> bytes:
         return b"".join(unit.hear(data) for unit in self.units.values())
 
