@@ -2,7 +2,7 @@
 
 `make(line, units)` builds the library's server. It has `ask(unit, pdu)`, which returns the PDU of the answer or None
 for silence, and `values(unit, table, first, count)`, which reads the tables without a request. `hear(data)` is for
-bytes that are not a frame, `overrun()` for a character that the port has lost, `files(unit)` for the files in the end. A
+bytes that are no frame, `overrun()` for a character that the port has lost, `files(unit)` for the files in the end. A
 library that has `more` than tables is made with a third argument: the units as the case describes them.
 """
 
