@@ -24,7 +24,6 @@ from barewire.errors import PortError
 from barewire.io.canopen.bus.async_bus import AsyncSubscriber
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import LONGEST_PULL, BusItem, FrameBus, Key
-from barewire.io.canopen.bus.task_wait import TaskWait
 from barewire.io.canopen.fast_path import ChannelMemory, KnownChannel
 from barewire.io.canopen.methods.operations import BusOperation, whole_transfer
 from barewire.io.engine.asyncio import abandon
@@ -72,7 +71,7 @@ class AsyncChannelSubscriber(AsyncSubscriber):
             deadline = self._deadline = loop.time() + min(timeout, LONGEST_PULL)
             if self._timer is None or self._timer.when() > deadline:
                 self._set_timer(deadline)
-            waiter = self._waiter = TaskWait(loop, self._thread)
+            waiter = self._waiter = loop.create_future()
             try:
                 if not frames and self._why is None:
                     await waiter

@@ -40,7 +40,6 @@ from barewire.io.canopen.bus.subscriber import (
     Key,
     Subscriber,
 )
-from barewire.io.canopen.bus.task_wait import TaskWait
 from barewire.io.endpoint import check_timeout
 from barewire.io.log import PortLog
 from barewire.io.ports.base import SEND_TIMEOUT, no_room
@@ -64,7 +63,7 @@ class AsyncSubscriber(Subscriber):
     ) -> None:
         self.loop: asyncio.AbstractEventLoop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
-        self._waiter: TaskWait | None = None
+        self._waiter: asyncio.Future[None] | None = None
         self._outbox: deque[CanFrame] = deque()
         self._retrying = False
         self._give_up_at = 0.0  # for the first frame of the outbox
@@ -72,28 +71,27 @@ class AsyncSubscriber(Subscriber):
         super().__init__(bus, keys, room=room, reports=reports, node=node)
 
     def _wake(self) -> None:
-        waiter = self._waiter
-        if waiter is not None:  # set before the task looked for items
-            self.bus.wake(waiter)
+        if threading.get_ident() == self._thread:
+            self.wake()
+            return
+        with contextlib.suppress(RuntimeError):  # the loop is closed: no task waits
+            self.loop.call_soon_threadsafe(self.wake)
 
     def wake(self) -> None:
         """Wake the task that waits, so that it checks its deadline again."""
-        if self._waiter is not None:
-            self._waiter.wake()
+        if self._waiter is not None and not self._waiter.done():
+            self._waiter.set_result(None)
 
     async def pull_async(self, timeout: float) -> Arrived | None:
         """Return the next item, or None after `timeout` seconds."""
-        arrived = self.take()
+        arrived = self.take(wait=timeout > 0)
         if arrived is not None:
             return arrived
         if timeout <= 0:
             return self.take() if self.bus.read_in_loop(self.loop) else None
-        waiter = self._waiter = TaskWait(self.loop, self._thread)
-        timer = self.loop.call_later(min(timeout, LONGEST_PULL), waiter.wake)
+        waiter = self._waiter = self.loop.create_future()
+        timer = self.loop.call_later(min(timeout, LONGEST_PULL), self.wake)
         try:
-            arrived = self.take(wait=True)
-            if arrived is not None:
-                return arrived
             await waiter
         finally:
             timer.cancel()

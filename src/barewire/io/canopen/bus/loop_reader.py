@@ -26,7 +26,6 @@ from typing import Protocol
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
 from barewire.io.canopen.bus.subscriber import BusItem
-from barewire.io.canopen.bus.task_wait import TaskWait
 from barewire.io.ports.base import Port
 
 _BURST = 64
@@ -60,7 +59,6 @@ class LoopReader:
         self._thread = threading.get_ident()
         self._last = 0.0  # the time of the last frame
         self._is_rung = False
-        self._woken: list[TaskWait] | None = None
         self._descriptor = -1
         self._notify: Callable[[Callable[[], object] | None], object] | None = getattr(bus.port, "notify", None)
         if self._notify is not None:
@@ -69,7 +67,7 @@ class LoopReader:
         # The port may be closed in a thread, and its number be that of another file before this loop notices.
         self._descriptor = os.dup(bus.port.fileno())  # type: ignore[attr-defined]
         try:
-            self.loop.add_reader(self._descriptor, self._read_and_wake)
+            self.loop.add_reader(self._descriptor, self.read)
         except BaseException:
             os.close(self._descriptor)
             raise
@@ -89,29 +87,10 @@ class LoopReader:
             return
         self._is_rung = True
         if threading.get_ident() == self._thread:
-            self.loop.call_soon(self._read_and_wake)
+            self.loop.call_soon(self.read)
             return
         with suppress(RuntimeError):  # the loop is closed
-            self.loop.call_soon_threadsafe(self._read_and_wake)
-
-    def _read_and_wake(self) -> None:
-        """Read, as a callback of the loop: no task runs, so the first one that a frame wakes can go on at once."""
-        woken = self._woken = []
-        try:
-            self.read()
-        finally:
-            self._woken = None
-            for waiter in woken[1:]:
-                waiter.wake()
-            if woken:
-                woken[0].wake_now()
-
-    def wake_after_reading(self, waiter: TaskWait) -> bool:
-        """Wake a task when the present read has ended. Return False if the loop does not read now."""
-        if self._woken is None or threading.get_ident() != self._thread:
-            return False
-        self._woken.append(waiter)
-        return True
+            self.loop.call_soon_threadsafe(self.read)
 
     def read(self) -> None:
         """Deliver the frames that have arrived."""
@@ -135,7 +114,7 @@ class LoopReader:
         if why is not None:
             bus.fail_directly(why)
         elif count == _BURST:
-            self.loop.call_soon(self._read_and_wake)  # the port may hold frames that its descriptor does not show
+            self.loop.call_soon(self.read)  # the port may hold frames that its descriptor does not show
 
     def _time(self) -> float:
         """Return when the last frame arrived: not in the future, and not before the one before, if clocks are set."""

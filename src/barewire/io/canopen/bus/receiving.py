@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from asyncio import AbstractEventLoop
 
     from barewire.io.canopen.bus.loop_reader import LoopReader
-    from barewire.io.canopen.bus.task_wait import TaskWait
     from barewire.io.ports.trace import Direction
 
 _RECEIVE_TIMEOUT = 0.05
@@ -108,9 +107,6 @@ class ReceivingBus(SubscriberTable, AwaitedBus, ABC):
 
     @abstractmethod
     def remove(self, subscriber: Subscriber) -> None: ...
-
-    @abstractmethod
-    def wake(self, waiter: TaskWait) -> None: ...
 
     @abstractmethod
     def send(self, frame: CanFrame, sender: Sender | None = None) -> None: ...

@@ -20,7 +20,7 @@ import threading
 import time
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, LockKeys
 from barewire.canopen.frame import CanFrame
@@ -33,9 +33,6 @@ from barewire.io.canopen.bus.subscriber import BusDown, Key, Subscriber
 from barewire.io.endpoint import PAUSES, Endpoint
 from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
 from barewire.io.ports.base import Port, raise_port_error, send_when_room
-
-if TYPE_CHECKING:
-    from barewire.io.canopen.bus.task_wait import TaskWait
 
 _NO_KEYS: frozenset[Key] = frozenset()
 
@@ -155,12 +152,6 @@ class CanBus(ReceivingBus):
             self.unregister(subscriber)
             if self._alone is subscriber:
                 self._alone = None
-
-    def wake(self, waiter: TaskWait) -> None:
-        """Wake a task: if its loop reads the port now, when it has read; otherwise in the next round of its loop."""
-        reader = self.loop_reader
-        if reader is None or not reader.wake_after_reading(waiter):
-            waiter.wake()
 
     def channel(self, node: int, dialect: SdoDialect) -> Channel:
         """Return the default SDO channel to a node, the same for all clients of the bus."""

@@ -22,8 +22,6 @@ from barewire.errors import BarewireError, EncodeError, PortError, shown
 if TYPE_CHECKING:
     from asyncio import AbstractEventLoop
 
-    from barewire.io.canopen.bus.task_wait import TaskWait
-
 SUBSCRIBER_ROOM = 4096
 """Frames that a subscriber holds: 32 blocks of an SDO transfer, or a third of a second of a full bus."""
 LONGEST_PULL = 86400.0
@@ -92,8 +90,6 @@ class FrameBus(Protocol):
     def try_send(self, frame: CanFrame, sender: Any = None, /, *, again: bool = False) -> bool: ...
 
     def try_send_all(self, frames: Sequence[CanFrame], sender: Any = None, /) -> int: ...
-
-    def wake(self, waiter: TaskWait, /) -> None: ...
 
     def read_in_loop(self, loop: AbstractEventLoop, /) -> bool: ...
 
