@@ -53,7 +53,10 @@ def test_lines_about_the_own_node_send_no_request_on_the_bus() -> None:
             )
             assert await terminal.ask("[4] set id 2") == "[4] OK"
             assert await terminal.ask("[5] init 9") == "[5] OK"
-            assert str(await frames.get(30.0)) == "702#00"  # the first frame of all these lines
+            first = await frames.get(30.0)
+            if str(first) == "701#00":  # the boot-up was still being delivered when the stream began
+                first = await frames.get(30.0)
+            assert str(first) == "702#00"  # the first frame of all these lines
             await terminal.close()
 
     play(body)
