@@ -68,7 +68,7 @@ vectors-release: $(VENV)/installed-dev ## the vectors as an archive and as a pac
 	@$(BIN)/python -m tools.vectors_release $(ARGS)
 
 vectors-mutants: $(VENV)/installed-dev ## which changes of the reference of the vectors no case notices
-	@$(BIN)/python tools/vectors_mutants.py $(ARGS)
+	@$(BIN)/python -m tools.vectors_mutants $(ARGS)
 
 mutants: $(VENV)/installed-mutants ## which changes of the core no test notices; writes docs/mutation.md
 	@$(BIN)/python tools/mutants.py $(ARGS)

@@ -2,7 +2,7 @@
 
     ids     a case without an id gets the next free number of its file: <file>-<n>. An id is never reused
     form    few lines for a case: result, comment, source, then the fields; no line longer than 120 characters
-    counts  the tables of vectors/README.md, each between its two markers
+    counts  the tables of vectors/README.md, each between its two markers; one is made of vectors/mutants.json
     index   the digest of each case, in vectors/index.json
 
 The tests call the same functions, and fail if a file is not as this tool would write it.
@@ -22,6 +22,7 @@ VECTORS = Path(__file__).parent.parent / "vectors"
 WIDTH = 120
 BEGIN, END = "<!-- counts: made by tools/vectors.py -->", "<!-- end of counts -->"
 CONFIRMED = "<!-- confirmations: made by tools/vectors.py -->", "<!-- end of confirmations -->"
+MUTANTS = "<!-- mutants: made by tools/vectors_mutants.py -->", "<!-- end of mutants -->"
 
 # The first keys of a case, in rows. The other keys follow in the order of the file.
 ROWS = (
@@ -139,9 +140,25 @@ def confirmations() -> str:
     return "\n".join(rows)
 
 
+def mutants() -> str:
+    """Return the table: by kind, how many changes of its reference a case notices, from mutants.json."""
+    numbers: dict[str, Any] = json.loads((VECTORS / "mutants.json").read_text(encoding="utf-8"))
+    total: dict[str, list[int]] = {}
+    for counts in [one["kinds"] for one in numbers.values()]:
+        for kind, row in counts.items():
+            total[kind] = [old + new for old, new in zip(total.get(kind, [0, 0, 0]), row)]
+    kinds = [kind for kind in json.loads((VECTORS / "kinds.json").read_text(encoding="utf-8")) if kind in total]
+    whole = [sum(one["all"][place] for one in numbers.values()) for place in range(3)]
+    rows = ["| kind | changes | noticed | | a policy | open |", "|---|--:|--:|--:|--:|--:|"]
+    for name, (noticed, explained, left) in [*((f"`{kind}`", total[kind]) for kind in kinds), ("**all**", whole)]:
+        made = noticed + explained + left
+        rows.append(f"| {name} | {made} | {noticed} | {100 * noticed // made} % | {explained or ''} | {left or ''} |")
+    return "\n".join(rows)
+
+
 def with_counts(readme: str) -> str:
-    """Return the README with its two tables up to date."""
-    for (begin, end), table in (((BEGIN, END), counts()), (CONFIRMED, confirmations())):
+    """Return the README with its tables up to date."""
+    for (begin, end), table in (((BEGIN, END), counts()), (CONFIRMED, confirmations()), (MUTANTS, mutants())):
         before, _, rest = readme.partition(begin)
         _, _, after = rest.partition(end)
         readme = f"{before}{begin}\n\n{table}\n\n{end}{after}"
@@ -165,6 +182,11 @@ def main() -> None:
             file.write_text(after, encoding="utf-8")
             sys.stdout.write(f"{file.relative_to(VECTORS)}\n")
     (VECTORS / "index.json").write_text(index(), encoding="utf-8")
+    write_readme()
+
+
+def write_readme() -> None:
+    """Bring the tables of the README up to date; print its name if it has changed."""
     readme = VECTORS / "README.md"
     before = readme.read_text(encoding="utf-8")
     if (after := with_counts(before)) != before:

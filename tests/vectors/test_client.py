@@ -19,7 +19,8 @@ from barewire.vectors.judge import judge
 from barewire.vectors.questions import Question
 
 VECTORS = load_vectors()
-REFERENCE = runpy.run_path(str(Path(__file__).parents[2] / "vectors" / "reference" / "client_peer.py"))["ClientPeer"]
+PEER = Path(__file__).parents[2] / "vectors" / "reference" / "modbus" / "client_peer.py"
+REFERENCE = runpy.run_path(str(PEER))["ClientPeer"]
 QUESTIONS = [
     question
     for file in VECTORS.files

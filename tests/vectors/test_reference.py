@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-import re
+import json
 import sys
 
 import pytest
@@ -11,10 +11,12 @@ import pytest
 from barewire.io.vector_adapter import VectorAdapter
 from barewire.vectors.files import load_vectors
 from barewire.vectors.run import run_cases, selected
-from tools import vectors_mutants
+from tools import vectors, vectors_mutants
+from tools.vectors_changes import mutants
 
 TEXTS = vectors_mutants.sources()
 ASKED = vectors_mutants.asked_of_kinds()
+NUMBERS = json.loads(vectors_mutants.NUMBERS.read_text(encoding="utf-8"))
 REFERENCE = vectors_mutants.Reference(vectors_mutants.compiled(TEXTS))
 
 
@@ -40,23 +42,35 @@ def test_the_reference_is_an_adapter() -> None:
 
 
 def test_a_mutant_is_noticed_by_a_case() -> None:
-    first = next(one for one in vectors_mutants.mutants("checks", TEXTS["checks"]) if one.place == "lrc")
-    assert vectors_mutants.is_noticed(vectors_mutants.compiled(TEXTS), first, [ASKED["lrc"]])
+    first = next(one for one in mutants("checks", TEXTS["checks"]) if one.place == "lrc")
+    assert vectors_mutants.is_noticed(vectors_mutants.compiled(TEXTS), first, ASKED["lrc"])
 
 
-def test_a_mutant_has_a_row() -> None:
-    (found,) = [
-        one for one in vectors_mutants.mutants("x", "def f(a):\n    return a & 1\n") if one.after == "return a & 2"
-    ]
-    assert found.row == ("x.f", "return a & 1", "return a & 2")
-    row = vectors_mutants.row(found.row, "a reason")
-    assert vectors_mutants.explained(row + "\n") == {found.row: "a reason"}
+def test_a_mutant_has_a_row_below_a_policy() -> None:
+    (found,) = [one for one in mutants("x", "def f(a):\n    return a & 1 | 4\n") if one.after == "return a & 2 | 4"]
+    assert found.row == ("x.f", "return a & 1 | 4", "return a & 2 | 4")
+    page = f"### Which bit\n\nIt is reserved.\n\n{vectors_mutants.row(found.row)}\n\n### Another\n"
+    assert vectors_mutants.explained(page) == {found.row: "Which bit"}
 
 
-def test_the_table_of_mutants_names_the_files_and_adds_up() -> None:
-    page = (vectors_mutants.REFERENCE / "README.md").read_text(encoding="utf-8")
-    rows = [
-        (name, int(made), int(noticed)) for name, made, noticed in re.findall(r"`(\w+)\.py` \| (\d+) \| (\d+)", page)
-    ]
-    assert {name for name, _, _ in rows} <= {*TEXTS}
-    assert f"| **all** | {sum(made for _, made, _ in rows)} | {sum(noticed for _, _, noticed in rows)} |" in page
+def test_the_numbers_of_the_mutants_are_those_of_the_reference() -> None:
+    changed = {name: text for name, text in TEXTS.items() if name not in vectors_mutants.NOT_CHANGED}
+    digests = {name: vectors_mutants.digest(text) for name, text in changed.items()}
+    assert {name: one["digest"] for name, one in NUMBERS.items()} == digests, "run make vectors-mutants ARGS=<file>"
+    assert {kind for one in NUMBERS.values() for kind in one["kinds"]} == {*REFERENCE.module("main").KINDS}
+
+
+def test_every_surviving_mutant_has_a_policy() -> None:
+    survivors = vectors_mutants.explained(vectors_mutants.PAGE.read_text(encoding="utf-8"))
+    assert {name: one["all"][-1] for name, one in NUMBERS.items() if one["all"][-1]} == {}
+    assert {place.partition(".")[0] for place, _, _ in survivors} == {
+        name for name, one in NUMBERS.items() if one["all"][1]
+    }
+
+
+def test_the_table_of_the_readme_is_made_of_these_numbers() -> None:
+    readme = (vectors_mutants.REFERENCE.parent / "README.md").read_text(encoding="utf-8")
+    made = sum(sum(one["kinds"].get("sdo", ())) for one in NUMBERS.values())
+    assert made > 300
+    assert f"| `sdo` | {made} | " in readme
+    assert vectors.mutants() in readme, "run python tools/vectors.py"

@@ -2,9 +2,10 @@
 
 barewire vectors check --kind client --adapter "python vectors/adapters/pymodbus_adapter.py"
 
-The libraries are not changed. They get a serial port or a socket on the line of the peer (../reference/client_peer.py),
-and the clock that they import is replaced by the time of this line, so nothing is waited for. A library that has no
-such line, no retries, no broadcast or no way to ask this function says that the case is not offered.
+The libraries are not changed. They get a serial port or a socket on the line of the peer, which is
+../reference/modbus/client_peer.py, and the clock that they import is replaced by the time of this line, so nothing is
+waited for. A library that has no such line, no retries, no broadcast or no way to ask this function says that the case
+is not offered.
 """
 
 import importlib
@@ -16,7 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "reference"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "reference" / "modbus"))
 
 from adapter import NotOffered
 from adapter_client import ExceptionAnswer

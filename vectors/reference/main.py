@@ -7,29 +7,20 @@ It shows what each kind demands, in the simplest way, for somebody who writes it
 
 import json
 import sys
+from pathlib import Path
 
-import can_frames
-import checks
-import client
-import devices
-import exchange
-import frames
-import lines
-import node_talk
-import pdo
-import pdu
-import sdo
-import sdo_client
-import sdo_server
-import server
-import services
-import values
 from texts import Refused
 
-MODULES = (
-    *(values, checks, pdu, exchange, frames, lines, client),
-    *(can_frames, services, sdo, sdo_client, sdo_server, pdo, node_talk, devices, server),
+FOLDERS = ("modbus", "canopen", "device")
+sys.path += [str(Path(__file__).parent / folder) for folder in FOLDERS]
+
+NAMES = (
+    *("values", "devices", "drive_path", "log_lines"),
+    *("checks", "pdu", "exchange", "frames", "lines", "client", "server", "gateway", "tls_role"),
+    *("can_frames", "services", "sdo", "sdo_client", "sdo_server", "pdo", "node_talk", "heartbeat_watch", "lss_talk"),
+    *("boot_slave", "gateway_309_3", "eds", "device"),
 )
+MODULES = [__import__(name) for name in NAMES]
 KINDS: dict = {}
 for module in MODULES:
     for kind, operations in module.KINDS.items():

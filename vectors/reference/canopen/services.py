@@ -86,8 +86,9 @@ def encode_emcy(given):
     """node, code, register, info -> cob_id, data"""
     within(given["node"], 1, 127)
     info = octets(given["info"])
-    within(len(info), 0, 5)
-    data = number(int(given["code"], 16), 2, "little") + number(int(given["register"], 16), 1) + info.ljust(5, b"\0")
+    if len(info) != 5:
+        raise Refused("value")
+    data = number(int(given["code"], 16), 2, "little") + number(int(given["register"], 16), 1) + info
     return sent(0x080 + given["node"], data)
 
 

@@ -69,13 +69,11 @@ class Client:
             return
         if self.serial:
             self.clear_at[ask["unit"]] = question["sent"] + self.setup["late_window"]
-        is_write = octets(ask["pdu"])[0] in (5, 6, 15, 16)
-        if is_write or question["attempts"] > self.setup["retries"]:
+        if question["attempts"] > self.setup["retries"]:
             self.end(question, "no answer")
             return
-        while self.peer.coming and self.peer.coming[0][0] <= self.may_send_at(question["place"]):
-            self.now = max(self.now, self.peer.coming.pop(0)[0])  # too late
         self.now = self.may_send_at(question["place"])
+        self.peer.coming = [(at, data) for at, data in self.peer.coming if at > self.now]  # too late
         self.send(question)
 
     def end(self, question, outcome):

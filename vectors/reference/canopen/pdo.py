@@ -1,6 +1,6 @@
-"""pdo: objects packed bit by bit."""
+"""pdo, mpdo: objects packed bit by bit, and one object with its address."""
 
-from texts import Refused, exactly, hexed, octets
+from texts import Refused, exactly, hexed, octets, within
 from values import number_bytes, number_text
 
 
@@ -9,9 +9,10 @@ def widths(entries):
     found = []
     for entry in entries:
         bits, kind = int(entry["entry"][6:], 16), entry["type"]
-        most = 1 if kind == "bool" else int(kind[1:]) if kind else 64
-        if bits > most or (kind and kind[0] == "f" and bits != most):
-            raise Refused("value")
+        if kind:
+            most = 1 if kind == "bool" else int(kind[1:])
+            if bits > most or (kind[0] == "f" and bits != most):
+                raise Refused("value")
         found.append(bits)
     if sum(found) > 64:
         raise Refused("value")
@@ -54,4 +55,26 @@ def decode(given):
     return {"entries": found}
 
 
-KINDS = {"pdo": {"encode": encode, "decode": decode}}
+def encode_mpdo(given):
+    """addressing, node, index, sub, data -> bytes"""
+    data, is_sam = octets(given["data"]), given["addressing"] == "SAM"
+    if len(data) != 4:
+        raise Refused("value")
+    within(given["node"], 1 if is_sam else 0, 127)  # DAM: 0 are all nodes
+    head = bytes([(0x00 if is_sam else 0x80) | given["node"]])
+    return {"bytes": hexed(head + octets(given["index"])[::-1] + octets(given["sub"]) + data)}
+
+
+def decode_mpdo(given):
+    """bytes -> addressing, node, index, sub, data"""
+    data = octets(given["bytes"])
+    if len(data) != 8:
+        raise Refused("length")
+    addressing, node = ("DAM", data[0] & 0x7F) if data[0] & 0x80 else ("SAM", data[0])
+    if addressing == "SAM" and node == 0:
+        raise Refused("value")
+    place = {"index": f"{data[1] | data[2] << 8:04X}", "sub": f"{data[3]:02X}"}
+    return {"addressing": addressing, "node": node, **place, "data": hexed(data[4:])}
+
+
+KINDS = {"mpdo": {"encode": encode_mpdo, "decode": decode_mpdo}, "pdo": {"encode": encode, "decode": decode}}
