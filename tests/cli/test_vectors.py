@@ -68,6 +68,19 @@ def test_of_a_long_case_every_frame_has_one_line() -> None:
     assert len(explained) == len(longest["talk"])
 
 
+def test_long_lists_of_a_case_have_a_line_for_each_item() -> None:
+    shown = output_of("vectors", "show", "client-rtu-fates-3").splitlines()
+    first = shown.index("  ask:") + 1
+    assert [line[:18] for line in shown[first : first + 3]] == ['    {"at": 0, "uni'] * 3
+    assert '"fates": [{"delay": 250000}]' in shown[first + 2]
+    assert "ask 3, unit 1:" in shown
+
+
+@pytest.mark.parametrize("pattern", ["ascii/lrc", "ascii/lrc.json", "lrc"])
+def test_a_file_is_selected_with_and_without_its_folder(pattern: str) -> None:
+    assert output_of("vectors", "list", "--only", pattern) == output_of("vectors", "list", "--kind", "lrc")
+
+
 def test_no_case_makes_the_explanation_fail() -> None:
     """Broken frames, texts that are no frames, cases without one side."""
     explained = [

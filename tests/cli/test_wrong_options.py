@@ -208,13 +208,16 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("vectors", "chekc"), "did you mean 'check'"),
     (("vectors", "check", "--kind", "crc"), "did you mean 'crc16'"),
     (("vectors", "check", "--only", "no-such"), "no case fits 'no-such'"),
-    (("vectors", "list", "--flag", "no-such"), "no case fits 'no-such'"),
+    (("vectors", "list", "--flag", "no-such"), "flag 'no-such': expected one of broadcast, delimiter, "),
+    (("vectors", "check", "--endpoint", TCP, "--kind", "lrc"), "--endpoint: a running server is asked server-conf"),
+    (("vectors", "check", "--endpoint", "can://memory/x"), "can://memory is inside one process"),
     (("vectors", "list", "--cases", "/no/such"), "folder /no/such: no vectors"),
     (("vectors", "check", "--adapter", ""), "--adapter: the command is empty"),
     (("vectors", "check", "--endpoint", "http://x"), "expected tcp://HOST:PORT"),
     (("vectors", "check", "--endpoint", TCP, "--adapter", "x"), "give one of them"),
     (("vectors", "check", "--timeout", "0"), "expected seconds, above 0"),
-    (("vectors", "show", "crc16"), "no case has the id 'crc16'"),
+    (("vectors", "show", "crc16"), "no case has the id 'crc16'; `barewire vectors list --only \"crc16*\"`"),
+    (("vectors", "show", "ascii/lrc"), "`barewire vectors list --only ascii/lrc` shows the cases of this file"),
 ]
 
 

@@ -146,6 +146,32 @@ def test_the_difference_of_a_long_talk_is_told_at_its_place() -> None:
     assert missing == "ends is missing, expected done"
 
 
+def test_a_long_text_is_shown_where_it_differs() -> None:
+    right = " ".join(f"{byte:02X}" for byte in range(253))
+    question = Question({"result": "valid", "id": "lrc-1"}, "pdu", "encode", {}, {"pdu": right})
+    text = judge(question, {"is": {"pdu": right[:-2] + "00"}}).text
+    assert text.endswith("F9 FA FB FC, different from byte 252 on")
+    assert "FA FB 00, expected ..." in text
+    assert len(text) < 200
+    assert judge(question, {"is": {"pdu": "88 01"}}).text.startswith("pdu is 88 01, expected 00 01 02")
+
+
+def test_a_refusal_and_a_wrong_value_are_shown_without_the_id() -> None:
+    valid = Question({"result": "valid", "id": "lrc-1"}, "lrc", "encode", {}, {"lrc": "F3"})
+    assert judge(valid, {"id": "lrc-1.encode", "refused": ""}).text == 'refused, expected {"lrc": "F3"}'
+    refusal = judge(valid, {"id": "lrc-1.encode", "refused": "value", "text": "below 0"})
+    assert refusal.text == 'refused as value: below 0, expected {"lrc": "F3"}'
+    case = {"result": "invalid", "fails": "encode", "reason": "value", "id": "lrc-1"}
+    invalid = Question(case, "lrc", "encode", {}, {})
+    text = judge(invalid, {"id": "lrc-1.encode", "is": {"lrc": "F3"}}).text
+    assert text == '{"lrc": "F3"}, expected a refusal: value'
+
+
+def test_the_failure_of_a_device_is_not_compared_with_null() -> None:
+    question = Question({"result": "valid", "id": "conform-sdo-1"}, "device-conformance", "run", {}, {"failure": None})
+    assert judge(question, {"is": {"failure": "after 605#23: silence"}}).text == "after 605#23: silence"
+
+
 def test_two_dots_are_a_byte_that_may_have_any_value() -> None:
     expected = [{"one_of": ["085#308111........00", "085#3081FF"]}]
     assert device_verdict(["085#308111091B00FF00"], expected) == "passed"

@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 import queue
 import shlex
+import signal
 import subprocess
 import threading
 from collections import deque
@@ -46,6 +47,7 @@ class VectorAdapter:
         self._command = command
         self._timeout = timeout
         self._lost = 0
+        self._asked: set[str] = set()
         self._process: subprocess.Popen[bytes] | None = None
         self._readers: tuple[threading.Thread, ...] = ()
         self._lines: queue.Queue[bytes | None] = queue.Queue()
@@ -70,6 +72,7 @@ class VectorAdapter:
             if self._process is None:
                 self._start()
             self._send(question.as_json())
+            self._asked.add(question.id)
             return self._answer(question.id, self._timeout)
         except PortError as error:
             raise AdapterFailure(str(error)) from None
@@ -114,7 +117,10 @@ class VectorAdapter:
         try:
             self._process = subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe)
         except OSError as error:
-            raise PortError(f"adapter {shown(self._command)}: {error.strerror or error}") from None
+            reason = error.strerror or str(error)
+            if isinstance(error, FileNotFoundError) and "/" not in words[0]:
+                reason = f"no such program on the PATH; a file here is started as ./{words[0]}, or by its interpreter"
+            raise PortError(f"adapter {shown(self._command)}: {reason}") from None
         self._lines = queue.Queue()
         self._complaints.clear()
         self._readers = (
@@ -169,6 +175,9 @@ class VectorAdapter:
                 return answer
             if not isinstance(answer.get("id"), str):
                 raise AdapterFailure(f"its answer has no id of a question: {text}")
+            if answer["id"] not in self._asked:
+                expected = f"expected {shown(wanted)}" if wanted else "the answer to the hello has none"
+                raise AdapterFailure(f"its answer has the id {shown(answer['id'])}, {expected}")
 
     def _fail(self, text: str, *, is_ending: bool = True) -> NoReturn:
         """Kill the program, and raise AdapterFailure with the last line that it wrote to its standard error.
@@ -182,12 +191,22 @@ class VectorAdapter:
         if is_ending:
             with suppress(subprocess.TimeoutExpired):
                 process.wait(_END_TIMEOUT)
+        status = process.poll()  # None: it still runs, and the signal that ends it is ours
         process.kill()
         self._release(process)
-        status = process.returncode
         last = self._complaints[-1] if self._complaints else ""
-        ended = f" (exit status {status})" if status >= 0 else ""
+        ended = "" if status is None else f" ({_status_text(status)})"
         raise AdapterFailure(text + ended + (f": {last}" if last else ""))
+
+
+def _status_text(status: int) -> str:
+    """Return how a process ended: `exit status 3`, or of a signal its name, `SIGSEGV`."""
+    if status >= 0:
+        return f"exit status {status}"
+    try:
+        return signal.Signals(-status).name
+    except ValueError:  # a number without a name
+        return f"signal {-status}"
 
 
 def _read(stream: Any, lines: queue.Queue[bytes | None]) -> None:

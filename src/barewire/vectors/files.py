@@ -61,7 +61,14 @@ class Vectors(NamedTuple):
             for case in file.cases:
                 if case["id"] == case_id:
                     return file, case
-        raise EncodeError(f"no case has the id {shown(case_id)}; `barewire vectors list` shows them")
+            if case_id in (file.name, f"{file.name}.json"):
+                hint = f"`barewire vectors list --only {file.name}` shows the cases of this file"
+                raise EncodeError(f"no case has the id {shown(case_id)}; {hint}")
+        ids = [case["id"] for file in self.files for case in file.cases]
+        stems = [stem for stem in (case_id, case_id.rstrip("0123456789").removesuffix("-")) if stem]
+        near = next((stem for stem in stems if any(known.startswith(stem) for known in ids)), None)
+        pattern = f' --only "{near}*"' if near else ""
+        raise EncodeError(f"no case has the id {shown(case_id)}; `barewire vectors list{pattern}` shows what there is")
 
     def __repr__(self) -> str:
         return f"Vectors: {sum(len(file.cases) for file in self.files)} cases in {len(self.files)} files"

@@ -36,6 +36,8 @@ VerdictState = Literal["passed", "open", "failed", "not offered"]
 _UNORDERED = ("device", "gateway-309-3")
 """Kinds whose frames of different identifiers may come in any order."""
 _HEX = re.compile(r"[0-9A-Fa-f ]*")
+_LONG = 60
+"""Characters from which on two texts are shown only near the place where they begin to differ."""
 _SHOWN = 300
 """Characters of an answer that a text shows."""
 _MISSING: Any = object()
@@ -82,7 +84,7 @@ def judge(question: Question, answer: Answer, *, exact: bool = False) -> Verdict
     if result == "acceptable" and "is" in answer and (wrong := _excluded(question.expected, answer["is"])):
         text = "; ".join(differences(question, answer["is"]))
         return Verdict("failed", f"{_shown(wrong)} is wrong in any case: {text}")
-    text = f"{_shown(answer)}, expected {_shown({'is': question.expected})}"
+    text = f"{_shown(answer)}, expected {_shown(question.expected)}"
     if "is" in answer:
         text = "; ".join(differences(question, answer["is"]))
     return Verdict("open" if result == "acceptable" and not exact else "failed", text)
@@ -103,7 +105,10 @@ def malformed(answer: Answer) -> str:
         return ""
     if isinstance(answer.get("refused"), str):
         return ""
-    return f"an answer needs is, refused or not_offered: {_shown(answer)}"
+    for name, form in (("is", "an object of fields"), ("refused", "a text")):
+        if name in answer:
+            return f"{name} must be {form}, not {_NAMES.get(type(answer[name]), 'a number')}: {_shown(answer[name])}"
+    return f"an answer needs is, refused or not_offered: {json.dumps(answer, ensure_ascii=False)[:_SHOWN]}"
 
 
 def differences(question: Question, found: Mapping[str, Any]) -> list[str]:
@@ -128,8 +133,21 @@ def _difference(path: str, wanted: Any, found: Any, question: Question) -> str:
                 return "; ".join([*sizes, _difference(f"{path}[{place}]", value, item, question)])
         if sizes:
             return sizes[0]
+    if question.kind == "device-conformance" and wanted is None and isinstance(found, str):
+        return found  # it is a whole sentence
+    if isinstance(wanted, str) and isinstance(found, str) and min(len(wanted), len(found)) > _LONG:
+        shorter = min(len(wanted), len(found))
+        place = next((place for place in range(shorter) if wanted[place] != found[place]), shorter)
+        where = f"byte {place // 3}" if _HEX.fullmatch(wanted) and wanted[2] == " " else f"character {place}"
+        return f"{path} is {_around(found, place)}, expected {_around(wanted, place)}, different from {where} on"
     is_what = "is missing" if found is _MISSING else f"is {_shown(found)}"
     return f"{path} {is_what}, expected {_shown(wanted)}"
+
+
+def _around(text: str, place: int) -> str:
+    """Return a long text near the place where it begins to differ from another one."""
+    first, end = max(place - _LONG // 2, 0) // 3 * 3, place + _LONG // 2
+    return f"{'... ' if first else ''}{text[first:end]}{' ...' if end < len(text) else ''}"
 
 
 def _is_deep(item: Any) -> bool:
@@ -257,5 +275,11 @@ def _padded(name: str, wanted: Any, found: Any, question: Question) -> bool:
 
 
 def _shown(value: Any) -> str:
+    """Return a field for a text; of an answer its fields, or its refusal."""
+    if isinstance(value, dict) and isinstance(value.get("is"), dict):
+        value = value["is"]
+    elif isinstance(value, dict) and isinstance(value.get("refused"), str):
+        reason = f"refused as {value['refused']}" if value["refused"] else "refused"
+        value = f"{reason}: {value['text']}" if value.get("text") else reason
     text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."

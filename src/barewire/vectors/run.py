@@ -45,13 +45,17 @@ def selected(
 ) -> Vectors:
     """Return the cases of these kinds, whose id or file fits one of the patterns, and that have all these flags.
 
-    A pattern is an id, a file, a folder, or has * for any characters. Raise EncodeError for a filter that nothing fits.
+    A pattern is an id, a file with or without its folder, a folder, or has * for any characters.
+    Raise EncodeError for a filter that nothing fits.
     """
     kinds, only, flags = [*kinds], [*only], {*flags}
     for kind in kinds:
         if kind not in vectors.kinds:
             hint = suggest(kind, vectors.kinds)
             raise EncodeError(f"kind {shown(kind)}: expected one of {', '.join(vectors.kinds)}{hint}")
+    known = {flag for file in vectors.files for case in file.cases for flag in case.get("flags", ())}
+    for flag in sorted(flags - known):
+        raise EncodeError(f"flag {shown(flag)}: expected one of {', '.join(sorted(known))}{suggest(flag, known)}")
     files = []
     for file in vectors.files:
         if kinds and file.kind not in kinds:
@@ -66,7 +70,8 @@ def selected(
 
 
 def _fits(file: VectorFile, case: Case, patterns: list[str]) -> bool:
-    names = (case["id"], file.name, file.name.partition("/")[0])
+    folder, _, name = file.name.partition("/")
+    names = (case["id"], file.name, f"{file.name}.json", folder, name)
     return not patterns or any(fnmatchcase(name, pattern) for pattern in patterns for name in names)
 
 

@@ -150,7 +150,10 @@ def check_command(
     if endpoint is not None:
         if adapter is not None:
             raise EncodeError("--endpoint and --adapter: give one of them, the implementation that answers")
-        kinds = kinds or (LIVE_KINDS.get(endpoint.partition("://")[0], LIVE_KIND),)
+        live = LIVE_KINDS.get(endpoint.partition("://")[0], LIVE_KIND)
+        if other := [kind for kind in kinds if kind != live]:
+            raise EncodeError(f"--endpoint: a running server is asked {live}, not {other[0]}; --adapter asks a codec")
+        kinds = (live,)
     vectors = selected(load_vectors(folder), kinds=kinds, only=only, flags=flags)
     if adapter is not None and not adapter.split():
         raise EncodeError("--adapter: the command is empty")
@@ -179,8 +182,11 @@ def _live(endpoint: str) -> AbstractContextManager[Ask]:
 
     parsed = Endpoint.parse(endpoint)
     if parsed.scheme in LIVE_KINDS:
+        from barewire.io.canopen.bus.receiving import inside_one_process
         from barewire.io.canopen.conformance import LiveDevice
 
+        if remark := inside_one_process(parsed.place):
+            raise EncodeError(f"{endpoint}: {remark}, no device of another program is there")
         return LiveDevice(parsed)
     from barewire.io.modbus.conformance import LiveServer
 

@@ -1,6 +1,7 @@
 """The frames of a case, explained byte by byte: of a frame or a message, and of each step of a talk.
 
 pdu, exchange, server        the fields of a PDU
+client                       those of each request
 rtu-frame, ascii-frame, ...  the envelope, too
 rtu-talk, ...                the PDU of each frame that is received
 cob_id and data, can-text    a CAN frame
@@ -53,6 +54,9 @@ def frames_of_case(kind: str, case: Case) -> Iterator[FrameOfCase]:
         yield from _sdo_talk(case)
     elif kind == "device-conformance":
         yield from _device_steps(case)
+    elif kind == "client":
+        for number, question in enumerate(case["ask"], start=1):
+            yield FrameOfCase(f"ask {number}, unit {question['unit']}", _pdu(question["pdu"], "request"))
     elif "talk" in case:
         yield from _talk(case)
     elif kind == "can-text" or ("cob_id" in case and "data" in case):

@@ -27,7 +27,7 @@ _FIRST = (
 )
 _WIDTH = 110
 _WHOLE = 12
-"""The most frames whose bytes are shown."""
+"""The most frames whose bytes are shown, and the most items of a list."""
 
 
 def shown_case(vectors: Vectors, file: VectorFile, case: Case) -> Iterator[str]:
@@ -40,13 +40,26 @@ def shown_case(vectors: Vectors, file: VectorFile, case: Case) -> Iterator[str]:
     yield ""
     for name, value in case.items():
         if name not in _FIRST:
-            yield f"  {name}: {_flat(value)}"
+            yield from _field(name, value)
     yield from _explained(file.kind, case)
     yield ""
     for question in vectors.questions(file, case):
         answer = own_answer(question.as_json())
         yield f"> {_flat(question.as_json())}"
         yield f"< {_flat(answer)}   {judge(question, answer).state}"
+
+
+def _field(name: str, value: Any) -> Iterator[str]:
+    """Yield the lines of a field: of a long list of objects, such as the steps of a talk, one for each of the first."""
+    text = json.dumps(value, ensure_ascii=False)
+    if len(text) <= _WIDTH or not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+        yield f"  {name}: {_flat(value)}"
+        return
+    yield f"  {name}:"
+    for item in value[:_WHOLE]:
+        yield f"    {_flat(item)}"
+    if len(value) > _WHOLE:
+        yield f"    ... {len(value)} in all; --json has them"
 
 
 def _result(case: Case) -> str:
