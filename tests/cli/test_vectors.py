@@ -100,7 +100,11 @@ def test_a_case_as_json() -> None:
 
 
 def test_the_list_of_files_and_of_cases() -> None:
-    assert output_of("vectors", "list").count("\n") == len(VECTORS.files) + 1
+    heading, *files = output_of("vectors", "list").splitlines()
+    assert heading.split() == ["file", "kind", "valid", "invalid", "acceptable", "subject"]
+    assert len(files) == len(VECTORS.files) + 1
+    lrc = next(line for line in files if line.startswith("ascii/lrc "))
+    assert heading.index("invalid") + len("invalid") == lrc.index("4 ") + 1
     listed = output_of("vectors", "list", "--kind", "lrc", "--flag", "manual-erratum").splitlines()
     assert [line.split()[0] for line in listed] == [
         case["id"]
@@ -136,6 +140,10 @@ def test_a_check_that_fails_has_status_1_and_names_the_cases(tmp_path: Path) -> 
 def test_a_check_of_an_adapter_that_offers_nothing_has_status_1(tmp_path: Path) -> None:
     done = run_here("vectors", "check", "--adapter", adapter(tmp_path, "00"), "--kind", "crc16")
     assert done.returncode == 1
+    assert done.stdout.endswith(
+        "small 7: 0 of 32 cases passed, 32 not offered\n"
+        "nothing was asked; for example crc16-1: encode: small does not offer crc16.encode\n"
+    )
 
 
 def test_the_reports_as_json_and_junit(tmp_path: Path) -> None:

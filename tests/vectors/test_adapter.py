@@ -126,6 +126,12 @@ def test_a_program_that_is_not_an_adapter_is_refused(command: str, text: str) ->
         VectorAdapter(command)
 
 
+def test_an_output_that_is_not_flushed_is_suspected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("barewire.io.vector_adapter.START_TIMEOUT", 0.2)
+    with pytest.raises(PortError, match=r"no answer to the hello within 0\.2 s; is its output flushed after each line"):
+        VectorAdapter(f"{sys.executable} -c 'import time; time.sleep(60)'")
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("answers_hello", [True, False])

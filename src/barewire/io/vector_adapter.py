@@ -161,7 +161,8 @@ class VectorAdapter:
             try:
                 line = self._lines.get(timeout=timeout)
             except queue.Empty:
-                self._fail(f"no answer within {timeout:g} s", is_ending=False)
+                to_what, hint = ("", "") if wanted else (" to the hello", "; is its output flushed after each line?")
+                self._fail(f"no answer{to_what} within {timeout:g} s{hint}", is_ending=False)
             if line is None:
                 self._fail("it ended without an answer")
             text = shown(line.decode(errors="replace").strip())

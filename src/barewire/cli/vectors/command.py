@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from barewire.cli.arguments import CommandGroup, EndedBySignal, Seconds, ended_by_signals, json_option, print_json
-from barewire.cli.vectors.report import Progress, print_checked, summary_fields, table, write_junit
+from barewire.cli.vectors.report import Progress, nothing_asked, print_checked, summary_fields, table, write_junit
 from barewire.cli.vectors.show import shown_case
 from barewire.errors import EncodeError
 from barewire.vectors.answers.table import own_answer
@@ -65,6 +65,8 @@ def list_command(
     """
     vectors = selected(load_vectors(folder), kinds=kinds, only=only, flags=flags)
     shows_cases = bool(kinds or only or flags)
+    if not as_json and not shows_cases:
+        print(f"{'file':42} {'kind':18}{'valid':>7}{'invalid':>9}{'acceptable':>12}  subject")
     for file in vectors.files:
         results = Counter(case["result"] for case in file.cases)
         if as_json:
@@ -73,7 +75,9 @@ def list_command(
             for case in file.cases:
                 print(f"{case['id']:32} {case['result']:11} {case.get('comment', '')}")
         else:
-            numbers = "".join(f"{results[result] or '':>6}" for result in ("valid", "invalid", "acceptable"))
+            numbers = "".join(
+                f"{results[result] or '':>{len(result) + 2}}" for result in ("valid", "invalid", "acceptable")
+            )
             print(f"{file.name:42} {file.kind:18}{numbers}  {file.subject}")
     if not as_json and not shows_cases:
         print(f"{sum(len(file.cases) for file in vectors.files)} cases in {len(vectors.files)} files")
@@ -129,9 +133,16 @@ def check_command(
     """Run the cases against an implementation: barewire itself, an adapter, or a running server.
 
     An adapter is any program that reads questions as lines of JSON from its standard input and writes answers;
-    vectors/README.md describes the lines, vectors/adapters has examples. Cases that have failed are printed, then the
+    vectors/README.md describes the lines, vectors/adapters has examples (in the source tree and in each release of the
+    vectors). Cases that have failed are printed, then the
     numbers of each kind. "open" is a case that the standard leaves open and the implementation decides otherwise than
     we do.
+
+    \b
+    first it reads    {"hello": "barewire-vectors", "protocol": 1}
+    and writes        {"name": "mine", "version": "1", "kinds": {"lrc": ["encode"]}}
+    then it reads     {"id": "lrc-1.encode", "kind": "lrc", "do": "encode", "bytes": "01 04 00 00 08"}
+    and writes        {"id": "lrc-1.encode", "is": {"lrc": "F3"}}
 
     With --endpoint the cases of the kind server-conformance are put to a Modbus server, as `barewire conform` does:
     they write registers and coils 0 to 9 of the unit. Cases for another framing, and cases that need a function or a
@@ -173,6 +184,8 @@ def check_command(
         print_json(summary_fields(summary, name))
     else:
         print(table(summary, name))
+        if remark := nothing_asked(cases):
+            print(remark)
     return int(summary.total["failed"] > 0 or not summary.total["passed"])
 
 

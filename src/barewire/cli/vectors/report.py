@@ -46,7 +46,15 @@ def table(summary: CheckSummary, name: str) -> str:
     for kind, row in counts:
         rows.append(f"{kind:{width}}" + "".join(f"{row[state] or '':>13}" for state in STATES))
     total = sum(summary.total.values())
-    return "\n".join([*rows, f"{name}: {summary.total['passed']} of {total} cases passed"])
+    not_offered = f", {summary.total['not offered']} not offered" if summary.total["not offered"] else ""
+    return "\n".join([*rows, f"{name}: {summary.total['passed']} of {total} cases passed{not_offered}"])
+
+
+def nothing_asked(cases: list[CheckedCase]) -> str:
+    """Return a line that explains why no case was asked; nothing if one was."""
+    if any(checked.verdict.state != "not offered" for checked in cases):
+        return ""
+    return f"nothing was asked; for example {cases[0].id}: {cases[0].verdict.text}"
 
 
 class Progress:
