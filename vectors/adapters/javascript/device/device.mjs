@@ -121,8 +121,8 @@ export class Device {
   /** The servers: the first one on 600h and 580h, the others where 1201h and so on say. */
   sdoServers() {
     const servers = [{ index: 0x1200, server: new SdoServer(this.dictionary) }];
-    for (let index = 0x1201; this.dictionary.has(index, 1); index += 1) {
-      servers.push({ index, server: new SdoServer(this.dictionary) });
+    for (let index = 0x1201; index <= 0x127f; index += 1) {
+      if (this.dictionary.has(index, 1)) servers.push({ index, server: new SdoServer(this.dictionary) });
     }
     return servers;
   }
