@@ -168,3 +168,21 @@ def test_the_reports_as_json_and_junit(tmp_path: Path) -> None:
         ("lrc-2", []),
         ("crc16-1", ["skipped"]),
     ]
+
+
+def test_control_characters_of_an_adapter_reach_neither_the_terminal_nor_the_xml(tmp_path: Path) -> None:
+    adapter, report = tmp_path / "adapter.py", tmp_path / "report.xml"
+    adapter.write_text(
+        "import json, sys\n"
+        "for line in sys.stdin:\n"
+        "    q = json.loads(line)\n"
+        "    a = {'name': '\\0x', 'kinds': {'lrc': ['encode']}}\n"
+        "    if 'id' in q:\n"
+        "        a = {'id': q['id'], 'is': {'lrc': '\\x1b[2J'}}\n"
+        "    print(json.dumps(a), flush=True)\n"
+    )
+    command = f"{sys.executable} {adapter}"
+    done = run_here("vectors", "check", "--only", "lrc-1", "--adapter", command, "--junit", str(report))
+    assert "lrc is ?[2J, expected F3" in done.stdout
+    assert "\x1b" not in done.stdout
+    assert ElementTree.parse(report).getroot().get("name") == "barewire vectors: ?x"

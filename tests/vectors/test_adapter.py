@@ -155,3 +155,25 @@ def test_a_signal_ends_the_adapter_too(tmp_path: Path, number: signal.Signals, a
     finally:
         checking.kill()
         checking.wait()
+
+
+def test_answers_to_earlier_questions_do_not_put_off_the_end(tmp_path: Path) -> None:
+    flood = '[print(\'{"id": "lrc-1.encode"}\', flush=True) for _ in iter(int, 1)]'
+    found = run(program(tmp_path, f"{flood} if q['id'] == '{SECOND}.encode' else right(q)"), timeout=0.3)
+    failed = {case_id: checked.verdict.text for case_id, checked in found.items() if checked.verdict.state == "failed"}
+    assert failed == {SECOND: f"{found[SECOND].verdict.text}"}
+    assert failed[SECOND].startswith("encode: no answer within 0.3 s")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="process groups of POSIX")
+def test_what_an_adapter_has_started_ends_with_it(tmp_path: Path) -> None:
+    """The child holds the pipes: whoever closed them would wait for it."""
+    forks = "time.sleep(600) if os.fork() == 0 else os._exit(3)"
+    found = run(program(tmp_path, f"right(q) if q['id'] != '{SECOND}.encode' else {forks}"), timeout=0.5)
+    assert found[SECOND].verdict.text == "encode: no answer within 0.5 s (exit status 3)"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_the_signal_that_ended_an_adapter_is_told(tmp_path: Path) -> None:
+    found = run(program(tmp_path, f"os.kill(os.getpid(), 11) if q['id'] == '{SECOND}.encode' else right(q)"))
+    assert found[SECOND].verdict.text == "encode: it ended without an answer (SIGSEGV)"

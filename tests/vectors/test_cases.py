@@ -6,15 +6,18 @@ import itertools
 import json
 import random
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from barewire.errors import EncodeError
 from barewire.vectors.answers.table import own_answer
 from barewire.vectors.files import VectorFile, Vectors, digest, load_vectors
 from barewire.vectors.questions import DESCRIPTION, Case, Question
 from barewire.vectors.run import CheckedCase, run_cases
 
+ROOT = Path(__file__).parents[2] / "vectors"
 VECTORS = load_vectors()
 CASES = [(file, case) for file in VECTORS.files for case in file.cases]
 DESCRIBES = {*DESCRIPTION, "id", "result", "reason", "fails", "flags", "side", "do"}
@@ -102,6 +105,34 @@ def test_a_damaged_case_fails() -> None:
     (found,) = run_cases(damaged, own)
     assert found.verdict.state == "failed"
     assert "has been changed" in found.verdict.text
+
+
+def test_a_case_that_asks_nothing_fails() -> None:
+    """A file whose kind has become another one that exists."""
+    file = next(file for file in VECTORS.files if file.kind == "sdo")
+    damaged = VECTORS._replace(files=(file._replace(kind="pdo", cases=file.cases[:1]),))
+    (found,) = run_cases(damaged, own)
+    assert found.verdict.state == "failed"
+    assert "asks no question" in found.verdict.text
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "text"),
+    [
+        ('"barewire-vectors/1"', '"barewire-vectorS/1"', "cases of index.json are in no file, such as lrc-1"),
+        ('"subject":', '"subjeCt":', "vectors ascii/lrc: it has no subject"),
+        ('"cases":', '"cAses":', "vectors ascii/lrc: it has no cases"),
+    ],
+)
+def test_a_damaged_head_of_a_file_is_noticed(tmp_path: Path, before: str, after: str, text: str) -> None:
+    file = ROOT / "ascii" / "lrc.json"
+    (tmp_path / "ascii").mkdir()
+    (tmp_path / "ascii" / "lrc.json").write_text(file.read_text(encoding="utf-8").replace(before, after))
+    digests = {case_id: found for case_id, found in VECTORS.digests.items() if case_id.startswith("lrc-")}
+    (tmp_path / "index.json").write_text(json.dumps(digests))
+    (tmp_path / "kinds.json").write_bytes((ROOT / "kinds.json").read_bytes())
+    with pytest.raises(EncodeError, match=text):
+        load_vectors(tmp_path)
 
 
 MAY_BE_INDIFFERENT = {

@@ -47,3 +47,19 @@ def test_a_package_without_vectors_says_so(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(files, "__file__", str(tmp_path / "a" / "b" / "c" / "files.py"))
     with pytest.raises(EncodeError, match="no vectors there"):
         load_vectors()
+
+
+def test_damaged_vectors_in_a_package_say_so(
+    setup: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    packed = tmp_path / "vectors.zip"
+    setup.pack_vectors(ROOT / "vectors", packed)
+    whole = packed.read_bytes()
+    monkeypatch.setattr(files, "package_files", lambda package: tmp_path)
+    for at in (len(whole) - 4000, len(whole) // 2, 1000):  # the list of its files, and two of the files
+        packed.write_bytes(whole[:at] + bytes([whole[at] ^ 0x55]) + whole[at + 1 :])
+        with pytest.raises(EncodeError, match=r"damaged|not JSON|no vectors there"):
+            load_vectors()
+    packed.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(EncodeError, match="damaged"):
+        load_vectors()

@@ -14,11 +14,14 @@ Depends on: the vectors.  Used by: `barewire vectors check --adapter`.
 from __future__ import annotations
 
 import json
+import os
 import queue
 import shlex
 import signal
 import subprocess
+import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
@@ -36,6 +39,8 @@ LINE_LONGEST = 1 << 20
 """Bytes of a line of answer."""
 _END_TIMEOUT = 1.0
 """Seconds in which a program must end when its input is closed."""
+_LINES_MOST = 16
+"""Lines that are read ahead: a program that floods its output has to wait, and memory stays small."""
 _LOST_MOST = 20
 """Crashes and time-outs after which a program is given up: what it has not been asked by then has failed."""
 
@@ -50,7 +55,7 @@ class VectorAdapter:
         self._asked: set[str] = set()
         self._process: subprocess.Popen[bytes] | None = None
         self._readers: tuple[threading.Thread, ...] = ()
-        self._lines: queue.Queue[bytes | None] = queue.Queue()
+        self._lines: queue.Queue[bytes | None] = queue.Queue(_LINES_MOST)
         self._complaints: deque[str] = deque(maxlen=5)
         self.name, self.version = command, ""
         self._offers: Mapping[str, Any] = {}
@@ -82,27 +87,31 @@ class VectorAdapter:
         return do in self._offers.get(kind, ())
 
     def close(self) -> None:
-        """End the program: close its input, wait a second, then kill it."""
+        """End the program: close its input, wait a second, then kill it and what it has started."""
         process, self._process = self._process, None
         if process is None:
             return
         assert process.stdin is not None
         with suppress(OSError):
             process.stdin.close()
-        try:
+        with suppress(subprocess.TimeoutExpired):
             process.wait(_END_TIMEOUT)
-        except subprocess.TimeoutExpired:
-            process.kill()
         self._release(process)
 
     def _release(self, process: subprocess.Popen[bytes]) -> None:
-        """Wait for the end of a process and of the threads that read its output, and close its pipes."""
+        """Kill a process with its children, wait for the threads that read its output, and close its pipes."""
+        _kill(process)
         process.wait()
-        for thread in self._readers:
-            thread.join(_END_TIMEOUT)  # a child of the program may still hold the pipe
-        for pipe in (process.stdin, process.stdout, process.stderr):
-            assert pipe is not None
-            with suppress(OSError):
+        assert process.stdin is not None
+        with suppress(OSError):
+            process.stdin.close()
+        until = time.monotonic() + _END_TIMEOUT
+        for thread, pipe in zip(self._readers, (process.stdout, process.stderr)):
+            while thread.is_alive() and time.monotonic() < until:
+                with suppress(queue.Empty):  # it may wait for room in the queue
+                    self._lines.get(timeout=0.01)
+            # A child that has left the group may hold the pipe: to close it would wait for the thread, without end.
+            if pipe is not None and not thread.is_alive():
                 pipe.close()
 
     def _start(self) -> None:
@@ -115,13 +124,13 @@ class VectorAdapter:
             raise PortError("adapter: the command is empty")
         pipe = subprocess.PIPE
         try:
-            self._process = subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe)
+            self._process = subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe, start_new_session=True)
         except OSError as error:
             reason = error.strerror or str(error)
             if isinstance(error, FileNotFoundError) and "/" not in words[0]:
                 reason = f"no such program on the PATH; a file here is started as ./{words[0]}, or by its interpreter"
             raise PortError(f"adapter {shown(self._command)}: {reason}") from None
-        self._lines = queue.Queue()
+        self._lines = queue.Queue(_LINES_MOST)
         self._complaints.clear()
         self._readers = (
             threading.Thread(target=_read, args=(self._process.stdout, self._lines), daemon=True),
@@ -157,9 +166,10 @@ class VectorAdapter:
 
     def _answer(self, wanted: str | None, timeout: float) -> dict[str, Any]:
         """Return the next line as an object; answers to earlier questions are passed over."""
+        until = time.monotonic() + timeout
         while True:
             try:
-                line = self._lines.get(timeout=timeout)
+                line = self._lines.get(timeout=max(0.0, until - time.monotonic()))
             except queue.Empty:
                 to_what, hint = ("", "") if wanted else (" to the hello", "; is its output flushed after each line?")
                 self._fail(f"no answer{to_what} within {timeout:g} s{hint}", is_ending=False)
@@ -179,6 +189,8 @@ class VectorAdapter:
             if answer["id"] not in self._asked:
                 expected = f"expected {shown(wanted)}" if wanted else "the answer to the hello has none"
                 raise AdapterFailure(f"its answer has the id {shown(answer['id'])}, {expected}")
+            if time.monotonic() >= until:
+                self._fail(f"no answer within {timeout:g} s, but answers to earlier questions", is_ending=False)
 
     def _fail(self, text: str, *, is_ending: bool = True) -> NoReturn:
         """Kill the program, and raise AdapterFailure with the last line that it wrote to its standard error.
@@ -193,7 +205,6 @@ class VectorAdapter:
             with suppress(subprocess.TimeoutExpired):
                 process.wait(_END_TIMEOUT)
         status = process.poll()  # None: it still runs, and the signal that ends it is ours
-        process.kill()
         self._release(process)
         last = self._complaints[-1] if self._complaints else ""
         ended = "" if status is None else f" ({_status_text(status)})"
@@ -208,6 +219,14 @@ def _status_text(status: int) -> str:
         return signal.Signals(-status).name
     except ValueError:  # a number without a name
         return f"signal {-status}"
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """Kill a process and, on POSIX, its children: one that a wrapper has started is the adapter as well."""
+    if sys.platform != "win32":
+        with suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
 
 
 def _read(stream: Any, lines: queue.Queue[bytes | None]) -> None:

@@ -16,6 +16,7 @@ import hashlib
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Iterator
 from importlib.resources import files as package_files
 from importlib.resources.abc import Traversable
@@ -26,6 +27,9 @@ from barewire.errors import EncodeError, shown
 from barewire.vectors.questions import Case, Operation, Question, operations, questions
 
 FORMAT = "barewire-vectors/1"
+
+_DAMAGED = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, KeyError, TypeError)
+"""What zipfile raises for an archive with a wrong byte: also that it is encrypted, or needs a newer version."""
 
 
 class VectorFile(NamedTuple):
@@ -81,8 +85,18 @@ def digest(case: Case) -> str:
 
 
 def load_vectors(folder: str | Path | None = None) -> Vectors:
-    """Return the vectors of a folder; None: those of this package. Raise EncodeError if there are none."""
-    root: Traversable = Path(folder) if folder is not None else _here()
+    """Return the vectors of a folder; None: those of this package. Raise EncodeError if they cannot be read."""
+    if folder is not None:
+        return _loaded(Path(folder))
+    try:
+        return _loaded(_here())
+    except (*_DAMAGED, OSError) as error:
+        text = f"{type(error).__name__}: {error}"
+        raise EncodeError(f"the vectors in this package are damaged, install it again: {text}") from None
+
+
+def _loaded(root: Traversable) -> Vectors:
+    """Return the vectors below a folder."""
     try:
         kinds: dict[str, Any] = json.loads((root / "kinds.json").read_text(encoding="utf-8"))
         digests: dict[str, str] = json.loads((root / "index.json").read_text(encoding="utf-8"))
@@ -91,7 +105,10 @@ def load_vectors(folder: str | Path | None = None) -> Vectors:
             f"folder {root}: no vectors there, kinds.json or index.json cannot be read: {error}"
         ) from None
     rows = {kind: operations(kinds, kind) for kind in kinds}
-    return Vectors(tuple(_read(root, rows)), rows, digests)
+    found = tuple(_read(root, rows))
+    if missing := digests.keys() - {case.get("id") for file in found for case in file.cases}:
+        raise EncodeError(f"folder {root}: {len(missing)} cases of index.json are in no file, such as {min(missing)}")
+    return Vectors(found, rows, digests)
 
 
 def _here() -> Traversable:
@@ -114,10 +131,12 @@ def _read(root: Traversable, kinds: dict[str, tuple[Operation, ...]]) -> Iterato
                 name = f"{room.name}/{entry.name.removesuffix('.json')}"
                 try:
                     document = json.loads(entry.read_text(encoding="utf-8"))
-                except ValueError as error:
+                except (OSError, ValueError, RecursionError) as error:
                     raise EncodeError(f"vectors {name}: not JSON: {error}") from None
                 if not isinstance(document, dict) or document.get("format") != FORMAT:
                     continue  # a file of another program, such as package.json
+                if lacking := {"subject", "kind", "cases"} - document.keys():
+                    raise EncodeError(f"vectors {name}: it has no {', '.join(sorted(lacking))}")
                 if document["kind"] not in kinds:
                     raise EncodeError(f"vectors {name}: kinds.json has no kind {shown(document['kind'])}")
                 yield VectorFile(name, document["subject"], document["kind"], tuple(document["cases"]))

@@ -85,6 +85,8 @@ def run_cases(vectors: Vectors, ask: Ask, *, exact: bool = False) -> Iterator[Ch
                 for question, verdict in asked
             ]
             verdict = verdict_of_case(verdicts, compares=case.get("fails") == "compare")
+            if not asked:
+                verdict = Verdict("failed", "the case asks no question: its kind or kinds.json has been changed")
             if damage := vectors.damage(case):
                 verdict = Verdict("failed", damage)
             yield CheckedCase(file, case, verdict, asked)

@@ -35,7 +35,7 @@ def summary_fields(summary: CheckSummary, name: str) -> dict[str, Any]:
 def case_line(checked: CheckedCase) -> str:
     """Return the line of a case that did not pass."""
     comment = checked.case.get("comment", "")
-    return f"{checked.verdict.state}  {checked.id}  {comment}\n    {checked.verdict.text}"
+    return f"{checked.verdict.state}  {checked.id}  {comment}\n    {printable(checked.verdict.text)}"
 
 
 def table(summary: CheckSummary, name: str) -> str:
@@ -47,14 +47,14 @@ def table(summary: CheckSummary, name: str) -> str:
         rows.append(f"{kind:{width}}" + "".join(f"{row[state] or '':>13}" for state in STATES))
     total = sum(summary.total.values())
     not_offered = f", {summary.total['not offered']} not offered" if summary.total["not offered"] else ""
-    return "\n".join([*rows, f"{name}: {summary.total['passed']} of {total} cases passed{not_offered}"])
+    return "\n".join([*rows, f"{printable(name)}: {summary.total['passed']} of {total} cases passed{not_offered}"])
 
 
 def nothing_asked(cases: list[CheckedCase]) -> str:
     """Return a line that explains why no case was asked; nothing if one was."""
     if any(checked.verdict.state != "not offered" for checked in cases):
         return ""
-    return f"nothing was asked; for example {cases[0].id}: {cases[0].verdict.text}"
+    return f"nothing was asked; for example {cases[0].id}: {printable(cases[0].verdict.text)}"
 
 
 class Progress:
@@ -87,7 +87,7 @@ def print_checked(checked: CheckedCase, as_json: bool) -> None:
 
 def write_junit(path: Path, name: str, cases: list[CheckedCase]) -> None:
     """Write a file of JUnit XML: a suite for each file, a test case for each case."""
-    root = ElementTree.Element("testsuites", name=f"barewire vectors: {name}")
+    root = ElementTree.Element("testsuites", name=f"barewire vectors: {printable(name)}")
     suites: dict[str, ElementTree.Element] = {}
     for checked in cases:
         suite = suites.get(checked.file.name)
@@ -95,10 +95,10 @@ def write_junit(path: Path, name: str, cases: list[CheckedCase]) -> None:
             suite = suites[checked.file.name] = ElementTree.SubElement(root, "testsuite", name=checked.file.name)
         row = ElementTree.SubElement(suite, "testcase", classname=checked.file.name, name=checked.id)
         if checked.verdict.state == "failed":
-            ElementTree.SubElement(row, "failure", message=_printable(checked.verdict.text))
+            ElementTree.SubElement(row, "failure", message=printable(checked.verdict.text))
         elif checked.verdict.state in ("open", "not offered"):
             ElementTree.SubElement(
-                row, "skipped", message=_printable(f"{checked.verdict.state}: {checked.verdict.text}")
+                row, "skipped", message=printable(f"{checked.verdict.state}: {checked.verdict.text}")
             )
     for suite in suites.values():
         suite.set("tests", str(len(suite)))
@@ -110,6 +110,6 @@ def write_junit(path: Path, name: str, cases: list[CheckedCase]) -> None:
         raise PortError(f"{path}: {error.strerror or error}") from None
 
 
-def _printable(text: str) -> str:
-    """Return a text without the characters that XML does not have."""
+def printable(text: str) -> str:
+    """Return a text of a foreign program without control characters: XML does not have them, terminals obey them."""
     return "".join(character if character.isprintable() else "?" for character in text)
