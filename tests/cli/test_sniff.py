@@ -95,6 +95,7 @@ def test_wrong_sources_are_refused(tmp_path: Path) -> None:
             "explain", "can", str(broken)
         )
     assert "No such file" in error_of("sniff", str(tmp_path / "nothing"))
+    assert "barewire: /dev/zero: a device, not a file" in error_of("sniff", "/dev/zero")
     assert "listening in needs a line" in error_of("sniff", "tcp://127.0.0.1:1", status=2)
     assert "--seconds is for a line" in error_of("sniff", str(broken), "--seconds", "1", status=2)
     assert "expected seconds, above 0" in error_of("sniff", "rtu:///dev/null", "--window", "0", status=2)

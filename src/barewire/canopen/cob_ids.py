@@ -12,6 +12,7 @@ identifier on the bus is the printed number plus the node-ID, which is what `cob
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
 from barewire.canopen.frame import CanFrame
@@ -89,6 +90,13 @@ def check_node(node: int) -> int:
     if isinstance(node, bool) or not isinstance(node, int) or not NODE_MIN <= node <= NODE_MAX:
         raise EncodeError(f"node {shown(node)}: expected {NODE_MIN}..{NODE_MAX}", "node")
     return node
+
+
+def check_node_ids(name: str, nodes: object) -> None:
+    """Raise EncodeError if an argument that takes several node-IDs is something else, such as one node-ID."""
+    if not isinstance(nodes, Iterable) or isinstance(nodes, (str, bytes)):
+        one = f", such as [{nodes}]" if isinstance(nodes, int) else ""
+        raise EncodeError(f"{name} = {shown(nodes)}: expected several node-IDs{one}", name)
 
 
 def cob_id(service: ServiceName, node: int | None = None) -> int:

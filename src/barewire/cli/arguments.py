@@ -5,10 +5,12 @@ The bodies import what they need: `barewire read` must not load the EDS parser o
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
 import signal
+import stat
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -197,8 +199,11 @@ def text_with_notes(error: Exception) -> str:
 
 
 def file_content(path: str | Path) -> bytes:
-    """Return the bytes of a file. Raise PortError if it cannot be read."""
+    """Return the bytes of a file. Raise PortError if it cannot be read, or is a device, which may have no end."""
     try:
+        mode = os.stat(path).st_mode
+        if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+            raise OSError(errno.EINVAL, "a device, not a file")
         return Path(path).read_bytes()
     except OSError as error:
         raise PortError(f"{path}: {error.strerror or error}") from None

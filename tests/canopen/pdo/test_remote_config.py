@@ -190,3 +190,32 @@ def test_mapping_entries_beyond_the_number_in_use_are_kept() -> None:
     for text in ("605#2300180185010080", "605#2F001A0004000000", "605#2300180185010000", "000#0105"):
         device.feed(CanFrame.parse(text), 0.1)
     assert [str(frame) for frame in device.feed(CanFrame.parse("080#"), 0.2)] == ["185#00000000"]
+
+
+def _communication(sub: int, type: str, access: str, default: object) -> Entry:
+    return Entry(0x1800, sub, f"sub-index {sub}", type, access, default)  # type: ignore[arg-type]
+
+
+def test_a_record_has_the_sub_indices_of_its_description() -> None:
+    """An EDS may have a TPDO without inhibit time: a node made of it has none either, and 1800h:00 says so."""
+    described = [
+        _communication(0, "u8", "const", 2),
+        _communication(1, "u32", "rw", 0x185),
+        _communication(2, "u8", "rw", 1),
+        Entry(0x1A00, 0, "number", "u8", "rw", 0),
+    ]
+    objects = ObjectDictionary(described)
+    LocalNode(5, objects, pdos_of(objects, 5)).start(0.0)
+    assert {sub: objects.get(0x1800, sub) for sub in objects.subs(0x1800)} == {0: 2, 1: 0x185, 2: 1}
+
+    objects = ObjectDictionary([*described, _communication(5, "u16", "rw", 30)])
+    LocalNode(5, objects, pdos_of(objects, 5)).start(0.0)
+    assert {sub: objects.get(0x1800, sub) for sub in objects.subs(0x1800)} == {0: 5, 1: 0x185, 2: 1, 5: 30}
+
+
+def test_numbers_of_a_pdo_that_are_not_numbers_count_as_0() -> None:
+    """An EDS may give the number of mapped objects a wrong data type."""
+    for type, value in (("octets", b"\x01"), ("f32", float("inf")), ("string", "x")):
+        objects = ObjectDictionary([_communication(1, "u32", "rw", 0x185), Entry(0x1A00, 0, "n", type, "rw", value)])
+        (pdo,) = pdos_of(objects, 5)
+        assert pdo.mapping == ()

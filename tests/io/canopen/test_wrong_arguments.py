@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from barewire import CanopenClient
-from barewire.canopen import CanFrame, Entry, ObjectDictionary, PdoConfig
+from barewire.canopen import CanFrame, Entry, ObjectDictionary, PdoConfig, RemotePdo
 from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.bus.shared_bus import CanBus
@@ -18,6 +18,7 @@ from tests.io.canopen.memory_bus import MemoryPort, device
 
 NAN = float("nan")
 
+RPDO = RemotePdo.of(5, PdoConfig("RPDO", 1, (0x60400010,)))
 OBJECTS = ObjectDictionary([Entry(0x2000, 0, "speed", "u16", "rw", 5)])
 TEXTS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda c: c.node(eds=OBJECTS).read_all(0x2000), "read_all(8192): expected several objects; one is read(8192)"),
@@ -45,6 +46,24 @@ TEXTS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda c: c.time.start("1"), "TIME period '1' s: expected a number of seconds above 0"),
     (lambda c: c.time.send("1"), "'1' s is not a time of day: expected a finite number of seconds"),
     (lambda c: c.scan([5.5]), "node 5.5: expected a number in 1..127"),
+    (lambda c: c.send("185#00"), "'185#00': expected a CanFrame, such as CanFrame.parse('185#0000')"),
+    (lambda c: c.nmt.heartbeats(5), "5: expected a mapping of node-ID to seconds, such as {5: 1.5}"),
+    (lambda c: c.nmt.heartbeats({5: "1"}), "heartbeat time '1' s of node 5: expected more than 0"),
+    (lambda c: c.node(5).nmt.heartbeats("1"), "heartbeat time '1' s of node 5: expected more than 0"),
+    (lambda c: c.nmt.send_confirmed(1, confirmed_by=5), "confirmed_by = 5: expected several node-IDs, such as [5]"),
+    (lambda c: c.node(5).nmt.wait_for_state(77), "state 77: expected one of NmtState.INITIALISING, "),
+    (lambda c: c.node(5).nmt.wait_for_state("operational"), "state 'operational': expected one of NmtState."),
+    (lambda c: c.node(5).nmt.wait_for_state(), "no state: expected a state, such as NmtState.OPERATIONAL"),
+    (lambda c: c.lss.assign_node_ids(5), "nodes = 5: expected several node-IDs, such as [5]"),
+    (lambda c: c.pdos(3), "3: expected a RemotePdo, such as node.pdo.remote"),
+    (lambda c: c.node(5).pdo.receive("TPDO"), "'TPDO': expected a RemotePdo, such as node.pdo.remote"),
+    (lambda c: c.node(5).pdo.send("RPDO", {}), "'RPDO': expected a RemotePdo, such as node.pdo.remote"),
+    (lambda c: c.node(5).pdo.send(RPDO, 5), "5: expected a mapping of names to values"),
+    (lambda c: c.node(5).pdo.write_config(3), "3: expected a PdoConfig"),
+    (lambda c: c.node(5).sdo.upload_to(0x2100, 0, None), "upload_to: sink = None: expected a function"),
+    (lambda c: c.node(5).sdo.upload(0x2100, progress=3), "upload: progress = 3: expected a function"),
+    (lambda c: c.run(3), "3: expected a conversation, such as upload(5, 0x1000)"),
+    (lambda c: c.watch(3), "3: expected a machine with feed and deadline"),
 ]
 
 CASES: dict[str, Callable[[Any], Any]] = {

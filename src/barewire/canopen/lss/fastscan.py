@@ -24,6 +24,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from barewire.canopen.cob_ids import check_node_ids
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.master import (
     LSS_TIMEOUT,
@@ -211,6 +212,7 @@ def assign_node_ids(
     `known`, `timeout`, `floor` and `progress` are those of `fastscan`; `found` is called for each device. Raise
     LssRefused if a device refuses its node-ID or, with `store`, cannot store it.
     """
+    check_node_ids("nodes", nodes)
     assigned: list[AssignedNode] = []
     yield from switch_global(LssState.WAITING)
     for node in nodes:

@@ -25,7 +25,7 @@ from barewire.canopen.cob_ids import check_node, classify, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtState
 from barewire.codecs import BitPattern
-from barewire.errors import DecodeError, EncodeError
+from barewire.errors import DecodeError, EncodeError, shown
 
 STATE_BYTE = BitPattern("tsss ssss")
 _NAMES = {state.value: state.name.lower().replace("_", "-") for state in NmtState}
@@ -191,10 +191,12 @@ class HeartbeatConsumer:
 
     def watch(self, times: Mapping[int, float]) -> None:
         """Monitor these nodes: node -> seconds. Monitoring restarts for a node whose time changed."""
+        if not isinstance(times, Mapping):
+            raise EncodeError(f"{shown(times)}: expected a mapping of node-ID to seconds, such as {{5: 1.5}}")
         for node, seconds in times.items():
             check_node(node)
-            if not seconds > 0:
-                raise EncodeError(f"heartbeat time {seconds} s of node {node}: expected more than 0")
+            if not isinstance(seconds, (int, float)) or not seconds > 0:
+                raise EncodeError(f"heartbeat time {shown(seconds)} s of node {node}: expected more than 0")
         for node, watched in self._nodes.items():
             if times.get(node) != self.times.get(node):
                 watched.liveness, watched.deadline = "unknown", None

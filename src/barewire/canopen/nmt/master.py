@@ -23,8 +23,9 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState, guarding_request
 from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtMessage, NmtState
 from barewire.conversation import Conversation, Heard, Listen, Send
-from barewire.errors import DecodeError, NoAnswer
+from barewire.errors import DecodeError, EncodeError, NoAnswer, shown
 
+_STATES = frozenset(NmtState)
 STATE_TIMEOUT = 2.0
 """Seconds in which a node is to report its state: longer than the heartbeat time of most nodes."""
 
@@ -127,7 +128,13 @@ def wait_for_heartbeat(node: int | None = None, *, timeout: float = 10.0) -> Con
 
 
 def wait_for_state(node: int, states: Collection[int], *, timeout: float = 10.0) -> Conversation[CanFrame, NodeState]:
-    """Wait until a node reports one of these states. Raise NoAnswer."""
+    """Wait until a node reports one of these states. Raise NoAnswer, and EncodeError for what is not a state."""
+    if not states:
+        raise EncodeError("no state: expected a state, such as NmtState.OPERATIONAL")
+    for state in states:
+        if state not in _STATES:
+            known = ", ".join(f"NmtState.{state.name}" for state in NmtState)
+            raise EncodeError(f"state {shown(state)}: expected one of {known}")
     names = " or ".join(NodeState(node, state).name for state in states)
     return _wait(node, f"state {names}", lambda received: received.state in states, timeout)
 

@@ -25,7 +25,7 @@ class ActivePdo:
 
     def __init__(self, config: PdoConfig, objects: ObjectDictionary, node: int) -> None:
         def number(index: int, sub: int) -> int:
-            return int(objects.get(index, sub))
+            return int(objects.get(index, sub)) if (index, sub) in objects else 0
 
         self.config = config
         self.objects = objects

@@ -175,7 +175,8 @@ def pdos_of(objects: ObjectDictionary, node: int, *, refused: list[str] | None =
 
 
 def _value(objects: ObjectDictionary, index: int, sub: int) -> int:
-    return int(objects.get(index, sub)) if (index, sub) in objects else 0
+    value = objects.get(index, sub) if (index, sub) in objects else 0
+    return value if isinstance(value, int) else 0  # a description may have given it a wrong data type
 
 
 def validate_pdo(objects: ObjectDictionary, pdo: PdoConfig) -> None:
@@ -195,7 +196,8 @@ def add_records(objects: ObjectDictionary, node: int, pdo: PdoConfig, changed: C
     """Add the two records of a PDO to the dictionary, with the rules for writing them.
 
     An entry that the dictionary has (from a device description) keeps its name and whether it can be mapped, but
-    gets a new default and rules; the reserved sub-index 04 is not touched. `changed` is called when a write has been
+    gets a new default and rules; the reserved sub-index 04 is not touched. A record that it has gets no times that it
+    does not have, unless `pdo` sets them. `changed` is called when a write has been
     accepted, before it is stored. Raise EncodeError if `pdo` itself breaks a rule.
     """
     validate_pdo(objects, pdo)
@@ -208,12 +210,18 @@ def add_records(objects: ObjectDictionary, node: int, pdo: PdoConfig, changed: C
         own = objects.entry(index, sub) if (index, sub) in objects else Entry(index, sub, f"{name} {title}", type)
         objects.replace(Entry(index, sub, own.name, type, access, default, on_write=hook, mappable=own.mappable))
 
-    add(record, 0, "highest sub-index", "u8", 6, None)
+    times: tuple[tuple[int, str, str, int, Callable[[int], None]], ...] = (
+        (3, "inhibit time", "u16", pdo.inhibit, rules.switched_off(record, 3)),
+        (5, "event timer", "u16", pdo.event_timer, lambda value: None),
+        (6, "SYNC start value", "u8", pdo.sync_start, rules.switched_off(record, 6)),
+    )
+    is_described = (record, 1) in objects
     add(record, 1, "COB-ID", "u32", pdo.cob_entry(node).pack(), rules.cob_id)
     add(record, 2, "transmission type", "u8", pdo.type, rules.type)
-    add(record, 3, "inhibit time", "u16", pdo.inhibit, rules.switched_off(record, 3))
-    add(record, 5, "event timer", "u16", pdo.event_timer, lambda value: None)
-    add(record, 6, "SYNC start value", "u8", pdo.sync_start, rules.switched_off(record, 6))
+    for sub, title, type, default, check in times:
+        if default or not is_described or (record, sub) in objects:
+            add(record, sub, title, type, default, check)
+    add(record, 0, "highest sub-index", "u8", max(_value(objects, record, 0), *objects.subs(record)), None)
     words = pdo.mapping + pdo.unused
     slots = min(max(pdo.slots, len(words)), ENTRIES_MAX)
     add(pdo.map, 0, "entries", "u8", pdo.count, rules.count)

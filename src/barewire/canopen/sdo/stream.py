@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from barewire.canopen.abort_codes import AbortCode, ProtocolViolation
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 
 LIMIT = 16 << 20
 """Default for the longest value that is collected in memory: 16 MiB."""
@@ -53,6 +53,8 @@ class Outgoing:
                 if self._size is not None and self.taken < self._size:
                     raise EncodeError(f"{self._size} bytes were announced, the data ends after {self.taken}")
                 return True
+            if not isinstance(piece, (bytes, bytearray, memoryview)):
+                raise EncodeError(f"{shown(piece)} is not bytes: an object takes bytes, or pieces of bytes")
             self._piece, self._offset = memoryview(piece), 0
         return False
 

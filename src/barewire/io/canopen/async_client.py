@@ -36,6 +36,8 @@ from barewire.io.canopen.methods.operations import (
     BackgroundTask,
     BusOperation,
     Subscription,
+    checked_conversation,
+    checked_listener,
 )
 from barewire.io.canopen.node import AsyncDeviceNode
 from barewire.io.endpoint import check_timeout
@@ -92,12 +94,12 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
 
     async def run(self, conversation: Conversation[CanFrame, T]) -> T:
         """Carry out any conversation. It locks all channels of the bus, because those that it uses are unknown."""
-        return await self.open_and_carry_out(lambda: BusOperation(conversation, None, None))
+        return await self.open_and_carry_out(lambda: BusOperation(checked_conversation(conversation), None, None))
 
     def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> AsyncStream[E]:
         """Return a stream of the events of any machine that listens. `receives` are the (identifier, extended) of its
         frames, None for all."""
-        return self.subscribe(Subscription(machine, receives))
+        return self.subscribe(Subscription(checked_listener(machine), receives))
 
     async def receive(self, timeout: float | None = None) -> CanFrame | None:
         """Return the next frame on the bus, or None after `timeout` seconds. The first call begins to collect frames.

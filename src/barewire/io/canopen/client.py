@@ -37,6 +37,8 @@ from barewire.io.canopen.methods.operations import (
     BlockingBusRunner,
     BusOperation,
     Subscription,
+    checked_conversation,
+    checked_listener,
 )
 from barewire.io.canopen.node import DeviceNode
 from barewire.io.endpoint import check_timeout
@@ -87,12 +89,12 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
 
     def run(self, conversation: Conversation[CanFrame, T]) -> T:
         """Carry out any conversation. It locks all channels of the bus, because those that it uses are unknown."""
-        return self.carry_out(BusOperation(conversation, None, None))
+        return self.carry_out(BusOperation(checked_conversation(conversation), None, None))
 
     def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> Stream[E]:
         """Return a stream of the events of any machine that listens. `receives` are the (identifier, extended) of its
         frames, None for all."""
-        return self.subscribe(Subscription(machine, receives))
+        return self.subscribe(Subscription(checked_listener(machine), receives))
 
     def receive(self, timeout: float | None = None) -> CanFrame | None:
         """Return the next frame on the bus, or None after `timeout` seconds. The first call begins to collect frames.

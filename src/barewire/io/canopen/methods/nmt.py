@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from barewire import canopen
 from barewire._callbacks import check_callbacks
 from barewire.canopen import NmtCommand
-from barewire.canopen.cob_ids import check_node
+from barewire.canopen.cob_ids import check_node, check_node_ids
 from barewire.io.canopen.bus.node_runner import CallbackAdapter
 from barewire.io.canopen.methods.cyclic import SentBy, cyclic_task
 from barewire.io.canopen.methods.operations import (
@@ -142,6 +142,7 @@ class NetworkNmtMethods(NmtMethods[R]):
         ask_every: float | None = None,
     ) -> BusOperation[list[canopen.NmtConfirmation]]:
         """Send a command to all and wait until each node of `confirmed_by` reports the state that it leads to."""
+        check_node_ids("confirmed_by", confirmed_by)
         confirming = canopen.send_nmt(command, 0, confirmed_by=confirmed_by, timeout=timeout, ask_every=ask_every)
         return BusOperation(confirming, NO_LOCKS, ERROR_CONTROL)
 

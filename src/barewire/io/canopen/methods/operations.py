@@ -24,7 +24,7 @@ Depends on: the shared bus.  Used by: every group of methods, both clients.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from typing import (
     TYPE_CHECKING,
     Any,
@@ -44,6 +44,7 @@ from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.client.plain import PlainExchange
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.conversation import Conversation, Send
+from barewire.errors import EncodeError, shown
 from barewire.io.canopen.bus.event_stream import Listener, Stream
 from barewire.io.canopen.bus.node_runner import Running, Speaker
 from barewire.io.canopen.bus.shared_bus import CanBus
@@ -233,8 +234,24 @@ else:
 
 def send_frame(frame: CanFrame) -> BusOperation[None]:
     """Return the operation that sends one frame. Raises EncodeError for a frame that CAN cannot carry."""
+    if not isinstance(frame, CanFrame):
+        raise EncodeError(f"{shown(frame)}: expected a CanFrame, such as CanFrame.parse('185#0000')")
     CanFrame.checked(frame.id, frame.data, extended=frame.extended, remote=frame.remote, requested=frame.requested)
     return BusOperation(_send(frame), NO_LOCKS, NO_FRAMES)
+
+
+def checked_conversation(conversation: Conversation[CanFrame, T]) -> Conversation[CanFrame, T]:
+    """Return the conversation. Raises EncodeError for any other object."""
+    if not isinstance(conversation, Generator):
+        raise EncodeError(f"{shown(conversation)}: expected a conversation, such as upload(5, 0x1000)")
+    return conversation
+
+
+def checked_listener(machine: Listener[E]) -> Listener[E]:
+    """Return the machine. Raises EncodeError for an object that cannot listen on a bus."""
+    if isinstance(machine, type) or not (hasattr(machine, "feed") and hasattr(machine, "deadline")):
+        raise EncodeError(f"{shown(machine)}: expected a machine with feed and deadline")
+    return machine
 
 
 def _send(frame: CanFrame) -> Conversation[CanFrame, None]:

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from barewire import canopen
+from barewire.errors import EncodeError, shown
 from barewire.io.canopen.methods.operations import (
     BusOperation,
     Methods,
@@ -70,6 +71,8 @@ class PdoMethods(Methods[R]):
         self, pdo: PdoConfig, *, policy: PdoConfigPolicy | None = None, timeout: float | None = None
     ) -> BusOperation[None]:
         """Configure a PDO in the safe order: off, the mapping, the times, on. The node should be pre-operational."""
+        if not isinstance(pdo, canopen.PdoConfig):
+            raise EncodeError(f"{shown(pdo)}: expected a PdoConfig")
         channel, wait, policy = self._sdo.channel, self._wait(timeout), policy or canopen.PdoConfigPolicy()
         writing = canopen.write_pdo(channel, pdo, policy=policy, timeout=wait)
         return sdo_transfer(channel, writing, wait)
@@ -90,7 +93,9 @@ class PdoMethods(Methods[R]):
     @operation
     def send(self, pdo: RemotePdo, values: Mapping[str, Value]) -> BusOperation[None]:
         """Send an RPDO with these values by name. An object without a value is sent as 0."""
-        return send_frame(pdo.encode(values))
+        if not isinstance(values, Mapping):
+            raise EncodeError(f"{shown(values)}: expected a mapping of names to values")
+        return send_frame(_checked(pdo).encode(values))
 
     @subscription
     def receive(self, *pdos: RemotePdo) -> Subscription[PdoReceived]:
@@ -103,5 +108,12 @@ class PdoMethods(Methods[R]):
 
 def pdo_subscription(*pdos: RemotePdo) -> Subscription[PdoReceived]:
     """Return the subscription to the values of these PDOs."""
-    listener = canopen.PdoConsumer(pdos)
+    listener = canopen.PdoConsumer(map(_checked, pdos))
     return Subscription(listener, frozenset(listener.sources))
+
+
+def _checked(pdo: RemotePdo) -> RemotePdo:
+    """Return the PDO. Raises EncodeError for any other object."""
+    if not isinstance(pdo, canopen.RemotePdo):
+        raise EncodeError(f'{shown(pdo)}: expected a RemotePdo, such as node.pdo.remote("TPDO", 1) returns')
+    return pdo

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from barewire import canopen
+from barewire._callbacks import check_callbacks, check_function
 from barewire.canopen import download, upload, upload_to
 from barewire.canopen.sdo.client.plain import PlainDownload, PlainUpload
 from barewire.canopen.sdo.dialect import SdoDialect
@@ -79,6 +80,7 @@ class SdoMethods(Methods[R]):
         wait = self.timeout if timeout is None else timeout
         if block is False and progress is None:
             return PlainUpload(channel, index, sub, wait, size, limit)
+        check_callbacks("upload", progress=progress)
         options: dict[str, Any] = {"size": size, "block": block, "limit": limit, "progress": progress, "timeout": wait}
         return sdo_transfer(channel, upload(channel, index, sub, **options), wait)
 
@@ -94,6 +96,8 @@ class SdoMethods(Methods[R]):
         timeout: float | None = None,
     ) -> BusOperation[int]:
         """Read an object of any length, call `sink` with each piece, and return the number of bytes."""
+        check_function("upload_to: sink", sink, "sink")
+        check_callbacks("upload_to", progress=progress)
         channel, wait = self.channel, self._wait(timeout)
         options: dict[str, Any] = {"block": block, "progress": progress, "timeout": wait}
         return sdo_transfer(channel, upload_to(channel, index, sub, sink, **options), wait)
@@ -119,6 +123,7 @@ class SdoMethods(Methods[R]):
         channel, wait = self.channel, self._wait(timeout)
         if type(data) is bytes and 1 <= len(data) <= 4 and block in (False, "auto") and progress is None:
             return PlainDownload(channel, index, sub, wait, data)
+        check_callbacks("download", progress=progress)
         options: dict[str, Any] = {"size": size, "block": block, "progress": progress, "timeout": wait}
         return sdo_transfer(channel, download(channel, index, sub, data, **options), wait)
 
