@@ -74,6 +74,8 @@ def load(name_or_path: str | Path) -> Device:
     if not os.path.isdir(path) or not str(name_or_path):
         known = ", ".join(names())
         hint = suggest(wanted, dict.fromkeys(names()))
+        if path.suffix.lower() in (".eds", ".dcf") and os.path.isfile(path):
+            hint = "; an EDS is read in Python, bus.node(5, eds=...), or its objects by address: raw object:2000h:i32"
         raise UnknownName(
             f"no device {shown(str(name_or_path))} in the catalogue ({known}), and no such directory{hint}"
         )
