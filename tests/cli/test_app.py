@@ -169,7 +169,8 @@ main()
             process.send_signal(signal.SIGINT)
             error = process.stderr.read()
             assert "Traceback" not in error
-            assert process.wait(30) in (0, 130)
+            # While Python itself ends, the signal kills the process; a shell shows 130 for that too.
+            assert process.wait(30) in (0, 130, -signal.SIGINT)
 
 
 @pytest.mark.parametrize(

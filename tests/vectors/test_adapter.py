@@ -140,7 +140,9 @@ def test_a_signal_ends_the_adapter_too(tmp_path: Path, number: signal.Signals, a
     command = program(tmp_path, f"(open({str(started)!r}, 'w').write(str(os.getpid())), {silent})")
     if not answers_hello:
         file = tmp_path / "adapter.py"
-        text = f"import os, time\nopen({str(started)!r}, 'w').write(str(os.getpid()))\n{silent}\n"
+        # Behind the hello: before, `subprocess` may still be starting this program, which nobody would end then.
+        writes = f"open({str(started)!r}, 'w').write(str(os.getpid()))"
+        text = f"import os, sys, time\nsys.stdin.readline()\n{writes}\n{silent}\n"
         file.write_text(text)
     arguments = ["vectors", "check", "--kind", "lrc", "--adapter", command]
     checking = subprocess.Popen([sys.executable, "-m", "barewire", *arguments], stdout=subprocess.DEVNULL)

@@ -136,9 +136,9 @@ class VectorAdapter:
             threading.Thread(target=_read, args=(self._process.stdout, self._lines), daemon=True),
             threading.Thread(target=_keep, args=(self._process.stderr, self._complaints), daemon=True),
         )
-        for thread in self._readers:
-            thread.start()
         try:
+            for thread in self._readers:
+                thread.start()
             self._send({"hello": "barewire-vectors", "protocol": PROTOCOL})
             hello = self._answer(None, START_TIMEOUT)
         except AdapterFailure as failure:

@@ -112,13 +112,21 @@ def test_the_terminal_in_which_a_program_runs_is_refused(use: Callable[[str], ob
 
 
 def test_a_link_to_the_number_that_the_next_terminal_gets_is_replaced(tmp_path: Path) -> None:
-    ours, theirs = os.openpty()
     link = tmp_path / "line"
-    link.symlink_to(os.ttyname(theirs))
-    os.close(ours)
-    os.close(theirs)
-    with ModbusServer(f"rtu://{link}", {1: Table()}) as server, ModbusClient(server.url, timeout=5) as client:
-        assert client.read_holding_registers(0, 1) == (0,)
+    for _ in range(20):
+        ours, theirs = os.openpty()
+        link.unlink(missing_ok=True)
+        link.symlink_to(os.ttyname(theirs))
+        os.close(ours)
+        os.close(theirs)
+        try:
+            server = ModbusServer(f"rtu://{link}", {1: Table()})
+        except PortError:  # the server of a test in another process has got that number
+            continue
+        with server, ModbusClient(server.url, timeout=5) as client:
+            assert client.read_holding_registers(0, 1) == (0,)
+        return
+    raise AssertionError("each of 20 numbers was taken")
 
 
 def test_a_link_whose_terminal_is_gone(tmp_path: Path) -> None:
