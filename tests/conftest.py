@@ -16,6 +16,7 @@ import gc
 import os
 import shutil
 import signal
+import sys
 from collections.abc import Generator
 from pathlib import Path
 from typing import NamedTuple
@@ -84,7 +85,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish() -> None:
     """Let the garbage collector leave alone what was collected, from here on."""
-    gc.freeze()
+    if sys.version_info < (3, 14):  # there hypothesis asks the collector who refers to its generator of random numbers
+        gc.freeze()
     gc.enable()
 
 
