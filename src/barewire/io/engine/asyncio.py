@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeVar
 
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import BarewireError
-from barewire.io.engine.blocking import frames_of_abort
+from barewire.io.engine.blocking import frames_of_abort, hand_over
 from barewire.io.engine.fast_path import answer, listening
 from barewire.io.ports.base import raise_port_error
 
@@ -44,7 +43,7 @@ async def run(
                     if isinstance(step, Send):
                         port.write(step.item)
                     else:
-                        _write_all(port, step.items)
+                        hand_over(step.items, port.write, getattr(port, "write_all", None))
                     sent = port.sent()
                     if sent is not None:  # None: the bytes are on the wire already
                         await sent
@@ -57,16 +56,6 @@ async def run(
     except BaseException as error:
         abandon(conversation, port, error)
         raise
-
-
-def _write_all(port: AsyncPort[Item], items: Sequence[Item]) -> None:
-    """Write items one after the other: a port may have a quicker way for many of them."""
-    write_all = getattr(port, "write_all", None)
-    if write_all is not None:
-        write_all(items)
-        return
-    for item in items:
-        port.write(item)
 
 
 def abandon(conversation: Conversation[Item, Result], port: AsyncPort[Item], error: BaseException) -> None:

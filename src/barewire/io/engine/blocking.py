@@ -48,7 +48,7 @@ def run(
                 elif isinstance(step, Send):
                     port.send(step.item)
                 else:
-                    _send_all(port, step.items)
+                    hand_over(step.items, port.send, getattr(port, "send_all", None))
             except OSError as error:
                 raise_port_error(port, error)
             step = conversation.send(Heard(item, clock()))
@@ -61,14 +61,15 @@ def run(
         raise
 
 
-def _send_all(port: Port[Item], items: Sequence[Item]) -> None:
-    """Send items one after the other: a port may have a quicker way for many of them."""
-    send_all = getattr(port, "send_all", None)
-    if send_all is not None:
-        send_all(items)
+def hand_over(
+    items: Sequence[Item], one: Callable[[Item], object], many: Callable[[Sequence[Item]], object] | None
+) -> None:
+    """Pass items on in their order, all at once if the port has a way for many of them (`many`)."""
+    if many is not None:
+        many(items)
         return
     for item in items:
-        port.send(item)
+        one(item)
 
 
 def abandon(conversation: Conversation[Item, Result], port: Port[Item], error: BaseException) -> None:
