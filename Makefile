@@ -38,16 +38,16 @@ suite: $(VENV)/installed-dev ## layers, unit tests, vectors, doc examples, inter
 pyodide: $(VENV)/installed-dev ## tests of everything below `io` on CPython 3.14, as Pyodide in node
 	@VENV=$(VENV) tests/pyodide/run $(ARGS)
 
-bench: $(VENV)/installed-bench ## our work beside that of other libraries and hand-written code; writes docs/speed.md
+bench: $(VENV)/installed-bench ## our work beside that of other libraries and hand-written code; writes docs/reference/speed.md
 	@mkdir -p build
 	$(BIN)/python -m pytest bench -W default -rs --benchmark-columns=median,iqr,ops --benchmark-sort=name \
 	  --benchmark-json=build/bench.json $(ARGS)
 	@$(BIN)/python tools/bench_page.py build/bench.json
 
-proof: $(VENV)/installed-bench ## every order of late answers, ours and those of other clients; writes docs/late-answers.md
+proof: $(VENV)/installed-bench ## every order of late answers, ours and those of other clients; writes docs/explanation/late-answers.md
 	@$(BIN)/python tools/late_answers.py $(ARGS)
 
-scoreboard: $(VENV)/installed-dev peers ## what other stacks make of the vectors; writes docs/scoreboard.md; ARGS=names
+scoreboard: $(VENV)/installed-dev peers ## what other stacks make of the vectors; writes docs/reference/scoreboard.md; ARGS=names
 	@$(BIN)/python tools/scoreboard.py $(ARGS)
 
 # What adapters need and pip does not install.
@@ -70,7 +70,7 @@ vectors-release: $(VENV)/installed-dev ## the vectors as an archive and as a pac
 vectors-mutants: $(VENV)/installed-dev ## which changes of the reference of the vectors no case notices
 	@$(BIN)/python -m tools.vectors_mutants $(ARGS)
 
-mutants: $(VENV)/installed-mutants ## which changes of the core no test notices; writes docs/mutation.md
+mutants: $(VENV)/installed-mutants ## which changes of the core no test notices; writes docs/reference/mutation.md
 	@$(BIN)/python tools/mutants.py $(ARGS)
 
 format: $(VENV)/installed-dev ## put the code in its form

@@ -1,7 +1,7 @@
 """Which room may import which, checked against every import in src/barewire, and the size of files and folders.
 
 An import counts wherever it stands: at the top, inside a function, under `TYPE_CHECKING`, or as a string given to
-`import_module`. To allow a new arrow, change ALLOWED and give the reason in docs/decisions.md.
+`import_module`. To allow a new arrow, change ALLOWED and give the reason in docs/explanation/decisions.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The generated pages are up to date and complete: conformance cases of CANopen, devices, interoperability, mutation.
 
 The marks of interop tests are compared with the services that were exchanged. `tests/vectors/test_files.py` and
-`tests/test_layers.py` compare what their tools write; `tests/io/modbus/test_conformance.py` compares docs/conform.md.
+`tests/test_layers.py` compare what their tools write; `tests/io/modbus/test_conformance.py` compares the page conform.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def test_a_page_is_up_to_date(tool: ModuleType) -> None:
     assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), f"run python -m {tool.__name__}"
 
 
-# docs/conform-canopen.md
+# docs/reference/conform-canopen.md
 
 
 def test_the_device_of_the_conformance_page_supports_every_case() -> None:
@@ -67,7 +67,7 @@ def test_each_case_of_the_vectors_names_the_cases_of_the_cia_tool() -> None:
         assert case.get("origin", "") == (f"also in CiA's conformance test tool: {names}" if names else ""), case["id"]
 
 
-# docs/devices.md
+# docs/reference/devices.md
 
 
 def test_every_table_has_as_many_rows_as_in_the_manual() -> None:
@@ -92,7 +92,7 @@ def test_every_correction_is_listed() -> None:
                 assert any(line.startswith(f"| {parameter.name} | {field} | ") for line in lines), parameter.name
 
 
-# docs/interop.md
+# docs/reference/interop.md
 
 
 def test_every_service_is_tested_against_a_peer() -> None:
@@ -147,7 +147,7 @@ def test_a_test_fails_whose_mark_differs_from_the_exchanged_services(seen: set[s
         next(running)
 
 
-# docs/mutation.md
+# docs/reference/mutation.md
 
 
 def test_every_survivor_on_the_page_is_a_change_of_a_line_that_exists() -> None:

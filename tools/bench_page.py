@@ -1,4 +1,4 @@
-"""Writes docs/speed.md and docs/speed/*.svg for one run: `python tools/bench_page.py build/bench.json` or `make bench`.
+"""Writes docs/reference/speed.md and its plots: `make bench`, or `python tools/bench_page.py build/bench.json`.
 
 The input is the JSON of pytest-benchmark with the additions of `bench/conftest.py`: family, size, contestant, and the
 ratios to the floor. A run with some of the families only writes no page. matplotlib draws the plots (extra `plot`).
@@ -18,11 +18,11 @@ from bench.goals import goals as wanted  # noqa: E402
 from bench.plots import plot  # noqa: E402
 from bench.results import Entry, races, read, show, times  # noqa: E402
 
-PAGE = ROOT / "docs" / "speed.md"
-PLOTS = ROOT / "docs" / "speed"
+PAGE = ROOT / "docs" / "reference" / "speed.md"
+PLOTS = ROOT / "docs" / "reference" / "speed"
 
 FAMILIES = {
-    "CRC-16": "The checksum of RTU. The floor is the usual table of 256 entries; [crc](crc.md) explains ours.",
+    "CRC-16": "The checksum of RTU. The floor is a table of 256 entries; ours is [explained](../explanation/crc.md).",
     "RTU response": "A whole answer to register values: checksum, function, byte count, numbers.",
     "ASCII response": "The same in hexadecimal digits with an LRC.",
     "TCP response": "The same behind an MBAP header.",
@@ -115,7 +115,7 @@ def page(data: dict[str, Any]) -> str:
     lines += [
         "The same work by barewire, by hand-written code and by other libraries, in turns, in one run: `make bench`.",
         "The ratios within a round are what counts; microseconds alone depend on the machine.",
-        "[bench](../bench/README.md) explains the measurement.",
+        "[bench](../../bench/README.md) explains the measurement.",
         "",
         f"- machine: {cpu}, {machine['cores']} cores, {machine['system']}",
         f"- {python}; {', '.join(there)}",
@@ -125,7 +125,7 @@ def page(data: dict[str, Any]) -> str:
         "## Goals",
         "",
         "Each number is our time (or memory) divided by that of the other: below 1 is faster.",
-        "[bench](../bench/README.md#limits) explains the missed goals.",
+        "[bench](../../bench/README.md#limits) explains the missed goals.",
         "",
         *goals(entries),
         "",
@@ -160,11 +160,11 @@ def main(arguments: list[str]) -> int:
     data = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
     lacking = sorted(FAMILIES.keys() - {entry.family for entry in read(data)})
     if lacking:
-        sys.stdout.write(f"docs/speed.md is unchanged: this run lacks {'; '.join(lacking)}\n")
+        sys.stdout.write(f"docs/reference/speed.md is unchanged: this run lacks {'; '.join(lacking)}\n")
         return 0
     before = verdicts(PAGE.read_text(encoding="utf-8")) if PAGE.exists() else {}
     PAGE.write_text(page(data), encoding="utf-8")
-    sys.stdout.write("docs/speed.md and docs/speed/*.svg are written\n")
+    sys.stdout.write("docs/reference/speed.md and docs/reference/speed/*.svg are written\n")
     for goal, (verdict, ratio) in verdicts(PAGE.read_text(encoding="utf-8")).items():
         if verdict == "missed":
             sys.stdout.write(f"missed: {goal}, {ratio} (before: {', '.join(before.get(goal, ['not measured']))})\n")

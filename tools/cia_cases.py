@@ -1,4 +1,4 @@
-"""The cases of CiA's CANopen conformance test tool, and our cases for the same: a table of docs/conform-canopen.md.
+"""The cases of CiA's CANopen conformance test tool, and our cases for the same: a table of the page conform-canopen.
 
 The names are those of the public log of version 3.0.3.10 (test/test_report_CCT.md of CANopenNode/CANopenDemo on
 GitHub). A row is one or several names (the numbers of one group), what they test, and the beginnings of our names; no

@@ -1,4 +1,4 @@
-"""Writes docs/conform-canopen.md, the list of all CANopen conformance cases: run `python tools/conform_can.py`."""
+"""Writes docs/reference/conform-canopen.md, a list of all CANopen conformance cases: `python tools/conform_can.py`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from barewire.io.canopen.conformance import cases, why_left_out  # noqa: E402
 from tests.canopen.conformance.devices import LARGE, az3, bus_with, failures, plain, subject_of  # noqa: E402
 from tools.cia_cases import table  # noqa: E402
 
-PAGE = ROOT / "docs" / "conform-canopen.md"
+PAGE = ROOT / "docs" / "reference" / "conform-canopen.md"
 
 HEAD = """\
 # CANopen conformance, case by case
@@ -79,10 +79,10 @@ it silent sends NMT 80h, *enter pre-operational*, first, and says so on stderr; 
 Interfaces without remote frames (socketcand) leave out the cases that need them.
 
 The cases are data for any language, of the kind `device-conformance` of the
-[vectors](../vectors/README.md#device-conformance), in the files `vectors/canopen/conform-*.json`: frames to send,
+[vectors](../../vectors/README.md#device-conformance), in the files `vectors/canopen/conform-*.json`: frames to send,
 patterns of the answers that are accepted, and placeholders for what differs between devices. Only the cases RND
 (random order) and those of an EDS are made by the program. The same cases, with JUnit XML and the other options of
-[`vectors check`](vectors.md):
+[`vectors check`](../how-to/vectors.md):
 
     barewire vectors check --endpoint "can://socketcan/can0?node=5" --junit report.xml
 

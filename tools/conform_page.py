@@ -1,4 +1,4 @@
-"""Writes docs/conform.md: run `python tools/conform_page.py` after every change of a case or of our answers.
+"""Writes docs/reference/conform.md: run `python tools/conform_page.py` after every change of a case or of our answers.
 
     our column         our own servers are started on real ports and tested with the batteries, as `barewire conform`
                        does; our clients are played against tests/modbus/client/faulty.py
@@ -30,7 +30,7 @@ from barewire.tcp import TcpLine  # noqa: E402
 from tests.modbus.client import faulty  # noqa: E402
 from tools import conform_peers  # noqa: E402
 
-PAGE = ROOT / "docs" / "conform.md"
+PAGE = ROOT / "docs" / "reference" / "conform.md"
 MEASURED = ROOT / "tools" / "conform_measured.json"
 SURVEY = tomllib.loads((ROOT / "tools" / "conform_survey.toml").read_text(encoding="utf-8"))
 BEGIN, END = "<!-- made by tools/conform_page.py -->\n", "<!-- end -->\n"

@@ -1,4 +1,4 @@
-"""Writes docs/devices.md: run `python tools/devices.py` after every change of the catalogue.
+"""Writes docs/reference/devices.md: run `python tools/devices.py` after every change of the catalogue.
 
     counts        for each table of the manuals its number of rows, there and in the catalogue
     corrections   every `printed`: the text in the manual, and the value in the catalogue
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 ROOT = Path(__file__).parent.parent
 CATALOG = ROOT / "src" / "barewire" / "devices" / "catalog"
-PAGE = ROOT / "docs" / "devices.md"
+PAGE = ROOT / "docs" / "reference" / "devices.md"
 
 Row = dict[str, Any]
 
@@ -107,7 +107,7 @@ DEVICES = tuple(dict.fromkeys(count.device for count in COUNTS))
 
 
 def page() -> str:
-    """Return the whole of docs/devices.md."""
+    """Return the whole of docs/reference/devices.md."""
     lines = ["# The three machines, counted and corrected", "", "Made by `tools/devices.py`; do not edit.", ""]
     lines += [*_counts(), "", *_placed(), "", "## Corrections", "", *_CORRECTIONS]
     for device in DEVICES:
@@ -193,7 +193,7 @@ def main() -> None:
     after = page()
     if not PAGE.exists() or PAGE.read_text(encoding="utf-8") != after:
         PAGE.write_text(after, encoding="utf-8")
-        sys.stdout.write("docs/devices.md\n")
+        sys.stdout.write("docs/reference/devices.md\n")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Writes docs/interop.md: run `python tools/interop.py` after every change of a test in tests/interop.
+"""Writes docs/reference/interop.md: run `python tools/interop.py` after every change of a test in tests/interop.
 
     tests/interop/**.py  @pytest.mark.evidence(peer, role, carrier, *services)     the test checks what it claims
             |  collected, not run
             v
-    docs/interop.md      function x carrier -> the programs tested against; gaps and invalid marks are errors
+    docs/reference/interop.md      function x carrier -> the programs tested against; gaps and invalid marks are errors
 
 The tests of the page call the same functions. Collecting needs every peer but tmodbus, which its tests import late.
 """
@@ -27,7 +27,7 @@ from barewire.modbus.messages.registry import known_requests  # noqa: E402
 from tests.interop.services import CARRIERS, NO_PEER  # noqa: E402
 
 TESTS = ROOT / "tests" / "interop"
-PAGE = ROOT / "docs" / "interop.md"
+PAGE = ROOT / "docs" / "reference" / "interop.md"
 OURSELVES = "ourselves"
 
 CAN_CARRIERS = ("virtual", "slcan", "socketcand", "socketcan", "udp_multicast", "file")
@@ -182,7 +182,7 @@ def gaps(rows: tuple[Evidence, ...]) -> list[str]:
 
 
 def page() -> str:
-    """Return the whole of docs/interop.md."""
+    """Return the whole of docs/reference/interop.md."""
     rows = evidence()
     lines = [
         "# Interoperability tests",
@@ -319,7 +319,7 @@ def main() -> int:
     after = page()
     if not PAGE.exists() or PAGE.read_text(encoding="utf-8") != after:
         PAGE.write_text(after, encoding="utf-8")
-        sys.stdout.write("docs/interop.md\n")
+        sys.stdout.write("docs/reference/interop.md\n")
     missing = gaps(evidence())
     sys.stdout.write("".join(f"no peer: {gap}\n" for gap in missing))
     return 1 if missing else 0

@@ -1,4 +1,4 @@
-"""Writes the tables of docs/late-answers.md: `make proof`, or `python tools/late_answers.py [QUESTIONS]`.
+"""Writes the tables of docs/explanation/late-answers.md: `make proof`, or `python tools/late_answers.py [QUESTIONS]`.
 
     exhaustive    every sequence of choices of a few small alphabets
     random        QUESTIONS questions (default 10,000,000) of a large alphabet
@@ -35,7 +35,7 @@ from tests.model.sdo_peers import CLIENTS, LATE, SHARED, SdoFaults, SdoPeerTally
 from tests.model.sdo_two import Mode, TwoClients, TwoTally, two_clients_scenario  # noqa: E402
 from tests.model.setups import DEEP, EVERYTHING, FEW_FAULTS, SERIAL, SMALL, WITH_OTHERS, for_framing  # noqa: E402
 
-PAGE = ROOT / "docs" / "late-answers.md"
+PAGE = ROOT / "docs" / "explanation" / "late-answers.md"
 BEGIN, END = "<!-- made by tools/late_answers.py -->\n", "<!-- end -->\n"
 COMPARISON = (
     "One unit that declines function 08, as most do; time-out 0.3 s; one read after the other, without retries. Of",

@@ -3,7 +3,7 @@
     python tools/mutants.py [NAME ...]     NAME: a mutant or a pattern such as "barewire.rtu.*" (default: all)
 
 mutmut makes the changes and runs the tests; its settings are `[tool.mutmut]` of pyproject.toml. A changed program is
-called a mutant. One that no test notices survives, and must be in a table of docs/mutation.md, with the reason:
+called a mutant. One that no test notices survives, and must have a row with the reason in docs/reference/mutation.md:
 
     | function | before | after | why no test can notice it |
 
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parent.parent
-PAGE = ROOT / "docs" / "mutation.md"
+PAGE = ROOT / "docs" / "reference" / "mutation.md"
 BEGIN, END = "<!-- made by tools/mutants.py -->\n", "<!-- end -->\n"
 NOTICED = ("killed", "timeout", "segfault")
 """A mutant in an endless loop is stopped, which a user would notice too."""
@@ -122,9 +122,11 @@ def main(patterns: list[str]) -> int:
     unchecked = sum(state == "not checked" for state in states.values())
     outdated = set() if unchecked else reasons.keys() - survivors.keys()
     for change in sorted(outdated):
-        sys.stdout.write(f"\na row of docs/mutation.md is out of date:\n{row(change, reasons[change])}\n")
+        sys.stdout.write(f"\na row of docs/reference/mutation.md is out of date:\n{row(change, reasons[change])}\n")
     if unchecked:
-        sys.stdout.write(f"\n{unchecked} mutants were not run, so the numbers of docs/mutation.md stay as they are\n")
+        sys.stdout.write(
+            f"\n{unchecked} mutants were not run, so the numbers of docs/reference/mutation.md stay as they are\n"
+        )
     elif not unexplained and not outdated:
         head, rest = page.split(BEGIN)
         PAGE.write_text(head + BEGIN + table(states) + END + rest.split(END)[1], encoding="utf-8")

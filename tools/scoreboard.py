@@ -1,7 +1,7 @@
 """Runs the vectors over all other implementations that are installed here: `make scoreboard`.
 
 tools/scoreboard.json       what each made of the cases: numbers for each kind, ids of failed and of open cases
-docs/scoreboard.md          the same as a page
+docs/reference/scoreboard.md          the same as a page
 vectors/                    `confirmed_by` or `unconfirmed` in each case, and oracles.json: who is who
 
 python tools/scoreboard.py                  all programs; those that are not installed keep their last results
@@ -27,7 +27,7 @@ from tools import vectors as files  # noqa: E402
 from tools.peers import PEERS, PeerRun, confirms, run  # noqa: E402
 
 DATA = ROOT / "tools" / "scoreboard.json"
-PAGE = ROOT / "docs" / "scoreboard.md"
+PAGE = ROOT / "docs" / "reference" / "scoreboard.md"
 ORACLES = ROOT / "vectors" / "oracles.json"
 BEGIN, END = "<!-- made by tools/scoreboard.py -->\n", "<!-- end -->\n"
 STATES = ("passed", "failed", "open", "not offered")

@@ -1,4 +1,4 @@
-"""Names of the Modbus services, as docs/interop.md lists them, and the mark of a test that proves some."""
+"""Names of the Modbus services, as docs/reference/interop.md lists them, and the mark of a test that proves some."""
 
 from __future__ import annotations
 

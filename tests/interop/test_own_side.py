@@ -1,7 +1,7 @@
 """2B/0D, which no other program supports: our client against our own server, over every carrier, in both dialects.
 
-This proves no interoperability, as docs/interop.md states. The independent evidence is the bytes of two manuals (in
-`vectors/`), and tshark, which recognises the MEI type.
+This proves no interoperability, as docs/reference/interop.md states. The independent evidence is the bytes of two
+manuals (in `vectors/`), and tshark, which recognises the MEI type.
 """
 
 from __future__ import annotations

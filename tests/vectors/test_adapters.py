@@ -1,4 +1,4 @@
-"""The adapters of other implementations: each starts, and answers as tools/scoreboard.json and docs/scoreboard.md say.
+"""The adapters of other implementations: each starts, and answers as tools/scoreboard.json and the scoreboard say.
 
 A new version of a library that answers otherwise is noticed here: then `make scoreboard` writes its new results.
 """

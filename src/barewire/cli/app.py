@@ -159,7 +159,7 @@ def barewire_command(verbose: int) -> None:
     Options of every ENDPOINT:   timeout=1            seconds that a request waits for its response
     Options for Modbus:          retries=0            how often a read without a response is repeated
                                  late_window=3        seconds in which a late response is expected
-    All of them are in docs/endpoints.md.
+    All of them are in docs/reference/endpoints.md.
     """
     if verbose:
         import logging  # not at the top: commands without this option do not need it

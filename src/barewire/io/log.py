@@ -15,7 +15,7 @@ left out: "(490 more like this in the last 60 s)". There are at most 250 kinds i
 limit of ten. A line has at most 1000 characters, and the text of an error in a traceback as well.
 
 `logging` takes 5 ms to load. A program that has not imported it has not switched on INFO, so it is loaded only for a
-line of level WARNING or ERROR. docs/logging.md has the lines.
+line of level WARNING or ERROR. docs/how-to/logging.md has the lines.
 
 Depends on: nothing.  Used by: everything in `io` that opens a port.
 """

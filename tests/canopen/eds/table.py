@@ -1,4 +1,4 @@
-"""The tables of rules in docs/eds.md, with an example line for each from the cases of the tests.
+"""The tables of rules in docs/reference/eds.md, with an example line for each from the cases of the tests.
 
 `python -m tests.canopen.eds.table` writes them; `test_reading.py` compares the page with them.
 """
@@ -15,7 +15,7 @@ from tests.canopen.eds.field_files import FIELD, LINTED
 from tests.canopen.eds.oddities import MADE
 from tests.canopen.eds.test_lint import FAULTS, FINE
 
-PAGE = Path(__file__).parents[3] / "docs" / "eds.md"
+PAGE = Path(__file__).parents[3] / "docs" / "reference" / "eds.md"
 _UNSEEN = {
     "byte-order-mark": "EF BB BF",
     "line-ends": "\\r",

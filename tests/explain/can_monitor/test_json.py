@@ -1,4 +1,4 @@
-"""JSON output: the keys of each event are those of docs/can-analysis.md, and every value is valid JSON."""
+"""JSON output: the keys of each event are those of docs/how-to/can-analysis.md, and every value is valid JSON."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from barewire.explain.can_monitor.events import (
 )
 from tests.explain.can_monitor.recorded_run import DRIVE, of, recorded
 
-PAGE = Path(__file__).parents[3] / "docs" / "can-analysis.md"
+PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "can-analysis.md"
 ROW = re.compile(r"^\| `([a-z-]+)` \| (`at`.*) \|$", re.MULTILINE)
 
 

@@ -14,7 +14,7 @@ from barewire.explain.can_monitor import BUS_RULES, CanMonitor, event_line, of_d
 from barewire.explain.can_monitor.events import MonitorEvent, Violation
 from tests.explain.can_monitor.recorded_run import of
 
-PAGE = Path(__file__).parents[3] / "docs" / "can-analysis.md"
+PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "can-analysis.md"
 
 UP = ("605#4008100000000000", "585#4108100008000000")
 DOWN = ("605#2108100008000000", "585#6008100000000000")

@@ -247,7 +247,7 @@ def _record(objects: Any, index: int, values: dict[int, int], wide: Any) -> None
 
 
 def services_in(frames: list[CanFrame]) -> set[str]:
-    """Return the exchanged services, as docs/interop.md names them; a confirmed service counts when it is answered."""
+    """Return the exchanged services by their names in docs/reference/interop.md; a confirmed one counts if answered."""
     found: set[str] = set()
     asked = b""
     guarded = False

@@ -101,7 +101,7 @@ def test_the_barewire_tls_server_passes_its_cases(certificates: Path) -> None:
 
 
 def test_the_page_has_the_present_results_of_barewire() -> None:
-    """docs/conform.md: the columns of barewire are made again; those of others are as they were measured."""
+    """docs/reference/conform.md: the columns of barewire are made again; those of others are as they were measured."""
     assert conform_page.OURS == OURS
     own = {
         kind: {

@@ -332,7 +332,7 @@ def test_a_table_of_roles_that_is_not_a_text_is_an_error_of_one_line(certificate
 
 
 def test_the_programs_of_the_tls_page_run(tmp_path: Path) -> None:
-    page = Path(__file__, "../../../../docs/tls.md").resolve().read_text(encoding="utf-8")
+    page = Path(__file__, "../../../../docs/how-to/tls.md").resolve().read_text(encoding="utf-8")
     shell, table, program = (
         "".join(re.findall(f"```{kind}\n(.*?)```", page, re.S)) for kind in ("sh", "json", "python")
     )

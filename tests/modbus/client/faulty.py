@@ -1,4 +1,4 @@
-"""A faulty peer in virtual time: rows of wrong answers, shared by the tests of clients and docs/conform.md.
+"""A faulty peer in virtual time: rows of wrong answers, shared by the tests of clients and docs/reference/conform.md.
 
     SURVIVED       the right answer comes too: it is found, and so is the next one
     REFUSED        it never comes: an error describes what was received, and the next request gets its right answer

@@ -8,7 +8,7 @@
         Gap                   the RECORDING lacks frames       Loss                              the BUS lost a frame
 
 `repeated` is true for an event with the same heartbeat, SYNC or PDO as before. The names of the fields are the keys of
-the JSON output (docs/can-analysis.md) and do not change.
+the JSON output (docs/how-to/can-analysis.md) and do not change.
 """
 
 from __future__ import annotations

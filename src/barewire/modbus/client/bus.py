@@ -20,7 +20,7 @@ what the answer to the earlier one would prove; then the echo with its number de
 
 A line whose responses are numbered (TCP) needs none of this, and an exchange without trouble costs nothing extra. The
 bus assumes that a unit answers requests in the order in which they were sent, each at most once and within
-`late_window`, and that it is the line's only client; docs/late-answers.md states what follows from that.
+`late_window`, and that it is the line's only client; docs/explanation/late-answers.md states what follows from that.
 
 A write without a response may have been carried out: its error is `WriteOutcomeUnknown`, and it is repeated only if
 the caller allows it.

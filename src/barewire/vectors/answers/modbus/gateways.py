@@ -1,4 +1,4 @@
-"""Answers for gateway: servers on TCP whose units are on an RTU line, as docs/gateway.md builds them, in virtual time.
+"""Answers for gateway: servers on TCP whose units are on an RTU line, in virtual time (docs/how-to/gateway.md).
 
     client 1  ->  Server(TcpLine)  ->  RoutedUnit.handle  ->  Bus(RtuLine)  ->  the line
     client 2  ->  Server(TcpLine)  ->        "                   "
