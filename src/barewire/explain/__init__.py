@@ -11,6 +11,7 @@
 Every byte is in exactly one field, in order, however broken the frame is, and no input raises. The files in reading
 order:
 
+    findings     the codes of a diagnosis, and what each says
     result       the explanation: fields, verdict, lines, dict
     input/       bytes from text: hexadecimal, source literals, hex dumps
     modbus/      Modbus PDUs and the three frames around them; exchanges on a line as text
@@ -20,12 +21,25 @@ order:
     recorded_values       what a recording reads from a device
     played, peer_replay   a recording of a CAN bus played against a device, and compared
     client_replay         the same against our SDO client
+    wire/        the levels of characters, and a receiver with other settings
+    diagnosis/   what is wrong with a frame, proved by trials
     api          `explain` and `explain_text`
 
 Depends on: modbus, canopen, rtu, ascii, tcp, devices. No ports, files or clocks. Used by: io, cli, bench, tests.
 """
 
 from barewire.explain.api import explain, explain_text
+from barewire.explain.findings import DiagnosisCode, Finding
 from barewire.explain.result import ExplainedField, Explanation, FrameRole, Problem, ProtocolName
 
-__all__ = ["explain", "explain_text", "Explanation", "ExplainedField", "Problem", "ProtocolName", "FrameRole"]
+__all__ = [
+    "explain",
+    "explain_text",
+    "Explanation",
+    "ExplainedField",
+    "Problem",
+    "ProtocolName",
+    "FrameRole",
+    "Finding",
+    "DiagnosisCode",
+]

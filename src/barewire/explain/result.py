@@ -17,6 +17,7 @@ from typing import Literal, NamedTuple
 
 from barewire.codecs import Field
 from barewire.errors import DecodeError, Reason
+from barewire.explain.findings import Finding
 
 ProtocolName = Literal["rtu", "ascii", "tcp", "can"]
 FrameRole = Literal["request", "response"]
@@ -74,7 +75,8 @@ class Problem(NamedTuple):
 class Explanation:
     """The explanation of one frame. `error` is None exactly when the frame is valid.
 
-    `summary` is the message in one line; the verdict shows it only if the frame is valid.
+    `summary` is the message in one line; the verdict shows it only if the frame is valid. `diagnosis` has what is wrong
+    in the words of an engineer, the likeliest finding first; it is empty for a good frame, and where nothing is proved.
     """
 
     protocol: ProtocolName
@@ -82,6 +84,7 @@ class Explanation:
     fields: tuple[ExplainedField, ...]
     error: Problem | None
     summary: str
+    diagnosis: tuple[Finding, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Explanation {self.protocol}: {self.verdict}>"
@@ -108,17 +111,18 @@ class Explanation:
             "role": self.role,
             "fields": [dict(zip(names, field)) for field in self.fields],
             "error": self.error._asdict() if self.error else None,
+            "diagnosis": [finding._asdict() for finding in self.diagnosis],
         }
 
     def lines(self) -> list[str]:
-        """Return one line for each field, in columns, then the verdict."""
+        """Return one line for each field, in columns, then the verdict and the first finding, if there is one."""
         rows = [(str(field.offset), _clipped(field.hex), field.name, field.shown) for field in self.fields]
         widths = [max((len(row[column]) for row in rows), default=0) for column in range(4)]
         lines = []
         for (offset, digits, name, value), field in zip(rows, self.fields):
             columns = f"{offset:>{widths[0]}}  {digits:<{widths[1]}}  {name:<{widths[2]}}  {value:<{widths[3]}}"
             lines.append(f"{columns}  {field.meaning}".rstrip())
-        return [*lines, self.verdict]
+        return [*lines, self.verdict, *(finding.line for finding in self.diagnosis[:1])]
 
 
 def _clipped(digits: str) -> str:

@@ -33,7 +33,7 @@ _PAUSE = 0.3
 
 _REQUESTS = (InitiateUpload, ExpeditedDownload, InitiateDownload, InitiateBlockDownload, InitiateBlockUpload)
 
-Finding = Gap | Loss | tuple[str, str]
+BlockFinding = Gap | Loss | tuple[str, str]
 """A gap, a loss, or a broken rule with a text."""
 
 
@@ -53,7 +53,7 @@ class BlockTracker:
         self.crc = crc  # whether both sides use one
         self.state: Literal["ready", "segments", "end", "ended", "over"] = "segments"
         self.blocks = 0
-        self.findings: list[Finding] = []
+        self.findings: list[BlockFinding] = []
         self._has_size = blksize is not None
         self._short = 0  # a block was acknowledged up to here, before its end: it is the last one, or its rest is lost
         self._parts: dict[int, bytes] = {}  # the segments of this block by number
