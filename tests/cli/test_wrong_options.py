@@ -104,6 +104,14 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("explain", "can", "605#40", "--device", "az4"), "did you mean 'az3'?"),
     *((("explain", "can", "605#40", "--device", "az3", "--node", text), "--node") for text in ("0", "128", "x")),
     (("explain", "can", "605#40", "--node", "5"), "give a --device for each --node"),
+    # send
+    (("send",), "Missing argument 'ENDPOINT'; see barewire send --help"),
+    (("send", "tpc://127.0.0.1", "01"), "did you mean 'tcp'?"),
+    (("send", TCP, "01 0G"), "'G' at 4 is not a hexadecimal digit"),
+    (("send", TCP, " "), "has no bytes"),
+    (("send", TCP, "01", "--crc"), "a frame of Modbus TCP has no CRC"),
+    (("send", CAN, "605#4G"), "'G' is not a hexadecimal digit"),
+    (("send", CAN, "605#40", "--crc"), "a CAN controller adds the CRC itself"),
     # sniff
     (("sniff", "tpc://127.0.0.1"), "did you mean 'tcp'?"),
     (("sniff", TCP), "listening in needs a line"),

@@ -30,6 +30,7 @@ COMMANDS = {
     "watch": ("watch", "Read named values periodically."),
     "drive": ("drive", "Enable, move and stop a CiA 402 drive."),
     "explain": ("explain", "Explain a frame byte by byte and check it."),
+    "send": ("teach.send", "Send the bytes of a frame as they are; explain the answer."),
     "sniff": ("sniff", "Decode the traffic of a line or bus; send nothing."),
     "record": ("recordings.record", "Make a simulated device of the traffic of a Modbus line."),
     "replay": ("recordings.replay", "Play a recording of a CAN bus against a device or an SDO client."),
