@@ -1,6 +1,7 @@
-"""Bits on a wire: the levels of characters, and what a receiver makes of them.
+"""Bits on a wire: the levels of characters and CAN frames, and what receivers make of them.
 
-    uart    characters with start, parity and stop bits; a receiver with another baud rate or exchanged wires
+    uart      characters with start, parity and stop bits; a receiver at another rate, or with exchanged wires
+    can_bits  a CAN frame as bits: fields, CRC, stuff bits; arbitration between frames
 
-Depends on: errors. Used by: diagnosis, and by what draws or explains the bits of a line.
+Depends on: errors, canopen (the frame as a value). Used by: diagnosis, steps, pictures.
 """
