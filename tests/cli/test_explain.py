@@ -84,3 +84,10 @@ def test_a_can_frame_with_the_names_of_a_device() -> None:
 def test_can_fd_frames_and_error_frames() -> None:
     assert "CAN FD frame" in output_of("explain", "can", "123##1AABB")
     assert "controller problem: receive buffer overrun" in output_of("explain", "can", "20000004#0001000000000000")
+
+
+def test_the_fault_of_a_can_frame_is_said_with_its_proof_unless_the_device_is_known_to_have_it() -> None:
+    fault = "diagnosis: 4Bh is how a server answers; a read request is 40h [sdo-read-command]: 605#4041600000000000 is"
+    assert fault in output_of("explain", "can", "605#4B41600000000000")
+    known = output_of("explain", "can", "605#4B41600000000000", "--device", "az3", "--node", "5")
+    assert "diagnosis" not in known

@@ -53,7 +53,7 @@ def check_fields(explanation: Explanation, size: int) -> None:
     assert explanation.valid == (explanation.error is None)
     assert explanation.error is None or 0 <= explanation.error.at <= size
     assert json.loads(json.dumps(explanation.as_dict())) == explanation.as_dict()
-    assert len(explanation.lines()) == len(explanation.fields) + 1
+    assert len(explanation.lines()) == len(explanation.fields) + 1 + bool(explanation.diagnosis)
     assert all("\n" not in line and line.isprintable() for line in explanation.lines())
 
 

@@ -18,6 +18,7 @@ from barewire.explain.canopen.frame import explain_can, explain_segment
 from barewire.explain.capture.can_text import parse_any_can
 from barewire.explain.capture.candump import log_line
 from barewire.explain.capture.model import Recorded, Unread
+from barewire.explain.diagnosis.can import explain_diagnosed_can
 
 
 @click.command("explain")
@@ -60,7 +61,8 @@ def explain_command(
         raise EncodeError("--device is for can only")
     try:
         if known:
-            explanation = explain_can(parse_any_can(" ".join(frame)), PdoTracker(tuple(known)))
+            dialects = {node.node: node.commands for node in known}
+            explanation = explain_diagnosed_can(parse_any_can(" ".join(frame)), PdoTracker(tuple(known)), dialects)
         else:
             explanation = explain_text(protocol, " ".join(frame), role)
     except DecodeError as error:

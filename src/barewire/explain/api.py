@@ -12,6 +12,7 @@ from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError, EncodeError
 from barewire.explain.canopen.frame import explain_can
 from barewire.explain.capture.can_text import parse_any_can
+from barewire.explain.diagnosis.can import explain_diagnosed_can
 from barewire.explain.input.text import parse_ascii, parse_hex
 from barewire.explain.modbus.frames import explain_ascii, explain_rtu, explain_tcp
 from barewire.explain.result import Explanation, FrameRole, ProtocolName
@@ -34,7 +35,7 @@ def explain(protocol: str, data: bytes | AnyFrame, role: str | None = None) -> E
     if isinstance(data, bytes | bytearray) == (protocol == "can"):
         raise EncodeError(f"{protocol}: expected {'a CanFrame' if protocol == 'can' else 'bytes'}, not {data!r}")
     if isinstance(data, CanFrame | FdFrame | ErrorFrame):
-        return explain_can(data)
+        return explain_diagnosed_can(data)
     explainers = {"rtu": explain_rtu, "ascii": explain_ascii, "tcp": explain_tcp}
     return explainers[protocol](data, checked)
 
@@ -50,7 +51,7 @@ def explain_text(protocol: str, text: str, role: str | None = None) -> Explanati
     """
     checked = _checked(protocol, role)
     if protocol == "can":
-        return explain_can(parse_any_can(text))
+        return explain_diagnosed_can(parse_any_can(text))
     if protocol == "ascii":
         characters = parse_ascii(text)
         explanation = explain_ascii(characters, checked, typed=True)

@@ -1,6 +1,7 @@
 """Diagnosis: what is wrong with bytes that are not a good frame. A finding is proved by a trial, never guessed.
 
     crc_search   the one change of a byte that makes a CRC fit, found from both ends of the frame
+    can          one CAN frame
 
-Depends on: findings, modbus, rtu, wire. Used by: api.
+Depends on: findings, canopen, explain.canopen, modbus, rtu, wire. Used by: api.
 """
