@@ -112,6 +112,17 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("send", TCP, "01", "--crc"), "a frame of Modbus TCP has no CRC"),
     (("send", CAN, "605#4G"), "'G' is not a hexadecimal digit"),
     (("send", CAN, "605#40", "--crc"), "a CAN controller adds the CRC itself"),
+    # lab
+    (("lab", "11"), "11 is not in the range 1<=x<=10"),
+    (("lab", "one"), "is not a valid integer range"),
+    (("lab", "3", "chek"), "did you mean 'check'?"),
+    (("lab", "3", "check"), "no answer: expected barewire lab 3 check 3.1 ANSWER"),
+    (("lab", "3", "check", "3.2"), "no answer behind 3.2"),
+    (("lab", "3", "check", "--jsno", "1"), "No such option"),
+    (("lab", "3", "start"), "start is for lab 10: barewire simulate adxl rtu:///tmp/adxl"),
+    (("lab", "1", "recordings"), "recordings is for lab 10; lab 1 needs no device"),
+    (("lab", "10", "start"), "expected barewire lab 10 start ENDPOINT"),
+    (("lab", "10", "start", TCP), "expected rtu:// without a unit"),
     # sniff
     (("sniff", "tpc://127.0.0.1"), "did you mean 'tcp'?"),
     (("sniff", TCP), "listening in needs a line"),

@@ -1,6 +1,8 @@
 """Commands that teach the wire by hand.
 
-    send        `send`: the bytes of a frame as they are; the answer, explained
+    send     `send`: the bytes of a frame as they are; the answer, explained
+    lab      `lab`: the labs of the course, and the checks of their answers
+    labs     the labs, one file each (a folder)
 
-Depends on: `explain`, ports, click.  Used by: `app`.
+Depends on: `explain`, codecs, simulators, ports, click.  Used by: `app`.
 """
