@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree
 
 from tests.cli.helpers import error_of, output_of, run_command
 
@@ -91,3 +92,28 @@ def test_the_fault_of_a_can_frame_is_said_with_its_proof_unless_the_device_is_kn
     assert fault in output_of("explain", "can", "605#4B41600000000000")
     known = output_of("explain", "can", "605#4B41600000000000", "--device", "az3", "--node", "5")
     assert "diagnosis" not in known
+
+
+def test_a_frame_as_svg_html_and_json() -> None:
+    frame = ("explain", "rtu", "01 03 00 00 00 02 C4 0B")
+    assert ElementTree.fromstring(output_of(*frame, "--format", "svg")).get("role") == "img"
+    page = output_of(*frame, "--format", "html")
+    assert "RTU frame, 8 bytes" in page
+    assert "Levels on the line: 8 characters" in page
+    assert output_of(*frame, "--format", "json") == output_of(*frame, "--json")
+    assert output_of(*frame, "--format", "text") == output_of(*frame)
+
+
+def test_the_levels_of_a_frame() -> None:
+    assert "byte 1, 03h: function code" in output_of("explain", "rtu", "01 03 00 00 00 02 C4 0B", "--picture", "levels")
+    levels = json.loads(output_of("explain", "can", "605#40", "--picture", "levels", "--json"))
+    assert levels["crc"] == 0x0950
+    assert "Levels" not in output_of("explain", "can", "605#40", "--picture", "levels", "--format", "html")
+
+
+def test_a_recording_has_no_picture_of_a_frame(tmp_path: Path) -> None:
+    (tmp_path / "bus.log").write_text(EXCHANGE)
+    for option in (("--format", "svg"), ("--picture", "levels")):
+        assert "it is a recording" in error_of("explain", "can", str(tmp_path / "bus.log"), *option, status=2)
+    rows = output_of("explain", "can", str(tmp_path / "bus.log"), "--format", "json").splitlines()
+    assert all(json.loads(row) for row in rows)

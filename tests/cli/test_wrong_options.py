@@ -104,6 +104,11 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("explain", "can", "605#40", "--device", "az4"), "did you mean 'az3'?"),
     *((("explain", "can", "605#40", "--device", "az3", "--node", text), "--node") for text in ("0", "128", "x")),
     (("explain", "can", "605#40", "--node", "5"), "give a --device for each --node"),
+    ((*EXPLAIN, "--format", "svgg"), "did you mean 'svg'?"),
+    ((*EXPLAIN, "--json", "--format", "svg"), "--json and --format svg: give one of them"),
+    ((*EXPLAIN, "--picture", "level"), "did you mean 'levels'?"),
+    (("explain", "tcp", "01", "--picture", "levels"), "a frame of tcp has only the picture fields"),
+    (("explain", "can", "605##040", "--picture", "levels"), "a CAN FD or error frame has only the picture fields"),
     # send
     (("send",), "Missing argument 'ENDPOINT'; see barewire send --help"),
     (("send", "tpc://127.0.0.1", "01"), "did you mean 'tcp'?"),

@@ -107,6 +107,9 @@ class Seconds(click.ParamType[float]):
 endpoint_argument = click.argument("endpoint", type=EndpointArgument())
 device_argument = click.argument("device")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line.")
+format_option = click.option(
+    "--format", "form", type=Choice(["text", "json", "html", "svg"]), help="The form of the output; --json is json."
+)
 timing_option = click.option(
     "--timing", is_flag=True, help="Print the silences and pauses of the line on stderr, in ms."
 )
@@ -176,6 +179,13 @@ def _wait_for_late_response(machine: object) -> str:
         pass
     waited = f"waited {time.monotonic() - start:.1f} s more for a late response"
     return f"{waited}, which the next command could take for its own (--no-wait: do not wait)"
+
+
+def output_form(form: str | None, *, as_json: bool) -> str:
+    """Return the form of the output that `--format` and `--json` ask for. Raise EncodeError if they are at odds."""
+    if as_json and form not in (None, "json"):
+        raise EncodeError(f"--json and --format {form}: give one of them")
+    return "json" if as_json else form or "text"
 
 
 def print_json(fields: Any) -> None:

@@ -7,7 +7,16 @@ from pathlib import Path
 import click
 
 from barewire.canopen.frame import AnyFrame, CanFrame
-from barewire.cli.arguments import Choice, file_content, json_option, known_nodes, nodes_option, print_json
+from barewire.cli.arguments import (
+    Choice,
+    file_content,
+    format_option,
+    json_option,
+    known_nodes,
+    nodes_option,
+    output_form,
+    print_json,
+)
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.explain import Explanation, explain_text
 from barewire.explain.can_monitor import CanMonitor, event_as_dict, event_line
@@ -31,6 +40,8 @@ from barewire.explain.diagnosis.can import explain_diagnosed_can
 )
 @nodes_option
 @json_option
+@format_option
+@click.option("--picture", type=Choice(["fields", "levels"]), help="Bytes and fields, or the levels on the wire.")
 def explain_command(
     protocol: str,
     frame: tuple[str, ...],
@@ -39,6 +50,8 @@ def explain_command(
     check: bool,
     devices: tuple[str, ...],
     nodes: tuple[int, ...],
+    form: str | None,
+    picture: str | None,
 ) -> int:
     """Explain a frame byte by byte and check it.
 
@@ -53,9 +66,15 @@ def explain_command(
     barewire explain can "605#4041600000000000"
     barewire explain can "185#3706000000000000" --device az3 --node 5
     barewire explain can bus.log
+    barewire explain rtu "01 03 00 00 00 02 C4 0B" --format html > frame.html
+    barewire explain can "605#4041600000000000" --picture levels
     """
+    form = output_form(form, as_json=as_json)
     if protocol == "can" and len(frame) == 1 and Path(frame[0]).is_file():
-        return _explain_recording(frame[0], devices, nodes, as_json=as_json, check=check)
+        if picture is not None or form not in ("text", "json"):
+            option = f"--format {form}" if picture is None else "--picture"
+            raise EncodeError(f"{option} is for one frame, which {frame[0]} is not: it is a recording")
+        return _explain_recording(frame[0], devices, nodes, as_json=form == "json", check=check)
     known = known_nodes(devices, nodes)
     if known and protocol != "can":
         raise EncodeError("--device is for can only")
@@ -69,11 +88,29 @@ def explain_command(
         # The text names the position in the input; that of the exception, in the frame, is for programs.
         no_file = f"; there is no file {frame[0]!r} either" if protocol == "can" and len(frame) == 1 else ""
         raise click.UsageError(error.text + no_file) from None
-    if as_json:
+    if picture is not None or form in ("html", "svg"):
+        _print_picture(explanation, " ".join(frame), form, picture)
+    elif form == "json":
         print_json(explanation.as_dict())
     else:
         print("\n".join(explanation.lines()))
     return int(check and not explanation.valid)
+
+
+def _print_picture(explanation: Explanation, text: str, form: str, name: str | None) -> None:
+    """Print the picture `name` of a frame: a page without a name has all of them, a drawing the fields."""
+    from barewire.explain.pictures.frames import frame_pictures
+    from barewire.explain.pictures.picture import rendered
+
+    pictures = frame_pictures(explanation, parse_any_can(text) if explanation.protocol == "can" else None)
+    if name is None:
+        chosen = list(pictures.values()) if form == "html" else [pictures["fields"]]
+    elif name in pictures:
+        chosen = [pictures[name]]
+    else:
+        kind = "a CAN FD or error frame" if explanation.protocol == "can" else f"a frame of {explanation.protocol}"
+        raise EncodeError(f"--picture {name}: {kind} has only the picture fields")
+    print(rendered(form, *chosen), end="")
 
 
 def _explain_recording(

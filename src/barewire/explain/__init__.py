@@ -22,6 +22,7 @@ order:
     played, peer_replay   a recording of a CAN bus played against a device, and compared
     client_replay         the same against our SDO client
     wire/        the levels of characters, and a receiver with other settings
+    pictures/    frames, levels, exchanges, drives and values as text, SVG and HTML
     diagnosis/   what is wrong with a frame, proved by trials
     api          `explain` and `explain_text`
 

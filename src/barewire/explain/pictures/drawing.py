@@ -1,0 +1,164 @@
+"""Elements of SVG as text: a drawing collects them, a tile is a finished part of a picture.
+
+        Drawing().text(10, 20, "unit", "h")        <text x="10" y="20" class="h">unit</text>
+
+Coordinates are pixels, y grows downwards. The classes are those of the style sheet in `colours`: an element never
+states a colour.
+
+Depends on: nothing. Used by: picture, and every picture.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from html import escape
+from typing import NamedTuple
+
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_LETTER = 0.56
+"""The mean width of a character in a proportional font, in units of its size."""
+LETTER_FIXED = 0.61
+"""The width of a character in a fixed-width font."""
+
+
+class Tile(NamedTuple):
+    """A part of a picture that stays in one piece: a narrow page shows fewer tiles side by side.
+
+    `label` says in words what the tile shows, for screen readers. `starts_row`: it begins a row of its own.
+    """
+
+    width: int
+    height: int
+    body: str
+    label: str
+    starts_row: bool = False
+
+
+def xml_text(text: object) -> str:
+    """Return a text for XML: `<`, `&` and quotes are escaped, and characters that XML does not have become a dot.
+
+    >>> xml_text("a < b\\x00")
+    'a &lt; b·'
+    """
+    return escape(_NOT_XML.sub("·", str(text)))
+
+
+def text_width(text: str, size: float = 13, *, fixed: bool = False) -> float:
+    """Return about how many pixels wide a text is."""
+    return len(text) * size * (LETTER_FIXED if fixed else _LETTER)
+
+
+def text_lines(text: str, width: float, size: float = 13, *, fixed: bool = False) -> list[str]:
+    """Return a text as lines that are at most `width` pixels wide; a longer word is cut.
+
+    >>> text_lines("Read Holding Registers, 2 from 0000h", 150)
+    ['Read Holding', 'Registers, 2 from', '0000h']
+    """
+    most = max(int(width / (size * (LETTER_FIXED if fixed else _LETTER))), 1)
+    lines, line = [], ""
+    for word in text.split():
+        pieces = [word[start : start + most] for start in range(0, len(word), most)]
+        for piece in pieces:
+            if line and len(line) + 1 + len(piece) > most:
+                lines.append(line)
+                line = piece
+            else:
+                line = f"{line} {piece}" if line else piece
+    return [*lines, line] if line else lines or [""]
+
+
+def number_text(value: float) -> str:
+    """Return a coordinate with at most one decimal."""
+    return f"{value:.1f}".removesuffix(".0")
+
+
+def text_wave(levels: Sequence[int], width: int, before: int = 1) -> list[str]:
+    """Return the levels of bits as three lines of characters, `width` of them for each bit.
+
+    >>> print(*text_wave((0, 1, 1, 0), 4), sep="\\n")
+    .   .-------.
+    |   |       |
+    '---'       '---
+    """
+    lines = ["", "", ""]
+    for level, last in zip(levels, (before, *levels)):
+        high, low = ("-", " ") if level else (" ", "-")
+        edges = (".", "|", "'") if level != last else (high, " ", low)
+        for number, (edge, fill) in enumerate(zip(edges, (high, " ", low))):
+            lines[number] += edge + (width - 1) * fill
+    return [line.rstrip() for line in lines]
+
+
+class Drawing:
+    """Collects elements of SVG in order: later ones lie over earlier ones."""
+
+    def __init__(self) -> None:
+        self._parts: list[str] = []
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self._parts)} parts>"
+
+    def __str__(self) -> str:
+        return "".join(self._parts)
+
+    def text(self, x: float, y: float, text: object, css: str = "") -> None:
+        """Add a text; `y` is its base line."""
+        self._parts.append(f'<text x="{number_text(x)}" y="{number_text(y)}"{_class(css)}>{xml_text(text)}</text>')
+
+    def row(self, places: Sequence[float], y: float, characters: str, css: str = "") -> None:
+        """Add a row of single characters, each at its own place."""
+        x = " ".join(number_text(place) for place in places)
+        self._parts.append(f'<text x="{x}" y="{number_text(y)}"{_class(css)}>{xml_text(characters)}</text>')
+
+    def box(self, x: float, y: float, width: float, height: float, css: str = "", round_: float = 0) -> None:
+        """Add a rectangle."""
+        corners = f' rx="{number_text(round_)}"' if round_ else ""
+        size = f'width="{number_text(width)}" height="{number_text(height)}"'
+        self._parts.append(f'<rect x="{number_text(x)}" y="{number_text(y)}" {size}{corners}{_class(css)}/>')
+
+    def dot(self, x: float, y: float, radius: float, css: str = "dot") -> None:
+        """Add a disc."""
+        circle = f'cx="{number_text(x)}" cy="{number_text(y)}" r="{number_text(radius)}"'
+        self._parts.append(f"<circle {circle}{_class(css)}/>")
+
+    def line(self, points: Sequence[tuple[float, float]], css: str = "l") -> None:
+        """Add a line through points."""
+        path = "M" + "L".join(f"{number_text(x)} {number_text(y)}" for x, y in points)
+        self._parts.append(f'<path d="{path}"{_class(css)}/>')
+
+    def path(self, path: str, css: str = "l") -> None:
+        """Add a path in the notation of SVG."""
+        self._parts.append(f'<path d="{path}"{_class(css)}/>')
+
+    def wave(self, x: float, levels: Sequence[int], width: float, high: float, low: float, before: int = 1) -> None:
+        """Add the levels of bits, each `width` wide, as one line; `before` is the level on the left of it."""
+        path, last = f"M{number_text(x)} {number_text(high if before else low)}", before
+        for place, level in enumerate(levels, start=1):
+            if level != last:
+                path += f"V{number_text(high if level else low)}"
+            path, last = f"{path}H{number_text(x + place * width)}", level
+        self._parts.append(f'<path d="{path}" class="w"/>')
+
+    def arrow(self, x: float, y: float, direction: str, css: str = "tip") -> None:
+        """Add the head of an arrow with its tip at (x, y); `direction` is "left", "right", "up" or "down"."""
+        back, side = 9, 4.5
+        across, down = {"left": (1, 0), "right": (-1, 0), "up": (0, 1), "down": (0, -1)}[direction]
+        corners = [(x + across * back + down * side, y + down * back + across * side),
+                   (x + across * back - down * side, y + down * back - across * side)]  # fmt: skip
+        points = "L".join(f"{number_text(a)} {number_text(b)}" for a, b in [(x, y), *corners])
+        self._parts.append(f'<path d="M{points}Z"{_class(css)}/>')
+
+    @contextmanager
+    def group(self, css: str = "", label: str = "", *, focus: bool = False) -> Iterator[None]:
+        """Put what is added inside into a group, with a label for screen readers, and `focus` from the keyboard."""
+        said = f' role="img" aria-label="{xml_text(label)}"' if label else ""
+        stop = ' tabindex="0"' if focus else ""
+        self._parts.append(f"<g{_class(css)}{stop}{said}>")
+        yield
+        self._parts.append("</g>")
+
+
+def _class(css: str) -> str:
+    return f' class="{css}"' if css else ""
