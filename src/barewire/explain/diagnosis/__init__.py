@@ -2,6 +2,7 @@
 
     crc_search   the one change of a byte that makes a CRC fit, found from both ends of the frame
     can          one CAN frame
+    logs/        whole logs and live lines
 
-Depends on: findings, canopen, explain.canopen, modbus, rtu, wire. Used by: api.
+Depends on: findings, canopen, explain.can_monitor, explain.canopen, modbus, rtu, wire. Used by: api, cli.
 """

@@ -1,0 +1,110 @@
+"""The results of diagnosing a log: findings with their place and time, and verdicts on the line or bus.
+
+        LogFinding     one place of the log: time, line, unit or node, and a `Finding` with its proof
+        LineVerdict        the whole log: what is wrong with the line, the numbers that show it, what else it may be
+
+A verdict is given if the numbers show it, and several are given if several are shown. Where there are findings and no
+cause that explains them is shown, the verdict says so.
+
+Depends on: findings. Used by: the other files of this room, cli.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+from barewire.explain.findings import Finding
+
+VerdictCode = Literal[
+    "nothing-wrong",
+    "nothing-proved",
+    "nothing-heard",
+    "dead-unit",
+    "no-answers",
+    "two-units",
+    "disturbed",
+    # a serial line
+    "no-bias",
+    "echo",
+    "parity",
+    "baud-rate",
+    "inverted",
+    "wrong-protocol",
+    "turnaround",
+    "no-frames",
+    # a CAN bus
+    "bit-rate",
+    "not-acknowledged",
+    "two-masters",
+]
+
+VERDICTS: dict[VerdictCode, str] = {
+    "nothing-wrong": "No fault was found.",
+    "nothing-proved": "There are findings, and the numbers show no common cause.",
+    "nothing-heard": "There is no frame in the log, and nothing was received on the line.",
+    "dead-unit": "A unit or node does not answer, or fell silent, while others go on.",
+    "no-answers": "No unit or node answers.",
+    "two-units": "Two devices have the same address or node-ID.",
+    "disturbed": "Frames are damaged on the way, and no single unit is the cause.",
+    "no-bias": "Noise comes before frames when the line changes its direction: bias resistors are missing.",
+    "echo": "The transceiver receives what it sends.",
+    "parity": "The reader has another character format than the sender.",
+    "baud-rate": "The reader has another baud rate than the sender.",
+    "inverted": "The two wires are exchanged.",
+    "wrong-protocol": "The devices speak another framing than the one that is read.",
+    "turnaround": "The direction of the line changes too late, or the next frame comes too early.",
+    "no-frames": "There are bytes on the line, and no frame.",
+    "bit-rate": "There are error frames and no good frame: the bit rate is wrong.",
+    "not-acknowledged": "No other node acknowledges: the sender is alone on the bus.",
+    "two-masters": "Two masters use the bus at the same time.",
+}
+"""What each verdict says, in a sentence. This is the closed list."""
+
+
+class LogFinding(NamedTuple):
+    """A finding at its place in a log. `line` is 0 on a live line; `place` is the unit, the node or the bus."""
+
+    at: float
+    line: int
+    place: str
+    finding: Finding
+    timed: bool = True
+
+    @property
+    def sentence(self) -> str:
+        """The finding in one line.
+
+        >>> LogFinding(1.5, 7, "unit 3", Finding("role", "this is a request", "...")).sentence
+        '1.500000  line 7  unit 3  this is a request [role]: ...'
+        """
+        columns = (f"{self.at:.6f}" if self.timed else "", f"line {self.line}" if self.line else "", self.place)
+        found = self.finding
+        return "  ".join((*filter(None, columns), f"{found.text} [{found.code}]: {found.proof}"))
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the finding for `json.dumps`; the time is None if the log has none."""
+        at = self.at if self.timed else None
+        return {"event": "finding", "at": at, "line": self.line or None, "place": self.place, **self.finding._asdict()}
+
+
+class LineVerdict(NamedTuple):
+    """What is wrong with the line or bus as a whole: a sentence, its evidence in numbers, and what else it may be."""
+
+    code: VerdictCode
+    text: str
+    evidence: str
+    otherwise: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in one line.
+
+        >>> LineVerdict("dead-unit", "unit 3 does not answer", "0 of 5 requests answered", "another address").sentence
+        'verdict: unit 3 does not answer [dead-unit]: 0 of 5 requests answered; it may also be another address'
+        """
+        also = f"; it may also be {self.otherwise}" if self.otherwise else ""
+        return f"verdict: {self.text} [{self.code}]: {self.evidence}{also}"
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the verdict for `json.dumps`."""
+        return {"event": "verdict", **self._asdict()}
