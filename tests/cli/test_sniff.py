@@ -90,7 +90,7 @@ def test_wrong_sources_are_refused(tmp_path: Path) -> None:
         text = error_of("sniff", str(broken))
         assert text.startswith(f"barewire: {broken}: ")
         assert why in text
-        assert "expected a recording: pcapng, pcap, candump, ASC, BLF, or lines of bytes" in text
+        assert "expected a recording: pcapng, pcap, candump, ASC, BLF, a log of" in text
         assert f"barewire: {broken}: not a recording of CAN: expected candump" in error_of(
             "explain", "can", str(broken)
         )

@@ -292,8 +292,36 @@ def test_an_ascii_line() -> None:
 def test_the_end_reports_what_is_undecided() -> None:
     listener = sniffer()
     events = listener.feed(encode(1, unhex(READ)), 1.0) + listener.feed(b"\x01\x03", 1.01)
-    assert names(events + listener.end(1.01)) == ["RequestSeen", "NoiseSeen", "ResponseMissing"]
+    assert names(events + listener.end(1.01)) == ["RequestSeen", "NoiseSeen", "RecordingEnds"]
     assert listener.deadline is None
+    listener = sniffer()
+    events = listener.feed(encode(1, unhex(READ)), 1.0)
+    assert names(events + listener.end(2.0)) == ["RequestSeen", "ResponseMissing"]  # the window is over
+
+
+def test_noise_waits_for_an_undecided_frame() -> None:
+    """The first frame is known to be a request when the window is over; the noise after it was reported before it."""
+    listener = sniffer()
+    events = listener.feed(encode(1, unhex(WRITE)), 1.0) + listener.feed(b"\xff\x00", 1.1)
+    events += listener.feed(None, 1.2)
+    assert events == []
+    events += listener.feed(encode(2, unhex(READ)), 1.3)
+    assert names(events) == ["AmbiguousFrame", "NoiseSeen", "RequestSeen"]
+    assert [event.at for event in events] == sorted(event.at for event in events)
+
+
+def test_a_stated_direction_decides_about_equal_frames() -> None:
+    frame = encode(1, unhex(WRITE))
+    listener = sniffer()
+    assert names(listener.feed(frame, 1.0, True) + listener.feed(frame, 1.1, False)) == ["RequestSeen", "ResponseSeen"]
+    assert names(sniffer().feed(frame, 1.0, False)) == ["ResponseSeen"]
+    assert names(sniffer().feed(encode(1, unhex(READ)), 1.0, False)) == ["RequestSeen"]  # it can be nothing else
+
+
+def test_a_recording_can_say_that_nothing_came() -> None:
+    listener = sniffer()
+    events = listener.feed(encode(1, unhex(READ)), 1.0)
+    assert names(events + listener.give_up(1.2) + listener.end(1.3)) == ["RequestSeen", "ResponseMissing"]
 
 
 @modest

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -34,11 +35,12 @@ from barewire.explain.can_monitor.recording import (
     is_can_recording,
     read_recording,
 )
+from barewire.explain.capture.modbus_log import ModbusLog
 from barewire.explain.capture.modbus_packets import MODBUS_PORTS, PacketBuilder
-from barewire.explain.capture.modbus_replay import SerialProtocol, replay
+from barewire.explain.capture.modbus_replay import Replayed, SerialProtocol, replay_log
 from barewire.explain.capture.model import Recorded, RecordedItem, Unread
 from barewire.explain.capture.pcapng import file_header, packet_block
-from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_line
+from barewire.explain.modbus.exchange_text import ExchangeLines, exchange_as_dict
 from barewire.io.canopen.bus.capture import listen_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
@@ -47,6 +49,7 @@ from barewire.modbus.sniffer import (
     WINDOW,
     AmbiguousFrame,
     NoiseSeen,
+    RecordingEnds,
     RequestSeen,
     ResponseMissing,
     SnifferEvent,
@@ -54,12 +57,12 @@ from barewire.modbus.sniffer import (
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 
-_FORMATS = "a recording: pcapng, pcap, candump, ASC, BLF, or lines of bytes in hexadecimal"
+_FORMATS = "a recording: pcapng, pcap, candump, ASC, BLF, a log of a Modbus program, or lines of bytes in hexadecimal"
 _LIVE_BUS = "can0"
 
 
 @click.command("sniff")
-@click.argument("source", metavar="ENDPOINT|FILE")
+@click.argument("source", metavar="ENDPOINT|FILE|-")
 @json_option
 @click.option(
     "--write", type=click.Path(dir_okay=False), metavar="FILE", help="Write every frame to a .pcapng (CAN: or .log)."
@@ -98,9 +101,10 @@ def sniff_command(
 ) -> None:
     """Decode the traffic of a line or bus; send nothing.
 
-    Requests without a response and other things that are missing are reported. A FILE is a pcapng or pcap capture, a
-    log of lines such as "12.345678 01 03 00 00 ...", or a hex dump; of a CAN bus the output or log of candump, an ASC
-    or BLF file of Vector, a capture, or the log of CiA's conformance test tool.
+    Requests without a response and other things that are missing are reported. A FILE (- is standard input) is a
+    pcapng or pcap capture, an export of Wireshark, the log of a program (pymodbus, libmodbus, mbpoll -v, Modbus Poll
+    and others), lines such as "12.345678 01 03 00 00 ...", or a hex dump; of a CAN bus the output or log of candump,
+    an ASC or BLF file of Vector, a capture, or the log of CiA's conformance test tool.
 
     The command ends with status 1 when the line or bus fails, also when a socketcand server ends: it does not connect
     again, as clients do. The file of --write keeps all frames before.
@@ -146,12 +150,15 @@ def sniff_command(
             _print_can_events(events, as_json=as_json, everything=everything, only=only)
             return
         window = WINDOW if window is None else window
+        timed = True
         if endpoint is None:
-            exchanges = replayed(source, data, window, ports, protocol)
+            log, exchanges = replayed(source, data, window, ports, protocol)
+            timed = log.timed
+            _print_unread(log, as_json)
         else:
             exchanges = listen(endpoint, threading.Event(), seconds=seconds, window=window)
         file = None if write is None else stack.enter_context(_RecordingFile(write))
-        _print_exchanges(exchanges, file, as_json)
+        _print_exchanges(exchanges, file, as_json, timed=timed)
 
 
 def _check_ending(name: str, is_can: bool) -> None:
@@ -172,12 +179,13 @@ def refuse_for_line(source: str, ports: tuple[int, ...], protocol: SerialProtoco
 
 
 def recording_content(source: str, seconds: float | None) -> bytes:
-    """Return the bytes of a recording. Raise EncodeError for an empty one, and for `--seconds`."""
+    """Return the bytes of a recording, of standard input for `-`. Raise BarewireError for an empty one, EncodeError for
+    `--seconds`."""
     if seconds is not None:
         raise EncodeError("--seconds is for a line; a recording ends by itself")
-    data = file_content(source)
+    data = sys.stdin.buffer.read() if source == "-" else file_content(source)
     if not data:
-        raise BarewireError(f"{source}: the file is empty; expected {_FORMATS}")
+        raise BarewireError(f"{source}: the {'input' if source == '-' else 'file'} is empty; expected {_FORMATS}")
     return data
 
 
@@ -225,17 +233,33 @@ class _RecordingFile:
 
 def replayed(
     source: str, data: bytes, window: float, ports: tuple[int, ...], protocol: SerialProtocol | None
-) -> Iterator[SnifferEvent]:
-    """Yield the events of a recording of Modbus. Raise BarewireError if it is none."""
+) -> Replayed:
+    """Return the log and the events of a recording of Modbus. Raise BarewireError if it is none."""
     try:
-        yield from replay(data, window=window, ports=MODBUS_PORTS | set(ports), protocol=protocol)
+        return replay_log(data, window=window, ports=MODBUS_PORTS | set(ports), protocol=protocol)
     except DecodeError as error:
         raise BarewireError(f"{source}: {error.text}; expected {_FORMATS}") from None
 
 
-def _print_exchanges(events: Iterator[SnifferEvent], file: _RecordingFile | None, as_json: bool) -> None:
+def _print_unread(log: ModbusLog, as_json: bool) -> None:
+    """Print the lines that hold no frame, as objects or in short on stderr, and the notes about the log."""
+    left = [item for item in log.items if isinstance(item, Unread)]
+    for note in log.notes:
+        click.echo(f"barewire: {note}", err=True)
+    if as_json:
+        for item in left:
+            print_json({"event": "unread", "line": item.line, "text": item.text, "why": item.why})
+        return
+    if left:
+        lines = "1 line holds" if len(left) == 1 else f"{len(left)} lines hold"
+        click.echo(f"barewire: {lines} no bytes of a frame, the first is line {left[0].line}: {left[0].text}", err=True)
+
+
+def _print_exchanges(
+    events: Iterator[SnifferEvent], file: _RecordingFile | None, as_json: bool, *, timed: bool = True
+) -> None:
     """Print each event, and write its frame to the file. Ctrl-C ends it."""
-    packets = PacketBuilder()
+    packets, lines = PacketBuilder(), ExchangeLines(timed=timed)
     if file is not None:
         file.write(file_header(), frame=False)
     with suppress(KeyboardInterrupt):
@@ -244,14 +268,21 @@ def _print_exchanges(events: Iterator[SnifferEvent], file: _RecordingFile | None
             if file is not None and packet is not None:
                 file.write(packet_block(event.at, packet))
             if as_json:
-                print_json(exchange_as_dict(event))
-            elif (line := exchange_line(event)) is not None:
-                print(line, flush=True)
+                print_json(exchange_as_dict(event, timed=timed))
+            else:
+                _print_lines(lines.feed(event))
+    if not as_json:
+        _print_lines(lines.end())
+
+
+def _print_lines(lines: list[str]) -> None:
+    for line in lines:
+        print(line, flush=True)
 
 
 def _packet(packets: PacketBuilder, event: SnifferEvent) -> bytes | None:
     """Return the frame of an event as a packet; noise becomes a datagram, a missing response nothing."""
-    if isinstance(event, ResponseMissing):
+    if isinstance(event, ResponseMissing | RecordingEnds):
         return None
     if isinstance(event, NoiseSeen):
         return packets.rtu(event.noise.data, from_client=True)

@@ -84,6 +84,13 @@ class ResponseMissing(NamedTuple):
     at: float
 
 
+class RecordingEnds(NamedTuple):
+    """A request without a response when the recording ends at `at`: the time for its response was not over."""
+
+    request: RequestSeen
+    at: float
+
+
 class AmbiguousFrame(NamedTuple):
     """A frame that can be a request or the equal response to it. It was received once: the other one was lost."""
 
@@ -100,7 +107,7 @@ class NoiseSeen(NamedTuple):
     at: float
 
 
-SnifferEvent: TypeAlias = RequestSeen | ResponseSeen | ResponseMissing | AmbiguousFrame | NoiseSeen
+SnifferEvent: TypeAlias = RequestSeen | ResponseSeen | ResponseMissing | RecordingEnds | AmbiguousFrame | NoiseSeen
 
 
 class Sniffer:
@@ -114,7 +121,8 @@ class Sniffer:
     >>> sniffer.feed(answer, 1.5)[0].request is None
     True
 
-    Its memory is bounded: the open request, the one before, two undecided frames, and one time for each unit.
+    Its memory is bounded: the open request, the one before, two undecided frames, and one time for each unit. Noise
+    that comes while frames are undecided waits for them, so that the times of the events never decrease.
     """
 
     def __init__(self, line: Line, *, window: float = WINDOW) -> None:
@@ -128,6 +136,7 @@ class Sniffer:
         # Two equal frames, not reported yet: a third one may be nearer to the second.
         self._pair: tuple[AmbiguousFrame, AmbiguousFrame] | None = None
         self._slowest: dict[int, float] = {}
+        self._noise: list[NoiseSeen] = []  # later than an undecided frame
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.line!r}>"
@@ -146,23 +155,47 @@ class Sniffer:
             times.append(2 * self._pair[1].at - self._pair[0].at)
         return min(times, default=None)
 
-    def feed(self, data: bytes | None, now: float) -> list[SnifferEvent]:
-        """Return the events of bytes that arrived, the last at `now`, or of time that passed (None). Never raises."""
+    def feed(self, data: bytes | None, now: float, from_client: bool | None = None) -> list[SnifferEvent]:
+        """Return the events of bytes that arrived, the last at `now`, or of time that passed (None). Never raises.
+
+        `from_client` is the direction of the bytes, if the recording states it; a frame that can only be of the other
+        direction is taken as what it is."""
         events: list[SnifferEvent] = []
         for event in self.line.feed(data, now):
             if isinstance(event, Noise):
-                events.append(NoiseSeen(event, now))
+                events += self._heard_noise(NoiseSeen(event, now))
             else:
-                events += self._frame(event, now)
+                events += self._frame(event, now, from_client)
         # Held bytes were sent before the window was over.
         if not self.line.held:
             events += self._expire(now)
-        return events
+        return self._in_order(events)
 
     def end(self, now: float) -> list[SnifferEvent]:
         """End the recording, and return the events of everything that is still undecided."""
         events = self.feed(None, max(now, self.line.deadline or now))
-        return events + self._give_up(now)
+        if self._open is not None and now < self._open.at + self._window:
+            ends = RecordingEnds(self._open, now)
+            self._open = None
+            return self._in_order([*events, *self._give_up(now), ends])
+        return self._in_order(events + self._give_up(now))
+
+    def give_up(self, now: float) -> list[SnifferEvent]:
+        """Return the open request as unanswered: the recording itself says that no response came."""
+        return self._in_order(self._give_up(now))
+
+    def _heard_noise(self, noise: NoiseSeen) -> list[SnifferEvent]:
+        """Return the noise, and what it has to wait for if that is too much."""
+        if self._single is None and self._pair is None:
+            return [noise]
+        self._noise.append(noise)
+        return self._give_up(noise.at) if len(self._noise) > OPEN_LIMIT else []
+
+    def _in_order(self, events: list[SnifferEvent]) -> list[SnifferEvent]:
+        """Return the events and the noise that waited for them, by their times."""
+        if self._noise and self._single is None and self._pair is None:
+            events, self._noise = sorted([*events, *self._noise], key=lambda event: event.at), []
+        return events
 
     # Time
 
@@ -197,9 +230,11 @@ class Sniffer:
 
     # Frames
 
-    def _frame(self, adu: Adu, now: float) -> list[SnifferEvent]:
+    def _frame(self, adu: Adu, now: float, from_client: bool | None) -> list[SnifferEvent]:
         unit, pdu = adu.unit, adu.pdu
         request, response = shapes(pdu)
+        if request and response and from_client is not None:
+            request, response = from_client, not from_client
         if unit == BROADCAST:
             return [*self._give_up(now), RequestSeen(unit, pdu, now, readable(decode_request, pdu))]
         asked = self._open
@@ -274,7 +309,7 @@ class NumberedSniffer:
 
     def feed(self, from_client: bool, data: bytes, now: float) -> list[SnifferEvent]:
         """Return the events of bytes of one direction, received at `now`. Never raises."""
-        events: list[SnifferEvent] = [*self._expire(now - self._window, now)]
+        events: list[SnifferEvent] = [*self.wait(now)]
         for event in self._lines[from_client].feed(data, now):
             if isinstance(event, Noise):
                 events.append(NoiseSeen(event, now))
@@ -293,8 +328,19 @@ class NumberedSniffer:
         return events
 
     def end(self, now: float) -> list[SnifferEvent]:
-        """End the recording: every open request is unanswered."""
-        return [*self._expire(float("inf"), now)]
+        """End the recording: an open request is unanswered, or its time was not over."""
+        missing = self.wait(now)
+        ends = [RecordingEnds(request, now) for request in self._open.values()]
+        self._open.clear()
+        return [*missing, *ends]
+
+    def give_up(self, now: float) -> list[ResponseMissing]:
+        """Return the open requests as unanswered: the recording itself says that no response came."""
+        return self._expire(float("inf"), now)
+
+    def wait(self, now: float) -> list[ResponseMissing]:
+        """Return the requests whose time is over at `now`."""
+        return self._expire(now - self._window, now)
 
     def _expire(self, before: float, now: float) -> list[ResponseMissing]:
         expired = [number for number, asked in self._open.items() if asked.at < before]

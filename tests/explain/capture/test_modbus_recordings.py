@@ -15,7 +15,7 @@ from barewire.explain.capture.bytelog import _STEP, Chunk, parse_log
 from barewire.explain.capture.modbus_packets import PacketBuilder, modbus_payload
 from barewire.explain.capture.modbus_replay import replay
 from barewire.explain.capture.pcapng import Packet, file_header, is_capture, packet_block, read_packets
-from barewire.explain.modbus.exchange_text import exchange_as_dict, exchange_line
+from barewire.explain.modbus.exchange_text import ExchangeLines, exchange_as_dict
 from barewire.modbus.sniffer import (
     AmbiguousFrame,
     RequestSeen,
@@ -155,7 +155,7 @@ def test_a_capture_of_rtu_is_decoded() -> None:
         (1.2, packer.rtu(b"\xff\x00", from_client=True)),
         (1.3, packer.rtu(rtu_frame(2, READ), from_client=True)),
     )
-    assert names(list(replay(file))) == ["RequestSeen", "ResponseSeen", "NoiseSeen", "RequestSeen", "ResponseMissing"]
+    assert names(list(replay(file))) == ["RequestSeen", "ResponseSeen", "NoiseSeen", "RequestSeen", "RecordingEnds"]
 
 
 def test_a_capture_of_tcp_with_segments_out_of_order_repeated_and_missing() -> None:
@@ -166,7 +166,7 @@ def test_a_capture_of_tcp_with_segments_out_of_order_repeated_and_missing() -> N
     events = list(replay(capture(*((place / 100, data) for place, data in enumerate(order)))))
     assert [(type(event).__name__, getattr(event, "transaction", None)) for event in events] == [
         ("RequestSeen", 0), ("ResponseSeen", 0), ("RequestSeen", 1), ("RequestSeen", 2),
-        ("ResponseSeen", 1), ("ResponseSeen", 2), ("RequestSeen", 3), ("ResponseMissing", None),
+        ("ResponseSeen", 1), ("ResponseSeen", 2), ("RequestSeen", 3), ("RecordingEnds", None),
     ]  # fmt: skip
     many = [packer.tcp(tcp_frame(1, READ, number), from_client=True) for number in range(100)]
     events = list(replay(capture(*((place / 1000, data) for place, data in enumerate(many) if place != 5))))
@@ -176,7 +176,7 @@ def test_a_capture_of_tcp_with_segments_out_of_order_repeated_and_missing() -> N
 def test_the_port_of_the_server_can_be_given() -> None:
     file = capture((1.0, PacketBuilder(1502).tcp(tcp_frame(1, READ, 1), from_client=True)))
     assert list(replay(file)) == []
-    assert names(list(replay(file, ports={1502}))) == ["RequestSeen", "ResponseMissing"]
+    assert names(list(replay(file, ports={1502}))) == ["RequestSeen", "RecordingEnds"]
 
 
 FRAME = rtu_frame(1, READ)
@@ -237,6 +237,11 @@ def test_a_log_of_rtu_and_one_of_ascii() -> None:
 # As text ----------------------------------------------------------------------------------------------------------
 
 
+def shown(text: str) -> list[str]:
+    lines = ExchangeLines()
+    return [line for event in replay(text.encode()) for line in lines.feed(event)] + lines.end()
+
+
 @pytest.mark.parametrize(
     ("log", "lines"),
     [
@@ -255,24 +260,25 @@ def test_a_log_of_rtu_and_one_of_ascii() -> None:
         (["1.0 1 0600010003"],
          ["1.000000  unit 1  Write Single Register, 3 to 0001h -> seen once: the request or its echo"]),
         (["1.0 1 030400170007"], ["1.000000  unit 1  (request not seen) -> Read Holding Registers, 2 registers"]),
-        (["1.0 1 0300000002"], ["1.000000  unit 1  Read Holding Registers, 2 from 0000h -> no answer"]),
+        (["1.0 1 0300000002"], ["1.000000  unit 1  Read Holding Registers, 2 from 0000h -> the recording ends here"]),
+        (["1.0 1 0300000002", "3.0 1 0300000002"],
+         ["1.000000  unit 1  Read Holding Registers, 2 from 0000h -> no answer",
+          "3.000000  unit 1  Read Holding Registers, 2 from 0000h -> the recording ends here"]),
         (["1.0 1 0300000001", "1.3 2 0300000001", "1.4 1 03020001", "1.5 2 03020002"],
          ["1.000000  unit 1  Read Holding Registers, 1 from 0000h -> no answer",
-          "1.000000  unit 1  Read Holding Registers, 1 from 0000h -> 1, after 400.0 ms, late: after the next "
-          "request",
-          "1.300000  unit 2  Read Holding Registers, 1 from 0000h -> 2, after 200.0 ms"]),
+          "1.300000  unit 2  Read Holding Registers, 1 from 0000h -> 2, after 200.0 ms",
+          "1.400000  unit 1  Read Holding Registers, 1 from 0000h -> 1, late: 400.0 ms after its request, and after "
+          "the next one"]),
     ],
 )  # fmt: skip
 def test_a_line_for_each_exchange(log: list[str], lines: list[str]) -> None:
     rows = [line.split() for line in log]
     text = "\n".join(f"{at} {rtu_frame(int(unit), unhex(pdu)).hex()}" for at, unit, pdu in rows)
-    found = [exchange_line(event) for event in replay(text.encode())]
-    assert [line for line in found if line is not None] == lines
+    assert shown(text) == lines
 
 
 def test_noise_has_a_line() -> None:
-    (event,) = replay(b"1.0 FF 00 55")
-    assert exchange_line(event) == "1.030000  noise   FF 00 55 (3 bytes, then silence)"
+    assert shown("1.0 FF 00 55") == ["1.030000  noise   FF 00 55 (3 bytes, then silence)"]
 
 
 def test_events_for_programs() -> None:
@@ -294,7 +300,7 @@ def test_any_exchange_has_a_line_and_a_dict(unit: int, pdu: bytes, answered: boo
     response = ResponseSeen(unit, pdu, 2.0, request=request if answered else None)
     events: list[SnifferEvent] = [request, response, AmbiguousFrame(unit, pdu, 1.0), ResponseMissing(request, 2.0)]
     for event in events:
-        assert (exchange_line(event) is None) == (event is request and unit > 0)
+        assert bool(ExchangeLines().feed(event)) == (event is not request or unit == 0)
         assert json.loads(json.dumps(exchange_as_dict(event)))["unit"] == unit
 
 

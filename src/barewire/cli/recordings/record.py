@@ -16,7 +16,7 @@ from barewire.devices.sim.recorded.toml import to_toml
 from barewire.errors import BarewireError, EncodeError, PortError
 from barewire.explain.can_monitor.recording import is_can_recording
 from barewire.explain.capture.modbus_replay import SerialProtocol
-from barewire.explain.modbus.exchange_text import exchange_line
+from barewire.explain.modbus.exchange_text import ExchangeLines
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
 from barewire.modbus.sniffer import WINDOW, SnifferEvent
@@ -109,10 +109,10 @@ def _live(source: str, seconds: float | None, window: float, *, shown: bool) -> 
     endpoint = Endpoint.parse(source)
     if endpoint.scheme == "can":
         raise EncodeError(f"{source}: a CAN bus; `record` is for Modbus: {_FOR_CAN}")
-    stop = threading.Event()
+    stop, lines = threading.Event(), ExchangeLines()
     with stopped_by_interrupt(stop):
         for event in listen(endpoint, stop, seconds=seconds, window=window):
-            if shown and (row := exchange_line(event)) is not None:
+            for row in lines.feed(event) if shown else ():
                 print(row, flush=True)
             yield event
 
@@ -124,7 +124,7 @@ def _replayed(
     data = recording_content(source, seconds)
     if is_can_recording(data):
         raise EncodeError(f"{source}: a recording of a CAN bus; `record` is for Modbus: {_FOR_CAN}")
-    yield from replayed(source, data, window, ports, protocol)
+    yield from replayed(source, data, window, ports, protocol).events
 
 
 def _summary(line: RecordedLine) -> Iterator[str]:

@@ -32,10 +32,12 @@ class Chunk(NamedTuple):
 
 
 class Log(NamedTuple):
-    """The content of a log; `timed` is false if its times are made up."""
+    """The content of a log; `timed` is false if its times are made up. `lines` has the number of the first line of each
+    chunk."""
 
     chunks: list[Chunk]
     timed: bool
+    lines: list[int]
 
 
 def parse_log(text: str) -> Log:
@@ -49,6 +51,7 @@ def parse_log(text: str) -> Log:
     Raises DecodeError with the number of a line that cannot be read.
     """
     chunks: list[Chunk] = []
+    lines: list[int] = []
     dumped, timed, now = False, False, 0.0
     for number, line in enumerate(text.splitlines(), start=1):
         content = line.partition("#")[0].strip()
@@ -71,8 +74,9 @@ def parse_log(text: str) -> Log:
             chunks[-1] = Chunk(chunks[-1].at, chunks[-1].data + data)
         elif data:
             chunks.append(Chunk(now, data))
+            lines.append(number)
         dumped = offset is not None
-    return Log(chunks, timed)
+    return Log(chunks, timed, lines)
 
 
 def _bytes(text: str, number: int) -> bytes:

@@ -1,27 +1,26 @@
 """Decodes recordings of Modbus (captures, logs, dumps) with the sniffer that also decodes live lines.
 
-pcapng, pcap     TCP port 502 by connection and direction; RTU in datagrams on port 5020
-anything else    text, parsed by `bytelog`: RTU or ASCII, judged by all bytes unless `protocol` states it
+read_modbus_log(data)        what the recording holds: bytes, times, directions
+Sniffer                      for RTU and ASCII
+NumberedSniffer              for each TCP connection
 """
 
 from __future__ import annotations
 
 from collections.abc import Container, Iterator
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 from barewire.ascii import AsciiLine
-from barewire.errors import DecodeError, EncodeError
-from barewire.explain.capture.bytelog import parse_log
-from barewire.explain.capture.modbus_packets import MODBUS_PORTS, ConnectionKey, modbus_payload
-from barewire.explain.capture.pcapng import is_capture, read_packets
+from barewire.errors import EncodeError
+from barewire.explain.capture.modbus_log import LoggedBytes, ModbusLog, read_modbus_log
+from barewire.explain.capture.modbus_packets import MODBUS_PORTS
+from barewire.explain.capture.pcapng import is_capture
 from barewire.modbus.adu import Adu
 from barewire.modbus.framing import Line
-from barewire.modbus.sniffer import WINDOW, NumberedSniffer, Sniffer, SnifferEvent
+from barewire.modbus.sniffer import WINDOW, NoiseSeen, NumberedSniffer, Sniffer, SnifferEvent
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import TcpLine
 
-_EARLY_SEGMENTS = 64
-"""The most segments that wait for a missing one before it is skipped."""
 _ANY_BITRATE = Timing(0.0, 0.0, 0.0)
 """The bit rate of a recording is unknown: only pauses end a frame of unknown length."""
 
@@ -31,9 +30,11 @@ SerialProtocol: TypeAlias = Literal["rtu", "ascii"]
 _ASCII_BYTES = b"0123456789ABCDEFabcdef:\r\n"
 
 
-def _rtu_line() -> Line:
-    """Return an RTU line that receives both directions, at any bit rate."""
-    return RtuLine(_ANY_BITRATE, role="listener")
+class Replayed(NamedTuple):
+    """The log of a recording and its events, in order."""
+
+    log: ModbusLog
+    events: Iterator[SnifferEvent]
 
 
 def replay(
@@ -50,26 +51,88 @@ def replay(
 
     Raises DecodeError if the bytes are not a recording, EncodeError for a protocol of a capture, which has its own.
     """
-    if is_capture(data):
-        if protocol is not None:
-            text = "a protocol is stated for a log or dump; in a capture each packet has its own"
-            raise EncodeError(text, "protocol")
-        return _replay_capture(data, window, ports)
-    try:
-        text = data.decode()
-    except UnicodeDecodeError as error:
-        raise DecodeError("character", data[:16], 0, f"neither a capture nor text: {error.reason}") from None
-    return _replay_log(text, window, protocol)
+    return replay_log(data, window=window, ports=ports, protocol=protocol).events
 
 
-def _replay_log(text: str, window: float, protocol: SerialProtocol | None) -> Iterator[SnifferEvent]:
-    chunks = parse_log(text).chunks
-    if protocol is None:
-        protocol = "ascii" if _is_ascii(b"".join(chunk.data for chunk in chunks)) else "rtu"
-    sniffer = Sniffer(AsciiLine() if protocol == "ascii" else _rtu_line(), window=window)
-    for chunk in chunks:
-        yield from _feed(sniffer, chunk.data, chunk.at)
-    yield from sniffer.end(chunks[-1].at if chunks else 0.0)
+def replay_log(
+    data: bytes,
+    *,
+    window: float = WINDOW,
+    ports: Container[int] = MODBUS_PORTS,
+    protocol: SerialProtocol | None = None,
+) -> Replayed:
+    """Return the log of a recording too, with the lines that cannot be read. As `replay`."""
+    if protocol is not None and is_capture(data):
+        text = "a protocol is stated for a log or dump; in a capture each packet has its own"
+        raise EncodeError(text, "protocol")
+    log = read_modbus_log(data, ports=ports, protocol=protocol)
+    return Replayed(log, _events(log, window, protocol))
+
+
+def _events(log: ModbusLog, window: float, protocol: SerialProtocol | None) -> Iterator[SnifferEvent]:
+    items = [item for item in log.items if isinstance(item, LoggedBytes)]
+    is_capture = log.form == "capture"
+    is_ascii = protocol == "ascii"
+    if protocol is None and not is_capture:
+        is_ascii = _is_ascii(b"".join(item.data for item in items))
+    serial: dict[str, Sniffer] = {}
+    numbered: dict[str, NumberedSniffer] = {}
+    directions: dict[str, bool | None] = {}
+    now = swept = items[0].at if items else 0.0
+    for item in items:
+        now, name = item.at, item.connection
+        if now >= swept + window:
+            swept = now
+            for pair in numbered.values():
+                yield from pair.wait(now)
+            for sniffer in serial.values():
+                yield from _waited(sniffer, now)
+        if item.protocol == "tcp" and item.from_client is not None and protocol is None:
+            pair = numbered.setdefault(name, NumberedSniffer(TcpLine(), TcpLine(), window=window))
+            if not item.data:
+                yield from pair.give_up(now)
+            yield from pair.feed(item.from_client, item.data, now)
+            continue
+        if name not in serial:
+            serial[name] = Sniffer(AsciiLine() if is_ascii else _rtu_line(), window=window)
+        sniffer = serial[name]
+        if item.from_client is not directions.get(name, item.from_client):
+            yield from _turned(sniffer, now)
+        directions[name] = item.from_client
+        yield from _feed(sniffer, item, is_capture)
+    for sniffer in serial.values():
+        yield from sniffer.end(now)
+    for pair in numbered.values():
+        yield from pair.end(now)
+
+
+def _rtu_line() -> Line:
+    """Return an RTU line that receives both directions, at any bit rate."""
+    return RtuLine(_ANY_BITRATE, role="listener")
+
+
+def _turned(sniffer: Sniffer, now: float) -> Iterator[SnifferEvent]:
+    """End the bytes of one direction when the other station begins, however short the silence was."""
+    if (deadline := sniffer.line.deadline) is not None:
+        for event in sniffer.feed(None, deadline):
+            yield event._replace(at=now) if isinstance(event, NoiseSeen) and event.at > now else event
+
+
+def _waited(sniffer: Sniffer, now: float) -> Iterator[SnifferEvent]:
+    """Feed the deadlines before `now`."""
+    while (deadline := sniffer.deadline) is not None and deadline < now:
+        yield from sniffer.feed(None, deadline)
+
+
+def _feed(sniffer: Sniffer, item: LoggedBytes, is_datagram: bool) -> Iterator[SnifferEvent]:
+    """Feed the deadlines before the bytes, then the bytes. A datagram is a complete frame, or noise."""
+    yield from _waited(sniffer, item.at)
+    if not item.data:  # the program that recorded it says that nothing came
+        yield from sniffer.give_up(item.at)
+        return
+    yield from sniffer.feed(item.data, item.at, item.from_client)
+    if is_datagram and (deadline := sniffer.line.deadline) is not None:
+        yield from sniffer.feed(None, deadline)
 
 
 def _is_ascii(data: bytes) -> bool:
@@ -85,68 +148,3 @@ def _is_ascii(data: bytes) -> bool:
     if not others or 2 * others > len(data):
         return bool(data) and not others
     return any(isinstance(event, Adu) for event in AsciiLine().feed(data, 0.0))
-
-
-def _feed(sniffer: Sniffer, data: bytes, at: float) -> Iterator[SnifferEvent]:
-    """Feed the deadlines before `at`, then the bytes received at that time."""
-    while (deadline := sniffer.deadline) is not None and deadline < at:
-        yield from sniffer.feed(None, deadline)
-    yield from sniffer.feed(data, at)
-
-
-class _Reassembly:
-    """One direction of a TCP connection: puts the segments in order and drops repeated bytes."""
-
-    def __init__(self) -> None:
-        self._next: int | None = None
-        self._early: dict[int, bytes] = {}
-
-    def put(self, sequence: int, data: bytes) -> bytes:
-        """Take a segment; return the bytes that now continue the stream."""
-        if self._next is None:
-            self._next = sequence
-        self._early[sequence] = max(self._early.get(sequence, b""), data, key=len)
-        if len(self._early) > _EARLY_SEGMENTS:  # the next one was not captured: skip it
-            expected = self._next
-            self._next = min(self._early, key=lambda start: start - expected & 0xFFFFFFFF)
-        complete = b""
-        while (following := self._take_at(self._next)) is not None:
-            complete += following
-            self._next = self._next + len(following) & 0xFFFFFFFF
-        return complete
-
-    def _take_at(self, position: int) -> bytes | None:
-        """Return the bytes at this sequence number and drop segments before it; sequence numbers wrap at 32 bits."""
-        for start in list(self._early):
-            known = position - start & 0xFFFFFFFF
-            if known < 0x80000000:
-                new = self._early.pop(start)[known:]
-                if new:
-                    return new
-        return None
-
-
-def _replay_capture(data: bytes, window: float, ports: Container[int]) -> Iterator[SnifferEvent]:
-    serial: dict[ConnectionKey, Sniffer] = {}
-    numbered: dict[ConnectionKey, NumberedSniffer] = {}
-    reassemblies: dict[tuple[ConnectionKey, bool], _Reassembly] = {}
-    now = 0.0
-    for packet in read_packets(data):
-        payload = modbus_payload(packet, ports)
-        if payload is None:
-            continue
-        now, connection = payload.at, payload.connection
-        if payload.sequence is None:
-            sniffer = serial.setdefault(connection, Sniffer(_rtu_line(), window=window))
-            yield from _feed(sniffer, payload.data, now)
-            # A datagram is a complete frame, or noise.
-            if (deadline := sniffer.line.deadline) is not None:
-                yield from sniffer.feed(None, deadline)
-        else:
-            pair = numbered.setdefault(connection, NumberedSniffer(TcpLine(), TcpLine(), window=window))
-            segments = reassemblies.setdefault((connection, payload.from_client), _Reassembly())
-            yield from pair.feed(payload.from_client, segments.put(payload.sequence, payload.data), now)
-    for sniffer in serial.values():
-        yield from sniffer.end(now)
-    for pair in numbered.values():
-        yield from pair.end(now)

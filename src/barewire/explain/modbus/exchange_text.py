@@ -2,15 +2,25 @@
 
 1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 12.3 ms
 2.000000  unit 9  Read Holding Registers, 1 from 0000h -> no answer
+3.000000  unit 1  Read Holding Registers, 1 from 0000h -> no valid answer: 01 03 02 00 (4 bytes, then silence)
+4.000000  unit 1  Read Holding Registers, 1 from 0000h -> the recording ends here
+
+The line of an exchange has the time of its request and is complete when the answer is there. What happens meanwhile
+waits for it, so the times of the lines never decrease.
 """
 
 from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import TypeAlias
 
 from barewire.explain.modbus.pdu import explain_pdu
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.sniffer import (
     AmbiguousFrame,
     NoiseSeen,
+    RecordingEnds,
     RequestSeen,
     ResponseMissing,
     ResponseSeen,
@@ -20,40 +30,122 @@ from barewire.modbus.sniffer import (
 _SHOWN = 12
 """The most values or bytes of an answer in a line; `exchange_as_dict` has all of them."""
 
+ExchangeNames: TypeAlias = Callable[[RequestSeen, ResponseSeen | None], str]
+"""Returns the values of an exchange with names and units, '' if it has none with a name."""
 
-def exchange_line(event: SnifferEvent) -> str | None:
-    """Return the event as one line; None for a request whose answer is still to come.
 
+class _Row:
+    """The line of an exchange, or None while its answer may come, and the noise behind its request."""
+
+    def __init__(self, request: RequestSeen | None, line: str | None) -> None:
+        self.request = request
+        self.line = line
+        self.noise: list[NoiseSeen] = []
+
+
+class ExchangeLines:
+    """Turns events into lines. `timed` is False for a recording without times: then lines have no times either.
+
+    >>> lines = ExchangeLines()
     >>> request = RequestSeen(1, bytes.fromhex("0300000002"), 1.0)
-    >>> exchange_line(request), exchange_line(ResponseSeen(1, bytes.fromhex("030400170007"), 1.0123, request=request))
-    (None, '1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 12.3 ms')
+    >>> lines.feed(request)
+    []
+    >>> lines.feed(ResponseSeen(1, bytes.fromhex("030400170007"), 1.0123, request=request))
+    ['1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 12.3 ms']
     """
-    match event:
-        case RequestSeen(unit=0):
-            return f"{event.at:.6f}  all     {explain_pdu(event.pdu, 'request').summary} (broadcast)"
-        case RequestSeen():
-            return None
-        case ResponseMissing():
-            return f"{_request(event.request)} -> no answer"
-        case AmbiguousFrame():
-            summary = explain_pdu(event.pdu, "request").summary
-            return f"{event.at:.6f}  unit {event.unit}  {summary} -> seen once: the request or its echo"
-        case NoiseSeen():
-            data = event.noise.data
-            return f"{event.at:.6f}  noise   {_clipped(data.hex(' ').upper().split())} ({event.noise.text})"
-        case ResponseSeen(request=None):
-            summary = explain_pdu(event.pdu, "response").summary
-            return f"{event.at:.6f}  unit {event.unit}  (request not seen) -> {summary}"
-        case ResponseSeen(request=request):
-            assert request is not None
-            late = ", late: after the next request" if event.late else ""
-            return (
-                f"{_request(request)} -> {_result(event, request)}, after {1e3 * (event.at - request.at):.1f} ms{late}"
-            )
 
+    def __init__(self, *, timed: bool = True, named: ExchangeNames | None = None) -> None:
+        self._timed = timed
+        self._named = named
+        self._rows: deque[_Row] = deque()
 
-def _request(request: RequestSeen) -> str:
-    return f"{request.at:.6f}  unit {request.unit}  {explain_pdu(request.pdu, 'request').summary}"
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self._rows)} waiting>"
+
+    def feed(self, event: SnifferEvent) -> list[str]:
+        """Return the lines that are complete now, in the order of their times."""
+        match event:
+            case RequestSeen() if event.unit or event.transaction is not None:
+                self._rows.append(_Row(event, None))
+            case NoiseSeen() if self._rows and self._rows[-1].line is None:
+                self._rows[-1].noise.append(event)
+            case ResponseMissing() | RecordingEnds():
+                self._close(event.request, self._unanswered(event))
+            case ResponseSeen(request=RequestSeen() as request) if not event.late:
+                self._close(request, self._answered(event, request))
+            case _:
+                self._rows.append(_Row(None, self._line(event)))
+        return self._complete()
+
+    def end(self) -> list[str]:
+        """Return the lines that are left: of requests whose end was not reported."""
+        for row in self._rows:
+            if row.line is None and row.request is not None:
+                row.line = f"{self._request(row.request)} -> the recording ends here"
+        return self._complete()
+
+    def _close(self, request: RequestSeen, line: str) -> None:
+        row = next((row for row in self._rows if row.request is request), None)
+        if row is None:
+            self._rows.append(_Row(None, line))
+        else:
+            row.line = line
+
+    def _complete(self) -> list[str]:
+        lines: list[str] = []
+        while self._rows and (line := self._rows[0].line) is not None:
+            row = self._rows.popleft()
+            lines += [line, *(self._line(noise) for noise in row.noise)]
+        return lines
+
+    def _unanswered(self, event: ResponseMissing | RecordingEnds) -> str:
+        """Return the line of a request without an answer. Noise behind it is part of it: perhaps the damaged answer."""
+        row = next((row for row in self._rows if row.request is event.request), None)
+        noise = [] if row is None else row.noise
+        ending = "no answer" if isinstance(event, ResponseMissing) else "the recording ends here"
+        if noise and row is not None:
+            row.noise = []
+            data = b"".join(piece.noise.data for piece in noise)
+            text = noise[0].noise.text if len(noise) == 1 else f"{len(noise)} pieces"
+            then = "" if isinstance(event, ResponseMissing) else "; the recording ends here"
+            ending = f"no valid answer: {_clipped(data.hex(' ').upper().split())} ({text}){then}"
+        return f"{self._request(event.request)} -> {ending}"
+
+    def _answered(self, event: ResponseSeen, request: RequestSeen) -> str:
+        line = f"{self._request(request)} -> {self._values(request, event)}"
+        return f"{line}, after {1e3 * (event.at - request.at):.1f} ms" if self._timed else line
+
+    def _values(self, request: RequestSeen, event: ResponseSeen) -> str:
+        named = self._named(request, event) if self._named is not None else ""
+        return named or _result(event, request)
+
+    def _line(self, event: SnifferEvent) -> str:
+        """Return the line of an event that is not one half of an exchange."""
+        at = self._time(event.at)
+        match event:
+            case RequestSeen():
+                return f"{at}all     {explain_pdu(event.pdu, 'request').summary} (broadcast)"
+            case AmbiguousFrame():
+                summary = explain_pdu(event.pdu, "request").summary
+                return f"{at}unit {event.unit}  {summary} -> seen once: the request or its echo"
+            case NoiseSeen():
+                return f"{at}noise   {_clipped(event.noise.data.hex(' ').upper().split())} ({event.noise.text})"
+            case ResponseSeen(request=request):
+                if request is None:
+                    summary = explain_pdu(event.pdu, "response").summary
+                    return f"{at}unit {event.unit}  (request not seen) -> {summary}"
+                asked = explain_pdu(request.pdu, "request").summary
+                late = f"{1e3 * (event.at - request.at):.1f} ms after its request, and " if self._timed else ""
+                values = self._values(request, event)
+                return f"{at}unit {event.unit}  {asked} -> {values}, late: {late}after the next one"
+            case ResponseMissing() | RecordingEnds():
+                return self._unanswered(event)
+
+    def _request(self, request: RequestSeen) -> str:
+        return f"{self._time(request.at)}unit {request.unit}  {explain_pdu(request.pdu, 'request').summary}"
+
+    def _time(self, at: float) -> str:
+        return f"{at:.6f}  " if self._timed else ""
 
 
 def _result(answer: ResponseSeen, request: RequestSeen) -> str:
@@ -74,12 +166,22 @@ def _clipped(parts: list[str]) -> str:
     return " ".join(parts if len(parts) <= _SHOWN else [*parts[:_SHOWN], "..."])
 
 
-def exchange_as_dict(event: SnifferEvent) -> dict[str, object]:
+def exchange_as_dict(event: SnifferEvent, *, timed: bool = True) -> dict[str, object]:
     """Return the event for `json.dumps`; `request_at` is the time of the request of a response or a time-out.
+
+    If the recording is not `timed`, all times are None.
 
     >>> exchange_as_dict(ResponseMissing(RequestSeen(1, bytes.fromhex("0300000002"), 1.0), 2.0))
     {'event': 'unanswered', 'at': 2.0, 'unit': 1, 'request_at': 1.0}
     """
+    found = _as_dict(event)
+    return found if timed else {key: None if key in _TIMES else value for key, value in found.items()}
+
+
+_TIMES = frozenset({"at", "request_at", "seconds"})
+
+
+def _as_dict(event: SnifferEvent) -> dict[str, object]:
     match event:
         case RequestSeen():
             name = "request" if event.unit or event.transaction is not None else "broadcast"
@@ -96,6 +198,8 @@ def exchange_as_dict(event: SnifferEvent) -> dict[str, object]:
             }
         case ResponseMissing():
             return {"event": "unanswered", "at": event.at, "unit": event.request.unit, "request_at": event.request.at}
+        case RecordingEnds():
+            return {"event": "ends", "at": event.at, "unit": event.request.unit, "request_at": event.request.at}
         case AmbiguousFrame():
             return _frame("half", event.unit, event.pdu, event.at, None)
         case NoiseSeen():

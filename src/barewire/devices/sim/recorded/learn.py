@@ -27,6 +27,7 @@ from barewire.modbus.adu import BROADCAST
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.sniffer import (
     NoiseSeen,
+    RecordingEnds,
     RequestSeen,
     ResponseMissing,
     ResponseSeen,
@@ -68,6 +69,8 @@ def learn_line(events: Iterable[SnifferEvent], *, limit: int = ANSWERS_LIMIT) ->
                 exchanges[id(request)] = _Exchange(request, event)
             case ResponseMissing(request=request):
                 exchanges[id(request)] = _Exchange(request, None)
+            case RecordingEnds():
+                pass  # nobody knows what its answer would have been
             case RequestSeen(unit=address, transaction=transaction):
                 line.broadcasts += address == BROADCAST and transaction is None
             case NoiseSeen():

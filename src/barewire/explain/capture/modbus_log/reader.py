@@ -1,0 +1,164 @@
+"""The one place where the form of a recording of Modbus is recognised: `read_modbus_log`.
+
+Each form reads the lines that it knows. The lines of a form with words of its own (pymodbus, libmodbus ...) belong to
+it; where two of these read different bytes in one line, nothing is guessed: that is an error. The remaining lines with
+a direction are read by `marked`, those with a time and bytes only by `bytelog`. What is left becomes an `Unread`, or,
+in a log of bytes only, an error with its line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container
+
+from barewire.errors import DecodeError
+from barewire.explain.capture.bytelog import parse_log
+from barewire.explain.capture.modbus_log.direction import (
+    common_protocol,
+    recorder_is_client,
+    with_one_notation,
+    with_transactions,
+)
+from barewire.explain.capture.modbus_log.libmodbus import read_libmodbus
+from barewire.explain.capture.modbus_log.marked import read_marked
+from barewire.explain.capture.modbus_log.minimalmodbus import read_minimalmodbus
+from barewire.explain.capture.modbus_log.model import FormContent, LogEntry, LoggedBytes, ModbusLog
+from barewire.explain.capture.modbus_log.octets import split_octets
+from barewire.explain.capture.modbus_log.pymodbus import read_pymodbus
+from barewire.explain.capture.modbus_log.segments import read_segments
+from barewire.explain.capture.modbus_log.stamps import LogClock, find_stamp
+from barewire.explain.capture.modbus_packets import MODBUS_PORTS
+from barewire.explain.capture.model import Unread, unread
+from barewire.explain.capture.pcapng import is_capture
+from barewire.explain.result import ProtocolName
+
+FORMS: dict[str, Callable[[list[str]], FormContent]] = {
+    "pymodbus": read_pymodbus,
+    "libmodbus": read_libmodbus,
+    "MinimalModbus": read_minimalmodbus,
+}
+"""Forms with words of their own. Two of them that differ about a line are an error."""
+_LONGEST_LINE = 20_000
+_SHORTEST = 4
+"""Bytes of the shortest frame."""
+
+
+def read_modbus_log(
+    data: bytes, *, ports: Container[int] = MODBUS_PORTS, protocol: ProtocolName | None = None
+) -> ModbusLog:
+    """Read a recording of Modbus in any form: a capture, a log, a dump.
+
+    >>> log = read_modbus_log(b"send: 0x1 0x3 0x0 0x0 0x0 0x2 0xc4 0xb\\nrecv: 0x1 0x83 0x2 0xc0 0xf1\\n")
+    >>> log.form, [(item.line, item.from_client, item.protocol) for item in log.items]
+    ('pymodbus', [(1, True, 'rtu'), (2, False, 'rtu')])
+
+    `protocol` is that of the bytes of a log; by default its frames tell. Raises DecodeError, with the number of the
+    line, if the bytes are no recording.
+    """
+    if is_capture(data):
+        return ModbusLog(tuple(read_segments(data, ports)), "capture", True)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DecodeError("character", data[:16], 0, f"neither a capture nor text: {error.reason}") from None
+    lines = [("" if line.lstrip().startswith("#") else line) for line in text.splitlines()]
+    form, content = _read_forms([line if len(line) <= _LONGEST_LINE else "" for line in lines])
+    if not content.entries:
+        return _bytes_only(text, protocol)
+    return _decided(form, content, lines, protocol)
+
+
+def _read_forms(lines: list[str]) -> tuple[str, FormContent]:
+    """Return the names and the common content of all forms that the lines have."""
+    names: list[str] = []
+    by_place: dict[tuple[int, int], LogEntry] = {}
+    owners: dict[int, str] = {}
+    known: set[int] = set()
+    for name, read in (*FORMS.items(), ("marked", read_marked)):
+        content = read(lines)
+        if not content.entries:
+            continue
+        is_general = name == "marked"
+        taken = 0
+        for place, entry in enumerate(content.entries):
+            owner = owners.get(entry.line, name)
+            if owner != name or (is_general and entry.line in known):
+                if not is_general and not _same(by_place, entry):
+                    text = f"line {entry.line} reads as {owner} and as {name}, with different bytes"
+                    raise DecodeError("value", b"", 0, text)
+                continue
+            owners[entry.line] = name
+            by_place[entry.line, place] = entry
+            taken += 1
+        known |= content.known
+        names += [name] if taken else []
+    return " and ".join(names), FormContent([by_place[place] for place in sorted(by_place)], known)
+
+
+def _same(found: dict[tuple[int, int], LogEntry], entry: LogEntry) -> bool:
+    return any(line == entry.line and other.data == entry.data for (line, _), other in found.items())
+
+
+def _decided(form: str, content: FormContent, lines: list[str], protocol: ProtocolName | None) -> ModbusLog:
+    """Return the log with everything decided that its frames prove."""
+    entries, left = list(content.entries), []
+    taken = {entry.line for entry in entries} | content.known
+    for number, line in enumerate(lines, start=1):
+        if number in taken or not line.strip():
+            continue
+        stamp = find_stamp(line)
+        octets = split_octets(line if stamp is None else line[stamp[2] :])
+        if octets is not None and not octets.before.strip(" \t:,;|-"):
+            entries.append(LogEntry(number, octets.data, None, None, stamp and stamp[0], octets.decimal))
+        else:
+            left.append(number)
+    entries.sort(key=lambda entry: entry.line)
+    return assembled(form, entries, [(number, lines[number - 1]) for number in left], protocol)
+
+
+def assembled(
+    form: str, entries: list[LogEntry], left: list[tuple[int, str]], protocol: ProtocolName | None = None
+) -> ModbusLog:
+    """Return the log of these entries; `left` are the lines that no form knows.
+
+    Raises DecodeError if no frame is in it and more lines are left than read: that is no log of Modbus.
+    """
+    entries = with_one_notation(entries)
+    pieces = [entry.data for entry in entries if entry.data]
+    found = common_protocol(pieces)
+    if found is None and len(left) > len(entries):
+        number, line = left[0]
+        shown = unread(0.0, number, "", line).text
+        raise DecodeError("value", b"", 0, f"line {number}: no form of log has such a line: {shown}")
+    protocol = protocol or found
+    client = recorder_is_client(entries, protocol)
+    clock, before = LogClock(), None
+    items: list[LoggedBytes | Unread] = []
+    waiting = list(left)
+    for entry in entries:
+        while waiting and waiting[0][0] < entry.line:
+            items.append(_left(items, *waiting.pop(0)))
+        from_client = entry.from_client
+        if from_client is None and entry.sent is not None and client is not None:
+            from_client = entry.sent is client
+        is_more = before is not None and before.sent is False and entry.sent is False
+        at = clock.read(entry.stamp, entry.line, step=not is_more)
+        items.append(LoggedBytes(at, entry.data or b"", entry.line, from_client, protocol))
+        before = entry
+    items += [_left(items, *row) for row in waiting]
+    if protocol == "tcp":
+        items = with_transactions(items)
+    return ModbusLog(tuple(items), form, clock.timed, tuple(clock.notes))
+
+
+def _left(items: list[LoggedBytes | Unread], number: int, line: str) -> Unread:
+    return unread(items[-1].at if items else 0.0, number, "no bytes of a frame in this line", line)
+
+
+def _bytes_only(text: str, protocol: ProtocolName | None) -> ModbusLog:
+    """Read a log of bytes with or without times, or a dump."""
+    log = parse_log(text)
+    found = protocol or common_protocol([chunk.data for chunk in log.chunks])
+    items: list[LoggedBytes | Unread] = [
+        LoggedBytes(chunk.at, chunk.data, line, None, found) for chunk, line in zip(log.chunks, log.lines)
+    ]
+    return ModbusLog(tuple(with_transactions(items)), "bytes", log.timed)
