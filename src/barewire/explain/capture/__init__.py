@@ -7,6 +7,7 @@
     can_text                  one CAN frame, pasted
     modbus_packets            Modbus frames in packets
     bytelog                   logs of serial lines
+    modbus_log/               recordings of Modbus in any form: logs of programs, exports, dumps, captures
     modbus_replay             any recording of Modbus, decoded by the sniffer
 
 Depends on: canopen, modbus.sniffer, rtu, ascii, tcp, explain.input. Used by: explain.can_monitor, explain.api, io, cli.
