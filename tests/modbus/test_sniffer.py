@@ -16,6 +16,7 @@ from barewire.modbus.sniffer import (
     AmbiguousFrame,
     NoiseSeen,
     NumberedSniffer,
+    RecordingEnds,
     RequestSeen,
     ResponseMissing,
     ResponseSeen,
@@ -242,9 +243,9 @@ def assert_attributed(events: list[SnifferEvent], kept: list[Frame]) -> None:
     reported = []
     for event in events:
         assert not isinstance(event, NoiseSeen)
-        frame = by_time[event.request.at if isinstance(event, ResponseMissing) else event.at]
+        frame = by_time[event.request.at if isinstance(event, ResponseMissing | RecordingEnds) else event.at]
         exchange = [partner for partner in kept if partner.exchange == frame.exchange]
-        if isinstance(event, ResponseMissing):
+        if isinstance(event, ResponseMissing | RecordingEnds):
             assert exchange == [frame]
             assert frame.is_request
             continue
@@ -341,7 +342,7 @@ def test_any_bytes_are_reported_and_never_raise(chunks: list[tuple[bytes | None,
 def _bytes(event: SnifferEvent) -> bytes:
     if isinstance(event, NoiseSeen):
         return event.noise.data
-    return b"" if isinstance(event, ResponseMissing) else encode(event.unit, event.pdu)
+    return b"" if isinstance(event, ResponseMissing | RecordingEnds) else encode(event.unit, event.pdu)
 
 
 @pytest.mark.parametrize(
