@@ -20,10 +20,10 @@ _MOST_BYTES = 260
 _PROTOCOLS: tuple[ProtocolName, ...] = ("rtu", "tcp", "ascii")
 
 
-def whole_frame(protocol: ProtocolName, data: bytes) -> bytes | None:
+def frame_pdu(protocol: ProtocolName, data: bytes) -> bytes | None:
     """Return the PDU if the bytes are exactly one frame of that protocol.
 
-    >>> whole_frame("rtu", bytes.fromhex("018302C0F1")), whole_frame("tcp", bytes.fromhex("018302C0F1"))
+    >>> frame_pdu("rtu", bytes.fromhex("018302C0F1")), frame_pdu("tcp", bytes.fromhex("018302C0F1"))
     (b'\\x83\\x02', None)
     """
     try:
@@ -41,7 +41,7 @@ def frames_by_protocol(pieces: Iterable[bytes]) -> dict[ProtocolName, int]:
     counts: dict[ProtocolName, int] = dict.fromkeys(_PROTOCOLS, 0)
     for data in pieces:
         for protocol in _PROTOCOLS:
-            counts[protocol] += whole_frame(protocol, data) is not None
+            counts[protocol] += frame_pdu(protocol, data) is not None
     return counts
 
 
@@ -78,7 +78,7 @@ def recorder_is_client(entries: Sequence[LogEntry], protocol: ProtocolName | Non
     shows it, for requests and responses to a write are equal."""
     votes = 0
     for entry in entries:
-        pdu = None if entry.data is None or protocol is None else whole_frame(protocol, entry.data)
+        pdu = None if entry.data is None or protocol is None else frame_pdu(protocol, entry.data)
         if entry.sent is None or not pdu:
             continue
         request, response = shapes(pdu)
@@ -97,7 +97,7 @@ def with_transactions(items: list[LoggedBytes | Unread]) -> list[LoggedBytes | U
             done.append(item)
             continue
         for data in _frames(item.data):
-            pdu = whole_frame("tcp", data)
+            pdu = frame_pdu("tcp", data)
             if pdu is None:
                 done.append(item._replace(data=data))
                 continue
