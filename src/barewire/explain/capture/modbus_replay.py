@@ -7,7 +7,7 @@ NumberedSniffer              for each TCP connection
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from typing import Literal, NamedTuple, TypeAlias
 
 from barewire.ascii import AsciiLine
@@ -15,6 +15,7 @@ from barewire.errors import EncodeError
 from barewire.explain.capture.modbus_log import LoggedBytes, ModbusLog, read_modbus_log
 from barewire.explain.capture.modbus_packets import MODBUS_PORTS
 from barewire.explain.capture.pcapng import is_capture
+from barewire.explain.result import ProtocolName
 from barewire.modbus.adu import Adu
 from barewire.modbus.framing import Line
 from barewire.modbus.sniffer import WINDOW, NoiseSeen, NumberedSniffer, Sniffer, SnifferEvent
@@ -70,40 +71,89 @@ def replay_log(
 
 
 def _events(log: ModbusLog, window: float, protocol: SerialProtocol | None) -> Iterator[SnifferEvent]:
-    items = [item for item in log.items if isinstance(item, LoggedBytes)]
-    is_capture = log.form == "capture"
-    is_ascii = protocol == "ascii"
-    if protocol is None and not is_capture:
-        is_ascii = _is_ascii(b"".join(item.data for item in items))
-    serial: dict[str, Sniffer] = {}
-    numbered: dict[str, NumberedSniffer] = {}
-    directions: dict[str, bool | None] = {}
-    now = swept = items[0].at if items else 0.0
-    for item in items:
-        now, name = item.at, item.connection
-        if now >= swept + window:
-            swept = now
-            for pair in numbered.values():
-                yield from pair.wait(now)
-            for sniffer in serial.values():
-                yield from _waited(sniffer, now)
-        if item.protocol == "tcp" and item.from_client is not None and protocol is None:
-            pair = numbered.setdefault(name, NumberedSniffer(TcpLine(), TcpLine(), window=window))
-            if not item.data:
-                yield from pair.give_up(now)
-            yield from pair.feed(item.from_client, item.data, now)
-            continue
-        if name not in serial:
-            serial[name] = Sniffer(AsciiLine() if is_ascii else _rtu_line(), window=window)
-        sniffer = serial[name]
-        if item.from_client is not directions.get(name, item.from_client):
-            yield from _turned(sniffer, now)
-        directions[name] = item.from_client
-        yield from _feed(sniffer, item, is_capture)
-    for sniffer in serial.values():
-        yield from sniffer.end(now)
-    for pair in numbered.values():
-        yield from pair.end(now)
+    sniffers = LogSniffers(log, window, protocol)
+    for item in log.items:
+        if isinstance(item, LoggedBytes):
+            for _, event in sniffers.feed(item):
+                yield event
+    for _, event in sniffers.end():
+        yield event
+
+
+def _as_it_is(line: Line, connection: str, protocol: ProtocolName) -> Line:
+    return line
+
+
+class LogSniffers:
+    """The sniffers of a log, one for each serial line and each TCP connection in it: `feed` each item, then `end`.
+
+    Every event comes with the name of its connection. `wrap` may replace each line by one that also keeps what it read.
+    """
+
+    def __init__(
+        self,
+        log: ModbusLog,
+        window: float = WINDOW,
+        protocol: SerialProtocol | None = None,
+        wrap: Callable[[Line, str, ProtocolName], Line] = _as_it_is,
+    ) -> None:
+        items = [item for item in log.items if isinstance(item, LoggedBytes)]
+        self._is_capture = log.form == "capture"
+        self._has_protocol = protocol is not None
+        self._serial_protocol: SerialProtocol = protocol or "rtu"
+        if protocol is None and not self._is_capture and _is_ascii(b"".join(item.data for item in items)):
+            self._serial_protocol = "ascii"
+        self._window, self._wrap = window, wrap
+        self._serial: dict[str, Sniffer] = {}
+        self._numbered: dict[str, NumberedSniffer] = {}
+        self._directions: dict[str, bool | None] = {}
+        self._now = self._swept = items[0].at if items else 0.0
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self._serial)} lines, {len(self._numbered)} connections>"
+
+    def feed(self, item: LoggedBytes) -> Iterator[tuple[str, SnifferEvent]]:
+        """Take the next bytes of the log, and yield their events, after those that were due before."""
+        now = self._now = item.at
+        if now >= self._swept + self._window:
+            self._swept = now
+            for name, pair in self._numbered.items():
+                yield from ((name, event) for event in pair.wait(now))
+            for name, sniffer in self._serial.items():
+                yield from ((name, event) for event in _waited(sniffer, now))
+        name = item.connection
+        for event in self._numbered_feed(item) if self._is_numbered(item) else self._serial_feed(item):
+            yield name, event
+
+    def _is_numbered(self, item: LoggedBytes) -> bool:
+        return item.protocol == "tcp" and item.from_client is not None and not self._has_protocol
+
+    def _numbered_feed(self, item: LoggedBytes) -> Iterator[SnifferEvent]:
+        name = item.connection
+        if name not in self._numbered:
+            lines = [self._wrap(TcpLine(), name, "tcp") for _ in range(2)]
+            self._numbered[name] = NumberedSniffer(*lines, window=self._window)
+        if not item.data:
+            yield from self._numbered[name].give_up(item.at)
+        yield from self._numbered[name].feed(bool(item.from_client), item.data, item.at)
+
+    def _serial_feed(self, item: LoggedBytes) -> Iterator[SnifferEvent]:
+        name, protocol = item.connection, self._serial_protocol
+        if name not in self._serial:
+            line = AsciiLine() if protocol == "ascii" else _rtu_line()
+            self._serial[name] = Sniffer(self._wrap(line, name, protocol), window=self._window)
+        sniffer = self._serial[name]
+        if item.from_client is not self._directions.get(name, item.from_client):
+            yield from _turned(sniffer, item.at)
+        self._directions[name] = item.from_client
+        yield from _feed(sniffer, item, self._is_capture)
+
+    def end(self) -> Iterator[tuple[str, SnifferEvent]]:
+        """End the log, and yield the events of what is still undecided."""
+        for name, sniffer in self._serial.items():
+            yield from ((name, event) for event in sniffer.end(self._now))
+        for name, pair in self._numbered.items():
+            yield from ((name, event) for event in pair.end(self._now))
 
 
 def _rtu_line() -> Line:
