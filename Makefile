@@ -58,6 +58,12 @@ peers: $(VENV)/bin/pip
 	  ../../../tools/with-node npm ci --loglevel=error --no-audit --no-fund --omit=optional >/dev/null && \
 	  cp package-lock.json node_modules/installed)
 
+docs: $(VENV)/installed-docs ## the site of the documentation, in build/site
+	@$(BIN)/python -m tools.website
+
+docs-links: $(VENV)/installed-docs ## which links of the documentation to other sites are dead
+	@$(BIN)/python -m tools.website linkcheck
+
 hostile: $(VENV)/installed-dev ## CANopen devices after every configuration of two steps and random ones; ARGS=--help
 	@$(BIN)/python tools/hostile_master.py $(ARGS)
 
@@ -92,5 +98,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers hostile plant vectors-release vectors-mutants format clean
+.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers docs docs-links hostile plant vectors-release vectors-mutants format clean
 .NOTPARALLEL:

@@ -1,0 +1,39 @@
+"""Settings of Sphinx for the site. `make docs` collects the sources in build/docs first, see tools/website."""
+
+from barewire import __version__
+
+project = "barewire"
+author = "the authors of barewire"
+release = version = __version__
+html_title = f"barewire {version}"
+
+extensions = ["myst_parser", "sphinx_copybutton"]
+exclude_patterns = ["README*"]
+root_doc = "index"
+
+# Markdown
+myst_heading_anchors = 4
+myst_enable_extensions = ["colon_fence", "deflist"]
+suppress_warnings = ["myst.header", "toc.empty_glob"]  # pages without a second level, rooms without a page
+highlight_language = "text"
+
+# Python names in full, and one argument on each line of a long signature
+add_module_names = False
+maximum_signature_line_length = 90
+toc_object_entries = False
+
+# The console prompt is not copied, and neither is the output behind it.
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
+copybutton_only_copy_prompt_lines = True
+
+# HTML: no request leaves the server of the site
+html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sphinx = False
+html_copy_source = False
+html_show_sourcelink = False
+html_theme_options = {"navigation_with_keys": True}
+pygments_style = "friendly"
+pygments_dark_style = "github-dark"
