@@ -47,3 +47,41 @@ def of_vector(kind: str, case: dict[str, Any]) -> Explanation:
 def test_the_verdict_is_that_of_the_vectors(kind: str, case: dict[str, Any]) -> None:
     explanation = of_vector(kind, case)
     assert explanation.valid == LEFT_OPEN.get(case["id"], case["result"] != "invalid"), explanation.verdict
+    if explanation.valid:
+        assert explanation.diagnosis == ()
+        assert not [field for field in explanation.fields if field.name == "left over"]
+
+
+@pytest.mark.parametrize(("kind", "case"), [case for case in vectors() if case.values[1]["result"] == "invalid"])
+def test_an_invalid_case_has_its_error_at_the_place_of_its_reason(kind: str, case: dict[str, Any]) -> None:
+    """The vectors give the reason of a refusal; each reason belongs to one place of the bytes."""
+    explanation = of_vector(kind, case)
+    assert explanation.error is not None
+    reason, at, _ = explanation.error
+    starts = {field.offset for field in explanation.fields}
+    size = sum(field.length for field in explanation.fields)
+    if reason != case["reason"]:
+        # The fields say more than `decode`: a whole frame ends before the rest, or the checksum was left out.
+        assert (case["reason"], reason) in {
+            ("checksum", "short"),
+            ("checksum", "long"),
+            ("length", "long"),
+            ("value", "long"),
+        }
+    match reason:
+        case "checksum" if explanation.fields[-1].name == "left over":
+            assert at == explanation.fields[-1].offset
+        case "checksum":
+            assert at == next(field.offset for field in explanation.fields if field.name in ("CRC", "LRC"))
+        case "delimiter":
+            assert at == 0 or chr(case["text"].encode()[at - 1]) in ":0123456789ABCDEF\n"
+        case "character":
+            assert case["text"][at] not in "0123456789ABCDEFabcdef"
+        case "long":
+            assert at in (*starts, 256, 513)
+        case "short" if "group" in case["comment"] or kind == "pdu":
+            assert at in starts or at == 1 + len(bytes.fromhex(case["pdu"]))
+        case "short":
+            assert at in (size, size - 2)
+        case _:
+            assert at in starts

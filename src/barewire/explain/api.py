@@ -5,6 +5,7 @@ Depends on: the rooms for Modbus, CANopen and input. Used by: `barewire.explain`
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import get_args
 
@@ -13,6 +14,8 @@ from barewire.errors import DecodeError, EncodeError
 from barewire.explain.canopen.frame import explain_can
 from barewire.explain.capture.can_text import parse_any_can
 from barewire.explain.diagnosis.can import explain_diagnosed_can
+from barewire.explain.diagnosis.modbus.frame import with_diagnosis
+from barewire.explain.diagnosis.modbus.good import good_ascii
 from barewire.explain.input.text import parse_ascii, parse_hex
 from barewire.explain.modbus.frames import explain_ascii, explain_rtu, explain_tcp
 from barewire.explain.result import Explanation, FrameRole, ProtocolName
@@ -36,8 +39,12 @@ def explain(protocol: str, data: bytes | AnyFrame, role: str | None = None) -> E
         raise EncodeError(f"{protocol}: expected {'a CanFrame' if protocol == 'can' else 'bytes'}, not {data!r}")
     if isinstance(data, CanFrame | FdFrame | ErrorFrame):
         return explain_diagnosed_can(data)
-    explainers = {"rtu": explain_rtu, "ascii": explain_ascii, "tcp": explain_tcp}
-    return explainers[protocol](data, checked)
+    explainers: dict[str, Callable[[bytes, FrameRole | None], Explanation]] = {
+        "rtu": explain_rtu,
+        "ascii": explain_ascii,
+        "tcp": explain_tcp,
+    }
+    return with_diagnosis(explainers[protocol](data, checked), data, checked)
 
 
 def explain_text(protocol: str, text: str, role: str | None = None) -> Explanation:
@@ -52,15 +59,31 @@ def explain_text(protocol: str, text: str, role: str | None = None) -> Explanati
     checked = _checked(protocol, role)
     if protocol == "can":
         return explain_diagnosed_can(parse_any_can(text))
+    characters = parse_ascii(text)
     if protocol == "ascii":
-        characters = parse_ascii(text)
-        explanation = explain_ascii(characters, checked, typed=True)
-        return explanation if characters.startswith(b":") else _with_hint(explanation, text, checked)
+        return _typed_ascii(text, characters, checked)
+    if good_ascii(characters) is not None:
+        return _with_hint(explain(protocol, characters, checked), text, checked)
     try:
         return _with_hint(explain(protocol, parse_hex(text), checked), text, checked)
     except DecodeError as error:
         other = _other(protocol, text, checked)
         raise DecodeError(error.reason, error.data, error.at, error.text + other) if other else error from None
+
+
+def _typed_ascii(text: str, characters: bytes, role: FrameRole | None) -> Explanation:
+    """Explain a text as an ASCII frame. If it is none, it may be the codes of other bytes: of an RTU frame, perhaps."""
+    explanation = with_diagnosis(explain_ascii(characters, role, typed=True), characters, role)
+    if characters.startswith(b":"):
+        return explanation
+    if not explanation.diagnosis:
+        try:
+            codes = parse_hex(text)
+        except DecodeError:
+            codes = b""
+        found = with_diagnosis(explain_ascii(codes, role, typed=True), codes, role)
+        explanation = found if found.diagnosis else explanation
+    return _with_hint(explanation, text, role)
 
 
 def _with_hint(explanation: Explanation, text: str, role: FrameRole | None = None) -> Explanation:

@@ -120,16 +120,23 @@ def test_the_hint_names_another_protocol(protocol: str, text: str, words: str) -
     assert words in explanation.error.text
 
 
+def test_unreadable_text_gets_a_hint_too() -> None:
+    with pytest.raises(DecodeError, match=re.escape("; as can it is SDO request to node 5")):
+        explain_text("tcp", "605#4041600000000000")
+
+
 @pytest.mark.parametrize(
-    ("protocol", "text", "words"),
-    [
-        ("rtu", r":01040FB1000239\r\n", "; as ascii it is a request"),
-        ("tcp", "605#4041600000000000", "; as can it is SDO request to node 5"),
-    ],
+    "text", [r":01040FB1000239\r\n", ":01040FB1000239", "3A 30 31 30 34 30 46 42 31 30 30 30 32 33 39"]
 )
-def test_unreadable_text_gets_a_hint_too(protocol: str, text: str, words: str) -> None:
-    with pytest.raises(DecodeError, match=re.escape(words)):
-        explain_text(protocol, text)
+def test_an_ascii_frame_in_another_protocol_is_read_as_its_characters(text: str) -> None:
+    assert [finding.code for finding in explain_text("rtu", text).diagnosis] == ["ascii-on-rtu"]
+    assert [finding.code for finding in explain_text("tcp", text).diagnosis] == ["ascii-on-tcp"]
+
+
+def test_the_codes_of_an_rtu_frame_are_diagnosed_where_ascii_was_expected() -> None:
+    assert [finding.code for finding in explain_text("ascii", "01 03 00 00 00 0A C5 CD").diagnosis] == ["rtu-on-ascii"]
+    coded = "BA B0 31 B0 34 B0 46 C2 31 B0 B0 B0 32 B3 B9 0D 8A"
+    assert [finding.code for finding in explain_text("ascii", coded).diagnosis] == ["seven-bit"]
 
 
 @pytest.mark.parametrize("text", ["01 03 00 00 00 0A C5 CE", "0007 0000 0006 01 03 0000 0000"])

@@ -296,7 +296,7 @@ def test_ascii_counts_characters_and_shows_them() -> None:
     ("frame", "reason", "at"),
     [
         (b":01040FB1000238\r\n", "checksum", 13),
-        (b":01040FB1000239", "delimiter", 13),
+        (b":01040FB1000239", "delimiter", 15),
         (b"01040FB1000239\r\n", "delimiter", 0),
         (b":01040FG1000239\r\n", "character", 7),
         (b":01040FB100023\r\n", "short", 14),

@@ -1,6 +1,6 @@
 """Diagnosis: what is wrong with bytes that are not a good frame. A finding is proved by a trial, never guessed.
 
-    crc_search   the one change of a byte that makes a CRC fit, found from both ends of the frame
+    modbus/      one Modbus frame
     can          one CAN frame
     logs/        whole logs and live lines
 

@@ -191,10 +191,14 @@ def _ascii_fault(data: bytes, completed: bytes) -> DecodeError | None:
     fault = _fault(ascii_frame.decode, completed)
     if fault is None:
         return None
-    text = fault.text
+    text, at = fault.text, min(fault.at, len(data))
+    if fault.reason == "delimiter" and at:
+        # `decode` looks at the last two characters; here the place is where CR LF, or nothing more, should be.
+        after = next((n for n, byte in enumerate(data) if n and byte not in ascii_frame.DIGITS), len(data))
+        at = after + 2 * data[after:].startswith(ascii_frame.END)
     if fault.reason in ("short", "long") and len(completed) > len(data):
         text = text.replace(f"got {len(completed)}", f"got {len(data)} and no CR LF")
-    return DecodeError(fault.reason, data, min(fault.at, len(data)), text)
+    return DecodeError(fault.reason, data, at, text)
 
 
 def _characters(field: Field, data: bytes) -> str:

@@ -113,6 +113,7 @@ class UartLine:
         self.sent_bit, self.read_bit = 2 * fault.faster, 2 * fault.slower
         self.size = 2 + form.data_bits + (form.parity != "N")
         self.idle = Receiver(last=int(not fault.inverted))
+        self._known: dict[tuple[Receiver, tuple[int, ...]], tuple[Receiver, bytes]] = {}
 
     def read(self, sent: bytes) -> bytes:
         """Return what the receiver reads. The characters follow one another directly, and silence follows the last one.
@@ -164,6 +165,12 @@ class UartLine:
 
     def _hear(self, receiver: Receiver, levels: tuple[int, ...]) -> tuple[Receiver, bytes]:
         """Return the receiver after some bits of the sender, and the bytes that it has delivered meanwhile."""
+        known = self._known.get((receiver, levels))
+        if known is None:
+            known = self._known[receiver, levels] = self._sampled(receiver, levels)
+        return known
+
+    def _sampled(self, receiver: Receiver, levels: tuple[int, ...]) -> tuple[Receiver, bytes]:
         last, wait, samples = receiver
         found = bytearray()
         for bit in levels:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, settings, strategies as st
 
 from barewire import rtu
-from barewire.explain.diagnosis.crc_search import changed_bytes, extra_bytes, lost_bytes
+from barewire.explain.diagnosis.modbus.crc_search import changed_bytes, extra_bytes, lost_bytes
 from barewire.rtu.crc import crc16
 
 quick = settings(max_examples=30, deadline=None, derandomize=True, database=None)
