@@ -55,7 +55,7 @@ def test_the_log_of_a_program(name: str, form: str, protocol: str, lines: list[s
     assert lines_of(data) == lines
 
 
-@pytest.mark.parametrize("name", sorted(path.name for path in SAMPLES.iterdir()))
+@pytest.mark.parametrize("name", sorted(path.name for path in SAMPLES.iterdir() if "without" not in path.name))
 def test_each_line_is_an_item_or_known(name: str) -> None:
     """No line is dropped in silence: what is no traffic is known chatter of the program, or an `Unread`."""
     data = (SAMPLES / name).read_bytes()

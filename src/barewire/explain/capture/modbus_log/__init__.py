@@ -3,7 +3,9 @@
     model           what is read: LoggedBytes, Unread, ModbusLog
     stamps          times in lines
     octets          bytes at the end of a line, in any notation
-    pymodbus, libmodbus, minimalmodbus      one form each
+    pymodbus, libmodbus, minimalmodbus      libraries
+    wireshark, tables                       text, JSON and CSV of Wireshark and tshark
+    blocks, bytewise, syscalls              serial sniffers: socat -x, jpnevulator, interceptty, slsnif ...; strace
     marked          lines with a direction in a word: Modbus Poll, QModMaster, Docklight, own logs ...
     segments        captures: TCP segments in order, RTU in datagrams
     direction       decimal or hexadecimal, which protocol, which side: decided by the frames of the whole log

@@ -25,8 +25,8 @@ from barewire.explain.capture.modbus_log.stamps import find_stamp
 _WORD = re.compile(
     r"(?<![A-Za-z])(?:"
     r"(?P<asked>requests?|req|query)|(?P<answered>responses?|resp|reply|answers?)"
-    r"|(?P<sent>sends?|sent|sending|txd?|transmit|transmitted|transmitting|wrote)"
-    r"|(?P<received>recv|rcv|receives?|received|receiving|rxd?)"
+    r"|(?P<sent>IRP_MJ_WRITE|sends?|sent|sending|txd?|transmit|transmitted|transmitting|wrote)"
+    r"|(?P<received>IRP_MJ_READ|recv|rcv|receives?|received|receiving|rxd?)"
     r"|(?P<asker>master|client)|(?P<answerer>slave|server)"
     r"|(?P<out>write|writes|writing|out|output)|(?P<into>read|reads|reading|in|input)"
     r")(?![A-Za-z])",
@@ -77,7 +77,7 @@ def _marked(line: str, number: int) -> LogEntry | None:
     plain = _NUMBER.sub(lambda found: found[0][:2] + ":" + " " * (len(found[0]) - 3), plain)
     found = split_octets(plain)
     before = plain if found is None else found.before
-    word, sent, from_client = _direction(before)
+    word, sent, from_client = direction_of(before)
     if word is None:
         return None
     if found is None:
@@ -85,7 +85,7 @@ def _marked(line: str, number: int) -> LogEntry | None:
     return LogEntry(number, found.data, sent, from_client, None if stamp is None else stamp[0], found.decimal)
 
 
-def _direction(before: str) -> tuple[re.Match[str] | None, bool | None, bool | None]:
+def direction_of(before: str) -> tuple[re.Match[str] | None, bool | None, bool | None]:
     """Return the word or mark that states the direction, whether the recorder sent, whether the client did."""
     words = list(_WORD.finditer(before))
     for yes, no in _GROUPS:

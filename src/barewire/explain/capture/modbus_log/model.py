@@ -61,6 +61,7 @@ class LogEntry(NamedTuple):
 
     `sent` is the direction as seen by the recording program, `from_client` the direction on the line; None if the log
     does not state it. `decimal` are the bytes if the digits are decimal numbers, None if they cannot be.
+    `connection` tells several lines of one log apart.
     """
 
     line: int
@@ -69,6 +70,7 @@ class LogEntry(NamedTuple):
     from_client: bool | None = None
     stamp: Stamp | None = None
     decimal: bytes | None = None
+    connection: str = ""
 
 
 class FormContent(NamedTuple):

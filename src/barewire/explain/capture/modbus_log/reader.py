@@ -12,6 +12,8 @@ from collections.abc import Callable, Container
 
 from barewire.errors import DecodeError
 from barewire.explain.capture.bytelog import parse_log
+from barewire.explain.capture.modbus_log.blocks import read_blocks
+from barewire.explain.capture.modbus_log.bytewise import read_bytewise
 from barewire.explain.capture.modbus_log.direction import (
     common_protocol,
     recorder_is_client,
@@ -26,15 +28,27 @@ from barewire.explain.capture.modbus_log.octets import split_octets
 from barewire.explain.capture.modbus_log.pymodbus import read_pymodbus
 from barewire.explain.capture.modbus_log.segments import read_segments
 from barewire.explain.capture.modbus_log.stamps import LogClock, find_stamp
+from barewire.explain.capture.modbus_log.syscalls import read_syscalls
+from barewire.explain.capture.modbus_log.tables import read_csv, read_json
+from barewire.explain.capture.modbus_log.wireshark import read_wireshark, without_bytes
 from barewire.explain.capture.modbus_packets import MODBUS_PORTS
 from barewire.explain.capture.model import Unread, unread
 from barewire.explain.capture.pcapng import is_capture
 from barewire.explain.result import ProtocolName
 
+_OF_PACKETS: dict[str, Callable[[list[str], Container[int]], FormContent]] = {
+    "JSON": read_json,
+    "CSV": read_csv,
+    "Wireshark": read_wireshark,
+}
+"""Exports of packets: which of them are Modbus depends on the ports."""
 FORMS: dict[str, Callable[[list[str]], FormContent]] = {
     "pymodbus": read_pymodbus,
     "libmodbus": read_libmodbus,
     "MinimalModbus": read_minimalmodbus,
+    "strace": read_syscalls,
+    "bytes with characters": read_bytewise,
+    "blocks": read_blocks,
 }
 """Forms with words of their own. Two of them that differ about a line are an error."""
 _LONGEST_LINE = 20_000
@@ -56,25 +70,38 @@ def read_modbus_log(
     """
     if is_capture(data):
         return ModbusLog(tuple(read_segments(data, ports)), "capture", True)
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise DecodeError("character", data[:16], 0, f"neither a capture nor text: {error.reason}") from None
+    text = _text(data)
     lines = [("" if line.lstrip().startswith("#") else line) for line in text.splitlines()]
-    form, content = _read_forms([line if len(line) <= _LONGEST_LINE else "" for line in lines])
+    form, content = _read_forms(lines, ports)
+    if not content.entries and (why := without_bytes(lines)) is not None:
+        raise DecodeError("value", b"", 0, why)
     if not content.entries:
         return _bytes_only(text, protocol)
     return _decided(form, content, lines, protocol)
 
 
-def _read_forms(lines: list[str]) -> tuple[str, FormContent]:
+def _text(data: bytes) -> str:
+    """Return the text of a log: UTF-8, UTF-16 with its mark (PowerShell), or Latin-1 if nearly all of it is ASCII."""
+    try:
+        if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            return data.decode("utf-16")
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if 0 not in data and sum(byte < 0x80 for byte in data) > 0.7 * len(data):
+            return data.decode("latin-1")
+        raise DecodeError("character", data[:16], 0, f"neither a capture nor text: {error.reason}") from None
+
+
+def _read_forms(lines: list[str], ports: Container[int]) -> tuple[str, FormContent]:
     """Return the names and the common content of all forms that the lines have."""
+    short = [line if len(line) <= _LONGEST_LINE else "" for line in lines]
     names: list[str] = []
     by_place: dict[tuple[int, int], LogEntry] = {}
     owners: dict[int, str] = {}
     known: set[int] = set()
-    for name, read in (*FORMS.items(), ("marked", read_marked)):
-        content = read(lines)
+    contents = [(name, read_packets(lines, ports)) for name, read_packets in _OF_PACKETS.items()]
+    contents += [(name, read(short)) for name, read in (*FORMS.items(), ("marked", read_marked))]
+    for name, content in contents:
         if not content.entries:
             continue
         is_general = name == "marked"
@@ -142,7 +169,7 @@ def assembled(
             from_client = entry.sent is client
         is_more = before is not None and before.sent is False and entry.sent is False
         at = clock.read(entry.stamp, entry.line, step=not is_more)
-        items.append(LoggedBytes(at, entry.data or b"", entry.line, from_client, protocol))
+        items.append(LoggedBytes(at, entry.data or b"", entry.line, from_client, protocol, entry.connection))
         before = entry
     items += [_left(items, *row) for row in waiting]
     if protocol == "tcp":

@@ -30,7 +30,8 @@ _DATE = (
     r"|(?P<name>[A-Z][a-z]{2}) {1,2}(?P<nday>\d{1,2})(?:[ ,]+(?P<nyear>\d{4}))?)"
 )
 _OF_DAY = r"(?P<hours>\d{1,2}):(?P<minutes>\d{2}):(?P<seconds>\d{2}(?:[.,:]\d{1,9})?)(?: ?(?P<half>[AaPp][Mm]))?"
-_DATED = re.compile(rf"(?<![\w.]){_DATE}(?:[T@_]|,? +)?{_OF_DAY}(?: \d{{4}})?(?:Z|[+-]\d\d:?\d\d)?(?![\w])")
+_ZONE = r"(?:Z|[+-]\d\d:?\d\d)?"
+_DATED = re.compile(rf"(?<![\w.]){_DATE}(?:[T@_]|,? +)?{_OF_DAY}(?: (?P<lastyear>\d{{4}}))?{_ZONE}(?!\w)")
 _TIME = re.compile(rf"(?<![\w:.]){_OF_DAY}(?![\w:])")
 _SHORT = re.compile(r"^\s*[(\[]?(?P<minutes>\d{1,3}):(?P<seconds>\d{2}[.,]\d+)[)\]]?(?=[:;,\s]|$)")
 _SECONDS = re.compile(r"^\s*(?:[(\[]\s*(\d{1,12}(?:[.,]\d{1,9})?)\s*[)\]]|(\d{1,12}[.,]\d{1,9}))(?=[:;,\s]|$)")
@@ -78,9 +79,10 @@ def _day(found: re.Match[str]) -> int | None:
             return None
         day, month = (second, first) if second > 12 else (first, second)
     else:
-        if not found["nyear"]:
+        stated = found["nyear"] or found["lastyear"]
+        if not stated:
             return None
-        year, month, day = int(found["nyear"]), _MONTHS.get(found["name"].lower(), 0), int(found["nday"])
+        year, month, day = int(stated), _MONTHS.get(found["name"].lower(), 0), int(found["nday"])
     try:
         return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
     except ValueError:
