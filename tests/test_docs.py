@@ -8,6 +8,7 @@ block, according to the word behind its three backticks.
               any number of lines. Without lines below, its exit status must be 0. Other commands (pip, make, socat)
               are not run.
     sh        with a first line `# terminal N`: typed into a terminal by tests/test_terminals.py.
+    output    behind such a block: what its commands print, compared there.
     others    are pictures, tables, data: not run.
 
 The blocks of a file share an empty working directory, so one block can write a file that the next one reads. A block

@@ -5,6 +5,10 @@ bash on a pseudo-terminal. `until Ctrl-C` in that comment says that the last com
 first output, and presses Ctrl-C at the end of the page. Every other command must end with status 0. So a block that
 would block its terminal, needs what the page has not made yet, or hides a command behind another one is found.
 
+A block of the language `output` behind such a block is what its commands print, in the form of the `console` blocks of
+tests/test_docs.py: a line `...` stands for any number of lines. Their status is not checked then: a command that fails
+shows why. Of a command that runs until Ctrl-C, the block has the first lines.
+
 Ports and paths below /tmp are replaced by free ones: another program may have taken those that the page prints.
 """
 
@@ -23,7 +27,7 @@ from pathlib import Path
 import pytest
 
 from tests.helpers import free_port
-from tests.test_docs import PAGES, ROOT, Block, blocks, named
+from tests.test_docs import PAGES, ROOT, Block, blocks, fits, named
 
 pytestmark = pytest.mark.long
 
@@ -54,6 +58,17 @@ def typed_blocks(page: Path) -> dict[int, list[Block]]:
     return found
 
 
+def outputs(page: Path) -> dict[int, list[str]]:
+    """The lines of each block `output`, by the line of the typed block before it."""
+    found, before = {}, 0
+    for block in blocks(page.read_text(encoding="utf-8")):
+        if block.language == "output":
+            assert before, f"{page.name}:{block.line}: no block with a terminal stands before this output"
+            found[before] = block.text.splitlines()
+        before = block.line if block.language == "sh" and block.text.startswith("# terminal ") else 0
+    return found
+
+
 class Terminal:
     """A bash on a pseudo-terminal."""
 
@@ -73,6 +88,8 @@ class Terminal:
         os.close(theirs)
         self.screen = ""
         """Everything that was shown."""
+        self.output: list[str] = []
+        """The lines that the commands since the last `clear` printed."""
         self._changed = threading.Condition()
         # All terminals are read at any time, as a window is: a program whose terminal is not read stops.
         self._reader = threading.Thread(target=self._read)
@@ -81,8 +98,10 @@ class Terminal:
 
     def type(self, line: str) -> int:
         """Type a line, wait for the prompt, and return the status of the command."""
-        self.start(line)
-        return self._wait_for_prompt()
+        start = self.start(line)
+        status = self._wait_for_prompt()
+        self.output += self.printed(start)
+        return status
 
     def start(self, line: str) -> int:
         """Type a line; return where its output begins in `screen`."""
@@ -97,6 +116,11 @@ class Terminal:
         with self._changed:
             ended = self._changed.wait_for(lambda: PROMPT.search(self.screen), STAYS)
         assert not ended, f"ended at once:\n{self.screen}"
+
+    def printed(self, start: int) -> list[str]:
+        """Return the lines on the screen from `start` on, up to the next prompt, without escape sequences."""
+        text = re.split(r"\[\d+\]% ", re.sub(r"\r|\x1b\[[0-9;?]*[A-Za-z]", "", self.screen[start:]))[0]
+        return [line.rstrip() for line in text.splitlines()]
 
     def press_ctrl_c(self) -> int:
         """Interrupt the command that runs; return its status."""
@@ -143,19 +167,27 @@ def run_terminals(page: Path, folder: Path) -> dict[int, str]:
     terminals: dict[int, Terminal] = {}
     running: list[int] = []
     ports: dict[str, int] = {}
+    shown = outputs(page)
     try:
         for number, block in sorted((number, block) for number, found in typed_blocks(page).items() for block in found):
             if number not in terminals:
                 terminals[number] = Terminal(folder)
             terminal = terminals[number]
+            terminal.output.clear()
             *lines, last = on_this_machine(block.text, folder, ports).splitlines()
-            for line in lines:
-                assert terminal.type(line) == 0, terminal.screen
-            if "until Ctrl-C" in block.text.partition("\n")[0]:
-                terminal.wait_for_output(terminal.start(last))
+            runs_on = "until Ctrl-C" in block.text.partition("\n")[0]
+            for line in lines if runs_on else [*lines, last]:
+                assert terminal.type(line) == 0 or block.line in shown, terminal.screen
+            if runs_on:
+                start = terminal.start(last)
+                terminal.wait_for_output(start)
+                terminal.output += terminal.printed(start)
                 running.append(number)
-            else:
-                assert terminal.type(last) == 0, terminal.screen
+            if block.line in shown:
+                expected = on_this_machine("\n".join(shown[block.line]), folder, ports).splitlines()
+                text = "".join(f"  page  | {line}\n" for line in expected) + terminal.screen
+                whole = [*expected, "..."] if runs_on else expected
+                assert fits(whole, terminal.output), f"{page.name}:{block.line}\n{text}"
         for number in reversed(running):
             assert terminals[number].press_ctrl_c() in (0, 130), terminals[number].screen
         return {number: terminal.screen for number, terminal in terminals.items()}
@@ -195,6 +227,7 @@ def test_every_shell_block_of_the_readme_is_typed_or_says_why_not() -> None:
 @pytest.mark.parametrize(
     ("block", "reported"),
     [
+        ("# terminal 1\necho one\necho two\n```\n\n```output\none\n", "page  | one"),
         ("# terminal 1\ncat\necho reached\n", "no prompt"),
         ("# terminal 1: until Ctrl-C\necho ended\n", "ended at once"),
         ("# terminal 1\nfalse\necho reached\n", "false"),

@@ -65,7 +65,7 @@ def _list(as_json: bool) -> None:
         if as_json:
             print_json(lab.as_dict())
         else:
-            print(f"{lab.number:>2}  {lab.title:<36}  {lab.minutes} min  {lab.goal}")
+            print(f"{lab.number:>2}  {lab.title:<36}  {lab.minutes} min  docs/tutorial/{lab.page}")
     if not as_json:
         print(f"{sum(lab.minutes for lab in LABS.values()) // 60} hours in all; `barewire lab 1` shows the first one")
 

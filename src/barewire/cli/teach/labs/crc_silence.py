@@ -11,7 +11,7 @@ from barewire.rtu import decode, encode
 from barewire.rtu.crc import crc16
 from barewire.rtu.timing import Timing
 
-_DATA = bytes.fromhex("02 07")
+_DATA = bytes.fromhex("05 0A")
 _GOOD = encode(1, bytes.fromhex("04 0F B1 00 02"))
 _FLIPPED_BYTE, _FLIPPED_BIT = 3, 0x20
 _DAMAGED = bytes(byte ^ (_FLIPPED_BIT if place == _FLIPPED_BYTE else 0) for place, byte in enumerate(_GOOD))

@@ -32,16 +32,16 @@ def _tpdo2() -> CanFrame:
     return CanFrame(cob_id("TPDO2", LAB_NODE), _little("u16", _STATUS_WORD) + _little("i32", _POSITION) + bytes(2))
 
 
-def _start(answer: str) -> AnswerCheck:
+def _stop(answer: str) -> AnswerCheck:
     frame = can_frame(answer)
     try:
         message = NmtMessage.decode(frame)
     except DecodeError as error:
         return wrong(f"{error.text}; an NMT command has two bytes: the command, and the node")
-    if message.command != NmtCommand.START:
+    if message.command != NmtCommand.STOP:
         return wrong(f"command {message.command:02X}h is {explain_can(frame).summary}")
     if message.node not in (LAB_NODE, 0):
-        return wrong(f"this starts node {message.node}")
+        return wrong(f"this stops node {message.node}")
     return right(explain_can(frame).summary + (": every node on the bus" if not message.node else ""))
 
 
@@ -101,7 +101,7 @@ NMT_LAB = Lab(
     "08-nmt-heartbeat-pdo.md",
     ("barewire simulate az3 'can://socketcand/127.0.0.1:29536/can0?node=5'",),
     (
-        LabExercise("8.1", f"Which frame starts node {LAB_NODE}?", "a CAN frame", _start),
+        LabExercise("8.1", f"Which frame stops node {LAB_NODE}?", "a CAN frame", _stop),
         LabExercise("8.2", f"Node {LAB_NODE} sends {_HEARTBEAT}. In which state is it?", "the name of a state", _state),
         LabExercise(
             "8.3",

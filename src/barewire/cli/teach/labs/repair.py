@@ -11,7 +11,7 @@ from barewire.errors import BarewireError, NoAnswer
 from barewire.io.fault_injection.targets import KINDS, parse_faults
 
 _NAME = "Thyristors temperature"
-_READINGS = 8
+_READINGS = 5
 _SEEN_AS = {
     "late": "answers that come after their master has sent the next request",
     "noise": "bytes in front of answers that belong to no frame",
