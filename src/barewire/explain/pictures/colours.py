@@ -47,7 +47,7 @@ TEXT_ON: dict[str, tuple[str, ...]] = {
 
 _SHAPES = """
 {s} text{font:13px system-ui,"Segoe UI",Roboto,"DejaVu Sans",sans-serif}
-{s} .m{font-family:ui-monospace,Menlo,Consolas,"DejaVu Sans Mono",monospace}
+{s} .m{font-family:ui-monospace,Menlo,Consolas,"DejaVu Sans Mono",monospace;white-space:pre}
 {s} .s{font-size:12px}
 {s} .b{font-size:15px}
 {s} .h{font-weight:600}
@@ -58,6 +58,7 @@ _SHAPES = """
 {s} .d{stroke-dasharray:4 4}
 {s} .o{fill:none;stroke-width:1.2}
 {s} .p{fill:none;stroke-width:3.5}
+{s} .thin{stroke-width:1.8}
 """
 
 _PAINTS = """

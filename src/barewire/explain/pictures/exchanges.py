@@ -1,0 +1,146 @@
+"""Sequence diagrams of what was recorded: exchanges of Modbus, frames of a CAN bus, frames of a vector or a demo.
+
+    RequestSeen          client -> unit 1         ResponseMissing      a mark at the unit
+    ResponseSeen         unit 1 -> client         NoiseSeen            a mark at the client's line
+    SDO request, RPDO    master -> node 5         SYNC, NMT, TIME      master -> all nodes
+    SDO answer, TPDO,    node 5 -> master         error frame          a mark
+    EMCY, heartbeat
+
+A frame on CAN reaches every node; its arrow ends at the station that it is for, and for what a node sends by itself at
+the line of the master.
+
+Depends on: sequence, the sniffer's events, CAN recordings. Used by: the commands `sniff` and `vectors show`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from barewire.canopen.cob_ids import classify
+from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame
+from barewire.explain.can_monitor.monitor import CanMonitor
+from barewire.explain.canopen.frame import explain_can, explain_segment
+from barewire.explain.capture.model import Dropped, RecordedItem, Unread
+from barewire.explain.modbus.pdu import explain_pdu
+from barewire.explain.pictures.levels import frame_bytes
+from barewire.explain.pictures.sequence import SequenceMessage
+from barewire.explain.result import Explanation, FrameRole, counted
+from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.sniffer import (
+    AmbiguousFrame,
+    NoiseSeen,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    SnifferEvent,
+)
+
+CLIENT, MASTER, EVERY_NODE, EVERY_UNIT = "client", "master", "all nodes", "all units"
+
+
+def modbus_messages(events: Iterable[SnifferEvent]) -> Iterator[SequenceMessage]:
+    """Yield the messages of a Modbus line.
+
+    >>> request = RequestSeen(1, bytes.fromhex("0300000002"), 1.0)
+    >>> [(message.source, message.target) for message in modbus_messages([request])]
+    [('client', 'unit 1')]
+    """
+    for event in events:
+        match event:
+            case RequestSeen():
+                unit = f"unit {event.unit}" if event.unit or event.transaction is not None else EVERY_UNIT
+                summary = _pdu_text(event.pdu, "request")
+                yield SequenceMessage(CLIENT, unit, summary, event.pdu, event.at)
+            case ResponseSeen():
+                summary = _pdu_text(event.pdu, "response")
+                after = "" if event.seconds is None else f", after {1e3 * event.seconds:.1f} ms"
+                late = ", late: after the next request" if event.late else ""
+                unasked = ", its request was not recorded" if event.request is None else ""
+                wrong = event.late or bool(event.pdu and event.pdu[0] & EXCEPTION_BIT)
+                text = f"{summary}{after}{late}{unasked}"
+                yield SequenceMessage(f"unit {event.unit}", CLIENT, text, event.pdu, event.at, wrong)
+            case ResponseMissing():
+                unit = f"unit {event.request.unit}"
+                yield SequenceMessage(unit, "", "no answer", b"", max(event.at, event.request.at), wrong=True)
+            case AmbiguousFrame():
+                summary = _pdu_text(event.pdu, "request")
+                text = f"{summary}; seen once: the request or its echo"
+                yield SequenceMessage(CLIENT, f"unit {event.unit}", text, event.pdu, event.at)
+            case NoiseSeen():
+                yield SequenceMessage(CLIENT, "", f"noise: {event.noise.text}", event.noise.data, event.at, wrong=True)
+
+
+def can_messages(items: Iterable[RecordedItem], bus: str | None = None) -> Iterator[SequenceMessage]:
+    """Yield the messages of a recording of a CAN bus, of one `bus` if it has several.
+
+    >>> from barewire.explain.capture.model import Recorded
+    >>> frames = [Recorded(0.1, "can0", CanFrame.parse(text)) for text in ("000#0105", "705#05")]
+    >>> [(message.source, message.target, message.text) for message in can_messages(frames)]
+    [('master', 'node 5', 'NMT: start, node 5'), ('node 5', 'master', 'error control from node 5: operational')]
+    """
+    explainer = FrameExplainer()
+    for item in items:
+        if isinstance(item, Unread):
+            yield SequenceMessage(MASTER, "", f"line {item.line} cannot be read: {item.why}", b"", item.at, wrong=True)
+        elif bus not in (None, item.bus):
+            continue
+        elif isinstance(item, Dropped):
+            lost = counted(item.frames, "frame") if item.frames else "frames"
+            yield SequenceMessage(MASTER, "", f"the recorder lost {lost}", b"", item.at, wrong=True)
+        else:
+            yield explainer.message(item.frame, item.at)
+
+
+class FrameExplainer:
+    """Explains CAN frames in their order: after the beginning of a block transfer some are segments."""
+
+    def __init__(self) -> None:
+        self._monitor = CanMonitor()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self._monitor!r}>"
+
+    def message(self, frame: AnyFrame, at: float) -> SequenceMessage:
+        """Return the message of a frame."""
+        if not isinstance(frame, CanFrame):
+            wrong = isinstance(frame, ErrorFrame)
+            return SequenceMessage(MASTER, "", _summary(explain_can(frame)), frame.data, at, wrong)
+        segment = self._monitor.takes_segment(frame)
+        explanation = explain_segment(frame) if segment else explain_can(frame)
+        self._monitor.feed(frame, at)
+        source, target = can_stations(frame)
+        return SequenceMessage(source, target, _summary(explanation), frame.data, at, not explanation.valid)
+
+
+def can_stations(frame: CanFrame) -> tuple[str, str]:
+    """Return who sends a frame and for whom it is, by the predefined connection set; no target if it is not in it.
+
+    >>> can_stations(CanFrame.parse("605#40")), can_stations(CanFrame.parse("080#"))
+    (('master', 'node 5'), ('master', 'all nodes'))
+    """
+    found = classify(frame)
+    if found is None:
+        return MASTER, ""
+    service, node = found
+    if service.name == "NMT":
+        named = frame.data[1] if len(frame.data) > 1 else 0
+        return MASTER, f"node {named}" if named else EVERY_NODE
+    if service.from_device:
+        return (f"node {node}" if node else EVERY_NODE), MASTER
+    return MASTER, f"node {node}" if node else EVERY_NODE
+
+
+def explained_messages(frames: Iterable[tuple[str, str, Explanation]]) -> Iterator[SequenceMessage]:
+    """Yield the messages of frames that are explained already: source, target, explanation."""
+    for source, target, explanation in frames:
+        data = bytes(byte for byte, _ in frame_bytes(explanation))
+        yield SequenceMessage(source, target, _summary(explanation), data, None, not explanation.valid)
+
+
+def _summary(explanation: Explanation) -> str:
+    return explanation.summary if explanation.valid and explanation.summary else explanation.verdict
+
+
+def _pdu_text(pdu: bytes, role: FrameRole) -> str:
+    parsed = explain_pdu(pdu, role)
+    return parsed.summary if parsed.error is None else f"{parsed.summary}: {parsed.error.text}"
