@@ -11,6 +11,10 @@ The files in reading order:
     levels       the levels of characters on a serial line
     can_frame    the bits of a CAN frame
     frames       the pictures of one frame
+    registers    a 32-bit value in two registers, in four orders
+    states       the state machine of CiA 402 with the path of a drive
+    sequence     a sequence diagram
+    exchanges    sequence diagrams of recordings
 
-Depends on: result, wire, rtu. No ports, files or clocks. Used by: cli, the explorer, tests.
+Depends on: result, wire, canopen, modbus, can_monitor, devices, rtu. No ports, files or clocks. Used by: cli, the explorer, tests.
 """
