@@ -11,6 +11,9 @@ from xml.etree import ElementTree
 import pytest
 
 from barewire.cli.vectors.frames import frames_of_case
+from barewire.cli.vectors.picture import pictures_of_case
+from barewire.errors import BarewireError
+from barewire.explain.pictures.picture import as_svg
 from barewire.vectors.files import load_vectors
 from tests.cli.helpers import output_of, run_here
 
@@ -26,6 +29,23 @@ def test_a_case_of_every_kind_is_shown(kind: str) -> None:
     assert f"\nkind {kind}, " in shown
     assert f'\n> {{"id": "{FIRST[kind]}.' in shown
     assert "failed" not in shown.splitlines()[-1]
+
+
+@pytest.mark.parametrize("kind", FIRST)
+def test_every_case_with_frames_has_a_picture(kind: str) -> None:
+    file, case = VECTORS.find(FIRST[kind])
+    if not [*frames_of_case(file.kind, case)] and not kind.startswith("drive-"):
+        with pytest.raises(BarewireError, match=f"a case of kind {kind} has no frames"):
+            pictures_of_case(file.kind, case)
+        return
+    for picture in pictures_of_case(file.kind, case):
+        ElementTree.fromstring(as_svg(picture))
+
+
+def test_an_exchange_as_svg_and_as_html() -> None:
+    assert ElementTree.fromstring(output_of("vectors", "show", "sdo-blocks-1", "--format", "svg")).get("role") == "img"
+    assert "State machine of CiA 402" in output_of("vectors", "show", "drive-states-1", "--format", "html")
+    assert output_of("vectors", "show", "lrc-1", "--format", "json") == output_of("vectors", "show", "lrc-1", "--json")
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from barewire.explain.capture.model import Recorded
 from barewire.explain.pictures.exchanges import (
     can_messages,
     can_stations,
-    explained_messages,
+    explained_message,
     modbus_messages,
 )
 from barewire.explain.pictures.picture import as_html, as_svg
@@ -104,7 +104,7 @@ def test_who_sends_a_can_frame(frame: str, stations: tuple[str, str]) -> None:
 
 def test_explained_frames_have_no_times() -> None:
     frame = explain("rtu", bytes.fromhex("01 03 00 00 00 02 C4 0B"))
-    picture = SequencePicture("a vector", explained_messages([("client", "unit 1", frame)]))
+    picture = SequencePicture("a vector", [explained_message("client", "unit 1", frame)])
     assert "times are not known" in picture.caption
     assert picture.messages[0].data == bytes.fromhex("01 03 00 00 00 02 C4 0B")
     check(picture)

@@ -15,7 +15,7 @@ from barewire.explain.pictures.states import (
     STEPS_DRAWN,
     DriveWord,
     StatesPicture,
-    drive_path,
+    state_path,
     transitions_between,
 )
 from tests.explain.pictures.checks import check, svg_texts
@@ -32,7 +32,7 @@ def test_all_seventeen_transitions_and_eight_states_are_drawn() -> None:
 
 
 def test_the_path_of_a_drive_that_is_enabled() -> None:
-    steps = drive_path(status(0x0250, 0x0231, 0x0233, 0x0237))
+    steps = state_path(status(0x0250, 0x0231, 0x0233, 0x0237))
     assert [step.taken for step in steps] == [(), (2,), (3,), (4,)]
     assert all(step.sure for step in steps)
     svg = as_svg(StatesPicture(status(0x0250, 0x0231, 0x0233, 0x0237)))
@@ -42,33 +42,33 @@ def test_the_path_of_a_drive_that_is_enabled() -> None:
 def test_each_single_transition_is_found() -> None:
     for row in TRANSITIONS:
         words = [STATUS_PATTERNS[state][1] for state in (row.source, row.target)]
-        assert drive_path(status(*words))[1].taken == (row.number,)
+        assert state_path(status(*words))[1].taken == (row.number,)
     for state in State:
         if state not in (State.FAULT, State.FAULT_REACTION_ACTIVE):
             assert transitions_between(state, State.FAULT_REACTION_ACTIVE) == (13,)
 
 
 def test_a_jump_is_not_called_sure() -> None:
-    step = drive_path(status(0x0250, 0x0237))[1]
+    step = state_path(status(0x0250, 0x0237))[1]
     assert (step.taken, step.sure) == ((2, 3, 4), False)
     assert "no status word shows it" in step.text
     assert "transition 3, on the way" in as_svg(StatesPicture(status(0x0250, 0x0237)))
 
 
 def test_no_way_back_to_power_on() -> None:
-    step = drive_path(status(0x0237, 0x0000))[1]
+    step = state_path(status(0x0237, 0x0000))[1]
     assert step.state is State.NOT_READY_TO_SWITCH_ON
     assert step.taken == ()
 
 
 def test_fault_reset_is_an_edge() -> None:
-    steps = drive_path([DriveWord("control", 0x80), DriveWord("control", 0x80)])
+    steps = state_path([DriveWord("control", 0x80), DriveWord("control", 0x80)])
     assert [step.command for step in steps] == [DriveCommand.FAULT_RESET, None]
     assert [step.text for step in steps] == ["fault reset", "no command"]
 
 
 def test_a_word_in_a_transition_keeps_the_state_before() -> None:
-    steps = drive_path(status(0x0231, 0x0001, 0x0233))
+    steps = state_path(status(0x0231, 0x0001, 0x0233))
     assert [step.state for step in steps] == [State.READY_TO_SWITCH_ON, None, State.SWITCHED_ON]
     assert steps[2].taken == (3,)
 
@@ -76,7 +76,7 @@ def test_a_word_in_a_transition_keeps_the_state_before() -> None:
 @pytest.mark.parametrize("word", [-1, 0x10000])
 def test_a_word_has_sixteen_bits(word: int) -> None:
     with pytest.raises(EncodeError, match=r"expected 0\.\.FFFFh"):
-        drive_path(status(word))
+        state_path(status(word))
 
 
 @given(st.lists(st.tuples(st.sampled_from(["status", "control"]), st.integers(0, 0xFFFF)), max_size=20))

@@ -11,7 +11,16 @@ from typing import Any
 
 import click
 
-from barewire.cli.arguments import CommandGroup, EndedBySignal, Seconds, ended_by_signals, json_option, print_json
+from barewire.cli.arguments import (
+    CommandGroup,
+    EndedBySignal,
+    Seconds,
+    ended_by_signals,
+    format_option,
+    json_option,
+    output_form,
+    print_json,
+)
 from barewire.cli.vectors.report import Progress, nothing_asked, print_checked, summary_fields, table, write_junit
 from barewire.cli.vectors.show import shown_case
 from barewire.errors import EncodeError
@@ -88,15 +97,23 @@ def list_command(
 @click.argument("case_id", metavar="ID")
 @folder_option
 @json_option
-def show_command(case_id: str, folder: Path | None, as_json: bool) -> int:
+@format_option
+def show_command(case_id: str, folder: Path | None, as_json: bool, form: str | None) -> int:
     """Show the case ID: its fields, its frames byte by byte, and the questions that it asks, with our answers.
 
     \b
     barewire vectors show crc16-1
+    barewire vectors show sdo-blocks-1 --format svg
     """
+    form = output_form(form, as_json=as_json)
     vectors = load_vectors(folder)
     file, case = vectors.find(case_id)
-    if as_json:
+    if form in ("html", "svg"):
+        from barewire.cli.vectors.picture import pictures_of_case
+        from barewire.explain.pictures.picture import rendered
+
+        print(rendered(form, *pictures_of_case(file.kind, case)), end="")
+    elif form == "json":
         questions = [question.as_json() for question in vectors.questions(file, case)]
         print_json({"file": file.name, "kind": file.kind, "case": case, "questions": questions})
     else:

@@ -15,6 +15,8 @@ The files in reading order:
     states       the state machine of CiA 402 with the path of a drive
     sequence     a sequence diagram
     exchanges    sequence diagrams of recordings
+    drive_words  the status words and control words in a recording
 
-Depends on: result, wire, canopen, modbus, can_monitor, devices, rtu. No ports, files or clocks. Used by: cli, the explorer, tests.
+Depends on: result, wire, canopen, modbus, capture, can_monitor, devices. No ports, files or clocks. Used by: cli, the
+explorer, tests.
 """

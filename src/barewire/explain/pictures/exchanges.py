@@ -38,13 +38,18 @@ from barewire.modbus.sniffer import (
 CLIENT, MASTER, EVERY_NODE, EVERY_UNIT = "client", "master", "all nodes", "all units"
 
 
-def modbus_messages(events: Iterable[SnifferEvent]) -> Iterator[SequenceMessage]:
-    """Yield the messages of a Modbus line.
+def modbus_messages(events: Iterable[SnifferEvent], *, timed: bool = True) -> Iterator[SequenceMessage]:
+    """Yield the messages of a Modbus line; those of a log without times are not `timed`.
 
     >>> request = RequestSeen(1, bytes.fromhex("0300000002"), 1.0)
     >>> [(message.source, message.target) for message in modbus_messages([request])]
     [('client', 'unit 1')]
     """
+    for message in _modbus_messages(events, timed=timed):
+        yield message if timed else message._replace(at=None)
+
+
+def _modbus_messages(events: Iterable[SnifferEvent], *, timed: bool) -> Iterator[SequenceMessage]:
     for event in events:
         match event:
             case RequestSeen():
@@ -53,7 +58,7 @@ def modbus_messages(events: Iterable[SnifferEvent]) -> Iterator[SequenceMessage]
                 yield SequenceMessage(CLIENT, unit, summary, event.pdu, event.at)
             case ResponseSeen():
                 summary = _pdu_text(event.pdu, "response")
-                after = "" if event.seconds is None else f", after {1e3 * event.seconds:.1f} ms"
+                after = "" if event.seconds is None or not timed else f", after {1e3 * event.seconds:.1f} ms"
                 late = ", late: after the next request" if event.late else ""
                 unasked = ", its request was not recorded" if event.request is None else ""
                 wrong = event.late or bool(event.pdu and event.pdu[0] & EXCEPTION_BIT)
@@ -130,11 +135,10 @@ def can_stations(frame: CanFrame) -> tuple[str, str]:
     return MASTER, f"node {node}" if node else EVERY_NODE
 
 
-def explained_messages(frames: Iterable[tuple[str, str, Explanation]]) -> Iterator[SequenceMessage]:
-    """Yield the messages of frames that are explained already: source, target, explanation."""
-    for source, target, explanation in frames:
-        data = bytes(byte for byte, _ in frame_bytes(explanation))
-        yield SequenceMessage(source, target, _summary(explanation), data, None, not explanation.valid)
+def explained_message(source: str, target: str, explanation: Explanation) -> SequenceMessage:
+    """Return the message of a frame that is explained already; its time is not known."""
+    data = bytes(byte for byte, _ in frame_bytes(explanation))
+    return SequenceMessage(source, target, _summary(explanation), data, None, not explanation.valid)
 
 
 def _summary(explanation: Explanation) -> str:

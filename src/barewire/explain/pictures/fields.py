@@ -42,8 +42,9 @@ class FieldsPicture(Picture):
 
     kind = "fields"
 
-    def __init__(self, explanation: Explanation) -> None:
+    def __init__(self, explanation: Explanation, name: str = "") -> None:
         self.explanation = explanation
+        self.name = name or f"{explanation.protocol.upper()} frame"
 
     @property
     def title(self) -> str:
@@ -54,7 +55,7 @@ class FieldsPicture(Picture):
             return f"CAN frame {explanation.fields[0].hex if explanation.fields else ''}, {counted(size)}"
         unit = "character" if explanation.protocol == "ascii" else "byte"
         size = max((field.offset + field.length for field in explanation.fields), default=0)
-        return f"{explanation.protocol.upper()} frame, {counted(size, unit)}"
+        return f"{self.name}, {counted(size, unit)}"
 
     @property
     def caption(self) -> str:

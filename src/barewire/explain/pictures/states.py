@@ -103,10 +103,10 @@ class DriveStep(NamedTuple):
         return f"{self.state.value}; the shortest way is {numbers}, no status word shows it"
 
 
-def drive_path(words: Iterable[DriveWord]) -> list[DriveStep]:
+def state_path(words: Iterable[DriveWord]) -> list[DriveStep]:
     """Return the states, commands and transitions in status words and control words, in their order.
 
-    >>> [step.taken for step in drive_path(DriveWord("status", word) for word in (0x250, 0x231, 0x237))]
+    >>> [step.taken for step in state_path(DriveWord("status", word) for word in (0x250, 0x231, 0x237))]
     [(), (2,), (3, 4)]
 
     Raises EncodeError for a word that does not fit in 16 bits.
@@ -168,7 +168,7 @@ class StatesPicture(Picture):
     kind = "states"
 
     def __init__(self, words: Iterable[DriveWord], name: str = "") -> None:
-        self.steps = drive_path(words)
+        self.steps = state_path(words)
         self.name = name
 
     @property
