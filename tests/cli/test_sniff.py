@@ -274,3 +274,19 @@ def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     assert done.returncode == 1
     log.write_bytes(b"LOGG")
     assert "UNREAD" in output_of("sniff", str(log))
+
+
+def test_a_recording_as_svg_html_text_and_json(tmp_path: Path) -> None:
+    log = tmp_path / "line.log"
+    log.write_text(f"1.0 {rtu_frame(1, READ).hex(' ')}\n1.01 {rtu_frame(1, VALUES).hex(' ')}\n")
+    assert "unit 1" in output_of("sniff", str(log), "--format", "svg")
+    assert "after 10.0 ms" in output_of("sniff", str(log), "--format", "html")
+    assert output_of("sniff", str(log), "--format", "json") == output_of("sniff", str(log), "--json")
+    assert "1.000000    |-------------->|" in output_of("sniff", str(log), "--picture", "sequence")
+
+
+def test_the_states_of_a_drive_in_a_recording(tmp_path: Path) -> None:
+    log = tmp_path / "bus.log"
+    log.write_text("(1.0) can0 605#4041600000000000\n(1.1) can0 585#4B41600031020000\n")
+    assert "status  0231h   ready to switch on" in output_of("sniff", str(log), "--picture", "states")
+    assert "no status word" in error_of("sniff", str(log), "--picture", "states", "--device", "az3", "--node", "6")

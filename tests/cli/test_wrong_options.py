@@ -95,6 +95,11 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("simulate", "csd-mt", "tcp://127.0.0.1:0", "--world", "wals=-1:1"), "did you mean 'walls'?"),
     (("simulate", "table", "tcp://127.0.0.1:0", "--world", "line=0"), "a table has no environment"),
     (("simulate", "table", "tcp://127.0.0.1:0", "--set", "a=0"), "a table has no named values"),
+    (("sniff", "tcp://127.0.0.1:1502", "--format", "svg"), "--format svg draws a recording"),
+    (("sniff", "tcp://127.0.0.1:1502", "--picture", "states"), "--picture states draws a recording"),
+    (("sniff", "bus.log", "--format", "html", "--write", "out.pcapng"), "--write is for frames"),
+    (("sniff", "bus.log", "--picture", "state"), "did you mean 'states'?"),
+    (("vectors", "show", "lrc-1", "--format", "svg"), "a case of kind lrc has no frames that can be drawn"),
     # explain
     (("explain", "rtx", "01"), "did you mean 'rtu'"),
     (("explain", "rtu", "0G"), "'G' at 1 is not a hexadecimal digit"),

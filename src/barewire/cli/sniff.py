@@ -13,12 +13,15 @@ from typing import Self
 import click
 
 from barewire.cli.arguments import (
+    Choice,
     Seconds,
     check_not_overwritten,
     file_content,
+    format_option,
     json_option,
     known_nodes,
     nodes_option,
+    output_form,
     ports_option,
     print_json,
     protocol_option,
@@ -41,6 +44,8 @@ from barewire.explain.capture.modbus_replay import Replayed, SerialProtocol, rep
 from barewire.explain.capture.model import Recorded, RecordedItem, Unread
 from barewire.explain.capture.pcapng import file_header, packet_block
 from barewire.explain.modbus.exchange_text import ExchangeLines, exchange_as_dict
+from barewire.explain.pictures.picture import rendered
+from barewire.explain.pictures.recordings import RecordingOptions, recording_picture
 from barewire.io.canopen.bus.capture import listen_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
@@ -84,6 +89,8 @@ _LIVE_BUS = "can0"
 @click.option("--only", multiple=True, metavar="KIND", help="CAN: only events such as sdo, pdo, violation, gap.")
 @click.option("--complete", is_flag=True, help="CAN: no frame is missing in the recording: a gap is a violation.")
 @click.option("--all", "everything", is_flag=True, help="CAN: also every heartbeat, SYNC and unchanged PDO.")
+@format_option
+@click.option("--picture", type=Choice(["sequence", "states"]), help="Of a FILE: its messages, or a drive's states.")
 def sniff_command(
     source: str,
     as_json: bool,
@@ -98,6 +105,8 @@ def sniff_command(
     only: tuple[str, ...],
     complete: bool,
     everything: bool,
+    form: str | None,
+    picture: str | None,
 ) -> None:
     """Decode the traffic of a line or bus; send nothing.
 
@@ -114,7 +123,13 @@ def sniff_command(
     wireshark -o mbrtu.udp.port:5020 bus.pcapng
     barewire sniff bus.pcapng --json
     barewire sniff can://socketcan/can0 --device az3 --node 5 --write can.log
+    barewire sniff bus.pcapng --format svg > exchange.svg
     """
+    form = output_form(form, as_json=as_json)
+    as_json, is_drawn = form == "json", picture is not None or form in ("html", "svg")
+    if is_drawn and ("://" in source or write is not None):
+        drawn = f"--picture {picture}" if picture is not None else f"--format {form}"
+        raise EncodeError(f"{drawn} draws a recording: {'--write is for frames' if write else f'{source} is none'}")
     endpoint = Endpoint.parse(source) if "://" in source else None
     for kind in only:
         if kind not in EVENT_KINDS.values():
@@ -136,6 +151,15 @@ def sniff_command(
         refuse_for_line(source, ports, protocol)
     if write is not None:
         _check_ending(write, is_can)
+    if is_drawn:
+        known, number = known_nodes(devices, nodes), nodes[0] if nodes else None
+        options = RecordingOptions(bus, window or WINDOW, MODBUS_PORTS | set(ports), protocol)
+        try:
+            drawing = recording_picture(Path(source).name, data, picture, options, known=known, number=number)
+        except DecodeError as error:
+            raise BarewireError(f"{source}: {error.text}; expected {_FORMATS}") from None
+        print(rendered(form, drawing), end="")
+        return
     with ExitStack() as stack:
         if is_can:
             known = known_nodes(devices, nodes)

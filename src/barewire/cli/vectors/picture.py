@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 
 from barewire.canopen.frame import CanFrame
 from barewire.cli.vectors.frames import FrameOfCase, frames_of_case
-from barewire.errors import BarewireError
+from barewire.errors import EncodeError
 from barewire.explain import Explanation
 from barewire.explain.pictures.exchanges import CLIENT, MASTER, can_stations, explained_message
 from barewire.explain.pictures.fields import FieldsPicture
@@ -27,13 +27,13 @@ _WHOLE = ("rtu-frame", "ascii-frame", "tcp-frame")
 
 
 def pictures_of_case(kind: str, case: Case) -> list[Picture]:
-    """Return the pictures of a case, the most telling first. Raise BarewireError for a case without any."""
+    """Return the pictures of a case, the most telling first. Raise EncodeError for a case without any."""
     words = [*_drive_words(kind, case)]
     if words:
         return [StatesPicture(words, str(case["id"]))]
     frames = [*frames_of_case(kind, case)]
     if not frames:
-        raise BarewireError(f"{case['id']}: a case of kind {kind} has no frames that can be drawn")
+        raise EncodeError(f"{case['id']}: a case of kind {kind} has no frames that can be drawn")
     if len(frames) > 1:
         return [SequencePicture(f"{case['id']}: {kind}", _messages(frames), [CLIENT, MASTER])]
     explanation = frames[0].explanation

@@ -16,6 +16,7 @@ The files in reading order:
     sequence     a sequence diagram
     exchanges    sequence diagrams of recordings
     drive_words  the status words and control words in a recording
+    recordings   the picture of a recording
 
 Depends on: result, wire, canopen, modbus, capture, can_monitor, devices. No ports, files or clocks. Used by: cli, the
 explorer, tests.

@@ -16,7 +16,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.devices.device import Device, drive_roles
 from barewire.devices.drive.cia402 import command_of, state_of
 from barewire.devices.parameter import ModbusAt
-from barewire.errors import BarewireError, DecodeError
+from barewire.errors import DecodeError
 from barewire.explain.can_monitor.events import SdoTransferReport
 from barewire.explain.can_monitor.monitor import CanMonitor
 from barewire.explain.can_monitor.recording import BusMonitors
@@ -147,18 +147,3 @@ def _written(request: RequestSeen, place: ModbusAt) -> int | None:
     single = getattr(request.message, "value", None)
     registers = getattr(request.message, "registers", ()) if single is None else (single,)
     return int(registers[place.address - first]) if 0 <= place.address - first < len(registers) else None
-
-
-def words_of_drive(
-    drives: dict[int, DriveWords], number: int | None, station: str, source: str
-) -> tuple[str, list[DriveWord]]:
-    """Return the name and the words of one drive: of `number`, or of the first with a status word.
-
-    Raises BarewireError if the recording has no words of it.
-    """
-    chosen = [place for place in drives if number in (None, place)]
-    shown = [place for place in chosen if any(word.kind == "status" for word in drives[place].kept)] or chosen
-    if not shown:
-        whom = f" of {station} {number}" if number is not None else ""
-        raise BarewireError(f"{source}: no status word or control word{whom} of a CiA 402 drive is in it")
-    return f"{station} {shown[0]}", drives[shown[0]].kept
