@@ -117,3 +117,42 @@ def test_a_recording_has_no_picture_of_a_frame(tmp_path: Path) -> None:
         assert "it is a recording" in error_of("explain", "can", str(tmp_path / "bus.log"), *option, status=2)
     rows = output_of("explain", "can", str(tmp_path / "bus.log"), "--format", "json").splitlines()
     assert all(json.loads(row) for row in rows)
+
+
+def test_a_damaged_frame_has_its_diagnosis_as_text_and_as_json() -> None:
+    rows = output_of("explain", "rtu", "01 03 00 00 00 0A CD C5").splitlines()
+    assert rows[-1] == (
+        "diagnosis: the two CRC bytes are exchanged; the low byte goes first [crc-swapped]: "
+        "01 03 00 00 00 0A C5 CD is a request to unit 1, Read Holding Registers, 10 from 0000h; CRC ok"
+    )
+    (found,) = json.loads(output_of("explain", "rtu", "01 03 00 00 00 0A CD C5", "--json"))["diagnosis"]
+    assert list(found) == ["code", "text", "proof"]
+    assert json.loads(output_of("explain", "rtu", "01 03 00 00 00 0A C5 CD", "--json"))["diagnosis"] == []
+
+
+def test_a_response_is_compared_with_its_request() -> None:
+    request = ("--request", "01 03 00 04 00 02 85 CA")
+    assert "unit 2 answers, and unit 1 was asked [wrong-answer]" in output_of(
+        "explain", "rtu", "02 83 02 30 F1", *request
+    )
+    floats = output_of("explain", "rtu", "01 03 04 00 00 42 48 CA A5", *request, "--floats", "f32")
+    assert "50 in CDAB [word-order]" in floats
+    known = output_of("explain", "rtu", "01 03 04 42 48 00 00 6E 5D", *request, "--device", "az3")
+    assert "SPIDAC CHANNEL 1 SCALE is 2.37772e-41 in the order CDAB, and 50 in ABCD" in known
+    address = output_of("explain", "rtu", "01 83 02 C0 F1", "--request", "01 03 9C 41 00 01 FA 4E")
+    assert "9C41h is 40001" in address
+
+
+def test_wrong_uses_of_a_request() -> None:
+    request = ("--request", "01 03 00 04 00 02 85 CA")
+    answer = ("explain", "rtu", "01 83 02 C0 F1")
+    for options, words in (
+        (("--floats", "f32"), "--floats needs --request"),
+        (("--device", "az3"), "--device is for can, or for a response with its --request"),
+        ((*request, "--role", "request"), "with --request the frame is the response"),
+        ((*request, "--node", "5", "--device", "az3"), "--request needs one --device, and no --node"),
+        ((*request, "--device", "az3", "--floats", "f32"), "--floats: the --device has its own types"),
+        (("--request", "0G"), "'G' at 1 is not a hexadecimal digit"),
+    ):
+        assert words in error_of(*answer, *options, status=2)
+    assert "expected rtu, ascii or tcp" in error_of("explain", "can", "605#40", "--request", "605#40", status=2)

@@ -18,7 +18,7 @@ from barewire.cli.arguments import (
     print_json,
 )
 from barewire.errors import BarewireError, DecodeError, EncodeError
-from barewire.explain import Explanation, explain_text
+from barewire.explain import Explanation, explain_exchange, explain_text
 from barewire.explain.can_monitor import CanMonitor, event_as_dict, event_line
 from barewire.explain.can_monitor.events import Gap, Loss, Violation
 from barewire.explain.can_monitor.pdos import PdoTracker
@@ -35,8 +35,14 @@ from barewire.explain.diagnosis.can import explain_diagnosed_can
 @click.argument("frame", nargs=-1, required=True, metavar="HEX")
 @click.option("--check", is_flag=True, help="Exit with status 1 if the frame is not valid.")
 @click.option("--role", type=Choice(["request", "response"]), help="The direction; guessed if not given.")
+@click.option("--request", metavar="HEX", help="Modbus: the request that the frame answers.")
+@click.option("--floats", type=Choice(["f32", "f64"]), help="With --request: the type of all values.")
 @click.option(
-    "--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: the device of a node, for PDO names."
+    "--device",
+    "devices",
+    multiple=True,
+    metavar="NAME|EDS",
+    help="CAN: the device of a node, for PDO names. With --request: that of the unit, for its addresses and floats.",
 )
 @nodes_option
 @json_option
@@ -50,6 +56,8 @@ def explain_command(
     check: bool,
     devices: tuple[str, ...],
     nodes: tuple[int, ...],
+    request: str | None,
+    floats: str | None,
     form: str | None,
     picture: str | None,
 ) -> int:
@@ -62,6 +70,7 @@ def explain_command(
     \b
     barewire explain rtu "01 04 0F B1 00 02 22 F8"
     barewire explain rtu "01 04 04 00 00 01 10 3B C3" --role response
+    barewire explain rtu "01 83 02 C0 F1" --request "01 03 9C 41 00 01 FA 4E"
     barewire explain ascii ":01040FB1000239"
     barewire explain can "605#4041600000000000"
     barewire explain can "185#3706000000000000" --device az3 --node 5
@@ -75,11 +84,15 @@ def explain_command(
             option = f"--format {form}" if picture is None else "--picture"
             raise EncodeError(f"{option} is for one frame, which {frame[0]} is not: it is a recording")
         return _explain_recording(frame[0], devices, nodes, as_json=form == "json", check=check)
-    known = known_nodes(devices, nodes)
-    if known and protocol != "can":
-        raise EncodeError("--device is for can only")
+    if floats is not None and request is None:
+        raise EncodeError("--floats needs --request: a request says where the values begin")
+    if protocol != "can" and devices and request is None:
+        raise EncodeError("--device is for can, or for a response with its --request")
+    known = known_nodes(devices, nodes) if request is None else []
     try:
-        if known:
+        if request is not None:
+            explanation = _explain_exchange(protocol, " ".join(frame), request, role, devices, nodes, floats)
+        elif known:
             dialects = {node.node: node.commands for node in known}
             explanation = explain_diagnosed_can(parse_any_can(" ".join(frame)), PdoTracker(tuple(known)), dialects)
         else:
@@ -95,6 +108,27 @@ def explain_command(
     else:
         print("\n".join(explanation.lines()))
     return int(check and not explanation.valid)
+
+
+def _explain_exchange(
+    protocol: str,
+    response: str,
+    request: str,
+    role: str | None,
+    devices: tuple[str, ...],
+    nodes: tuple[int, ...],
+    floats: str | None,
+) -> Explanation:
+    """Explain a response to a request."""
+    from barewire.devices import load
+
+    if role == "request":
+        raise EncodeError("--role request: with --request the frame is the response")
+    if nodes or len(devices) > 1:
+        raise EncodeError("--request needs one --device, and no --node: the unit is in the request")
+    if devices and floats is not None:
+        raise EncodeError("--floats: the --device has its own types; give one of the two")
+    return explain_exchange(protocol, request, response, device=load(devices[0]) if devices else None, floats=floats)
 
 
 def _print_picture(explanation: Explanation, text: str, form: str, name: str | None) -> None:

@@ -29,13 +29,14 @@ order:
 Depends on: modbus, canopen, rtu, ascii, tcp, devices. No ports, files or clocks. Used by: io, cli, bench, tests.
 """
 
-from barewire.explain.api import explain, explain_text
+from barewire.explain.api import explain, explain_exchange, explain_text
 from barewire.explain.findings import DiagnosisCode, Finding
 from barewire.explain.result import ExplainedField, Explanation, FrameRole, Problem, ProtocolName
 
 __all__ = [
     "explain",
     "explain_text",
+    "explain_exchange",
     "Explanation",
     "ExplainedField",
     "Problem",

@@ -1,4 +1,5 @@
-"""The two functions of this package: `explain` for a frame in bytes, `explain_text` for a frame as text.
+"""The functions of this package: `explain` for a frame in bytes, `explain_text` for a frame as text, and
+`explain_exchange` for a response with its request.
 
 Depends on: the rooms for Modbus, CANopen and input. Used by: `barewire.explain`.
 """
@@ -10,10 +11,13 @@ from dataclasses import replace
 from typing import get_args
 
 from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
+from barewire.devices import Device
 from barewire.errors import DecodeError, EncodeError
 from barewire.explain.canopen.frame import explain_can
 from barewire.explain.capture.can_text import parse_any_can
 from barewire.explain.diagnosis.can import explain_diagnosed_can
+from barewire.explain.diagnosis.modbus.exchange import ExpectedValue, decoded, diagnose_exchange
+from barewire.explain.diagnosis.modbus.expected import addresses_of_table, expected_values, float_values
 from barewire.explain.diagnosis.modbus.frame import with_diagnosis
 from barewire.explain.diagnosis.modbus.good import good_ascii
 from barewire.explain.input.text import parse_ascii, parse_hex
@@ -69,6 +73,42 @@ def explain_text(protocol: str, text: str, role: str | None = None) -> Explanati
     except DecodeError as error:
         other = _other(protocol, text, checked)
         raise DecodeError(error.reason, error.data, error.at, error.text + other) if other else error from None
+
+
+def explain_exchange(
+    protocol: str, request: str, response: str, *, device: Device | None = None, floats: str | None = None
+) -> Explanation:
+    """Explain a pasted response to a pasted request: its diagnosis says what does not fit the request.
+
+    >>> explain_exchange("rtu", "01 03 00 00 00 01 84 0A", "02 03 02 00 07 BD 86").diagnosis[0].text
+    'unit 2 answers, and unit 1 was asked'
+
+    With the `device` its addresses are known, and the orders in which it sends 32-bit values. `floats` is "f32" or
+    "f64": all registers of the response are floats of that type.
+
+    Raises DecodeError for a text that cannot be read, EncodeError for the protocol can.
+    """
+    if protocol == "can":
+        raise EncodeError("a request and its response: expected rtu, ascii or tcp, not can", "protocol")
+    explanation = explain_text(protocol, response, "response")
+    framing = explanation.protocol
+    sent, answered = _typed_bytes(protocol, request), _typed_bytes(protocol, response)
+    values, known = list[ExpectedValue](), frozenset[int]()
+    try:
+        pdu = decoded(framing, sent).pdu
+    except DecodeError:
+        pdu = b""
+    if floats is not None:
+        values = float_values(floats, pdu)
+    elif device is not None and pdu:
+        values, known = expected_values(device, pdu), addresses_of_table(device, pdu)
+    found = diagnose_exchange(framing, sent, answered, values, known)
+    return replace(explanation, diagnosis=(*found, *explanation.diagnosis))
+
+
+def _typed_bytes(protocol: str, text: str) -> bytes:
+    characters = parse_ascii(text)
+    return characters if protocol == "ascii" or characters.startswith(b":") else parse_hex(text)
 
 
 def _typed_ascii(text: str, characters: bytes, role: FrameRole | None) -> Explanation:

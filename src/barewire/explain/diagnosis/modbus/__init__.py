@@ -9,6 +9,8 @@
     rtu            the trials of an RTU frame, in their order
     ascii, tcp     those of the other two framings
     frame          the diagnosis of one frame in any framing
+    exchange       a response and its request
+    expected       what a request asks a known device for
 
-Depends on: findings, explain.modbus, wire, modbus, rtu, ascii, tcp. Used by: api.
+Depends on: findings, explain.modbus, wire, modbus, devices, rtu, ascii, tcp. Used by: api.
 """
