@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from contextlib import suppress
 from pathlib import Path
 from textwrap import wrap
 
 import click
 
-from barewire.cli.arguments import Choice, json_option, print_json
+from barewire.cli.arguments import Choice, ended_by_signals, json_option, print_json
 from barewire.cli.teach.labs import LABS
 from barewire.cli.teach.labs.faulty_line import LIVE_FAULTS, LIVE_SEED, LIVE_UNIT, RECORDINGS, recording_text
 from barewire.cli.teach.labs.model import Lab, LabExercise
@@ -148,8 +151,9 @@ def _write_recordings(as_json: bool) -> None:
 
 
 def _start(words: tuple[str, ...]) -> None:
-    """Serve the faulty line until Ctrl-C."""
-    from barewire.cli.simulate import simulate_command
+    """Serve the faulty line until Ctrl-C or SIGTERM. Neither its unit nor its faults are printed."""
+    from barewire.cli.simulate import machine_server
+    from barewire.devices.sim import simulator
     from barewire.io.endpoint import Endpoint
 
     if len(words) != 1:
@@ -157,6 +161,9 @@ def _start(words: tuple[str, ...]) -> None:
     endpoint = Endpoint.parse(words[0])
     if endpoint.scheme != "rtu" or "unit" in endpoint.options:
         raise EncodeError(f"{shown(words[0], 200)}: expected rtu:// without a unit: to find it out is part of the lab")
-    url = f"{endpoint}{'&' if endpoint.options else '?'}unit={LIVE_UNIT}"
-    arguments = ["adxl", url, "--fault", LIVE_FAULTS, "--seed", str(LIVE_SEED)]
-    simulate_command.main(arguments, standalone_mode=False)
+    machine = simulator("adxl", time.monotonic(), unit=LIVE_UNIT)
+    server = machine_server(str(endpoint), machine=machine, faults=LIVE_FAULTS, fault_seed=LIVE_SEED)
+    with ended_by_signals(), suppress(KeyboardInterrupt):
+        print(f"ready {server.url}", flush=True)
+        server.run(threading.Event())
+    server.close()

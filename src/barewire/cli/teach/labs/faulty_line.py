@@ -47,7 +47,7 @@ RECORDINGS = (
 )
 
 LIVE_UNIT = 17
-LIVE_FAULTS = "late=1.4@every=2,drop@every=5"
+LIVE_FAULTS = "late=1.4@every=2,drop@every=3"
 LIVE_SEED = 10
 
 
