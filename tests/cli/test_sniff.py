@@ -267,7 +267,7 @@ def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     assert "expected 1..127" in error_of("sniff", str(log), "--device", "az3", "--node", "128", status=2)
     assert "has no CANopen" in error_of("sniff", str(log), "--device", "adxl", status=2)
     assert "No such file" in error_of("sniff", str(log), "--device", "no.eds", "--node", "5")
-    assert "--device is for a CAN bus" in error_of("sniff", str(modbus), "--device", "az3", status=2)
+    assert "--node is for a CAN bus" in error_of("sniff", str(modbus), "--node", "5", status=2)
     assert "unknown interface 'nothing'" in error_of("sniff", "can://nothing/can0", status=2)
     done = run_command("sniff", str(log), "--bus", "can7")
     assert done.stderr == "barewire: --bus can7: no frames on it; there are frames on can0, can1\n"
@@ -290,3 +290,14 @@ def test_the_states_of_a_drive_in_a_recording(tmp_path: Path) -> None:
     log.write_text("(1.0) can0 605#4041600000000000\n(1.1) can0 585#4B41600031020000\n")
     assert "status  0231h   ready to switch on" in output_of("sniff", str(log), "--picture", "states")
     assert "no status word" in error_of("sniff", str(log), "--picture", "states", "--device", "az3", "--node", "6")
+
+
+def test_standard_input_and_a_device(tmp_path: Path) -> None:
+    text = "debug enabled\n"
+    text += "[01][04][0F][B1][00][02][22][F8]\nWaiting for a confirmation...\n"
+    text += "<01><04><04><00><00><01><10><FB><D8>\n"
+    command = [sys.executable, "-m", "barewire", "sniff", "-", "--device", "adxl", "--unit", "1"]
+    done = subprocess.run(command, input=text.encode(), capture_output=True, timeout=60, check=True)
+    line = "unit 1  Read Input Registers, 2 from 0FB1h -> Thyristors temperature = 27.2 °C\n"
+    assert done.stdout.decode() == line
+    assert done.stderr.decode() == ("barewire: 1 line holds no bytes of a frame, the first is line 1: debug enabled\n")

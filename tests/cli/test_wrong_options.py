@@ -144,8 +144,12 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
         for text in ("0", "-1", "nan", "inf", "x")
     ),
     *(((*SNIFF, "--port", text), "--port") for text in ("0", "65536", "x")),
-    *(((*SNIFF, *option), "is for a CAN bus") for option in (("--device", "az3"), ("--bus", "can0"), ("--all",))),
+    *(((*SNIFF, *option), "is for a CAN bus") for option in (("--node", "5"), ("--bus", "can0"), ("--all",))),
     ((*SNIFF, "--protocol", "asci"), "did you mean 'ascii'?"),
+    *(((*SNIFF, "--device", "adxl", "--unit", text), "--unit") for text in ("-1", "256", "x")),
+    ((*SNIFF, "--device", "adlx"), "did you mean 'adxl'?"),
+    ((*SNIFF, "--unit", "1"), "--unit without --device"),
+    ((*SNIFF, "--device", "adxl", "--device", "az3"), "give a --unit for each"),
     ((*SNIFF, "--only", "sdo"), "--only is for a CAN bus"),
     ((*SNIFF, "--protocol", "rtu"), "--protocol is for a recording, which rtu:///dev/null is not"),
     ((*SNIFF, "--port", "1502"), "--port is for a recording, which rtu:///dev/null is not"),

@@ -25,6 +25,7 @@ from barewire.io.endpoint import Endpoint
 
 if TYPE_CHECKING:
     from barewire.explain.can_monitor import KnownNode
+    from barewire.explain.modbus.named_registers import UnitNames
 
 
 class EndpointArgument(click.ParamType[str]):
@@ -120,6 +121,9 @@ no_wait_option = click.option(
 )
 nodes_option = click.option(
     "--node", "nodes", type=int, multiple=True, help="CAN: the node-ID of that --device, one for each."
+)
+units_option = click.option(
+    "--unit", "units", type=int, multiple=True, help="Modbus: the unit of that --device; without it, every unit."
 )
 
 protocol_option = click.option(
@@ -269,6 +273,29 @@ def _known_node(name: str, node: int | None) -> KnownNode:
     if node is None:
         raise EncodeError(f"{name}: an EDS has no node-ID: give it with --node")
     return of_dictionary(document.dictionary(node), node, name)
+
+
+def known_units(devices: Iterable[str], units: Iterable[int]) -> UnitNames | None:
+    """Return the devices of `--device adxl --unit 1`, given once for each unit; None without a device. One device
+    without a unit is at all other units."""
+    from barewire.devices import load
+    from barewire.explain.modbus.named_registers import RegisterNames, UnitNames
+
+    names, numbers = list(devices), list(units)
+    if len(numbers) > len(names):
+        raise EncodeError("--unit without --device: give a --device for each --unit")
+    if len(names) > len(numbers) + 1:
+        raise EncodeError(f"--device {names[-1]}: with several devices, give a --unit for each")
+    found: dict[int | None, RegisterNames] = {}
+    for place, name in enumerate(names):
+        unit = numbers[place] if place < len(numbers) else None
+        if unit is not None and not 0 <= unit <= 255:
+            raise EncodeError(f"--unit {unit}: expected 0..255")
+        device = load(name)
+        if device.modbus is None:
+            raise EncodeError(f"--device {name}: {device.name} has no Modbus")
+        found[unit] = RegisterNames(device)
+    return UnitNames(found) if found else None
 
 
 # Signals

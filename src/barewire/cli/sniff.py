@@ -20,11 +20,13 @@ from barewire.cli.arguments import (
     format_option,
     json_option,
     known_nodes,
+    known_units,
     nodes_option,
     output_form,
     ports_option,
     print_json,
     protocol_option,
+    units_option,
 )
 from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
 from barewire.explain.can_monitor import event_as_dict, event_kind, event_line, is_repeated
@@ -44,6 +46,7 @@ from barewire.explain.capture.modbus_replay import Replayed, SerialProtocol, rep
 from barewire.explain.capture.model import Recorded, RecordedItem, Unread
 from barewire.explain.capture.pcapng import file_header, packet_block
 from barewire.explain.modbus.exchange_text import ExchangeLines, exchange_as_dict
+from barewire.explain.modbus.named_registers import UnitNames
 from barewire.explain.pictures.picture import rendered
 from barewire.explain.pictures.recordings import RecordingOptions, recording_picture
 from barewire.io.canopen.bus.capture import listen_can
@@ -82,9 +85,14 @@ _LIVE_BUS = "can0"
 @protocol_option
 @ports_option
 @click.option(
-    "--device", "devices", multiple=True, metavar="NAME|EDS", help="CAN: the device of a node, for names and units."
+    "--device",
+    "devices",
+    multiple=True,
+    metavar="NAME|EDS",
+    help="The device of a node or unit, for names, units and scaled values.",
 )
 @nodes_option
+@units_option
 @click.option("--bus", help="CAN: only this bus of a recording that has several.")
 @click.option("--only", multiple=True, metavar="KIND", help="CAN: only events such as sdo, pdo, violation, gap.")
 @click.option("--complete", is_flag=True, help="CAN: no frame is missing in the recording: a gap is a violation.")
@@ -101,6 +109,7 @@ def sniff_command(
     ports: tuple[int, ...],
     devices: tuple[str, ...],
     nodes: tuple[int, ...],
+    units: tuple[int, ...],
     bus: str | None,
     only: tuple[str, ...],
     complete: bool,
@@ -122,6 +131,7 @@ def sniff_command(
     barewire sniff "rtu:///dev/ttyUSB0?baudrate=9600" --write bus.pcapng
     wireshark -o mbrtu.udp.port:5020 bus.pcapng
     barewire sniff bus.pcapng --json
+    barewire sniff poll.log --device adxl --unit 1
     barewire sniff can://socketcan/can0 --device az3 --node 5 --write can.log
     barewire sniff bus.pcapng --format svg > exchange.svg
     """
@@ -141,8 +151,8 @@ def sniff_command(
         check_not_overwritten("--write", write, source, *devices)
     data = b"" if endpoint is not None else recording_content(source, seconds)
     is_can = (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data)
-    for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol}
-    for_can: dict[str, object] = {"--device": devices, "--node": nodes, "--bus": bus, "--only": only}
+    for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol, "--unit": units}
+    for_can: dict[str, object] = {"--node": nodes, "--bus": bus, "--only": only}
     for_can |= {"--complete": complete, "--all": everything}
     for option, given in (for_modbus if is_can else for_can).items():
         if given:
@@ -173,6 +183,7 @@ def sniff_command(
             events = _can_events(items, monitors, bus, file, write or "")
             _print_can_events(events, as_json=as_json, everything=everything, only=only)
             return
+        names = known_units(devices, units)
         window = WINDOW if window is None else window
         timed = True
         if endpoint is None:
@@ -182,7 +193,7 @@ def sniff_command(
         else:
             exchanges = listen(endpoint, threading.Event(), seconds=seconds, window=window)
         file = None if write is None else stack.enter_context(_RecordingFile(write))
-        _print_exchanges(exchanges, file, as_json, timed=timed)
+        _print_exchanges(exchanges, file, as_json, timed=timed, names=names)
 
 
 def _check_ending(name: str, is_can: bool) -> None:
@@ -280,10 +291,15 @@ def _print_unread(log: ModbusLog, as_json: bool) -> None:
 
 
 def _print_exchanges(
-    events: Iterator[SnifferEvent], file: _RecordingFile | None, as_json: bool, *, timed: bool = True
+    events: Iterator[SnifferEvent],
+    file: _RecordingFile | None,
+    as_json: bool,
+    *,
+    timed: bool = True,
+    names: UnitNames | None = None,
 ) -> None:
     """Print each event, and write its frame to the file. Ctrl-C ends it."""
-    packets, lines = PacketBuilder(), ExchangeLines(timed=timed)
+    packets, lines = PacketBuilder(), ExchangeLines(timed=timed, names=names)
     if file is not None:
         file.write(file_header(), frame=False)
     with suppress(KeyboardInterrupt):
@@ -292,7 +308,7 @@ def _print_exchanges(
             if file is not None and packet is not None:
                 file.write(packet_block(event.at, packet))
             if as_json:
-                print_json(exchange_as_dict(event, timed=timed))
+                print_json(exchange_as_dict(event, timed=timed, names=names))
             else:
                 _print_lines(lines.feed(event))
     if not as_json:

@@ -12,9 +12,8 @@ waits for it, so the times of the lines never decrease.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from typing import TypeAlias
 
+from barewire.explain.modbus.named_registers import UnitNames
 from barewire.explain.modbus.pdu import explain_pdu
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.sniffer import (
@@ -29,9 +28,6 @@ from barewire.modbus.sniffer import (
 
 _SHOWN = 12
 """The most values or bytes of an answer in a line; `exchange_as_dict` has all of them."""
-
-ExchangeNames: TypeAlias = Callable[[RequestSeen, ResponseSeen | None], str]
-"""Returns the values of an exchange with names and units, '' if it has none with a name."""
 
 
 class _Row:
@@ -54,9 +50,9 @@ class ExchangeLines:
     ['1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 12.3 ms']
     """
 
-    def __init__(self, *, timed: bool = True, named: ExchangeNames | None = None) -> None:
+    def __init__(self, *, timed: bool = True, names: UnitNames | None = None) -> None:
         self._timed = timed
-        self._named = named
+        self._names = names
         self._rows: deque[_Row] = deque()
 
     def __repr__(self) -> str:
@@ -116,8 +112,11 @@ class ExchangeLines:
         return f"{line}, after {1e3 * (event.at - request.at):.1f} ms" if self._timed else line
 
     def _values(self, request: RequestSeen, event: ResponseSeen) -> str:
-        named = self._named(request, event) if self._named is not None else ""
-        return named or _result(event, request)
+        named = self._names.text(request, event) if self._names is not None else ""
+        result = _result(event, request)
+        if not named:
+            return result
+        return f"{result}: {named}" if result == "done" else named
 
     def _line(self, event: SnifferEvent) -> str:
         """Return the line of an event that is not one half of an exchange."""
@@ -166,15 +165,17 @@ def _clipped(parts: list[str]) -> str:
     return " ".join(parts if len(parts) <= _SHOWN else [*parts[:_SHOWN], "..."])
 
 
-def exchange_as_dict(event: SnifferEvent, *, timed: bool = True) -> dict[str, object]:
+def exchange_as_dict(event: SnifferEvent, *, timed: bool = True, names: UnitNames | None = None) -> dict[str, object]:
     """Return the event for `json.dumps`; `request_at` is the time of the request of a response or a time-out.
 
-    If the recording is not `timed`, all times are None.
+    If the recording is not `timed`, all times are None. With `names`, a response has the named values of its exchange.
 
     >>> exchange_as_dict(ResponseMissing(RequestSeen(1, bytes.fromhex("0300000002"), 1.0), 2.0))
     {'event': 'unanswered', 'at': 2.0, 'unit': 1, 'request_at': 1.0}
     """
     found = _as_dict(event)
+    if names is not None and isinstance(event, ResponseSeen) and event.request is not None:
+        found["values"] = names.values(event.request, event)
     return found if timed else {key: None if key in _TIMES else value for key, value in found.items()}
 
 
