@@ -8,7 +8,6 @@ import threading
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Self
 
 import click
 
@@ -28,13 +27,13 @@ from barewire.cli.arguments import (
     protocol_option,
     units_option,
 )
-from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
+from barewire.cli.recordings.recording_file import RecordingFile, check_ending
+from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.explain.can_monitor import event_as_dict, event_kind, event_line, is_repeated
 from barewire.explain.can_monitor.event_text import EVENT_KINDS
 from barewire.explain.can_monitor.events import MonitorEvent
 from barewire.explain.can_monitor.recording import (
     BUSES_MAX,
-    LOG_ENDINGS,
     BusMonitors,
     CanRecordingWriter,
     is_can_recording,
@@ -52,7 +51,6 @@ from barewire.explain.pictures.recordings import RecordingOptions, recording_pic
 from barewire.io.canopen.bus.capture import listen_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
-from barewire.io.ports.tcp import reason
 from barewire.modbus.sniffer import (
     WINDOW,
     AmbiguousFrame,
@@ -160,9 +158,9 @@ def sniff_command(
     if endpoint is not None:
         refuse_for_line(source, ports, protocol)
     if write is not None:
-        _check_ending(write, is_can)
+        check_ending(write, is_can)
     if is_drawn:
-        known, number = known_nodes(devices, nodes), nodes[0] if nodes else None
+        known, number = known_nodes(devices, nodes) if is_can else [], nodes[0] if nodes else None
         options = RecordingOptions(bus, window or WINDOW, MODBUS_PORTS | set(ports), protocol)
         try:
             drawing = recording_picture(Path(source).name, data, picture, options, known=known, number=number)
@@ -178,7 +176,7 @@ def sniff_command(
                     f"barewire: --device {name}: names are those of node {found.node}; --node gives another", err=True
                 )
             items = read_recording(data) if endpoint is None else _live_frames(endpoint, seconds)
-            file = None if write is None else stack.enter_context(_RecordingFile(write))
+            file = None if write is None else stack.enter_context(RecordingFile(write))
             monitors = BusMonitors(known, bus, complete=complete)
             events = _can_events(items, monitors, bus, file, write or "")
             _print_can_events(events, as_json=as_json, everything=everything, only=only)
@@ -192,18 +190,8 @@ def sniff_command(
             _print_unread(log, as_json)
         else:
             exchanges = listen(endpoint, threading.Event(), seconds=seconds, window=window)
-        file = None if write is None else stack.enter_context(_RecordingFile(write))
+        file = None if write is None else stack.enter_context(RecordingFile(write))
         _print_exchanges(exchanges, file, as_json, timed=timed, names=names)
-
-
-def _check_ending(name: str, is_can: bool) -> None:
-    """Raise EncodeError for a file whose ending promises another format than the one that would be written. A name
-    without an ending, such as that of a pipe, gets pcapng."""
-    endings = (".pcapng", *LOG_ENDINGS) if is_can else (".pcapng",)
-    ending = Path(name).suffix
-    if ending and ending.lower() not in endings:
-        listed = " or ".join(filter(None, (", ".join(endings[:-1]), endings[-1])))
-        raise EncodeError(f"--write {name}: expected a name that ends in {listed}")
 
 
 def refuse_for_line(source: str, ports: tuple[int, ...], protocol: SerialProtocol | None) -> None:
@@ -222,45 +210,6 @@ def recording_content(source: str, seconds: float | None) -> bytes:
     if not data:
         raise BarewireError(f"{source}: the {'input' if source == '-' else 'file'} is empty; expected {_FORMATS}")
     return data
-
-
-class _RecordingFile:
-    """A file for `--write`, complete after every frame, however the command ends: it has no buffer, and the part of a
-    frame for which the disk had no room is removed."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self._frames = 0
-        self._size = 0
-        self._refused: PortError | None = None
-        try:
-            self._file = Path(name).open("wb", buffering=0)  # noqa: SIM115 - closed in `__exit__`
-        except OSError as error:
-            raise PortError(f"{name}: {error.strerror}") from None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, _: object, error: object, __: object) -> None:
-        self._file.close()
-        if isinstance(error, PortError) and error is not self._refused:  # of the line or bus
-            error.add_note(f"{self.name} has the {self._frames} frames before" if self._frames else
-                           f"{self.name} has no frame")  # fmt: skip
-
-    def write(self, data: bytes, *, frame: bool = True) -> None:
-        """Write a frame, or the head of the file. Raises PortError if that fails, and keeps the frames before."""
-        left = memoryview(data)
-        try:
-            while left:
-                left = left[self._file.write(left) :]
-        except OSError as error:
-            with suppress(OSError):
-                self._file.truncate(self._size)
-            kept = f"it has the {self._frames} frames before" if self._frames else "nothing was written"
-            self._refused = PortError(f"{self.name}: {reason(error)}; {kept}")
-            raise self._refused from None
-        self._size += len(data)
-        self._frames += frame
 
 
 # Modbus
@@ -292,7 +241,7 @@ def _print_unread(log: ModbusLog, as_json: bool) -> None:
 
 def _print_exchanges(
     events: Iterator[SnifferEvent],
-    file: _RecordingFile | None,
+    file: RecordingFile | None,
     as_json: bool,
     *,
     timed: bool = True,
@@ -364,7 +313,7 @@ def _can_events(
     items: Iterable[RecordedItem | float],
     monitors: BusMonitors,
     bus: str | None,
-    file: _RecordingFile | None,
+    file: RecordingFile | None,
     name: str,
 ) -> Iterator[tuple[str, MonitorEvent]]:
     """Yield the events of the frames, each with its bus. The file gets each frame in the format that its `name`
