@@ -15,6 +15,8 @@ The blocks of a file share an empty working directory, so one block can write a 
 that cannot run here has the reason in the line before it:
 
     <!-- test: skip (needs a drive on /dev/ttyUSB0) -->
+
+A block with `<!-- test: needs NAME -->` before it runs where that package of Python is installed.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ import subprocess
 import sys
 import traceback
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -87,7 +90,8 @@ def blocks(page: str) -> Iterator[Block]:
         elif opening:
             fence, language, start, held = opening[1], opening[2], number + 1, []
         elif line.strip():
-            skip = line.strip().startswith("<!-- test: skip")
+            needed = re.match(r"<!-- test: needs (\w+)", line.strip())
+            skip = find_spec(needed[1]) is None if needed else line.strip().startswith("<!-- test: skip")
 
 
 def run_python(block: Block, page: str, names: dict[str, Any]) -> str:

@@ -200,18 +200,18 @@ def run_terminals(page: Path, folder: Path) -> dict[int, str]:
 def test_the_blocks_of_a_page_run_in_their_terminals(page: Path, tmp_path: Path) -> None:
     screens = run_terminals(page, tmp_path)
     assert not any("Traceback" in screen for screen in screens.values())
-    if page.name == "README.md":
-        readme_shows_what_it_says(screens, tmp_path)
+    if page.name == "read-a-parameter.md":
+        page_shows_what_it_says(screens, tmp_path)
 
 
-def readme_shows_what_it_says(screens: dict[int, str], folder: Path) -> None:
-    positions = [int(text) for text in re.findall(r"Position Actual Value\W+(-?\d+)", screens[2])]
+def page_shows_what_it_says(screens: dict[int, str], folder: Path) -> None:
+    positions = [int(text) for text in re.findall(r"Position Actual Value\W+(-?\d+)", screens[4])]
     assert (positions[0], positions[-1]) == (0, 38400)
     assert any(0 < position < 38400 for position in positions), "watch began after the move"
     assert (folder / "move.svg").stat().st_size > 1000
-    assert "operation enabled, position 38400" in screens[3]
-    assert "fault " in screens[4]
-    assert "Thyristors temperature = 24" in screens[5]
+    assert "operation enabled, position 38400" in screens[5]
+    assert "fault " in screens[1]
+    assert "Thyristors temperature = 24" in screens[2]
 
 
 def test_every_shell_block_of_the_readme_is_typed_or_says_why_not() -> None:

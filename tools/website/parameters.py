@@ -16,7 +16,6 @@ ERRATA = {
 """The pages of docs/reference/errata: the device and its manual."""
 
 _COLUMNS = ("parameter", "type", "unit", "range", "default", "access", "Modbus", "CANopen", "notes")
-_HEAD = f"| {' | '.join(_COLUMNS)} |\n|{'---|' * len(_COLUMNS)}"
 
 
 def pages() -> dict[str, str]:
@@ -42,18 +41,28 @@ def page(name: str) -> str:
     errata = [f"[{title}](errata/{file})" for file, (device_name, title) in ERRATA.items() if device_name == name]
     lines += [f"What the manual prints otherwise: {', '.join(errata)}.", ""] if errata else []
     for title, rows in groups.items():
-        lines += [f"## {title}", "", _HEAD, *(_row(row) for row in rows), ""]
+        lines += [f"## {title}", "", *table([_cells(row) for row in rows]), ""]
     return "\n".join(lines)
 
 
-def _row(parameter: object) -> str:
+def table(rows: list[tuple[str, ...]]) -> Iterator[str]:
+    """Yield a Markdown table without the columns that are empty."""
+    kept = [at for at in range(len(_COLUMNS)) if any(row[at] for row in rows)]
+    yield f"| {' | '.join(_COLUMNS[at] for at in kept)} |"
+    yield f"|{'---|' * len(kept)}"
+    for row in rows:
+        yield f"| {' | '.join(row[at] for at in kept)} |"
+
+
+def _cells(parameter: object) -> tuple[str, ...]:
     from barewire.devices import Parameter
 
     assert isinstance(parameter, Parameter)
     limits = [parameter.minimum, parameter.maximum]
-    span = "" if limits == [None, None] else " to ".join("" if each is None else f"{each:g}" for each in limits)
+    shown = ["" if each is None else _number(each) for each in limits]
+    span = shown[0] if shown[0] == shown[1] else " to ".join(shown)
     scale = "" if parameter.scale == 1 else f" × {parameter.scale}"
-    cells = (
+    return (
         f"**{_text(parameter.name)}**",
         parameter.type + scale,
         _text(parameter.unit),
@@ -63,7 +72,11 @@ def _row(parameter: object) -> str:
         *parameter.places,
         _notes(parameter.values, parameter.bits, parameter.note),
     )
-    return f"| {' | '.join(cells)} |"
+
+
+def _number(value: int | float) -> str:
+    """Return a limit without an exponent if it is a whole number."""
+    return str(int(value)) if value == int(value) and abs(value) < 1e15 else f"{value:g}"
 
 
 def _notes(values: object, bits: object, note: str) -> str:

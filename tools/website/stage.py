@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from tools.website import api, commands, errors, messages, parameters, source
@@ -15,6 +16,7 @@ from tools.website.links import PROJECT, Links, file_page, split
 from tools.website.source import ROOT
 
 _COMMENT = re.compile(r"^[ \t]*<!--.*?-->[ \t]*\n?", re.MULTILINE | re.DOTALL)
+PAIR = "<!-- side by side -->"
 _LANGUAGES = {
     ".py": "python",
     ".json": "json",
@@ -54,8 +56,24 @@ def collected(root: Path = ROOT) -> dict[str, str | Path]:
 
 def page(text: str, file: str, links: Links) -> str:
     """Return a Markdown file of the repository as a page: links lead to pages, comments are left out."""
-    kept = "".join(part if code else _COMMENT.sub("", part) for part, code in split(text))
+    kept = "".join(part if code else _COMMENT.sub("", part) for part, code in side_by_side(split(text)))
     return links.rewritten(kept, file)
+
+
+def side_by_side(parts: Iterable[tuple[str, bool]]) -> Iterator[tuple[str, bool]]:
+    """Put two blocks behind the comment `<!-- side by side -->` beside each other: into a container for site.css.
+
+    >>> "".join(part for part, _ in side_by_side(split(f"{PAIR}\\n```text\\na\\n```\\n\\n```text\\nb\\n```\\nc\\n")))
+    '<!-- side by side -->\\n````{container} pair\\n```text\\na\\n```\\n\\n```text\\nb\\n```\\n````\\nc\\n'
+    """
+    held = 0
+    for part, code in parts:
+        if code and held:
+            yield ("````{container} pair\n" if held == 2 else "") + part + ("````\n" if held == 1 else ""), True
+            held -= 1
+        else:
+            held = 2 if PAIR in part else held
+            yield part, code
 
 
 def _file_page(file: Path, path: str) -> str:
