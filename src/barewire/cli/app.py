@@ -31,6 +31,7 @@ COMMANDS = {
     "drive": ("drive", "Enable, move and stop a CiA 402 drive."),
     "explain": ("explain", "Explain a frame byte by byte and check it."),
     "send": ("teach.send", "Send the bytes of a frame as they are; explain the answer."),
+    "steps": ("teach.steps", "Work out a checksum, a time, a value or a word step by step."),
     "lab": ("teach.lab", "Show the labs of the course, and check answers to their exercises."),
     "sniff": ("sniff", "Decode the traffic of a line or bus; send nothing."),
     "record": ("recordings.record", "Make a simulated device of the traffic of a Modbus line."),

@@ -21,7 +21,8 @@ order:
     recorded_values       what a recording reads from a device
     played, peer_replay   a recording of a CAN bus played against a device, and compared
     client_replay         the same against our SDO client
-    wire/        the levels of characters, and a receiver with other settings
+    wire/        the levels of characters and CAN frames, and a receiver with other settings
+    steps/       checksums, times, values and words, worked out step by step
     pictures/    frames, levels, exchanges, drives and values as text, SVG and HTML
     diagnosis/   what is wrong with a frame, proved by trials
     api          `explain` and `explain_text`

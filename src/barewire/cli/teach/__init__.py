@@ -1,6 +1,7 @@
 """Commands that teach the wire by hand.
 
     send     `send`: the bytes of a frame as they are; the answer, explained
+    steps    `steps`: checksums, times, values and words, worked out step by step
     lab      `lab`: the labs of the course, and the checks of their answers
     labs     the labs, one file each (a folder)
 
