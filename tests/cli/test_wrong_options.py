@@ -10,6 +10,7 @@ import click
 import pytest
 
 from barewire.cli.app import COMMANDS, barewire_command, run_command_line
+from tests.cli.teach.wrong_steps import LONG_STEPS, WRONG_STEPS
 
 TCP = "tcp://127.0.0.1:1"  # nothing listens there: a command that connects fails with exit status 1
 CAN = "can://socketcand/127.0.0.1:1/can0?node=5"
@@ -135,34 +136,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("lab", "1", "recordings"), "recordings is for lab 10; lab 1 needs no device"),
     (("lab", "10", "start"), "expected barewire lab 10 start ENDPOINT"),
     (("lab", "10", "start", TCP), "expected rtu:// without a unit"),
-    # steps
-    (("steps", "crd", "02"), "did you mean 'crc'?"),
-    (("steps", "crc"), "Missing argument 'HEX'; see barewire steps crc --help"),
-    (("steps", "crc", "0G"), "'G' at 1 is not a hexadecimal digit"),
-    (("steps", "crc", ""), "0 bytes: expected 1..256"),
-    (("steps", "crc", "00" * 257), "257 bytes: expected 1..256"),
-    (("steps", "crc", "00" * 9, "--view", "polynomial"), "the polynomial view has room for 8"),
-    (("steps", "crc", "02", "--view", "tabel"), "did you mean 'table'?"),
-    (("steps", "crc", "02", "--format", "jsn"), "did you mean 'json'?"),
-    (("steps", "lrc", "x"), "'x' at 0 is not a hexadecimal digit"),
-    (("steps", "timing", "--baudrate", "0"), "expected 1..100000000 bits per second"),
-    (("steps", "timing", "--baudrate", "x"), "--baudrate"),
-    *((("steps", "timing", "--format", text), "--format") for text in ("8X1", "jsn", "", "9E1")),
-    (("steps", "float", "one"), "expected a number for f32"),
-    (("steps", "float", "1e99"), "does not fit f32"),
-    (("steps", "float", "1", "--type", "f31"), "did you mean 'f32'"),
-    (("steps", "float", "1", "--order", "ABDC"), "did you mean 'BADC'"),
-    (("steps", "float", "70000", "--type", "u16"), "expected 0..65535"),
-    (("steps", "cob-id", "5XY"), "expected up to 8 hexadecimal digits"),
-    (("steps", "controlword", "12345"), "expected up to 4 hexadecimal digits"),
-    (("steps", "controlword", "0F", "--previous", "x"), "--previous 'x': expected up to 4"),
-    (("steps", "controlword", "0F", "--device", "az4"), "did you mean 'az3'?"),
-    (("steps", "statusword", "0F", "--device", "adxl"), "adxl is not a drive"),
-    (("steps", "statusword"), "Missing argument 'WORD'; see barewire steps statusword --help"),
-    (("steps", "can-frame", "605#4"), "half a byte is left over"),
-    (("steps", "can-frame", "605##140"), "is a CAN FD frame"),
-    (("steps", "can-frame", *["001#"] * 9), "9 frames: expected 1..8"),
-    (("steps", "can-frame", "605#40", "--bitrate", "0"), "expected 1..1000000 bit/s"),
+    *WRONG_STEPS,
     # sniff
     (("sniff", "tpc://127.0.0.1"), "did you mean 'tcp'?"),
     (("sniff", TCP), "listening in needs a line"),
@@ -336,10 +310,7 @@ TOO_LONG: list[tuple[str, ...]] = [
     *((*SIMULATE, option, LONG) for option in ("--late", "--set", "--world")),
     ("explain", LONG, "01"),
     ("explain", "can", "605#40", "--device", LONG),
-    *(("steps", name, LONG) for name in ("crc", "float", "cob-id", "controlword", "statusword", "can-frame")),
-    ("steps", "lrc", f"x{LONG}"),
-    ("steps", "float", LONG, "--type", "u64"),
-    ("steps", "timing", "--format", LONG),
+    *LONG_STEPS,
     (*SNIFF, "--protocol", LONG),
     (*SNIFF, "--only", LONG),
     ("record", "rtu:///dev/null", "--unit", LONG),
