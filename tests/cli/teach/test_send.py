@@ -53,6 +53,12 @@ def test_tcp_as_json() -> None:
     assert received["fields"][0]["value"] == 7
 
 
+def test_an_answer_that_is_not_one_to_the_request_is_named() -> None:
+    with ModbusServer("tcp://127.0.0.1:0", {1: Table()}, faults="wrong-unit:1") as server:
+        run = run_here("send", server.url, "000700000006010300000001")
+    assert "diagnosis: unit 2 answers, and unit 1 was asked" in run.stdout
+
+
 def test_a_broadcast_has_no_answer() -> None:
     with ModbusServer("rtu://pty", {1: Table()}) as server:
         run = run_here("send", f"{server.url}?timeout=0.05", "00 06 00 00 00 01", "--crc")

@@ -14,7 +14,7 @@ from barewire.ascii import frame as ascii_frame
 from barewire.canopen.frame import CanFrame
 from barewire.cli.arguments import EndpointArgument, json_option, print_json
 from barewire.errors import DecodeError, NoAnswer
-from barewire.explain import Explanation, explain
+from barewire.explain import Explanation, explain, explain_exchange
 from barewire.explain.canopen.frame import explain_can
 from barewire.explain.capture.can_text import parse_can
 from barewire.explain.input.text import parse_ascii, parse_hex
@@ -112,7 +112,10 @@ def _send_bytes(endpoint: Endpoint, data: bytes, as_json: bool) -> None:
         port.close()
     if not received:
         raise NoAnswer(f"{endpoint}: no answer within {endpoint.timeout:g} s{_why_no_answer(sent)}")
-    answer = explain(protocol, bytes(received), "response")
+    if sent.valid:
+        answer = explain_exchange(protocol, data.hex(" "), received.hex(" "))
+    else:
+        answer = explain(protocol, bytes(received), "response")
     _print_explained("received", answer, as_json)
 
 
