@@ -103,15 +103,17 @@ class ReceiverFault(NamedTuple):
 
 
 class UartLine:
-    """A sender and a receiver with the same character format, and a fault between them.
+    """A sender and a receiver, and a fault between them.
 
-    Time is counted in ticks: a bit of the receiver has `2 * slower` of them, one of the sender `2 * faster`.
+    Time is counted in ticks: a bit of the receiver has `2 * slower` of them, one of the sender `2 * faster`. `reader`
+    is the format that the receiver expects, if it is another one with as many data bits.
     """
 
-    def __init__(self, form: CharacterFormat, fault: ReceiverFault) -> None:
+    def __init__(self, form: CharacterFormat, fault: ReceiverFault, reader: CharacterFormat | None = None) -> None:
         self.form, self.fault = form, fault
         self.sent_bit, self.read_bit = 2 * fault.faster, 2 * fault.slower
-        self.size = 2 + form.data_bits + (form.parity != "N")
+        expected = form if reader is None else reader
+        self.size = 2 + expected.data_bits + (expected.parity != "N")
         self.idle = Receiver(last=int(not fault.inverted))
         self._known: dict[tuple[Receiver, tuple[int, ...]], tuple[Receiver, bytes]] = {}
 

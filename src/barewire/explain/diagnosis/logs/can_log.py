@@ -12,7 +12,6 @@ Depends on: diagnosis.can, can_verdict, explain.can_monitor. Used by: cli.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
@@ -36,7 +35,7 @@ from barewire.explain.can_monitor.transfer import object_name
 from barewire.explain.capture.model import Dropped, RecordedItem, Unread
 from barewire.explain.diagnosis.can import diagnose_can
 from barewire.explain.diagnosis.logs.can_verdict import PROVES, BusCounts
-from barewire.explain.diagnosis.logs.verdict import LineVerdict, LogFinding
+from barewire.explain.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding
 from barewire.explain.findings import DiagnosisCode, Finding
 from barewire.explain.result import counted
 
@@ -57,8 +56,6 @@ _WAITS = 0.05
 """Seconds: no client gives up an answer sooner, and sends its next request."""
 _UNREAD_MAX = 1000
 """The most lines that cannot be read of which the text is kept."""
-_KINDS_MAX, _KINDS_SHOWN = 1000, 5
-"""The most pairs of a code and a place that are counted, and that a verdict names."""
 _WRONG_SIZE = (AbortCode.LENGTH, AbortCode.TOO_LONG, AbortCode.TOO_SHORT)
 
 
@@ -96,7 +93,7 @@ class BusDiagnosis:
         self.bus = bus
         self.monitor = CanMonitor(described, complete=complete)
         self.counts = BusCounts()
-        self.found: Counter[str] = Counter()  # findings by code and place
+        self.found = FindingCounts()
         self.gaps = 0
         self._dialects = {node.node: node.commands for node in described}
         self._requests: dict[int, list[InitiatingFrame]] = {}  # channel -> its last two initiating requests
@@ -106,7 +103,7 @@ class BusDiagnosis:
 
     def __repr__(self) -> str:
         return (
-            f"<{type(self).__name__}: {counted(self.counts.frames, 'frame')}, {counted(self.found.total(), 'finding')}>"
+            f"<{type(self).__name__}: {counted(self.counts.frames, 'frame')}, {counted(self.found.total, 'finding')}>"
         )
 
     def feed(self, item: AnyFrame | Dropped | None, now: float, line: int = 0) -> list[LogFinding]:
@@ -120,9 +117,9 @@ class BusDiagnosis:
             if isinstance(item, CanFrame):
                 found += self._frame(item, now, line)
         frame = item if isinstance(item, CanFrame) else None
-        codes = {proved.finding.code for proved in found}
-        if "sdo-size" in codes:
-            codes.add("cut-frame")  # the same bytes are missing
+        codes: set[DiagnosisCode] = {proved.finding.code for proved in found}
+        if codes:
+            codes |= {"bus-rule", "cut-frame"}  # of the same bytes
         for event in self.monitor.feed(item, now):
             found += [proved for proved in self._event(event, frame) if proved.finding.code not in codes]
         return self._at(found, now, line)
@@ -144,20 +141,18 @@ class BusDiagnosis:
             seen += f"; the recording lacks frames at {counted(self.gaps, 'place')}"
         if found:
             return found
-        if not counts.frames and not self.found:
+        if not counts.frames and not self.found.total:
             return [LineVerdict("nothing-heard", "no frame was received", f"{counted(counts.errors, 'error frame')}")]
-        if self.found:
-            kinds = ", ".join(f"{number} {kind}" for kind, number in self.found.most_common(_KINDS_SHOWN))
-            return [LineVerdict("nothing-proved", "the findings show no fault of the bus itself", f"{kinds}; {seen}")]
+        if self.found.total:
+            text = "the findings show no fault of the bus itself"
+            return [LineVerdict("nothing-proved", text, f"{self.found}; {seen}")]
         return [LineVerdict("nothing-wrong", "nothing wrong", seen)]
 
     def _at(self, found: Iterable[Proved], now: float, line: int) -> list[LogFinding]:
         result = []
         for node, finding, at, own_line in found:
             place = " ".join(filter(None, (self.bus, f"node {node}" if node else "")))
-            key = f"{finding.code} of {place or 'the bus'}"
-            if len(self.found) < _KINDS_MAX or key in self.found:
-                self.found[key] += 1
+            self.found.add(finding.code, place or "the bus")
             result.append(LogFinding(now if at is None else at, own_line or line, place or "bus", finding))
         return result
 

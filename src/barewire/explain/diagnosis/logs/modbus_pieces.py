@@ -1,7 +1,7 @@
 """The frames and the noise of a line, each with its place in the log: when it began and ended, and in which line.
 
-        fed       00 01 03 04 00 17    00 07 7A 31 01 03        at 1.000 and 1.010, lines 7 and 8
-        pieces    |00| 01 03 04 00 17    00 07 7A 31 |...       noise from line 7; a frame from line 7, ended at 1.010
+        fed       00 01 03 04 00 17    00 07 0B F5 01 03        at 1.000 and 1.010, lines 7 and 8
+        pieces    |00| 01 03 04 00 17    00 07 0B F5 |...       noise from line 7; a frame from line 7, ended at 1.010
 
 `TrackedLine` is a line for a sniffer: it passes everything on to another one, and keeps what that returned.
 
@@ -71,17 +71,26 @@ class TrackedLine:
             self._chunks.append(_Chunk(now, *self._place, data))
         events = self.line.feed(data, now)
         for event in events:
-            self._keep(event, now)
+            self._keep(event)
         return events
 
-    def _keep(self, event: Adu | Noise, now: float) -> None:
+    def _keep(self, event: Adu | Noise) -> None:
+        """Keep a frame as one piece; noise as a piece for each chunk, since damaged frames are recorded one by one."""
         if isinstance(event, Noise):
-            size, adu = len(event.data), None
-        else:
-            adu, inner = event, len(event.pdu)
-            size = {"rtu": inner + 3, "ascii": 2 * inner + 7, "tcp": inner + 7}.get(self.protocol, inner + 3)
-        first = last = self._chunks[0] if self._chunks else _Chunk(now, *self._place, b"")
-        joined, data = bool(self._chunks) and first is self._last, bytearray()
+            size = len(event.data)
+            while size > 0 and self._chunks:
+                first = min(size, len(self._chunks[0].data))
+                self._take_bytes(first, None)
+                size -= first
+            return
+        inner = len(event.pdu)
+        self._take_bytes({"rtu": inner + 3, "ascii": 2 * inner + 7, "tcp": inner + 7}.get(self.protocol, inner), event)
+
+    def _take_bytes(self, size: int, adu: Adu | None) -> None:
+        if not self._chunks:
+            return
+        first = last = self._chunks[0]
+        joined, data = first is self._last, bytearray()
         while size > len(data) and self._chunks:
             last = self._chunks[0]
             part = last.data[: size - len(data)]

@@ -11,6 +11,7 @@ Depends on: findings. Used by: the other files of this room, cli.
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Literal, NamedTuple
 
 from barewire.explain.findings import Finding
@@ -23,6 +24,7 @@ VerdictCode = Literal[
     "no-answers",
     "two-units",
     "disturbed",
+    "malformed",
     # a serial line
     "no-bias",
     "echo",
@@ -46,6 +48,7 @@ VERDICTS: dict[VerdictCode, str] = {
     "no-answers": "No unit or node answers.",
     "two-units": "Two devices have the same address or node-ID.",
     "disturbed": "Frames are damaged on the way, and no single unit is the cause.",
+    "malformed": "A device builds its frames wrongly.",
     "no-bias": "Noise comes before frames when the line changes its direction: bias resistors are missing.",
     "echo": "The transceiver receives what it sends.",
     "parity": "The reader has another character format than the sender.",
@@ -59,6 +62,10 @@ VERDICTS: dict[VerdictCode, str] = {
     "two-masters": "Two masters use the bus at the same time.",
 }
 """What each verdict says, in a sentence. This is the closed list."""
+
+
+_KINDS_MAX, _KINDS_SHOWN = 1000, 5
+"""The most pairs of a code and a place that are counted, and that a verdict names."""
 
 
 class LogFinding(NamedTuple):
@@ -85,6 +92,33 @@ class LogFinding(NamedTuple):
         """Return the finding for `json.dumps`; the time is None if the log has none."""
         at = self.at if self.timed else None
         return {"event": "finding", "at": at, "line": self.line or None, "place": self.place, **self.finding._asdict()}
+
+
+class FindingCounts:
+    """The findings of one line or bus, counted by code and place. A verdict names the most frequent ones.
+
+    >>> counts = FindingCounts()
+    >>> counts.add("state", "node 5"), counts.add("state", "node 5"), str(counts)
+    (None, None, '2 state of node 5')
+    """
+
+    def __init__(self) -> None:
+        self.total = 0
+        self._kinds: Counter[str] = Counter()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.total}>"
+
+    def __str__(self) -> str:
+        shown = ", ".join(f"{number} {kind}" for kind, number in self._kinds.most_common(_KINDS_SHOWN))
+        return f"{shown}, ..." if len(self._kinds) > _KINDS_SHOWN else shown
+
+    def add(self, code: str, place: str) -> None:
+        """Count a finding."""
+        self.total += 1
+        kind = f"{code} of {place}"
+        if len(self._kinds) < _KINDS_MAX or kind in self._kinds:
+            self._kinds[kind] += 1
 
 
 class LineVerdict(NamedTuple):

@@ -99,14 +99,17 @@ def _number_of_ones(byte: int) -> tuple[int, int]:
     return byte.bit_count(), byte
 
 
-def sent_frames(heard: bytes, form: CharacterFormat, fault: ReceiverFault) -> list[tuple[int, bytes]]:
-    """Return the frames that are read as `heard`, those with the fewest unlikely bytes first.
+def sent_frames(
+    heard: bytes, form: CharacterFormat, fault: ReceiverFault, reader: CharacterFormat | None = None
+) -> list[tuple[int, bytes]]:
+    """Return the frames that are read as `heard`, those with the fewest unlikely bytes first. `reader` is the format
+    that the receiver expects, if it is another one.
 
     >>> heard = bytes.fromhex("06 1E 00 00 00 98 80 66 E6 F8")
     >>> [(unlikely, frame.hex(" ")) for unlikely, frame in sent_frames(heard, FORMATS[0], ReceiverFault(faster=2))]
     [(0, '01 03 00 00 00 0a c5 cd')]
     """
-    line = UartLine(form, fault)
+    line = UartLine(form, fault, reader)
     return sorted(set(_Search(heard, line).frames()))
 
 
@@ -128,6 +131,21 @@ def misread(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
             found.append((fits[0][0], _finding(fault, fits[0][1], proof)))
     found.sort(key=lambda pair: pair[0])
     yield from (finding for _, finding in found)
+
+
+def misread_parity(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
+    """Read the bytes as those of a sender without a parity bit, which the receiver expects: it takes the stop bit for
+    the parity bit, and the start bit of the next character for the stop bit, so that it misses that character."""
+    if not _SHORTEST_HEARD <= len(data) <= _LONGEST_HEARD:
+        return
+    fits = [
+        proof_of(frame, good)
+        for _, frame in sent_frames(data, FORMATS[0], ReceiverFault(), FORMATS[1])
+        if (good := good_rtu(frame, role)) is not None
+    ]
+    if fits:
+        text = "the sender has no parity bit (8N1), and the reader expects one (8E1 or 8O1)"
+        yield Finding("parity", text, f"sent so, {'; or '.join(fits[:_ALTERNATIVES])}")
 
 
 def _finding(fault: ReceiverFault, form: CharacterFormat, proof: str) -> Finding:

@@ -1,0 +1,375 @@
+"""Diagnosis of one Modbus line or connection: findings on damaged bytes and on exchanges, and verdicts on the line.
+
+        bytes --> TrackedLine --> frames and noise, each with its line --+--> noise beside a frame, damaged frames
+              '-> Sniffer ------> requests and their responses ----------+--> no answer, two answers, echo
+                                                                         +--> LineCounts --> verdicts
+
+Up to three bytes beside a frame are noise of the line. More bytes are a damaged frame: if a request is open, the
+response to it. A request counts as unanswered when the time for its response is over, or the next request follows; a
+recording that ends before proves nothing.
+
+Depends on: examine, modbus_pieces, modbus_verdict, modbus.sniffer. Used by: modbus_log.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from barewire.explain.diagnosis.logs.examine import Examiner
+from barewire.explain.diagnosis.logs.modbus_pieces import Piece
+from barewire.explain.diagnosis.logs.modbus_verdict import LineCounts
+from barewire.explain.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding
+from barewire.explain.diagnosis.modbus.exchange import diagnose_exchange
+from barewire.explain.findings import DiagnosisCode, Finding
+from barewire.explain.modbus.pdu import explain_pdu
+from barewire.explain.result import FrameRole, ProtocolName, counted
+from barewire.modbus.adu import BROADCAST
+from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.messages.registry import measure_response
+from barewire.modbus.sniffer import (
+    AmbiguousFrame,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    SnifferEvent,
+    shapes,
+)
+from barewire.rtu.crc import crc16
+from barewire.rtu.frame import encode
+
+_STRAY = 3
+"""The most bytes beside a frame that are noise of the line, and not a damaged frame."""
+_BESIDE = 0.02
+"""Seconds from noise to the frame that it belongs to; USB adapters deliver bytes of one moment up to 16 ms apart."""
+_WITHIN = 0.005
+"""Seconds between two chunks of one damaged frame; a response takes longer to come."""
+_AT_ONCE = 0.02
+"""Seconds from a request to its echo; a client that repeats a request waits for a response before."""
+_SECOND_ANSWER = 0.05
+"""Seconds from a response to that of another device with the same address."""
+_LATE_AFTER = 5.0
+"""Seconds after a missing response in which a response without a request may be the late one."""
+_KEPT = 64
+"""Requests and damaged responses that are remembered by their times."""
+_NO_TARGET = (0x0A, 0x0B)
+"""Exceptions of a gateway: no path to the unit, no response from it."""
+_ILLEGAL_ADDRESS = b"\x02"
+_FIVE_DIGITS = 10_000
+"""Numbers of manuals with the digit of their table are above."""
+_DIAGNOSTICS, _LISTEN_ONLY = 0x08, b"\x00\x04"
+
+
+class Located(NamedTuple):
+    """A finding, and the piece of the log at which it is."""
+
+    unit: int
+    finding: Finding
+    at: float
+    line: int
+
+
+class LineDiagnosis:
+    """One line or connection. `take` pieces and events as they come, `flush` at the end; `verdicts` at any time.
+
+    `timed` is False for a log without times, in which only neighbours in one line belong together.
+    """
+
+    def __init__(self, protocol: ProtocolName, name: str = "", *, timed: bool = True) -> None:
+        self.name = name
+        self.counts = LineCounts()
+        self.found = FindingCounts()
+        self.protocol: ProtocolName = protocol
+        self._timed = timed
+        self._examiner = Examiner(protocol)
+        self._noise: Piece | None = None  # the next frame decides what it is
+        self._asked: Piece | None = None  # the last frame, if it is a request
+        self._before: Piece | None = None  # the last frame
+        self._lines: deque[tuple[float, int]] = deque(maxlen=_KEPT)  # time and line of requests
+        self._spoiled: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # requests whose response is damaged
+        self._answered: ResponseSeen | None = None  # the last response, if it has a request
+        self._missing: dict[int, float] = {}  # unit -> when its last response was missing
+        self._listening: set[int] = set()  # units that were commanded to listen only
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.counts.frames} frames, {self.found.total} findings>"
+
+    def take(self, pieces: Iterable[Piece], events: Iterable[SnifferEvent] = ()) -> list[LogFinding]:
+        """Take pieces of the line, then the events of the sniffer that follow from them."""
+        located = [finding for piece in pieces for finding in self._piece(piece)]
+        waiting = list(events)
+        for place, event in enumerate(waiting):
+            following = waiting[place + 1] if place + 1 < len(waiting) else None
+            located += self._event(event, following)
+        return [self._log_finding(*one) for one in located]
+
+    def flush(self) -> list[LogFinding]:
+        """Decide about noise that no frame followed."""
+        return [self._log_finding(*one) for one in self._decide(None)]
+
+    def verdicts(self) -> list[LineVerdict]:
+        """Return what the numbers show about the line; exactly one verdict if they show no fault."""
+        counts = self.counts
+        found = counts.verdicts()
+        if found:
+            return found
+        if not counts.frames and not counts.noise_bytes:
+            return [LineVerdict("nothing-heard", "nothing was received", "no byte")]
+        if self.found.total:
+            evidence = f"{self.found}; {counts.seen()}"
+            return [LineVerdict("nothing-proved", "the findings show no fault of the line itself", evidence)]
+        return [LineVerdict("nothing-wrong", "nothing wrong", counts.seen())]
+
+    def _log_finding(self, unit: int, finding: Finding, at: float, line: int) -> LogFinding:
+        place = ", ".join(filter(None, (self.name, f"unit {unit}" if unit else ""))) or "line"
+        self.found.add(finding.code, place)
+        return LogFinding(at, line, place, finding, self._timed)
+
+    # Pieces: frames and noise
+
+    def _piece(self, piece: Piece) -> Iterator[Located]:
+        if piece.adu is None:
+            noise = self._noise
+            if noise is not None and (piece.joined or self._goes_on(noise, piece)):
+                self._noise = noise._replace(data=noise.data + piece.data, end=piece.end)
+                return
+            yield from self._decide(None)
+            self._noise = piece
+            return
+        role = self._role(piece)
+        yield from self._decide(piece, role)
+        self.counts.frames += 1
+        if role == "request":
+            self.counts.requests += 1
+            self._lines.append((piece.end, piece.line))
+        else:
+            self.counts.responses += 1
+        self._before, self._asked = piece, piece if role == "request" else None
+
+    def _goes_on(self, noise: Piece, piece: Piece) -> bool:
+        """Return whether noise goes on in the next chunk."""
+        same = noise.from_client == piece.from_client
+        return same and self._timed and piece.start - noise.end <= _WITHIN
+
+    def _role(self, piece: Piece) -> FrameRole:
+        """Return the role of a frame: its shape tells, or the frame before; the two of a single write are equal."""
+        assert piece.adu is not None
+        if piece.from_client is not None and self.protocol == "tcp":
+            return "request" if piece.from_client else "response"
+        request, response = shapes(piece.adu.pdu)
+        if request != response:
+            return "request" if request else "response"
+        asked = self._asked
+        return "response" if asked is not None and asked.adu == piece.adu else "request"
+
+    def _decide(self, after: Piece | None, role: FrameRole | None = None) -> Iterator[Located]:
+        """Decide what the last noise was, now that the frame after it is known."""
+        noise, self._noise = self._noise, None
+        if noise is None:
+            return
+        self.counts.noise_bytes += len(noise.data)
+        if len(noise.data) > _STRAY or self.protocol == "tcp":
+            yield from self._damaged(noise)
+        elif after is not None and after.adu is not None and self._beside(noise, after):
+            self.counts.longest_noise = max(self.counts.longest_noise, len(noise.data))
+            if role == "response":
+                self.counts.before_responses += 1
+            else:
+                self.counts.before_requests += 1
+            yield self._stray("noise-before", noise, after, f"before a {role} of unit {after.adu.unit}")
+        elif noise.joined and self._before is not None and self._before.adu is not None:
+            self.counts.after += 1
+            yield self._stray("noise-after", noise, self._before, f"behind a frame of unit {self._before.adu.unit}")
+        else:
+            self.counts.stray += 1
+            text = f"{counted(len(noise.data))} without a frame"
+            yield Located(0, Finding("no-frame", text, _digits(noise.data)), noise.end, noise.line)
+
+    def _beside(self, noise: Piece, frame: Piece) -> bool:
+        return frame.joined or (self._timed and frame.start - noise.end <= _BESIDE)
+
+    def _stray(self, code: DiagnosisCode, noise: Piece, frame: Piece, where: str) -> Located:
+        assert frame.adu is not None
+        text = f"{counted(len(noise.data))} of noise {where}"
+        proof = f"{_digits(noise.data)} beside the good frame {_digits(frame.data)}"
+        return Located(frame.adu.unit, Finding(code, text, proof), noise.end, noise.line)
+
+    def _damaged(self, noise: Piece) -> Iterator[Located]:
+        """Diagnose bytes that should be a frame: the response to the open request, or anything."""
+        counts, asked = self.counts, self._asked
+        counts.bursts += 1
+        unit = 0
+        role: FrameRole | None = None
+        if noise.from_client is not None:
+            role = "request" if noise.from_client else "response"
+        if asked is not None and asked.adu is not None and noise.from_client is not True:
+            unit, role = asked.adu.unit, "response"
+            counts.unit(unit).damaged += 1
+            self._spoiled.append((unit, asked.end))
+            size = response_size(asked.adu.pdu)
+            counts.unit(unit).too_long += size is not None and len(noise.data) > size + 4
+            if (
+                self.protocol == "rtu"
+                and (lost := lost_end(noise.data, asked.adu.unit, asked.adu.pdu, size)) is not None
+            ):
+                counts.first_lost += lost.text.startswith("the first")
+                counts.last_lost += lost.text.startswith("the last")
+                yield Located(unit, lost, noise.end, noise.line)
+                return
+        findings = self._examiner.findings(noise.data, role)
+        if findings:
+            counts.codes.update({finding.code for finding in findings})
+            yield Located(unit, findings[0], noise.end, noise.line)
+            return
+        counts.codes["no-frame"] += 1
+        text = f"{counted(len(noise.data))} that are not a frame" + (", where a response was due" if unit else "")
+        yield Located(unit, Finding("no-frame", text, _digits(noise.data)), noise.end, noise.line)
+
+    # Events: requests and responses
+
+    def _event(self, event: SnifferEvent, following: SnifferEvent | None) -> Iterator[Located]:
+        match event:
+            case RequestSeen() if event.unit != BROADCAST:
+                self.counts.unit(event.unit).requests += 1
+            case ResponseSeen():
+                yield from self._response(event)
+            case ResponseMissing():
+                yield from self._no_response(event, following)
+            case AmbiguousFrame() if not self._listens(event):
+                self.counts.unit(event.unit).requests += 1
+                self.counts.unit(event.unit).halves += 1
+
+    def _response(self, event: ResponseSeen) -> Iterator[Located]:
+        unit = self.counts.unit(event.unit)
+        before, self._answered = self._answered, event if event.request is not None else None
+        if event.request is None:
+            missing = self._missing.get(event.unit)
+            if missing is not None and event.at - missing <= _LATE_AFTER:
+                yield self._late(event, "its request was given up before")
+            elif before is not None and self._is_second(before, event):
+                unit.twice += 1
+                text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
+                proof = f"{_digits(before.pdu)}, then {_digits(event.pdu)}"
+                yield Located(event.unit, Finding("two-answers", text, proof), event.at, self._line_now())
+            return
+        self._listening.discard(event.unit)
+        if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] and event.pdu[1] in _NO_TARGET:
+            unit.missing += 1
+            unit.streak += 1
+            text = "the gateway has no response from the unit"
+            proof = explain_pdu(event.pdu, "response").summary
+            yield Located(event.unit, Finding("no-answer", text, proof), event.at, self._line_now())
+            return
+        unit.answered += 1
+        unit.streak = 0
+        if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] == _ILLEGAL_ADDRESS:
+            for finding in exchange_findings(event.request, event, "address-base"):
+                if int.from_bytes(event.request.pdu[1:3], "big") > _FIVE_DIGITS:
+                    yield Located(event.unit, finding, event.at, self._line_now())
+        if event.late:
+            yield self._late(event, f"{event.seconds:.3f} s after its request, behind the next one")
+
+    def _is_second(self, before: ResponseSeen, event: ResponseSeen) -> bool:
+        same = before.unit == event.unit and before.pdu[0] & ~EXCEPTION_BIT == event.pdu[0] & ~EXCEPTION_BIT
+        return same and self._timed and event.at - before.at <= _SECOND_ANSWER
+
+    def _late(self, event: ResponseSeen, proof: str) -> Located:
+        summary = explain_pdu(event.pdu, "response").summary
+        return Located(
+            event.unit, Finding("late-answer", f"a late response: {summary}", proof), event.at, self._line_now()
+        )
+
+    def _line_now(self) -> int:
+        return self._before.line if self._before is not None else 0
+
+    def _no_response(self, event: ResponseMissing, following: SnifferEvent | None) -> Iterator[Located]:
+        request = event.request
+        unit = self.counts.unit(request.unit)
+        line = next((line for at, line in reversed(self._lines) if at == request.at), 0)
+        if self._is_echo(request, following):
+            self.counts.echoes += 1
+            unit.requests -= 1
+            text = "the request is received again at once, as its sender's own echo"
+            yield Located(request.unit, Finding("echo", text, self._echo_proof(request)), request.at, line)
+            return
+        if (request.unit, request.at) in self._spoiled or self._listens(request):
+            return
+        unit.missing += 1
+        unit.streak += 1
+        self._missing[request.unit] = event.at
+        if isinstance(following, ResponseSeen) and following.request is None and not following.late:
+            wrong = exchange_findings(request, following, "wrong-answer")
+            if wrong:
+                yield Located(request.unit, wrong[0], following.at, self._line_now())
+                return
+        text = f"no response to {explain_pdu(request.pdu, 'request').summary}"
+        proof = "nothing before the next request" if following is not None else "nothing in the time for it"
+        if self._timed:
+            proof = f"nothing for {event.at - request.at:.3f} s"
+        yield Located(request.unit, Finding("no-answer", text, proof), event.at, line)
+
+    def _is_echo(self, request: RequestSeen, following: SnifferEvent | None) -> bool:
+        """Return whether the next frame is the same request, sooner than any client repeats it."""
+        if not isinstance(following, RequestSeen) or (following.unit, following.pdu) != (request.unit, request.pdu):
+            return False
+        if self._before is not None and self._before.from_client is False:
+            return True  # the client that wrote the log received its own request
+        joined = self._before is not None and self._before.joined
+        return joined or (self._timed and following.at - request.at <= _AT_ONCE)
+
+    def _echo_proof(self, request: RequestSeen) -> str:
+        return f"unit {request.unit}, {_digits(request.pdu)}, twice"
+
+    def _listens(self, request: RequestSeen | AmbiguousFrame) -> bool:
+        """Return whether the unit was commanded to answer nothing [MB-APP 6.8, Force Listen Only Mode]."""
+        if request.pdu[0] == _DIAGNOSTICS and request.pdu[1:3] == _LISTEN_ONLY:
+            self._listening.add(request.unit)
+        return request.unit in self._listening
+
+
+def exchange_findings(request: RequestSeen, response: ResponseSeen, code: DiagnosisCode) -> list[Finding]:
+    """Return the findings with this code on a request and what came after it; the framing does not matter."""
+    frames = encode(request.unit, request.pdu), encode(response.unit, response.pdu)
+    return [finding for finding in diagnose_exchange("rtu", *frames) if finding.code == code]
+
+
+def response_size(pdu: bytes) -> int | None:
+    """Return the bytes of the whole RTU frame that answers a request, None if the request does not tell.
+
+    >>> response_size(bytes.fromhex("03 0000 0002")), response_size(bytes.fromhex("06 0001 0003"))
+    (9, 8)
+    """
+    if len(pdu) == 5 and pdu[0] in (1, 2, 3, 4):
+        count = int.from_bytes(pdu[3:5], "big")
+        return 5 + (2 * count if pdu[0] > 2 else (count + 7) // 8)
+    if pdu[0] in (5, 6, 15, 16):
+        return 8
+    return None
+
+
+def lost_end(data: bytes, unit: int, request: bytes, size: int | None) -> Finding | None:
+    """Return the finding of an RTU response that lacks its first or its last bytes, None if the CRC shows neither.
+
+    >>> lost_end(bytes.fromhex("03 04 00 17 00 07 0B F5"), 1, bytes.fromhex("03 0000 0002"), 9).proof
+    'with 01 the CRC fits: 01 03 04 00 17 00 07 0B F5'
+    """
+    head = bytes((unit, request[0]))
+    for lost in (head[:1], head):
+        whole = lost + data
+        if crc16(whole) == 0 and measure_response(whole[1:]) == len(whole) - 3:
+            which = "byte is" if len(lost) == 1 else "2 bytes are"
+            return Finding(
+                "byte-lost", f"the first {which} missing", f"with {_digits(lost)} the CRC fits: {_digits(whole)}"
+            )
+    if size is not None and len(data) == size - 1 and data[:2] == head:
+        check = crc16(data[:-1]).to_bytes(2, "little")
+        if check[:1] == data[-1:]:
+            return Finding(
+                "byte-lost", "the last byte is missing", f"the CRC is {_digits(check)}, its first byte is there"
+            )
+    return None
+
+
+def _digits(data: bytes) -> str:
+    return data[:32].hex(" ").upper() + (" ..." if len(data) > 32 else "")
