@@ -62,8 +62,8 @@ def steps_command() -> None:
     barewire steps cob-id 58Fh
     barewire steps controlword 000Fh
     barewire steps statusword 0637h --device az3
-    barewire steps can-frame 605#4041600000000000 --bitrate 500000
-    barewire steps can-frame 705#05 605#40
+    barewire steps can-frame "605#4041600000000000" --bitrate 500000
+    barewire steps can-frame "705#05" "605#40"
     """
 
 

@@ -159,7 +159,7 @@ def _silences(baudrate: int, form: CharacterFormat, times: _Times) -> list[StepS
         "program behind "
         "a USB adapter or an operating system cannot measure that: bytes reach it in batches, with pauses that were "
         f"never on the wire. So barewire keeps {shown_time(times.t35)} when it sends, and accepts pauses of "
-        f"{shown_time(PATIENCE)} inside a frame when it receives (the option `patience`).",
+        f"{shown_time(PATIENCE)} inside a frame when it receives, unless the option `patience` says another time.",
     ]
 
 
