@@ -28,6 +28,7 @@ from barewire.cli.arguments import (
     no_wait_option,
     print_json,
 )
+from barewire.cli.teach.shown_frames import frames_option, frames_shown
 from barewire.devices.device import Device, drive_roles
 from barewire.devices.drive.cia402 import State
 from barewire.devices.drive.report import DriveProgress, DriveStatus, DriveStuck, bit_names
@@ -113,16 +114,19 @@ class _DriveNumber(click.ParamType[int | float]):
 
 
 def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Command]:
-    """Make a command of an action, with --json, --timeout, --no-wait; Ctrl-C is a quick stop if the action `moves`."""
+    """Make a command of an action, with the options that all have; Ctrl-C is a quick stop if the action `moves`."""
 
     def make_command(action: _Action) -> click.Command:
         @wraps(action)
-        def run_action(ctx: click.Context, /, as_json: bool, timeout: float, no_wait: bool, **arguments: Any) -> None:
+        def run_action(
+            ctx: click.Context, /, as_json: bool, timeout: float, no_wait: bool, frames: bool, **arguments: Any
+        ) -> None:
             endpoint, device = ctx.obj
             if moves:
                 check_mode(device, name)  # before a port is opened
             with (
-                connect(device, endpoint) as machine,
+                frames_shown(endpoint, device, frames, as_json=as_json) as options,
+                connect(device, endpoint, **options) as machine,
                 late_response_awaited(lambda: machine, no_wait),
                 _progress_output(as_json) as show_progress,
             ):
@@ -165,7 +169,7 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
 
         # A negative target such as -1000 begins with a dash and is not an option.
         settings = {"ignore_unknown_options": moves}
-        command = json_option(_timeout_option(no_wait_option(click.pass_context(run_action))))
+        command = json_option(_timeout_option(no_wait_option(frames_option(click.pass_context(run_action)))))
         kind = _MovingCommand if moves else click.Command
         return drive_command.command(name, cls=kind, context_settings=settings)(command)
 

@@ -19,6 +19,7 @@ from barewire.cli.arguments import (
     print_timing,
     timing_option,
 )
+from barewire.cli.teach.shown_frames import frames_option, frames_shown
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
@@ -36,8 +37,9 @@ from barewire.io.machine import MachineClient
 @json_option
 @timing_option
 @no_wait_option
+@frames_option
 def read_command(
-    endpoint: str, device: str, names: tuple[str, ...], as_json: bool, timing: bool, no_wait: bool
+    endpoint: str, device: str, names: tuple[str, ...], as_json: bool, timing: bool, no_wait: bool, frames: bool
 ) -> None:
     """Read named values of a device.
 
@@ -59,7 +61,7 @@ def read_command(
         description.find(name)  # an unknown name is reported before a port is opened
     if timing:
         print_timing(endpoint)
-    with _connected(description, endpoint, no_wait) as machine:
+    with _connected(description, endpoint, no_wait, frames=frames, as_json=as_json) as machine:
         for reading in machine.read_all(names):
             _print_reading(reading, as_json)
 
@@ -76,8 +78,16 @@ def read_command(
 @json_option
 @timing_option
 @no_wait_option
+@frames_option
 def write_command(
-    endpoint: str, device: str, assignments: tuple[str, ...], force: bool, as_json: bool, timing: bool, no_wait: bool
+    endpoint: str,
+    device: str,
+    assignments: tuple[str, ...],
+    force: bool,
+    as_json: bool,
+    timing: bool,
+    no_wait: bool,
+    frames: bool,
 ) -> None:
     """Write named values of a device, in the order given.
 
@@ -97,7 +107,7 @@ def write_command(
         _note_unnamed(description.find(name), value)
     if timing:
         print_timing(endpoint)
-    with _connected(description, endpoint, no_wait) as machine:
+    with _connected(description, endpoint, no_wait, frames=frames, as_json=as_json) as machine:
         for values in _batches(wanted):
             machine.write(values, force=force)
             for name, value in values.items():
@@ -107,9 +117,14 @@ def write_command(
 
 
 @contextmanager
-def _connected(device: Device, endpoint: str, no_wait: bool) -> Iterator[MachineClient]:
-    """Yield the connected machine. After a time-out on a serial line, wait for a late response, unless `no_wait`."""
-    with connect(device, endpoint) as machine, late_response_awaited(lambda: machine, no_wait):
+def _connected(device: Device, endpoint: str, no_wait: bool, *, frames: bool, as_json: bool) -> Iterator[MachineClient]:
+    """Yield the connected machine. After a time-out on a serial line, wait for a late response, unless `no_wait`. With
+    `frames`, print each frame that passes."""
+    with (
+        frames_shown(endpoint, device, frames, as_json=as_json) as options,
+        connect(device, endpoint, **options) as machine,
+        late_response_awaited(lambda: machine, no_wait),
+    ):
         yield machine
 
 

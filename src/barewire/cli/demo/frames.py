@@ -131,9 +131,13 @@ class ExchangeFrames:
 
     protocol: str
     items: list[tuple[Direction, bytes | CanFrame]] = field(default_factory=list)
+    also: Watch | None = None
+    """Called with every frame, too."""
 
     def watch(self, direction: Direction, item: bytes | CanFrame) -> None:
         """Add what was sent or received; the port calls this."""
+        if self.also is not None:
+            self.also(direction, item)
         if isinstance(item, bytes) and self.items and self.items[-1][0] == direction:
             before = self.items[-1][1]
             assert isinstance(before, bytes)

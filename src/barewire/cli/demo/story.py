@@ -25,6 +25,7 @@ from barewire.cli.demo.frames import (
     print_every_frame_as_json,
     print_wrapped,
 )
+from barewire.cli.teach.shown_frames import ShownFrames
 from barewire.codecs import Value
 from barewire.devices import Reading
 from barewire.devices.drive.report import DriveStatus
@@ -97,7 +98,8 @@ _TIMEOUT, _DELAY = 0.5, 0.7
 @click.option(
     "--json", "as_json", is_flag=True, help="As --all, one JSON object a line; without movement and late answer."
 )
-def demo_command(every_frame: bool, as_json: bool) -> None:
+@click.option("--frames", is_flag=True, help="Show each frame of the movement, too, explained in one line.")
+def demo_command(every_frame: bool, as_json: bool, frames: bool) -> None:
     """Read and write three simulated machines on every wire.
 
     Shows the frames of a value read and written on Modbus RTU, ASCII, TCP and CANopen, a motor that moves, and a late
@@ -111,11 +113,11 @@ def demo_command(every_frame: bool, as_json: bool) -> None:
     if every_frame:
         print_every_frame(console)
     else:
-        _tell(console)
+        _tell(console, frames)
 
 
-def _tell(console: Console) -> None:
-    """Print all scenes."""
+def _tell(console: Console, every_frame: bool) -> None:
+    """Print all scenes; with `every_frame`, the frames of the movement too."""
     print_wrapped(console, _INTRODUCTION)
     machines = {scene.device: simulator(scene.device, time.monotonic()) for scene in (*_SCENES, _STEPPER)}
     for number, scene in enumerate(_SCENES, start=1):
@@ -128,7 +130,10 @@ def _tell(console: Console) -> None:
     with connected(machines["csd-mt"], _STEPPER.endpoint, frames.watch) as (client, _):
         _read_and_write(console, _STEPPER, client, frames)
         _print_title(console, len(_SCENES) + 2, f"It moves {_STEPS} steps, {_REVOLUTIONS} revolutions of its motor")
-        _move(console, client)
+        if every_frame:
+            shown = ShownFrames(_STEPPER.endpoint, show=lambda text: print_wrapped(console, text, "    ", 14, "cyan"))
+            frames.also = shown.watch
+        _move(console, client, in_place=sys.stdout.isatty() and not every_frame)
     _print_title(console, len(_SCENES) + 3, "A late answer on Modbus RTU is not taken for another one")
     _be_late(console, machines["az3"])
     console.print()
@@ -174,17 +179,17 @@ def _shown(item: bytes | CanFrame, protocol: str) -> str:
 # The movement
 
 
-def _move(console: Console, client: MachineClient) -> None:
-    """Enable the drive and move it; draw its position."""
+def _move(console: Console, client: MachineClient, *, in_place: bool) -> None:
+    """Enable the drive and move it; draw its position, over the one before if `in_place`."""
     unit = client.device.find(_STEPPER.read).unit
-    draw = _draw_in_place(console, unit) if sys.stdout.isatty() else _draw_some(console, unit)
+    draw = _draw_in_place(console, unit) if in_place else _draw_some(console, unit)
     drive = client.drive.following(lambda progress: draw(progress.status))
     drive.enable()
     drive.move(_STEPS, relative=True)
     while (status := drive.status()).velocity:  # the drive shows a mean of the last 100 ms
         pass
     draw(status)
-    if sys.stdout.isatty():
+    if in_place:
         console.print()
 
 
