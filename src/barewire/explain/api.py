@@ -16,7 +16,7 @@ from barewire.errors import DecodeError, EncodeError
 from barewire.explain.canopen.frame import explain_can
 from barewire.explain.capture.can_text import parse_any_can
 from barewire.explain.diagnosis.can import explain_diagnosed_can
-from barewire.explain.diagnosis.modbus.exchange import ExpectedValue, decoded, diagnose_exchange
+from barewire.explain.diagnosis.modbus.exchange import ExpectedValue, cannot_answer, decoded, diagnose_exchange
 from barewire.explain.diagnosis.modbus.expected import addresses_of_table, expected_values, float_values
 from barewire.explain.diagnosis.modbus.frame import with_diagnosis
 from barewire.explain.diagnosis.modbus.good import good_ascii
@@ -103,7 +103,8 @@ def explain_exchange(
     elif device is not None and pdu:
         values, known = expected_values(device, pdu), addresses_of_table(device, pdu)
     found = diagnose_exchange(framing, sent, answered, values, known)
-    return replace(explanation, diagnosis=(*found, *explanation.diagnosis))
+    diagnosis = (*found, *explanation.diagnosis)
+    return replace(explanation, diagnosis=diagnosis or tuple(cannot_answer(framing, sent, answered)))
 
 
 def _typed_bytes(protocol: str, text: str) -> bytes:
@@ -152,7 +153,7 @@ def _other(protocol: str, text: str, role: FrameRole | None) -> str:
             elif name == "ascii":
                 explanation = explain_ascii(parse_ascii(text), role, typed=True)
             else:
-                explanation = explain(name, parse_hex(text), role)
+                explanation = (explain_rtu if name == "rtu" else explain_tcp)(parse_hex(text), role)
         except DecodeError:
             continue
         if explanation.error is None:

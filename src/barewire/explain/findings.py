@@ -104,7 +104,7 @@ MEANINGS: dict[DiagnosisCode, str] = {
     "cut-frame": "The frame ends before its last byte: the reader stopped too early, or the rest was lost.",
     "role": "The frame is good in the other direction: a request where a response was expected, or the reverse.",
     "wrong-answer": "The response belongs to another request: its unit, function, length or transaction is another.",
-    "address-base": "The number of a register in a manual (40001) was sent as its address (0).",
+    "address-base": "A register was asked for by its number in a manual (40001), and not by its address (0).",
     "address-byte-order": "An address or a quantity was sent low byte first; it goes high byte first.",
     "word-order": "The registers of the value are in another order; in that order the value is plausible.",
     "sdo-read-command": "An SDO read was requested with the command byte of an answer (43h) instead of 40h.",

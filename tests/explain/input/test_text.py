@@ -120,6 +120,20 @@ def test_the_hint_names_another_protocol(protocol: str, text: str, words: str) -
     assert words in explanation.error.text
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<Buffer 01 03 00 00 00 0a c5 cd>",
+        "[01] [03] [0000] [000A] [C5CD]",
+        "TX 01 03 00 00 00 0A C5 CD",
+        "Request: 0103 0000 000A C5CD",
+        "1 3 0 0 0 A C5 CD",
+    ],
+)
+def test_bytes_as_programs_print_them(text: str) -> None:
+    assert parse_hex(text) == bytes.fromhex("01 03 00 00 00 0A C5 CD")
+
+
 def test_unreadable_text_gets_a_hint_too() -> None:
     with pytest.raises(DecodeError, match=re.escape("; as can it is SDO request to node 5")):
         explain_text("tcp", "605#4041600000000000")

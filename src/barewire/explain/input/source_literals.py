@@ -23,10 +23,15 @@ _BEFORE = (
         r"^\s*(?:new\s+)?(?:bytes|bytearray|byte|Uint8Array|vec)(?:\.fromhex)?(?:\[\s*\d*\s*\]|!)?(?=\s*[({\[])"
     ),
     re.compile(r"^\s*&(?=\[)"),
+    re.compile(  # TX 01 03, Response: <01>
+        r"^\s*(?:tx|rx|send|sent|recv|received|request|response|query|answer)[ \t]*[:=>]{0,2}[ \t]*(?=[0-9a-f<\[\\])",
+        re.IGNORECASE,
+    ),
     re.compile(r"^\s*b(?=(['\"])[0-9A-Fa-f\s]*\1[\s;)]*$)"),  # b'0103', the output of hexlify
 )
 _CLOSES = {"{": "}", "[": "]", "(": ")", "<": ">"}
-_ONE_BY_ONE = re.compile(r"\s*(?:[<\[({]\s*(?:0[xX])?[0-9A-Fa-f]{2}[hH]?\s*[>\])}][\s,;]*)+")
+_ONE_BY_ONE = re.compile(r"\s*(?:[<\[({]\s*(?:0[xX])?(?:[0-9A-Fa-f]{2}){1,8}[hH]?\s*[>\])}][\s,;]*)+")
+_BUFFER = re.compile(r"\s*<Buffer\s((?:\s*[0-9a-f]{2})*)\s*>\s*")  # as Node.js prints bytes
 _QUOTED = re.compile(r"\s*(b?)(['\"])(.*)\2[\s;]*", re.DOTALL)
 _ESCAPE = re.compile(r"\\(?:x([0-9A-Fa-f]{2})|([0-7]{1,3})|([abefnrtv\\'\"]))|\\|[^\\]", re.DOTALL)
 _LETTERS = {"a": 7, "b": 8, "e": 27, "f": 12, "n": 10, "r": 13, "t": 9, "v": 11, "\\": 92, "'": 39, '"': 34}
@@ -42,6 +47,8 @@ def strip_syntax(text: str) -> tuple[str, bool]:
     ((' 01  03 ', False), '[12] 01 03')
     """
     listed = False
+    if (printed := _BUFFER.fullmatch(text)) is not None:
+        return " " * printed.start(1) + printed[1], False
     if _ONE_BY_ONE.fullmatch(text):
         return re.sub(r"[<>\[\](){}]", " ", text), False
     for _ in range(4):  # bytes([...]) has three layers

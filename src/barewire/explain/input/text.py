@@ -17,6 +17,7 @@ from barewire.explain.input.source_literals import parse_decimal, parse_string_l
 from barewire.explain.result import text_error
 
 _TOKEN = re.compile(r"[^\s,;:|\-_.]+")
+_BYTES_IN_HEX = re.compile(r"(?=.*[a-fA-F])[0-9a-fA-F]{1,2}(?: [0-9a-fA-F]{1,2})+")
 HEX_PREFIX = re.compile(r"0[xX]|\\x")
 HEX_DIGITS = frozenset("0123456789abcdefABCDEF")
 _LINE_ENDS = {r"\r": "\r", r"\n": "\n", "<CR>": "\r", "<LF>": "\n"}
@@ -31,7 +32,8 @@ def parse_hex(text: str) -> bytes:
     Traceback (most recent call last):
     barewire.errors.DecodeError: 'G' at 7 is not a hexadecimal digit (character, at byte 7 of 30 31 20 30 34 20 30 47)
 
-    A single digit is a byte only after 0x: in `1 4 FB1` the bytes are ambiguous. Offsets count from 0.
+    A single digit is a byte after 0x, and where several bytes have one, none more than two, and one is a letter, as in
+    `1 3 0 A`: in `1 4 FB1` the bytes are ambiguous. Offsets count from 0.
     """
     dumped = parse_dump(text)
     if dumped is not None:
@@ -42,6 +44,9 @@ def parse_hex(text: str) -> bytes:
         literal = parse_decimal(text, listed)
     if literal is not None:
         return literal
+    tokens = _TOKEN.findall(text)
+    if sum(len(token) == 1 for token in tokens) > 1 and _BYTES_IN_HEX.fullmatch(" ".join(tokens)):
+        return bytes(int(token, 16) for token in tokens)
     found = bytearray()
     for token in _TOKEN.finditer(text):
         found += parse_hex_token(text, token.start(), token.group())

@@ -7,8 +7,8 @@
     a character    start 0 | data bits, the lowest first | parity | stop 1
 
 A receiver waits for the edge to 0, then samples the middle of each bit of its own length: half a bit after the edge the
-start bit, then one bit later each time. If the stop bit is 0 (a framing error) it delivers the byte all the same and
-waits for level 1, as most serial ports do.
+start bit, then one bit later each time. If the stop bit is 0 (a framing error) it delivers the byte all the same. Then
+it waits for level 1, or takes that bit for the next start bit: serial ports differ in this.
 
     sent at 9600     01 03 00 00 00 0A C5 CD
     read at 19200    06 1E 00 00 00 98 80 66 E6 F8
@@ -100,6 +100,8 @@ class ReceiverFault(NamedTuple):
     faster: int = 1
     slower: int = 1
     inverted: bool = False
+    resyncs: bool = False
+    """Whether a stop bit at level 0 is taken for the start bit of the next character, as a 16550 does."""
 
 
 class UartLine:
@@ -186,7 +188,10 @@ class UartLine:
                     wait = None
                 elif len(samples) == self.size:
                     found.append(sum(data << place for place, data in enumerate(samples[1 : 1 + self.form.data_bits])))
-                    wait = None
+                    if self.fault.resyncs and level == 0 and any(samples):
+                        samples = (0,)
+                    else:
+                        wait = None
             if wait is None:
                 samples = ()
             else:

@@ -4,6 +4,7 @@
     crc_search     the one change of a byte that makes a CRC fit, found from both ends of the frame
     checksum       a checksum in the other byte order, over other bytes, of another kind
     frames_inside  good frames with other bytes around them
+    content        what is wrong although the CRC fits: a byte count, bytes behind the PDU
     one_change     a byte count, a bit, a byte less or more, a number turned round
     resample       the frame that a receiver with a wrong baud rate has read as other bytes
     rtu            the trials of an RTU frame, in their order

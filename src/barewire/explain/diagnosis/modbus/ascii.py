@@ -108,16 +108,16 @@ def _checksum(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
         for name, compute in _KINDS.items():
             if encoded[-1] == compute(encoded[:-1]):
                 proof = f"{encoded[-1]:02X} is the {name} of {digits(encoded[:-1])}; with {right} it is {summary}"
-                yield Finding("lrc-kind", f"the checksum is the {name}, not the LRC", proof)
+                yield Finding("lrc-kind", f"the checksum is the {name} of the bytes, not the LRC", proof)
     if (fits := _good_body(encoded[:-2], role)) is not None and crc16(encoded) == 0:
         proof = f"{digits(encoded[-2:])} is the CRC of {digits(encoded[:-2])}; with the LRC {fits[0]} it is {fits[1]}"
         yield Finding("lrc-kind", "the checksum is the CRC of Modbus RTU, not an LRC", proof)
 
 
 _KINDS: dict[str, Callable[[bytes], int]] = {
-    "sum of the bytes, without its two's complement,": lambda data: sum(data) & 0xFF,
+    "plain sum": lambda data: sum(data) & 0xFF,
     "one's complement of the sum": lambda data: ~sum(data) & 0xFF,
-    "exclusive or of the bytes": lambda data: _exclusive_or(data),
+    "exclusive or": lambda data: _exclusive_or(data),
 }
 
 

@@ -25,16 +25,22 @@ def span(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
     body, end = data[:-2], data[-2:]
     if (good := good_body(body, role)) is None:
         return
-    spans = {body[1:]: "without the unit", body[:-1]: "without the last byte", body[2:]: "without unit and function"}
-    spans |= {body + b"\0": "and a byte 00 behind them", b"\0" + body: "and a byte 00 before them"}
-    spans |= {body + end[:1]: "and one byte of the CRC", body + b"\0\0": "and two bytes 00 behind them"}
+    spans = {
+        body[1:]: "without the unit",
+        body[:-1]: "without the last byte",
+        body + b"\0": "with a byte 00 behind unit and PDU",
+        b"\0" + body: "with a byte 00 before unit and PDU",
+        body + end[:1]: "with one byte of the CRC behind unit and PDU",
+        body + b"\0\0": "with two bytes 00 behind unit and PDU",
+    }
+    for size in range(2, len(body) - 1):
+        spans.setdefault(body[:size], f"over the first {size} bytes only")
+        spans.setdefault(body[-size:], f"over the last {size} bytes before it only")
     for taken, what in spans.items():
-        for order in ("little", "big"):
-            if taken and crc16(taken).to_bytes(2, order) == end:
-                proof = (
-                    f"{digits(end)} is the CRC of {digits(taken)}; with the right one it is {without_checksum(good)}"
-                )
-                yield Finding("crc-span", f"the CRC was computed over unit and PDU {what}", proof)
+        crc = crc16(taken)
+        if taken and end in (crc.to_bytes(2, "little"), crc.to_bytes(2, "big")):
+            proof = f"{digits(end)} is the CRC of {digits(taken)}; with the right one it is {without_checksum(good)}"
+            yield Finding("crc-span", f"the CRC was computed {what}", proof)
 
 
 def kind(data: bytes, role: FrameRole | None) -> Iterator[Finding]:

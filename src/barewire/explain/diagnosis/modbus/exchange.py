@@ -16,16 +16,25 @@ from barewire.codecs import ORDERS, Number
 from barewire.codecs.order import Order
 from barewire.errors import DecodeError
 from barewire.explain.diagnosis.modbus.frame import with_diagnosis
-from barewire.explain.diagnosis.modbus.good import digits, good_ascii, good_rtu, good_tcp, proof_of
+from barewire.explain.diagnosis.modbus.good import (
+    digits,
+    good_ascii,
+    good_body,
+    good_rtu,
+    good_tcp,
+    proof_of,
+    without_checksum,
+)
 from barewire.explain.findings import Finding
 from barewire.explain.modbus.frames import explain_ascii, explain_rtu, explain_tcp
 from barewire.explain.modbus.pdu import explain_pdu
-from barewire.explain.result import Explanation, FrameRole, ProtocolName
+from barewire.explain.result import Explanation, FrameRole, ProtocolName, counted
 from barewire.modbus.adu import Adu
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ModbusException
 from barewire.modbus.messages.base import EXCEPTION_BIT
-from barewire.modbus.messages.registry import decode_request, response_class
+from barewire.modbus.messages.registry import decode_request, measure_response, response_class
 from barewire.rtu import frame as rtu_frame
+from barewire.rtu.crc import crc16
 from barewire.tcp import frame as tcp_frame
 
 _DECODERS: dict[ProtocolName, Callable[[bytes], Adu]] = {
@@ -50,6 +59,8 @@ _TABLES = {
     40000: ("holding register", (0x03, 0x06, 0x10, 0x16, 0x17)),
 }
 """The numbers of manuals: 40001 to 49999 are the holding registers with the addresses 0 to 9998, and so on."""
+
+_SHORTEST_ECHO = 4
 
 _PLAUSIBLE = 1e-6, 1e9
 """A float between these is plausible, and 0. A number whose words are exchanged has a random exponent."""
@@ -93,6 +104,11 @@ def diagnose_exchange(
         if (good := _GOOD[protocol](rest)) is not None:
             proof = f"{_shown(protocol, request)} is the request; {proof_of(rest, good)}"
             return [Finding("echo", "the reader has read its own request before the response", proof)]
+    if len(response) >= _SHORTEST_ECHO and request.startswith(response) and response != request:
+        text = f"the reader has read the first {counted(len(response))} of its own request"
+        return [Finding("echo", text, f"{_shown(protocol, request)} is the request")]
+    if protocol == "rtu" and (noise := _before_answer(request, response)) is not None:
+        return [noise]
     try:
         sent, received = decoded(protocol, request), decoded(protocol, response)
     except DecodeError:
@@ -105,6 +121,42 @@ def decoded(protocol: ProtocolName, data: bytes) -> Adu:
     if protocol == "ascii" and not data.endswith(ascii_frame.END):
         data = data.rstrip(ascii_frame.END) + ascii_frame.END
     return _DECODERS[protocol](data)
+
+
+def cannot_answer(protocol: ProtocolName, request: bytes, response: bytes) -> Iterator[Finding]:
+    """Say why a response whose framing is intact answers no request of this function."""
+    try:
+        sent, received = decoded(protocol, request), decoded(protocol, response)
+        decode_request(sent.pdu).read_response(received.pdu)
+    except ModbusException:
+        return
+    except DecodeError as error:
+        if error.reason not in ("checksum", "delimiter", "character"):
+            asked = explain_pdu(decoded(protocol, request).pdu, "request").summary
+            yield Finding("wrong-answer", f"this cannot be the response: {error.text}", f"asked: {asked}")
+
+
+def _before_answer(request: bytes, response: bytes) -> Finding | None:
+    """The answer begins behind some bytes that belong to none, and the reader stopped before its end.
+
+    A reader that waits for as many bytes as the answer has counts the bytes before it too.
+    """
+    for first in range(1, min(len(response) - 4, 4)):
+        rest = response[first:]
+        if rest[:1] != request[:1] or rest[1] & ~EXCEPTION_BIT != request[1]:
+            continue
+        size = measure_response(rest[1:])
+        if size is None or not 1 + size <= len(rest) <= 2 + size:
+            continue
+        good = good_body(rest[: 1 + size], "response")
+        if (
+            good is not None
+            and rest[1 + size :] == crc16(rest[: 1 + size]).to_bytes(2, "little")[: len(rest) - 1 - size]
+        ):
+            text = f"{counted(first)} before the response: {digits(response[:first])}"
+            cut = f"its last {counted(3 + size - len(rest))} not read"
+            return Finding("noise-before", text, f"{digits(rest)} is {without_checksum(good)}, {cut}")
+    return None
 
 
 def _shown(protocol: ProtocolName, data: bytes) -> str:

@@ -6,8 +6,11 @@ from collections.abc import Iterator
 
 from barewire.explain.diagnosis.modbus.good import HIGHEST_UNIT, digits, good_rtu, missing, proof_of
 from barewire.explain.findings import Finding
+from barewire.explain.modbus.frames import explain_rtu
 from barewire.explain.result import Explanation, FrameRole, counted
+from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.registry import measure_request, measure_response
+from barewire.rtu.crc import crc16
 from barewire.rtu.frame import LONGEST, SHORTEST
 
 _SHOWN = 8
@@ -64,4 +67,6 @@ def _frame_at(data: bytes, at: int) -> tuple[bytes, Explanation] | None:
             frame = data[at : at + size + 3]
             if (good := good_rtu(frame)) is not None:
                 return frame, good
+            if data[at + 1] & EXCEPTION_BIT and crc16(frame) == 0:  # to a function that the standard does not have
+                return frame, explain_rtu(frame, "response")
     return None

@@ -15,7 +15,7 @@ from barewire.explain.modbus.pdu import explain_pdu
 from barewire.explain.result import Explanation, FrameRole, counted
 from barewire.modbus.adu import PDU_LIMIT
 from barewire.modbus.messages.base import EXCEPTION_BIT
-from barewire.modbus.messages.registry import measure_request, measure_response
+from barewire.modbus.messages.registry import ENCAPSULATED, measure_request, measure_response, request_class
 from barewire.rtu.crc import crc16
 
 HIGHEST_UNIT = 247
@@ -55,7 +55,17 @@ def good_tcp(frame: bytes, role: FrameRole | None = None) -> Explanation | None:
 
 
 def _valid(explanation: Explanation) -> Explanation | None:
-    return explanation if explanation.valid and explanation.role is not None else None
+    return explanation if explanation.valid and explanation.role is not None and _is_known(explanation) else None
+
+
+def _is_known(explanation: Explanation) -> bool:
+    """Return whether the function is known. With a given role, `explain` takes any function for a message."""
+    pdu = bytes(
+        field.value & 0x7F
+        for field in explanation.fields
+        if field.name in ("function code", "mei type") and isinstance(field.value, int)
+    )
+    return request_class(pdu) is not None or pdu == bytes((ENCAPSULATED,))
 
 
 class Missing(NamedTuple):

@@ -36,19 +36,27 @@ it reads two or three bits of each character and then waits for the next edge.
 _FORMATS = FORMATS[:3]
 """Without 8N2, which hardly any device has."""
 
-FAULTS = (*(ReceiverFault(*ratio) for ratio in RATIOS), ReceiverFault(inverted=True))
+FAULTS = tuple(
+    fault
+    for resyncs in (False, True)
+    for fault in (
+        *(ReceiverFault(*ratio, resyncs=resyncs) for ratio in RATIOS),
+        ReceiverFault(inverted=True, resyncs=resyncs),
+    )
+)
 
 UNLIKELY = 5
 """So many bytes of a frame may have a 1 among the bits that the receiver did not see. The CRC does not count."""
 
-_SHORTEST_HEARD, _LONGEST_HEARD = 4, 48
+_SHORTEST_HEARD, _LONGEST_HEARD = 4, 32
 """Bytes: in a longer input too many bits were not seen for a proof."""
 
 _ALTERNATIVES = 2
 """So many of the frames that fit are in a proof."""
 
-_MOST_STEPS = 5000
-"""A search ends after so many bytes tried: what can be read in thousands of ways proves nothing."""
+_MOST_STEPS, _MOST_INVERTED = 4000, 3000
+"""A search ends after so many bytes tried: what can be read in thousands of ways proves nothing. With exchanged wires
+any bytes have many readings, and the frames of few bytes are found first."""
 
 _State = tuple[Receiver, int]
 """A receiver, and the number of bytes that it has delivered."""
@@ -71,7 +79,7 @@ class _Search:
     def frames(self) -> Iterator[tuple[int, bytes]]:
         """Yield the frames whose CRC fits, each with the number of its unlikely bytes, those with the fewest first."""
         paths: list[tuple[int, int, bytes, _State]] = [(0, 0, b"", (self.line.idle, 0))]
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MOST_INVERTED if self.line.fault.inverted else _MOST_STEPS):
             if not paths:
                 return
             unlikely, _, sent, state = heappop(paths)
@@ -120,8 +128,10 @@ def misread(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
     found: list[tuple[int, Finding]] = []
     for fault in FAULTS:
         frames: dict[bytes, tuple[int, CharacterFormat]] = {}
+        # With exchanged wires the silence before the frame is a break, which is read as 00.
+        heard = data[1:] if fault.inverted and data[0] == 0 else data
         for form in _FORMATS:
-            for unlikely, frame in sent_frames(data, form, fault):
+            for unlikely, frame in sent_frames(heard, form, fault):
                 if frame not in frames or frames[frame][0] > unlikely:
                     frames[frame] = unlikely, form
         fits = [(*frames[frame], proof_of(frame, good)) for frame in frames if (good := good_rtu(frame, role))]

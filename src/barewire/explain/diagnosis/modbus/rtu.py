@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from itertools import chain
 
-from barewire.explain.diagnosis.modbus import checksum, one_change
+from barewire.ascii.frame import START
+from barewire.explain.diagnosis.modbus import checksum, content, one_change
 from barewire.explain.diagnosis.modbus.frames_inside import frames_inside
 from barewire.explain.diagnosis.modbus.good import digits, good_ascii, good_rtu, good_tcp, missing, proof_of
 from barewire.explain.diagnosis.modbus.resample import misread
@@ -56,9 +57,11 @@ def _other_role(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
 
 
 def _ascii(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
-    if (good := good_ascii(data, role)) is not None:
+    frame = data[max(data.rfind(START), 0) :]
+    if (good := good_ascii(frame, role)) is not None:
         text = "the characters of an ASCII frame: the device is set to Modbus ASCII"
-        yield Finding("ascii-on-rtu", text, proof_of(data, good))
+        before = f"behind {digits(data[: -len(frame)])}, " if len(frame) < len(data) else ""
+        yield Finding("ascii-on-rtu", text, before + proof_of(frame, good))
 
 
 def seven_bit(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
@@ -110,7 +113,7 @@ _TRIALS: tuple[tuple[Trial, ...], ...] = (
 _TRIALS_OF_CONTENT: tuple[tuple[Trial, ...], ...] = (
     _READINGS,
     (frames_inside,),
-    (one_change.byte_count, one_change.address_byte_order),
-    (checksum.without_unit,),
+    (one_change.byte_count, content.byte_count_form, content.left_over, one_change.address_byte_order),
+    (checksum.without_unit, content.too_short),
 )
 """If the CRC fits, the bytes were read as they were sent."""

@@ -25,6 +25,8 @@ from barewire.explain.diagnosis.modbus.rtu import Trial, first_findings
 from barewire.explain.findings import Finding
 from barewire.explain.modbus.frames import explain_tcp
 from barewire.explain.result import Explanation, FrameRole, counted
+from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.messages.registry import measure_request, measure_response, request_class
 from barewire.rtu.crc import crc16
 from barewire.tcp.frame import LENGTHS, LONGEST, PREFIX, SHORTEST
 
@@ -52,9 +54,11 @@ def _other_role(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
 
 
 def _other_framing(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
+    text = "an RTU frame, with its CRC and without the header of Modbus TCP"
     if (good := good_rtu(data, role)) is not None:
-        text = "an RTU frame, with its CRC and without the header of Modbus TCP"
         yield Finding("rtu-on-tcp", text, proof_of(data, good))
+    elif len(data) >= 5 and crc16(data) == 0 and request_class(bytes((data[1] & ~EXCEPTION_BIT,))) is not None:
+        yield Finding("rtu-on-tcp", text, f"{digits(data[-2:])} is the CRC of {digits(data[:-2])}")
     if (good := good_ascii(data, role)) is not None:
         text = "the characters of an ASCII frame, without the header of Modbus TCP"
         yield Finding("ascii-on-tcp", text, proof_of(data, good))
@@ -72,11 +76,50 @@ def _crc_inside(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
     yield Finding("crc-inside-mbap", text, f"{digits(body[-2:])} is that CRC; {proof_of(frame, explained)}")
 
 
+def _half_crc_inside(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
+    """One byte of the CRC is still there."""
+    body = data[PREFIX:-1]
+    if data[2:4] == b"\0\0" and (good := good_body(body, role)) is not None and data[-1] == crc16(body) & 0xFF:
+        text = "one byte of the CRC of the serial line is still behind the frame"
+        crc = digits(crc16(body).to_bytes(2, "little"))
+        yield Finding("crc-inside-mbap", text, f"{crc} is the CRC of {digits(body)}, which is {without_checksum(good)}")
+
+
+def _header_byte(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
+    """A byte 00 of the header is missing, or one too many; then protocol, length and message fit."""
+    for at in range(min(PREFIX, len(data))):
+        frame = data[:at] + b"\0" + data[at:]
+        if (good := good_tcp(frame, role)) is not None:
+            yield Finding("byte-lost", "a byte 00 of the header is missing", proof_of(frame, good))
+            return
+        frame = data[:at] + data[at + 1 :]
+        if data[at] == 0 and (good := good_tcp(frame, role)) is not None:
+            yield Finding("byte-extra", "a byte 00 of the header is too many", proof_of(frame, good))
+            return
+
+
+def _left_over(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
+    """Bytes behind a whole message that the length counts."""
+    if data[2:4] != b"\0\0" or int.from_bytes(data[4:6], "big") != len(data) - PREFIX:
+        return
+    for measure in (measure_request, measure_response):
+        size = measure(data[PREFIX + 1 :])
+        if size is not None and PREFIX + 1 + size < len(data):
+            rest = data[PREFIX + 1 + size :]
+            frame = data[:4] + (size + 1).to_bytes(2, "big") + data[PREFIX : PREFIX + 1 + size]
+            if (good := good_tcp(frame, role)) is not None:
+                text = f"{counted(len(rest))} behind the PDU, {clipped_digits(rest)}, and the length counts them"
+                yield Finding("byte-extra", text, proof_of(frame, good))
+
+
 def _header_order(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
     frame = data[:4] + data[5:3:-1] + data[6:]
+    text = f"the length has its low byte first: {digits(data[4:6])}; the high byte goes first"
     if (good := good_tcp(frame, role)) is not None:
-        text = f"the length has its low byte first: {digits(data[4:6])}; the high byte goes first"
         yield Finding("header-byte-order", text, proof_of(frame, good))
+    elif data[2:4] == b"\0\0" and len(data) >= SHORTEST and frame[4:6] == (len(data) - PREFIX).to_bytes(2, "big"):
+        follow = len(data) - PREFIX
+        yield Finding("header-byte-order", text, f"{counted(follow)} follow, {follow:04X}h")
 
 
 def _header(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
@@ -158,7 +201,7 @@ def _byte_order(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
 
 
 def _bare(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
-    if (good := good_body(data, role)) is not None and data[:2] != b"\0\0":
+    if (good := good_body(data, role)) is not None and data[0]:
         header = digits(b"\0\0\0\0" + len(data).to_bytes(2, "big"))
         text = "the header is missing: these are unit and PDU"
         crc = digits(crc16(data).to_bytes(2, "little"))
@@ -189,7 +232,8 @@ def _begun(data: bytes, role: FrameRole | None) -> list[Missing]:
 _TRIALS: tuple[tuple[Trial, ...], ...] = (
     (_other_role, _other_framing, _crc_inside, _header_order),
     (_frames_inside,),
+    (_half_crc_inside, _header_byte, _left_over),
+    (_bare,),
     (_cut,),
     (_header, _byte_count, _byte_order),
-    (_bare,),
 )
