@@ -15,7 +15,7 @@ from barewire.explain.findings import Finding
 from barewire.explain.pictures.can_frame import CanFramePicture
 from barewire.explain.pictures.colours import COLOURS, TEXT_ON, contrast
 from barewire.explain.pictures.drawing import text_lines, xml_text
-from barewire.explain.pictures.fields import FieldsPicture
+from barewire.explain.pictures.fields import FieldsPicture, byte_boxes
 from barewire.explain.pictures.frames import frame_pictures
 from barewire.explain.pictures.levels import CHARACTERS_DRAWN, LevelsPicture, frame_bytes, frame_levels
 from barewire.explain.pictures.picture import as_html, as_svg, page_style, rendered
@@ -92,6 +92,15 @@ def test_any_bytes_have_pictures_with_every_byte(protocol: str, data: bytes) -> 
     assert bytes(byte for byte, _ in frame_bytes(explanation)) == data
     for picture in frame_pictures(explanation).values():
         check(picture)
+
+
+@pytest.mark.parametrize(
+    "frame", [b":01040FB1000239\r\n", b":0 1\\x\x00\r\n", b"\n", b":01\r", b":01 \r\n:", b"ab'c\"\t", b":01\xff"]
+)
+def test_every_character_of_an_ascii_frame_is_drawn(frame: bytes) -> None:
+    explanation = explain("ascii", frame)
+    assert bytes(byte for byte, _ in frame_bytes(explanation)) == frame
+    assert sum(len(byte_boxes(field)) for field in explanation.fields) == len(frame)
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))

@@ -42,16 +42,37 @@ def test_the_path_of_a_drive_that_is_enabled() -> None:
 def test_each_single_transition_is_found() -> None:
     for row in TRANSITIONS:
         words = [STATUS_PATTERNS[state][1] for state in (row.source, row.target)]
+        if row.command is not None:
+            control = [DriveWord("control", int(row.command))]
+            if row.number == 3 and row.command is DriveCommand.ENABLE_OPERATION:  # 4 follows at once
+                continue
+            steps = state_path([*status(words[0]), *control, *status(words[1])])
+            assert (steps[2].taken, steps[2].sure) == ((row.number,), True)
         assert state_path(status(*words))[1].taken == (row.number,)
     for state in State:
         if state not in (State.FAULT, State.FAULT_REACTION_ACTIVE):
             assert transitions_between(state, State.FAULT_REACTION_ACTIVE) == (13,)
 
 
+def test_commands_decide_between_two_ways() -> None:
+    enabled, disabled, quick_stop = DriveWord("status", 0x0637), DriveWord("status", 0x0270), DriveWord("control", 2)
+    assert state_path([enabled, quick_stop, disabled])[2][3:] == ((11, 12), True)
+    assert state_path([enabled, DriveWord("control", 0), disabled])[2][3:] == ((9,), True)
+    assert state_path([enabled, disabled])[1][3:] == ((9,), False)
+
+
+def test_several_commands_between_two_status_words() -> None:
+    commands = [DriveWord("control", word) for word in (6, 7, 15)]
+    steps = state_path([*status(0x0250), *commands, *status(0x0237)])
+    assert steps[-1][3:] == ((2, 3, 4), True)
+    steps = state_path([*status(0x0250), DriveWord("control", 6), *status(0x0218)])
+    assert steps[-1][3:] == ((13, 14), False)
+
+
 def test_a_jump_is_not_called_sure() -> None:
     step = state_path(status(0x0250, 0x0237))[1]
     assert (step.taken, step.sure) == ((2, 3, 4), False)
-    assert "no status word shows it" in step.text
+    assert "which the words do not prove" in step.text
     assert "transition 3, on the way" in as_svg(StatesPicture(status(0x0250, 0x0237)))
 
 

@@ -23,6 +23,8 @@ from barewire.explain.pictures.states import DriveWord, StatesPicture
 from barewire.vectors.questions import Case
 
 _TIME = re.compile(r"at (\d+) us")
+_SIDES = ("", "client", "server", "request", "response")
+"""Places of a frame that its arrow shows."""
 _WHOLE = ("rtu-frame", "ascii-frame", "tcp-frame")
 
 
@@ -63,7 +65,7 @@ def _messages(frames: Sequence[FrameOfCase]) -> Iterator[SequenceMessage]:
         if timed is not None:
             yield message._replace(at=int(timed[1]) / 1e6)
         else:
-            yield message._replace(text=f"{frame.place}: {message.text}" if frame.place else message.text)
+            yield message._replace(text=message.text if frame.place in _SIDES else f"{frame.place}: {message.text}")
 
 
 def _stations(explanation: Explanation) -> tuple[str, str]:

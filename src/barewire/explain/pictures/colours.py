@@ -76,6 +76,7 @@ _PAINTS = """
 {s} .g{fill:none;stroke:@grid}
 {s} .p{stroke:@accent}
 {s} .wrong{stroke:@bad}
+{s} .wrongtip{fill:@bad}
 {s} .mark{fill:@mark}
 """ + "".join(f"{{s}} .t{number}{{fill:@tint{number};background:@tint{number}}}\n" for number in range(TINTS))
 

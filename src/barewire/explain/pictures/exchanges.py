@@ -35,6 +35,8 @@ from barewire.modbus.sniffer import (
     SnifferEvent,
 )
 
+_VALUES_SHOWN = 8
+"""The most registers in the text of a response; the data of the picture have all bytes."""
 CLIENT, MASTER, EVERY_NODE, EVERY_UNIT = "client", "master", "all nodes", "all units"
 
 
@@ -57,7 +59,7 @@ def _modbus_messages(events: Iterable[SnifferEvent], *, timed: bool) -> Iterator
                 summary = _pdu_text(event.pdu, "request")
                 yield SequenceMessage(CLIENT, unit, summary, event.pdu, event.at)
             case ResponseSeen():
-                summary = _pdu_text(event.pdu, "response")
+                summary = _response_text(event.pdu)
                 after = "" if event.seconds is None or not timed else f", after {1e3 * event.seconds:.1f} ms"
                 late = ", late: after the next request" if event.late else ""
                 unasked = ", its request was not recorded" if event.request is None else ""
@@ -143,6 +145,16 @@ def explained_message(source: str, target: str, explanation: Explanation) -> Seq
 
 def _summary(explanation: Explanation) -> str:
     return explanation.summary if explanation.valid and explanation.summary else explanation.verdict
+
+
+def _response_text(pdu: bytes) -> str:
+    """Return the summary of a response; of registers, their values."""
+    parsed = explain_pdu(pdu, "response")
+    registers = [str(field.value) for field in parsed.fields if field.name.startswith("register ")]
+    if parsed.error is not None or not registers:
+        return _pdu_text(pdu, "response")
+    more = [] if len(registers) <= _VALUES_SHOWN else ["..."]
+    return f"{parsed.summary}: {' '.join([*registers[:_VALUES_SHOWN], *more])}"
 
 
 def _pdu_text(pdu: bytes, role: FrameRole) -> str:

@@ -186,13 +186,25 @@ def byte_boxes(field: ExplainedField) -> list[ByteBox]:
     if len(pairs) == field.length:
         width = max(_CELL, 12 + max(map(len, pairs)) * 15 * LETTER_FIXED)
         return [ByteBox(pair, width, field.offset + place) for place, pair in enumerate(pairs)]
-    characters = _ESCAPED.findall(field.hex)
-    if len(characters) != field.length:
-        characters = [field.hex]
     return [
         ByteBox(character, max(_CHARACTER, 10 + len(character) * 15 * LETTER_FIXED), field.offset + place)
-        for place, character in enumerate(characters)
+        for place, character in enumerate(field_characters(field))
     ]
+
+
+def field_characters(field: ExplainedField) -> list[str]:
+    """Return each character of a field of an ASCII frame as it is shown: control characters as CR, LF or \\x00.
+
+    >>> field_characters(ExplainedField(5, 4, "address", "0F B1", 4017, ""))
+    ['0', 'F', 'B', '1']
+    """
+    if field.hex == "CR LF":
+        return ["CR", "LF"]
+    pairs = field.hex.split(" ")
+    if 2 * len(pairs) == field.length and all(len(pair) == 2 for pair in pairs):
+        return list("".join(pairs))
+    characters = _ESCAPED.findall(field.hex)
+    return characters if len(characters) == field.length else [field.hex]
 
 
 def _said(number: int, field: ExplainedField) -> str:

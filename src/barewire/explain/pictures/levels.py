@@ -21,6 +21,7 @@ from typing import Any
 
 from barewire.explain.pictures.colours import TINTS
 from barewire.explain.pictures.drawing import Drawing, Tile, text_lines, text_wave
+from barewire.explain.pictures.fields import field_characters
 from barewire.explain.pictures.picture import Picture
 from barewire.explain.result import Explanation, counted
 from barewire.explain.wire.uart import CharacterFormat, character_levels
@@ -205,18 +206,14 @@ def frame_bytes(explanation: Explanation) -> list[tuple[int, str]]:
             continue
         if explanation.protocol != "ascii":
             found += [(byte, field.name) for byte in bytes.fromhex(field.hex)]
-        elif field.hex in _LINE_ENDS:
-            found += [(byte, field.name) for byte in _LINE_ENDS[field.hex]]
         else:
-            found += [(byte, field.name) for byte in _characters(field.hex)]
+            found += [(_code(character), field.name) for character in field_characters(field)]
     return found
 
 
-_LINE_ENDS = {"CR LF": b"\r\n", "CR": b"\r", "LF": b"\n"}
-
-
-def _characters(text: str) -> bytes:
-    return text.encode("latin-1", "replace").decode("unicode_escape").encode("latin-1", "replace")
+def _code(character: str) -> int:
+    """Return the number of a character as `field_characters` shows it."""
+    return {"CR": 13, "LF": 10}.get(character) or ord(character.encode("latin-1").decode("unicode_escape"))
 
 
 def frame_levels(explanation: Explanation, form: CharacterFormat | None = None, baudrate: int = 19200) -> LevelsPicture:

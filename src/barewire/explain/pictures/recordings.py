@@ -59,10 +59,10 @@ def recording_picture(
         timed = is_timed(data)
         messages = can_messages(read_recording(data), options.bus)
         return SequencePicture(
-            name, (message if timed else message._replace(at=None) for message in messages), [MASTER]
+            f"Messages in {name}", (message if timed else message._replace(at=None) for message in messages), [MASTER]
         )
     log, events = replay_log(data, window=options.window, ports=options.ports, protocol=options.protocol)
-    return SequencePicture(name, modbus_messages(events, timed=log.timed), [CLIENT])
+    return SequencePicture(f"Messages in {name}", modbus_messages(events, timed=log.timed), [CLIENT])
 
 
 def _states(

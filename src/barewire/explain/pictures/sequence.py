@@ -16,7 +16,7 @@ from itertools import islice, pairwise
 from statistics import median
 from typing import Any, NamedTuple
 
-from barewire.explain.pictures.drawing import Drawing, Tile, text_lines
+from barewire.explain.pictures.drawing import LETTER_FIXED, Drawing, Tile, text_lines
 from barewire.explain.pictures.picture import Picture
 from barewire.explain.result import counted
 
@@ -26,9 +26,8 @@ STATIONS_DRAWN = 7
 """The most stations with a line of their own; messages of others are drawn at the last line."""
 _OTHERS = "others"
 
-_LEFT = 118
-_SPANS = {1: 420, 2: 420, 3: 300}
-_SPAN = 220
+_SPANS = {1: 420, 2: 420, 3: 320}
+_SPAN = 240
 _PAUSE = 4
 """A pause that is longer than the median by this factor is drawn as a pause."""
 _HEX_SHOWN = 16
@@ -81,11 +80,15 @@ class SequencePicture(Picture):
     @property
     def caption(self) -> str:
         """How to read the diagram, and what is left out."""
-        timed = any(message.at is not None for message in self.messages)
         text = "Messages in their order; their times are not known."
-        if timed:
+        if self.timed:
             text = "Time runs downwards, in seconds and not to scale; a dashed piece of its axis is a longer pause."
         return f"{text} {self.left_out_text}".strip()
+
+    @property
+    def timed(self) -> bool:
+        """Whether the time of a message is known."""
+        return any(message.at is not None for message in self.messages)
 
     @property
     def left_out_text(self) -> str:
@@ -152,28 +155,37 @@ class SequencePicture(Picture):
         """Return one tile: time at the left, a vertical line for each station, an arrow for each message."""
         drawing, front = Drawing(), Drawing()
         span = _SPANS.get(len(self.stations), _SPAN)
-        places = [_LEFT + 50 + span * number for number in range(len(self.stations))]
+        axis = self._axis
+        places = [axis + 64 + span * number for number in range(len(self.stations))]
         ends = [self._place(message.target or message.source) for message in self.messages]
         notes = any(not message.target and end == len(places) - 1 for message, end in zip(self.messages, ends))
-        width = round((places[-1] if places else _LEFT) + (span - 40 if notes or len(places) < 2 else 70))
+        width = round((places[-1] if places else axis) + (span - 40 if notes or len(places) < 2 else 70))
         y, last, pauses = 44.0, 32.0, self._pauses()
         for message, pause in zip(self.messages, pauses):
             y += 34 if pause else 10
             with front.group(label=self._said(message)):
                 moment, y = self._message(front, message, places, span, y)
-            drawing.line([(_LEFT - 14, last), (_LEFT - 14, moment)], "l d" if pause else "l")
+            if self.timed:
+                drawing.line([(axis, last), (axis, moment)], "l d" if pause else "l")
             if pause:
-                drawing.text(_LEFT - 22, (last + moment) / 2 + 5, _span_text(pause), "s soft e")
+                drawing.text(axis - 8, (last + moment) / 2 + 5, _span_text(pause), "s soft e")
             last = moment
         bottom = y + 22
         for name, x in zip(self.stations, places):
             drawing.box(x - 55, 6, 110, 26, "o t0", 6)
             drawing.text(x, 24, text_lines(name, 104)[0], "h c")
             drawing.path(f"M{x} 32V{bottom:.0f}", "l")
-        drawing.text(8, 24, "time, s", "s soft")
-        drawing.line([(_LEFT - 14, last), (_LEFT - 14, bottom)])
+        if self.timed:
+            drawing.text(8, 24, "time, s", "s soft")
+            drawing.line([(axis, last), (axis, bottom)])
         said = f"{counted(len(self.messages), 'message')} between {', '.join(self.stations) or 'no stations'}"
         return [Tile(max(width, 320), round(bottom) + 10, f"{drawing}{front}", said)]
+
+    @property
+    def _axis(self) -> int:
+        """Where the time axis is: there is room for the longest time on its left."""
+        longest = max((len(f"{message.at:.6f}") for message in self.messages if message.at is not None), default=0)
+        return round(longest * 13 * LETTER_FIXED) + 24 if longest else 0
 
     def _pauses(self) -> list[float]:
         """Return for each message the seconds since the one before, if that is a pause; 0 otherwise."""
@@ -193,7 +205,7 @@ class SequencePicture(Picture):
         target = places[self._place(message.target)] if message.target else source
         room = abs(target - source) - 24 if target != source else span - 60
         left = min(source, target) + 12
-        texts = text_lines(f"{'✗ ' if message.wrong else ''}{message.text}", room)[:3]
+        texts = text_lines(f"{'✗ ' if message.wrong else ''}{message.text}", room)[:4]
         css = "bad" if message.wrong else ""
         digits = _digits(message.data, max(int((room + 6) / (3 * 12 * 0.61)), 3))
         y = top + 14
@@ -204,14 +216,14 @@ class SequencePicture(Picture):
             y += 16
         arrow = y - 6
         if target == source:
-            drawing.dot(source, top + 10, 5, "dot" if not message.wrong else "tip")
+            drawing.dot(source, top + 10, 5, "wrongtip" if message.wrong else "dot")
         else:
             drawing.line([(source, arrow), (target, arrow)], "p thin wrong" if message.wrong else "p thin")
-            drawing.arrow(target, arrow, "right" if target > source else "left", "dot")
+            drawing.arrow(target, arrow, "right" if target > source else "left", "wrongtip" if message.wrong else "dot")
         moment = arrow if target != source else top + 10
         if message.at is not None:
-            drawing.text(_LEFT - 22, moment + 4, f"{message.at:.6f}", "m s e")
-            drawing.line([(_LEFT - 19, moment), (_LEFT - 9, moment)])
+            drawing.text(self._axis - 8, moment + 4, f"{message.at:.6f}", "m s e")
+            drawing.line([(self._axis - 5, moment), (self._axis + 5, moment)])
         if digits:
             y += 8 if target != source else 0
             drawing.text(left, y, digits, "m s soft")

@@ -7,9 +7,9 @@
     control 0007h                              3 switch on
     status 0233h        switched on
 
-The states come from status words. Between two of them the path has the transition that leads from one to the other; if
-there is none, the drive passed states of which no status word was read, and the shortest way is given as such. Control
-words show which command was given; alone they do not prove that the drive followed.
+The states come from status words, the transitions between two of them from the commands that were given meanwhile and
+from what a drive does by itself. If these do not lead to the state that was seen, the shortest way is given as such.
+Control words alone do not prove that the drive followed.
 
 Depends on: the states of CiA 402. Used by: the command `steps`, recordings of drives, the explorer.
 """
@@ -79,7 +79,7 @@ class DriveWord(NamedTuple):
 class DriveStep(NamedTuple):
     """One word of the path: the state that a status word shows, the command of a control word.
 
-    `taken` are the transitions since the status word before. `sure` is False if states between them were not seen.
+    `taken` are the transitions since the status word before. `sure` is False if the words do not prove them.
     """
 
     word: DriveWord
@@ -97,10 +97,10 @@ class DriveStep(NamedTuple):
             return "none of the eight states: during a transition"
         if not self.taken:
             return self.state.value
-        numbers = ", ".join(map(str, self.taken))
+        numbers = f"transition{'s' if len(self.taken) > 1 else ''} {', '.join(map(str, self.taken))}"
         if self.sure:
-            return f"{self.state.value}, by transition {numbers}"
-        return f"{self.state.value}; the shortest way is {numbers}, no status word shows it"
+            return f"{self.state.value}, by {numbers}"
+        return f"{self.state.value}; the shortest way is {numbers}, which the words do not prove"
 
 
 def state_path(words: Iterable[DriveWord]) -> list[DriveStep]:
@@ -113,23 +113,51 @@ def state_path(words: Iterable[DriveWord]) -> list[DriveStep]:
     """
     steps: list[DriveStep] = []
     last: State | None = None
-    before = 0
+    before, commands = 0, list[DriveCommand]()
     for word in words:
         if not 0 <= word.word <= 0xFFFF:
             raise EncodeError(f"{word.kind} word {word.word}: expected 0..FFFFh", word.kind)
         if word.kind == "control":
-            steps.append(DriveStep(word, None, command_of(word.word, before), ()))
-            before = word.word
+            command, before = command_of(word.word, before), word.word
+            steps.append(DriveStep(word, None, command, ()))
+            commands += [] if command is None else [command]
             continue
         try:
             state = state_of(word.word)
         except DecodeError:
             steps.append(DriveStep(word, None, None, ()))
             continue
-        taken = () if last in (None, state) else transitions_between(last, state)
-        steps.append(DriveStep(word, state, None, taken, sure=len(taken) < 2))
-        last = state
+        taken, sure = ((), True) if last in (None, state) else _way(last, state, commands)
+        steps.append(DriveStep(word, state, None, taken, sure))
+        last, commands = state, []
     return steps
+
+
+_BY_ITSELF = {
+    (State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED): 1,
+    (State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED): 12,
+    (State.FAULT_REACTION_ACTIVE, State.FAULT): 14,
+}
+
+
+def _way(source: State, target: State, commands: Sequence[DriveCommand]) -> tuple[tuple[int, ...], bool]:
+    """Return the transitions between two status words with these commands between them, and whether they are sure.
+
+    They are if the commands, and what a drive does by itself, lead to the state that was seen; without commands if one
+    transition does, and no other way is usual: 9 may also be 11 and 12.
+    """
+    state, taken = source, list[int]()
+    for command in commands:
+        for number, start, end, trigger in TRANSITIONS:
+            if start is state and trigger is command:
+                taken.append(number)
+                state = end
+    if state is target and taken:
+        return tuple(taken), True
+    if (state, target) in _BY_ITSELF:
+        return (*taken, _BY_ITSELF[state, target]), True
+    numbers = transitions_between(source, target)
+    return numbers, len(numbers) < 2 and not commands and numbers != (9,)
 
 
 def transitions_between(source: State, target: State) -> tuple[int, ...]:

@@ -1,0 +1,55 @@
+"""Draws docs/pictures/*.svg with the commands that docs/reference/pictures.md names: run `make pictures`.
+
+`tests/explain/pictures/test_pages.py` fails when a picture is not the one that its command draws today.
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from contextlib import chdir, redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+from barewire.cli.app import run_command_line
+
+ROOT = Path(__file__).parent.parent
+FOLDER = ROOT / "docs" / "pictures"
+PAGE = ROOT / "docs" / "reference" / "pictures.md"
+
+COMMANDS = {
+    "frame.svg": 'barewire explain rtu "01 03 04 00 17 00 07 0B F5" --format svg',
+    "frame-broken.svg": 'barewire explain rtu "01 03 00 00 00 02 0B C4" --format svg',
+    "frame-can.svg": 'barewire explain can "585#4B41600037060000" --format svg',
+    "levels.svg": 'barewire explain rtu "01 03 00 00 00 02 C4 0B" --picture levels --format svg',
+    "levels-ascii.svg": 'barewire explain ascii ":010300000002FA" --picture levels --format svg',
+    "can-frame.svg": 'barewire explain can "605#4041600000000000" --picture levels --format svg',
+    "exchange-modbus.svg": "barewire sniff line.log --format svg",
+    "exchange-canopen.svg": "barewire vectors show sdo-blocks-1 --format svg",
+    "states.svg": "barewire sniff drive.log --picture states --format svg",
+}
+"""File -> the command whose output it is, run in the folder of the pictures."""
+
+
+def drawn(command: str) -> str:
+    """Return what a command prints."""
+    output = StringIO()
+    with chdir(FOLDER), redirect_stdout(output):
+        status = run_command_line(shlex.split(command)[1:])
+    if status:
+        raise RuntimeError(f"{command}: exit status {status}")
+    return output.getvalue()
+
+
+def main() -> None:
+    """Write every picture, and remove those without a command."""
+    for name, command in COMMANDS.items():
+        (FOLDER / name).write_text(drawn(command), encoding="utf-8")
+    for path in FOLDER.glob("*.svg"):
+        if path.name not in COMMANDS:
+            path.unlink()
+    sys.stdout.write(f"docs/pictures: {len(COMMANDS)} pictures\n")
+
+
+if __name__ == "__main__":
+    main()
