@@ -58,6 +58,9 @@ peers: $(VENV)/bin/pip
 	  ../../../tools/with-node npm ci --loglevel=error --no-audit --no-fund --omit=optional >/dev/null && \
 	  cp package-lock.json node_modules/installed)
 
+pictures: $(VENV)/installed-dev ## the pictures of the documentation, in docs/pictures
+	@$(BIN)/python -m tools.pictures
+
 docs: $(VENV)/installed-docs ## the site of the documentation, in build/site
 	@$(BIN)/python -m tools.website
 
@@ -98,5 +101,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers docs docs-links hostile plant vectors-release vectors-mutants format clean
+.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers pictures docs docs-links hostile plant vectors-release vectors-mutants format clean
 .NOTPARALLEL:

@@ -26,6 +26,8 @@ COMMANDS = {
     "can-frame.svg": 'barewire explain can "605#4041600000000000" --picture levels --format svg',
     "exchange-modbus.svg": "barewire sniff line.log --format svg",
     "exchange-canopen.svg": "barewire vectors show sdo-blocks-1 --format svg",
+    "registers.svg": "barewire steps float 1.1 --order CDAB --format svg",
+    "path.svg": "barewire steps statusword 0250h 0231h 0233h 0237h --format svg",
     "states.svg": "barewire sniff drive.log --picture states --format svg",
 }
 """File -> the command whose output it is, run in the folder of the pictures."""

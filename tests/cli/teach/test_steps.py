@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from xml.etree import ElementTree
 
 import pytest
 
@@ -74,3 +75,27 @@ def test_output_goes_to_stdout_in_one_piece(capsys: pytest.CaptureFixture[str]) 
     printed = capsys.readouterr()
     assert printed.err == ""
     assert printed.out.endswith("41 12\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "title"),
+    [
+        (("float", "1.1", "--order", "CDAB"), "1.1 as f32 in two registers"),
+        (("float", "-5", "--type", "i32"), "-5 as i32 in two registers"),
+        (("statusword", "0250h", "0231h"), "State machine of CiA 402: ready to switch on"),
+        (("statusword", "0637h", "--device", "az3"), "State machine of CiA 402 of az3: operation enabled"),
+        (("controlword", "000Fh"), "State machine of CiA 402"),
+        (("can-frame", "605#40"), "CAN frame 605#40 on the bus"),
+        (("timing", "--baudrate", "9600", "--format", "8N2"), "Levels on the line: 8 characters, 8N2, 9600 bit/s"),
+    ],
+)
+def test_steps_with_a_picture(arguments: tuple[str, ...], title: str) -> None:
+    root = ElementTree.fromstring(output_of("steps", *arguments, "--format", "svg"))
+    assert root.findtext("{http://www.w3.org/2000/svg}title") == title
+    assert f"<title>{title}</title>" in output_of("steps", *arguments, "--format", "html")
+
+
+def test_several_status_words_are_a_path() -> None:
+    words = ("steps", "statusword", "0250h", "0231h", "0233h", "0237h")
+    assert "4  status  0237h   operation enabled, by transition 4" in output_of(*words)
+    assert [word["transitions"] for word in json.loads(output_of(*words, "--json"))["words"]] == [[], [2], [3], [4]]

@@ -1,7 +1,6 @@
 """`barewire steps`: a checksum, a time, a value or a word, worked out step by step.
 
-Each command makes one value, `Steps`, and `_print_steps` is the only place that shows it: a further form of output is
-a case there and a word in `_FORMS`.
+Each command makes one value, `Steps`, which is printed as text or JSON; `drawings` has the picture of some of them.
 """
 
 from __future__ import annotations
@@ -12,11 +11,13 @@ from typing import Any
 import click
 
 from barewire.cli.arguments import Choice, CommandGroup, json_option, output_form, print_json
+from barewire.cli.teach.drawings import picture_of_steps, timing_picture
 from barewire.codecs.order import ORDERS
 from barewire.devices import Device, load
 from barewire.errors import DecodeError, EncodeError
 from barewire.explain.capture.can_text import parse_can
 from barewire.explain.input.text import parse_hex
+from barewire.explain.pictures.picture import Picture, rendered
 from barewire.explain.steps import (
     CRC_VIEWS,
     NUMBER_TYPES,
@@ -34,7 +35,7 @@ from barewire.explain.steps import (
 )
 from barewire.explain.wire.uart import CharacterFormat
 
-_FORMS = ("text", "json")
+_FORMS = ("text", "json", "html", "svg")
 
 _form_option = click.option(
     "--format", "form", type=Choice(_FORMS), help="The form of the output; --json is json, text is the default."
@@ -42,9 +43,11 @@ _form_option = click.option(
 _device_option = click.option("--device", metavar="NAME", help="Names of the bits from this drive: az3, csd-mt, ...")
 
 
-def _print_steps(steps: Steps, form: str) -> None:
-    """Print a calculation in a form of output."""
-    if form == "json":
+def _print_steps(steps: Steps | Picture, form: str) -> None:
+    """Print a calculation, or a picture, in a form of output."""
+    if isinstance(steps, Picture):
+        print(rendered(form, steps), end="")
+    elif form == "json":
         print_json(steps.as_dict())
     else:
         print("\n".join(steps.lines()))
@@ -62,19 +65,23 @@ def steps_command() -> None:
     barewire steps cob-id 58Fh
     barewire steps controlword 000Fh
     barewire steps statusword 0637h --device az3
+    barewire steps statusword 0250h 0231h 0233h 0237h --format svg
     barewire steps can-frame "605#4041600000000000" --bitrate 500000
     barewire steps can-frame "705#05" "605#40"
     """
 
 
-def _command(name: str, *, dashes: bool = False) -> Callable[[Callable[..., Steps]], click.Command]:
-    """Make a command of a function that returns the steps. With `dashes` an argument may begin with one, as -5."""
+def _command(name: str, *, dashes: bool = False) -> Callable[[Callable[..., Steps | Picture]], click.Command]:
+    """Make a command of a function that returns the steps, or only a picture.
 
-    def make(function: Callable[..., Steps]) -> click.Command:
+    With `dashes` an argument may begin with one, as -5.
+    """
+
+    def make(function: Callable[..., Steps | Picture]) -> click.Command:
         def run(as_json: bool, form: str | None, **arguments: Any) -> None:
             chosen = output_form(form, as_json=as_json)
             try:
-                steps = function(**arguments)
+                steps = picture_of_steps(name, arguments) if chosen in ("html", "svg") else function(**arguments)
             except DecodeError as error:
                 raise click.UsageError(error.text) from None
             _print_steps(steps, chosen)
@@ -142,14 +149,18 @@ def controlword_command(word: str | None, previous: str, device: str | None) -> 
 
 
 @_command("statusword")
-@click.argument("word")
+@click.argument("words", nargs=-1, required=True, metavar="WORD...")
 @_device_option
-def statusword_command(word: str, device: str | None) -> Steps:
+def statusword_command(words: tuple[str, ...], device: str | None) -> Steps | Picture:
     """A status word of CiA 402: bits and state.
 
-    WORD is hexadecimal. The next control words are those that lead to an enabled drive.
+    WORD is hexadecimal. The next control words are those that lead to an enabled drive. Of several words, which a
+    drive has sent one after the other, the states and the transitions between them.
     """
-    return status_word_steps(parse_word(word, "status word"), _drive(device))
+    known = _drive(device)
+    if len(words) > 1:
+        return picture_of_steps("statusword", {"words": words, "device": device})
+    return status_word_steps(parse_word(words[0], "status word"), known)
 
 
 def _drive(name: str | None) -> Device | None:
@@ -175,7 +186,7 @@ def can_frame_command(frames: tuple[str, ...], bitrate: int) -> Steps:
     "--format",
     "forms",
     multiple=True,
-    metavar="8E1|text|json",
+    metavar="8E1|text|json|html|svg",
     help="The form of a character (8E1 by default), and that of the output; may be given twice.",
 )
 @json_option
@@ -190,4 +201,5 @@ def timing_command(baudrate: int, forms: tuple[str, ...], as_json: bool) -> None
         character = CharacterFormat.parse(characters[0] if characters else "8E1")
     except EncodeError as error:
         raise EncodeError(f"--format: {error}; or {', '.join(_FORMS)}") from None
-    _print_steps(timing_steps(baudrate, character), chosen)
+    is_drawn = chosen in ("html", "svg")
+    _print_steps(timing_picture(baudrate, character) if is_drawn else timing_steps(baudrate, character), chosen)

@@ -1,0 +1,78 @@
+"""The pictures of `barewire steps`: what `--format svg` and `--format html` draw.
+
+float                        the bytes of a 32-bit value in two registers, in the four orders
+statusword, controlword      the state machine of CiA 402 with the words
+can-frame                    the bits of one frame on the bus
+timing                       the levels of a request with the silence around it
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+from barewire.errors import EncodeError
+from barewire.explain.capture.can_text import parse_can
+from barewire.explain.pictures.can_frame import CanFramePicture
+from barewire.explain.pictures.levels import LevelsPicture
+from barewire.explain.pictures.picture import Picture
+from barewire.explain.pictures.registers import TYPES, RegistersPicture
+from barewire.explain.pictures.states import DriveWord, StatesPicture
+from barewire.explain.steps import number_steps, parse_word
+from barewire.explain.wire.can_bits import can_bits
+from barewire.explain.wire.uart import CharacterFormat
+from barewire.rtu import encode
+
+
+def picture_of_steps(name: str, arguments: Mapping[str, Any]) -> Picture:
+    """Return the picture of a command with these arguments. Raise EncodeError if it has none."""
+    draw = _DRAWN.get(name)
+    if draw is None:
+        raise EncodeError(f"steps {name} has no picture: expected one of {', '.join(_DRAWN)}")
+    return draw(**arguments)
+
+
+def timing_picture(baudrate: int, character: CharacterFormat) -> LevelsPicture:
+    """Return the levels of a request, with the silence around it."""
+    request = encode(1, bytes.fromhex("03 00 00 00 02"))
+    names = ["unit", "function code", "address", "address", "quantity", "quantity", "CRC", "CRC"]
+    return LevelsPicture(request, character, baudrate, names, "t3.5")
+
+
+def _registers(value: str, type_name: str, order: str) -> Picture:
+    if type_name not in TYPES:
+        raise EncodeError(f"--type {type_name}: a picture has two registers: expected one of {', '.join(TYPES)}")
+    steps = number_steps(value, type_name, "ABCD")
+    number = steps.values["value"]
+    if type_name == "f32":
+        with suppress(ValueError):
+            number = float(value)  # as it was given, before it is rounded
+    if not isinstance(number, int | float):
+        number = RegistersPicture.of_bytes(bytes.fromhex(str(steps.values["bytes"])), type_name).rows[0].value
+    return RegistersPicture.of_value(number, type_name, order=order)
+
+
+def _control_word(word: str | None, previous: str, device: str | None) -> Picture:
+    words = [] if word is None else [DriveWord("control", parse_word(word, "control word"))]
+    before = parse_word(previous, "--previous")
+    return StatesPicture([*([DriveWord("control", before)] if before else []), *words], device or "")
+
+
+def _status_word(words: Sequence[str], device: str | None) -> Picture:
+    return StatesPicture((DriveWord("status", parse_word(word, "status word")) for word in words), device or "")
+
+
+def _can_frame(frames: tuple[str, ...], bitrate: int) -> Picture:
+    texts = frames if any("#" in frame for frame in frames) else (" ".join(frames),)
+    if len(texts) > 1:
+        raise EncodeError(f"a picture has one frame, {len(texts)} are given")
+    return CanFramePicture(can_bits(parse_can(texts[0])), bitrate)
+
+
+_DRAWN: dict[str, Callable[..., Picture]] = {
+    "float": _registers,
+    "statusword": _status_word,
+    "controlword": _control_word,
+    "can-frame": _can_frame,
+}
