@@ -6,7 +6,7 @@ import pytest
 
 from barewire.errors import DecodeError
 from barewire.explain import explain_text
-from barewire.explain.capture.can_text import parse_can
+from barewire.explain.capture.can_text import parse_any_can, parse_can
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,10 @@ def test_remote_short_and_extended_frames_are_read(text: str, frame: str) -> Non
         ("605 40 4g", "character", 8),
         ("605 [3] 40", "length", 8),
         ("605 [1]", "length", 7),
-        ("605#00 11", "long", 7),
+        ("605#00 1", "long", 7),
+        ("605#0 11", "long", 6),
+        ("605#00 11 g0", "long", 10),
+        ("605# 00 00 00 00 00 00 00 00 00", "long", 29),
         ("0605 40", "length", 0),
         ("can0 8FF#", "value", 5),
         ("605##", "short", 5),
@@ -66,3 +69,10 @@ def test_a_line_that_is_not_a_frame_is_refused(text: str, reason: str, at: int) 
         explain_text("can", text)
     assert (caught.value.reason, caught.value.at) == (reason, at)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["605#40 41 60 00", "605# 40 41 60 00", "605 #40416000", "605 # 40 41 60 00", "(1.5) can0 605#4041 6000"]
+)
+def test_blanks_behind_the_number_sign(text: str) -> None:
+    assert str(parse_any_can(text)) == "605#40416000"

@@ -38,8 +38,8 @@ def parse_any_can(text: str) -> AnyFrame:
 def parse_can(text: str) -> CanFrame:
     """Parse a classical CAN frame, from a line of candump or from a short form.
 
-    >>> str(parse_can("(1234.5) can0 605#40.41.60.00"))
-    '605#40416000'
+    >>> str(parse_can("(1234.5) can0 605#40.41.60.00")), str(parse_can("605# 40 41 60 00"))
+    ('605#40416000', '605#40416000')
     >>> str(parse_can("  vcan0  705   [1]  remote request")), str(parse_can("0x80"))
     ('705#R1', '080#')
     """
@@ -52,11 +52,25 @@ def parse_can(text: str) -> CanFrame:
     if not tokens:
         raise text_error("short", text, len(text), "not a CAN frame: expected something like 605#4041600000000000")
     (position, first), rest = tokens[0], tokens[1:]
+    if "#" not in first and rest and rest[0][1].startswith("#"):
+        (_, second), rest = rest[0], rest[1:]
+        first += second
     if "#" in first:
+        first, rest = _joined(first, rest)
         if rest and (len(rest) > 1 or rest[0][1] not in ("R", "T")):
             raise text_error("long", text, rest[0][0], f"{rest[0][1]!r} at {rest[0][0]} is left over after the frame")
         return _parsed(text, position, first)
     return _in_columns(text, position, first, rest)
+
+
+def _joined(first: str, rest: list[tuple[int, str]]) -> tuple[str, list[tuple[int, str]]]:
+    """Return the frame with the bytes that stand behind it, and what is left: 605#40 41 60 00, each with two digits."""
+    start = re.sub(r"^#.", "", first.partition("#")[2])  # the flags of CAN FD
+    if len(start.replace(".", "")) % 2 or not set(start) <= HEX_DIGITS | {"."}:
+        return first, rest
+    while rest and len(rest[0][1]) % 2 == 0 and set(rest[0][1]) <= HEX_DIGITS:
+        first, rest = first + rest[0][1], rest[1:]
+    return first, rest
 
 
 def _is_bus(token: str) -> bool:
@@ -92,6 +106,7 @@ def _parsed(text: str, position: int, frame: str) -> CanFrame:
     try:
         return CanFrame.parse(frame)
     except DecodeError as error:
-        place = min(position + error.at, len(text))
+        letters = [place for place in range(position, len(text)) if not text[place].isspace()]
+        place = letters[error.at] if error.at < len(letters) else len(text)
         words = f"{text[place : place + 1]!r} is not a hexadecimal digit" if error.reason == "character" else error.text
         raise text_error(error.reason, text, place, f"{words}, at {place}") from None
