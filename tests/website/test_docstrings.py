@@ -67,7 +67,7 @@ def test_a_first_sentence_ends_before_the_next_one() -> None:
 
 
 def test_no_sign_of_a_paragraph_has_a_meaning() -> None:
-    assert inline("*a* |b| `c", link) == r"\*a\* \|b\| \`c"
+    assert inline("*a |b| `c **d", link) == r"\*a \|b\| \`c \*\*d"
 
 
 def test_every_drawing_of_the_source_keeps_its_signs() -> None:

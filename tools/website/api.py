@@ -72,7 +72,7 @@ def _room_lines(room: Room, link: Link) -> Iterator[str]:
     if room.rooms:
         top = room.name == "barewire"
         yield from (".. toctree::", "   :maxdepth: 1", *(["   :titlesonly:"] if top else []), "")
-        yield from (f"   {name} <{page_of(name).rpartition('/')[2]}>" for name in room.rooms)
+        yield from (f"   {name.rpartition('.')[2]} <{page_of(name).rpartition('/')[2]}>" for name in room.rooms)
         yield ""
     for module in room.modules:
         yield from _module_lines(module, link)

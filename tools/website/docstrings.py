@@ -35,10 +35,10 @@ def escape(text: str) -> str:
 
 
 def inline(text: str, link: Link) -> str:
-    """Return one paragraph, on one line, as reStructuredText; only code and **bold** have a form.
+    """Return one paragraph, on one line, as reStructuredText; only code, *words* and **words** have a form.
 
-    >>> inline("**Do** `it`, *args", {}.get)
-    '**Do** ``it``, \\\\*args'
+    >>> inline("**Do** `it` *now*, *args and **kwargs", {}.get)
+    '**Do** ``it`` *now*, \\\\*args and \\\\*\\\\*kwargs'
     """
     parts, last = [], 0
     for code in _CODE.finditer(text):
@@ -51,7 +51,10 @@ def inline(text: str, link: Link) -> str:
             parts.append("\\ ")
         last = code.end()
     whole = "".join([*parts, escape(text[last:])])
-    return re.sub(r"(?<!\S)\\\*\\\*(\w[^*`]*?)\\\*\\\*(?=[\s.,;:]|$)", r"**\1**", whole)
+    for mark in ("**", "*"):
+        sign = re.escape(escape(mark))
+        whole = re.sub(rf"(?<!\S){sign}(\w(?:[^*`\\]*\w)?){sign}(?=[\s.,;:)]|$)", rf"{mark}\1{mark}", whole)
+    return whole
 
 
 def _code(name: str, link: Link) -> str:

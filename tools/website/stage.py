@@ -16,6 +16,8 @@ from tools.website.links import PROJECT, Links, file_page, split
 from tools.website.source import ROOT
 
 _COMMENT = re.compile(r"^[ \t]*<!--.*?-->[ \t]*\n?", re.MULTILINE | re.DOTALL)
+_LAST_EMPTY = re.compile(r"\n\s*\n(?=\s*(```|~~~)[`~]*\s*$)")
+"""Empty lines at the end of a block, which end its last example."""
 PAIR = "<!-- side by side -->"
 _LANGUAGES = {
     ".py": "python",
@@ -56,7 +58,8 @@ def collected(root: Path = ROOT) -> dict[str, str | Path]:
 
 def page(text: str, file: str, links: Links) -> str:
     """Return a Markdown file of the repository as a page: links lead to pages, comments are left out."""
-    kept = "".join(part if code else _COMMENT.sub("", part) for part, code in side_by_side(split(text)))
+    parts = side_by_side(split(text))
+    kept = "".join(_LAST_EMPTY.sub("\n", part) if code else _COMMENT.sub("", part) for part, code in parts)
     return links.rewritten(kept, file)
 
 
