@@ -11,8 +11,8 @@
     explain, sniff    `explain`: frames and recordings; `sniff`: traffic of a line or bus
     teach             `send`: a frame typed by hand, its answer explained; `steps`: calculations
                       step by step; `lab`: the labs of the course (a folder)
-    recordings        `record`: traffic of a line -> a file that `simulate` serves; `replay`: a recording of a CAN bus
-                      against a device (a folder)
+    recordings        `diagnose`: what is wrong in a recording, or on a line; `record`: traffic of a line -> a file that
+                      `simulate` serves; `replay`: a recording of a CAN bus against a device (a folder)
     conform           `conform`: a server or a CANopen device against the standard
     canopen           `canopen`: a device compared with its DCF, and configured
     canopen_gateway   `canopen-gateway`: a CANopen network as text over TCP

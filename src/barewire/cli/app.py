@@ -34,6 +34,7 @@ COMMANDS = {
     "steps": ("teach.steps", "Work out a checksum, a time, a value or a word step by step."),
     "lab": ("teach.lab", "Show the labs of the course, and check answers to their exercises."),
     "sniff": ("sniff", "Decode the traffic of a line or bus; send nothing."),
+    "diagnose": ("recordings.diagnose", "Say what is wrong in a recording, or on a line or bus."),
     "record": ("recordings.record", "Make a simulated device of the traffic of a Modbus line."),
     "replay": ("recordings.replay", "Play a recording of a CAN bus against a device or an SDO client."),
     "conform": ("conform", "Test a server or device against the standard."),

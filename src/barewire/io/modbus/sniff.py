@@ -9,15 +9,32 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Protocol
 
+from barewire.conversation import Event
 from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import dialer, modbus_line
+from barewire.modbus.framing import Line
 from barewire.modbus.sniffer import WINDOW, Sniffer, SnifferEvent
 
 _POLL = 0.1
 """Seconds between two checks whether to stop."""
+
+
+class LineListener(Protocol[Event]):
+    """A machine that receives the bytes of a line and never sends, such as a `Sniffer`."""
+
+    @property
+    def deadline(self) -> float | None:
+        """When to feed None if nothing arrived."""
+
+    def feed(self, data: bytes | None, now: float, /) -> list[Event]:
+        """Take the bytes that arrived, or None if only time has passed."""
+
+    def end(self, now: float, /) -> list[Event]:
+        """End the reception."""
 
 
 def listen(
@@ -28,11 +45,22 @@ def listen(
     Their times are seconds since 1970. Raises EncodeError for an endpoint that is not a serial line, PortError when the
     port fails.
     """
+    return listen_with(endpoint, lambda line: Sniffer(line, window=window), stop, seconds=seconds)
+
+
+def listen_with(
+    endpoint: Endpoint,
+    listener_of: Callable[[Line], LineListener[Event]],
+    stop: threading.Event,
+    *,
+    seconds: float | None = None,
+) -> Iterator[Event]:
+    """Yield the events of a listener on the line, as `listen` does; `listener_of` makes it."""
     if endpoint.framing not in ("rtu", "ascii"):
         text = "listening in needs a line, rtu:// or ascii://; record a network with tcpdump and give the file"
         raise EncodeError(f"endpoint {str(endpoint)!r}: {text}")
     # The line of a server without units of its own reads requests and responses alike.
-    sniffer = Sniffer(modbus_line(endpoint, "server"), window=window)
+    listener = listener_of(modbus_line(endpoint, "server"))
     port = dialer(endpoint)()
     # The monotonic clock, counted from the time of day at the start.
     start = time.time() - time.monotonic()
@@ -40,10 +68,10 @@ def listen(
     try:
         while not stop.is_set() and (now := time.monotonic()) < until:
             wait = min(_POLL, until - now)
-            if (deadline := sniffer.deadline) is not None:
+            if (deadline := listener.deadline) is not None:
                 wait = min(wait, max(0.0, deadline - start - now))
             data = port.receive(wait)
-            yield from sniffer.feed(data, start + time.monotonic())
-        yield from sniffer.end(start + time.monotonic())
+            yield from listener.feed(data, start + time.monotonic())
+        yield from listener.end(start + time.monotonic())
     finally:
         port.close()

@@ -313,7 +313,9 @@ from node 5: operational']
     """
 
     def __init__(self, known: Iterable[KnownNode] = (), bus: str | None = None, *, complete: bool = False) -> None:
-        self._known, self._only, self._complete = tuple(known), bus, complete
+        self.only = bus
+        self.seen: list[str] = []  # the names of buses with frames
+        self._known, self._complete = tuple(known), complete
         self.buses: dict[str, BusDiagnosis] = {}
         self.unread: list[Unread] = []
 
@@ -325,7 +327,9 @@ from node 5: operational']
             if len(self.unread) < _UNREAD_MAX:
                 self.unread.append(item)
             return []
-        if self._only not in (None, item.bus):
+        if item.bus not in self.seen and len(self.seen) < BUSES_MAX:
+            self.seen.append(item.bus)
+        if self.only not in (None, item.bus):
             return []
         if item.bus not in self.buses:
             if len(self.buses) == BUSES_MAX:
