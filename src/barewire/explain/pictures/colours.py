@@ -47,7 +47,8 @@ TEXT_ON: dict[str, tuple[str, ...]] = {
 
 _SHAPES = """
 {s} text{font:13px system-ui,"Segoe UI",Roboto,"DejaVu Sans",sans-serif}
-{s} .m{font-family:ui-monospace,Menlo,Consolas,"DejaVu Sans Mono",monospace;white-space:pre}
+{s} .m{font-family:ui-monospace,Menlo,Consolas,"DejaVu Sans Mono",monospace}
+{s} text.m{white-space:pre}
 {s} .s{font-size:12px}
 {s} .b{font-size:15px}
 {s} .h{font-weight:600}

@@ -110,7 +110,7 @@ class FieldsPicture(Picture):
             meaning = text_lines("; ".join(filter(None, (field.shown, field.meaning))), _WIDTH - 400)
             height = 18 * max(len(name), len(digits), len(meaning)) + 8
             with drawing.group(f"f{number}"):
-                drawing.box(0, y + 2, _WIDTH, height - 2, "paper")
+                drawing.box(0, y + 2, _WIDTH, height - 2, f"paper f{number}")
                 drawing.box(0, y + 3, _HEX_WIDTH, 20, f"o f{number} t{number % TINTS}", 4)
                 drawing.text(_HEX_WIDTH / 2, y + 18, number + 1, "h c")
                 for x, texts, css in ((_NAME_AT, name, "h"), (_HEX_AT, digits, "m"), (400, meaning, "")):

@@ -81,15 +81,13 @@ class Picture(ABC):
 
 def _link_rules(picture: Picture, scope: str) -> str:
     """Return the rules that light up what belongs to the part under the pointer, or chosen by the keyboard."""
-    rules = []
-    for number in range(picture.links):
-        part = f".f{number}"
-        rules.append(f"{scope}:has({part}:hover,{part}:focus) {part}")
-    lit = "{stroke:@accent;stroke-width:2.5;outline:2px solid @accent;outline-offset:-2px}"
-    if not rules:
+    if not picture.links:
         return ""
-    chosen = ",".join(rules)
-    light, dark = painted(chosen + lit, scope, 0), painted(chosen + lit, scope, 1)
+    chosen = [f"{scope}:has(.f{number}:hover,.f{number}:focus)" for number in range(picture.links)]
+    parts = ",".join(f"{one} .f{number}" for number, one in enumerate(chosen))
+    boxes = ",".join(f"{one} rect.f{number}" for number, one in enumerate(chosen))
+    rules = f"{parts}{{outline:2px solid @accent;outline-offset:-2px}}\n{boxes}{{stroke:@accent;stroke-width:2.5}}"
+    light, dark = painted(rules, scope, 0), painted(rules, scope, 1)
     return f"{light}\n@media (prefers-color-scheme:dark){{{dark}}}"
 
 
@@ -153,7 +151,7 @@ _PAGE_SHAPES = """
 html{color-scheme:light dark}
 body{font:16px/1.5 system-ui,"Segoe UI",Roboto,"DejaVu Sans",sans-serif;padding:16px;max-width:1248px;margin:0 auto}
 .bw{margin:0 0 32px}
-.bw h2{font-size:1.25rem;margin:0 0 8px}
+.bw h1,.bw h2{font-size:1.25rem;margin:0 0 8px}
 .bw .tiles{overflow-x:auto;display:flex;flex-wrap:wrap;row-gap:12px;align-items:flex-start;padding:4px 0}
 .bw .tiles svg{flex:none}
 .bw .break{flex-basis:100%}
@@ -171,6 +169,7 @@ body{font:16px/1.5 system-ui,"Segoe UI",Roboto,"DejaVu Sans",sans-serif;padding:
 .bw .number{display:inline-block;min-width:1.6em;text-align:center;border-radius:4px;font-weight:600}
 .bw .verdict{font-weight:600;margin:8px 0;overflow-wrap:anywhere}
 .bw td{overflow-wrap:anywhere}
+.bw td.m{overflow-wrap:break-word}
 .bw td:last-child{min-width:8em}
 @media (max-width:640px){.bw .wide{display:none}.bw th,.bw td{padding:4px 6px 4px 2px}}
 """
@@ -190,15 +189,18 @@ def page_style(*, follows_page: bool = False) -> str:
     return "\n".join([*rules, stylesheet(".bw", follows_page=follows_page)])
 
 
-def html_fragment(picture: Picture, mark: str = "bw-0") -> str:
-    """Return the picture as an element `figure` for a page that has `page_style`; `mark` is its id on that page."""
+def html_fragment(picture: Picture, mark: str = "bw-0", *, heading: int = 2) -> str:
+    """Return the picture as an element `figure` for a page that has `page_style`.
+
+    `mark` is its id on that page, `heading` the level of its title: h2.
+    """
     rules = _link_rules(picture, f"#{mark}")
     style = f"<style>{rules}</style>" if rules else ""
     text = xml_text("\n".join(picture.lines()))
     data = json.dumps(picture.as_dict(), ensure_ascii=False, default=str).replace("<", "\\u003c")
     return (
         f'<figure class="bw" id="{mark}" aria-labelledby="{mark}-title">{style}'
-        f'<h2 id="{mark}-title">{xml_text(picture.title)}</h2>{picture.html_body()}'
+        f'<h{heading} id="{mark}-title">{xml_text(picture.title)}</h{heading}>{picture.html_body()}'
         f'<figcaption class="soft">{xml_text(picture.caption)}</figcaption>'
         f'<details><summary>As text</summary><pre tabindex="0">{text}</pre></details>'
         f'<script type="application/json" class="data">{data}</script></figure>'
@@ -208,12 +210,14 @@ def html_fragment(picture: Picture, mark: str = "bw-0") -> str:
 def as_html(*pictures: Picture) -> str:
     """Return one page with the pictures, one below the other. It loads nothing."""
     title = xml_text(pictures[0].title if pictures else "barewire")
-    figures = "\n".join(html_fragment(picture, f"bw-{number}") for number, picture in enumerate(pictures))
+    figures = "\n".join(
+        html_fragment(picture, f"bw-{number}", heading=2 if number else 1) for number, picture in enumerate(pictures)
+    )
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<meta name="color-scheme" content="light dark">\n<title>{title}</title>\n<style>{page_style()}</style>\n'
-        f"</head>\n<body>\n<main>\n<h1 hidden>{title}</h1>\n{figures}\n</main>\n</body>\n</html>\n"
+        f"</head>\n<body>\n<main>\n{figures}\n</main>\n</body>\n</html>\n"
     )
 
 

@@ -29,7 +29,7 @@ _OTHERS = "others"
 _SPANS = {1: 420, 2: 420, 3: 320}
 _SPAN = 240
 _PAUSE = 4
-"""A pause that is longer than the median by this factor is drawn as a pause."""
+"""A time that is longer than the median by this factor is drawn as a pause, unless others are far longer."""
 _HEX_SHOWN = 16
 _COLUMN = 16
 
@@ -195,7 +195,8 @@ class SequencePicture(Picture):
             for before, after in pairwise([*times[:1], *times])
         ]
         usual = median([step for step in steps if step > 0] or [0.0])
-        return [step if step > _PAUSE * usual else 0.0 for step in steps]
+        least = max(_PAUSE * usual, max(steps, default=0.0) / 8)
+        return [step if step > least else 0.0 for step in steps]
 
     def _message(
         self, drawing: Drawing, message: SequenceMessage, places: Sequence[int], span: int, top: float
