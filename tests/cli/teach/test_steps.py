@@ -22,6 +22,10 @@ COMMANDS = [
     (("timing",), "8E1 at 19200 bit/s: a character lasts 572.9 us, t1.5 859.4 us, t3.5 2.005 ms"),
     (("float", "1.1", "--order", "CDAB"), "1.1 as f32 in order CDAB: CC CD 3F 8C"),
     (("float", "-5", "--type", "i32"), "-5 as i32 in order ABCD: FF FF FF FB"),
+    (("float", "--bytes", "CC CD 3F 8C", "--order", "CDAB"), "CC CD 3F 8C as f32 in order CDAB is 1.100000023841858"),
+    (("float", "--bytes", "FFFB", "--type", "i16"), "FF FB as i16 in order AB is -5"),
+    (("lrc", r":01040FB1000239\r\n"), "LRC 00h, sent as the two characters '00'"),
+    (("can-frame", "can0", "605#40"), "605#40 has"),
     (("cob-id", "58Fh"), "58Fh is the SDO answer of node 15"),
     (("cob-id", "185", "--extended"), "00000185h is an extended identifier of 29 bits"),
     (("controlword", "000F"), "000Fh is the command enable operation"),
@@ -46,6 +50,13 @@ def test_text_and_json_have_the_same_result(arguments: tuple[str, ...], result: 
     assert " ".join(text.splitlines()).rstrip().endswith(found["result"])
     assert text.startswith(found["title"])
     assert output_of("steps", *arguments, "--json").rstrip() == only
+
+
+def test_the_picture_of_bytes_has_their_value_in_each_order() -> None:
+    drawn = output_of("steps", "float", "--bytes", "00 01 00 00", "--type", "u32", "--format", "svg")
+    assert drawn.startswith("<svg")
+    for value in ("65536", "16777216", "256"):
+        assert value in drawn
 
 
 def test_json_without_numbers_that_json_has_not() -> None:

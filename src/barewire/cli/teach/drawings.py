@@ -14,6 +14,7 @@ from typing import Any
 
 from barewire.errors import EncodeError
 from barewire.explain.capture.can_text import parse_can
+from barewire.explain.input.text import parse_hex
 from barewire.explain.pictures.can_frame import CanFramePicture
 from barewire.explain.pictures.levels import LevelsPicture
 from barewire.explain.pictures.picture import Picture
@@ -40,9 +41,18 @@ def timing_picture(baudrate: int, character: CharacterFormat) -> LevelsPicture:
     return LevelsPicture(request, character, baudrate, names, "t3.5")
 
 
-def _registers(value: str, type_name: str, order: str) -> Picture:
+def check_value_or_bytes(value: str | None, data: str | None) -> None:
+    """Raise EncodeError unless a number is given in one way: as VALUE or as its bytes."""
+    if (value is None) == (data is None):
+        raise EncodeError("expected a VALUE or --bytes HEX, one of them; see barewire steps float --help")
+
+
+def _registers(value: str | None, type_name: str, order: str, data: str | None) -> Picture:
+    check_value_or_bytes(value, data)
     if type_name not in TYPES:
         raise EncodeError(f"--type {type_name}: a picture has two registers: expected one of {', '.join(TYPES)}")
+    if value is None:
+        return RegistersPicture.of_bytes(parse_hex(data or ""), type_name, order=order)
     steps = number_steps(value, type_name, "ABCD")
     number = steps.values["value"]
     if type_name == "f32":
@@ -64,7 +74,7 @@ def _status_word(words: Sequence[str], device: str | None) -> Picture:
 
 
 def _can_frame(frames: tuple[str, ...], bitrate: int) -> Picture:
-    texts = frames if any("#" in frame for frame in frames) else (" ".join(frames),)
+    texts = frames if sum("#" in frame for frame in frames) > 1 else (" ".join(frames),)
     if len(texts) > 1:
         raise EncodeError(f"a picture has one frame, {len(texts)} are given")
     return CanFramePicture(can_bits(parse_can(texts[0])), bitrate)

@@ -11,12 +11,12 @@ from typing import Any
 import click
 
 from barewire.cli.arguments import Choice, CommandGroup, json_option, output_form, print_json
-from barewire.cli.teach.drawings import picture_of_steps, timing_picture
+from barewire.cli.teach.drawings import check_value_or_bytes, picture_of_steps, timing_picture
 from barewire.codecs.order import ORDERS
 from barewire.devices import Device, load
 from barewire.errors import DecodeError, EncodeError
 from barewire.explain.capture.can_text import parse_can
-from barewire.explain.input.text import parse_hex
+from barewire.explain.input.text import parse_ascii, parse_hex
 from barewire.explain.pictures.picture import Picture, rendered
 from barewire.explain.steps import (
     CRC_VIEWS,
@@ -27,6 +27,7 @@ from barewire.explain.steps import (
     control_word_steps,
     crc_steps,
     lrc_steps,
+    number_from_bytes_steps,
     number_steps,
     parse_cob_id,
     parse_word,
@@ -62,6 +63,7 @@ def steps_command() -> None:
     barewire steps lrc "01 04 00 00 08"
     barewire steps timing --baudrate 19200 --format 8E1
     barewire steps float 1.1 --order CDAB
+    barewire steps float --bytes "CC CD 3F 8C" --order CDAB
     barewire steps cob-id 58Fh
     barewire steps controlword 000Fh
     barewire steps statusword 0637h --device az3
@@ -108,20 +110,30 @@ def crc_command(data: tuple[str, ...], views: tuple[str, ...]) -> Steps:
 @_command("lrc")
 @click.argument("data", nargs=-1, required=True, metavar="HEX")
 def lrc_command(data: tuple[str, ...]) -> Steps:
-    """The LRC of ASCII: the sum and its two's complement."""
+    """The LRC of ASCII: the sum and its two's complement.
+
+    HEX may be an ASCII frame from the colon on; its last byte is then the LRC.
+    """
+    typed = parse_ascii(" ".join(data))
+    if typed.startswith(b":"):
+        return lrc_steps(parse_hex(typed[1:].rstrip(b"\r\n").decode("latin-1")))
     return lrc_steps(parse_hex(" ".join(data)))
 
 
 @_command("float", dashes=True)
-@click.argument("value")
+@click.argument("value", required=False)
 @click.option("--type", "type_name", type=Choice(NUMBER_TYPES), default="f32", show_default=True)
 @click.option("--order", type=Choice(ORDERS), default="ABCD", show_default=True, help="A: the most significant byte.")
-def float_command(value: str, type_name: str, order: Any) -> Steps:
+@click.option("--bytes", "data", metavar="HEX", help="The way back: the number in these bytes, instead of VALUE.")
+def float_command(value: str | None, type_name: str, order: Any, data: str | None) -> Steps:
     """A number in registers, in the four byte orders.
 
     A float has a sign, an exponent and a fraction, and is rounded; an integer may have a two's complement.
     """
-    return number_steps(value, type_name, order)
+    check_value_or_bytes(value, data)
+    if data is not None:
+        return number_from_bytes_steps(parse_hex(data), type_name, order)
+    return number_steps(value or "", type_name, order)
 
 
 @_command("cob-id")
@@ -175,8 +187,8 @@ def can_frame_command(frames: tuple[str, ...], bitrate: int) -> Steps:
 
     FRAME is what candump prints. Of one frame the fields, the CRC-15, the stuff bits and the duration are worked out.
     """
-    # 605 40 41 60 without quotes is one frame in columns.
-    texts = frames if any("#" in frame for frame in frames) else (" ".join(frames),)
+    # can0 605#40 and 605 40 41 60 without quotes are one frame each.
+    texts = frames if sum("#" in frame for frame in frames) > 1 else (" ".join(frames),)
     return can_frame_steps([parse_can(text) for text in texts], bitrate)
 
 

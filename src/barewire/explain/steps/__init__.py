@@ -13,6 +13,7 @@ The files in reading order:
     crc, lrc      the checksums of RTU and ASCII
     timing        a character, t1.5 and t3.5, exchanges
     number        a float or an integer as bytes;  registers  the four orders of its bytes
+    from_bytes    bytes as a float or an integer, in each order
     cob_id        a COB-ID taken apart
     drive_words   control word and status word of a CiA 402 drive
     can_frame     a CAN frame bit by bit; arbitration
@@ -24,6 +25,7 @@ from barewire.explain.steps.can_frame import can_frame_steps
 from barewire.explain.steps.cob_id import cob_id_steps, parse_cob_id
 from barewire.explain.steps.crc import CRC_VIEWS, CrcView, crc_steps
 from barewire.explain.steps.drive_words import control_word_steps, parse_word, status_word_steps
+from barewire.explain.steps.from_bytes import number_from_bytes_steps
 from barewire.explain.steps.lrc import lrc_steps
 from barewire.explain.steps.model import Steps, StepSection, StepTable
 from barewire.explain.steps.number import NUMBER_TYPES, number_steps
@@ -41,6 +43,7 @@ __all__ = [
     "control_word_steps",
     "crc_steps",
     "lrc_steps",
+    "number_from_bytes_steps",
     "number_steps",
     "parse_cob_id",
     "parse_word",

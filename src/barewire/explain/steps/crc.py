@@ -63,6 +63,8 @@ def crc_steps(data: bytes, views: Iterable[CrcView] = CRC_VIEWS) -> Steps:
             f"The CRC is 0: the last two bytes, {spaced_hex(data[-2:])}, are the CRC of those before them. "
             "A receiver checks a whole frame like this."
         )
+    elif len(data) <= LONGEST_MESSAGE - 2:
+        sections.append(f"With the CRC behind: {spaced_hex(data)} {spaced_hex(wire)}.")
     return Steps(
         "crc",
         f"CRC of {spaced_hex(data)}",

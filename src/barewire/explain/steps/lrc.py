@@ -45,6 +45,8 @@ def lrc_steps(data: bytes) -> Steps:
             "A receiver checks a whole frame like this."
         )
     checksum = lrc(data)
+    if low:
+        sections.append(f"As a frame: :{data.hex().upper()}{checksum:02X}, then CR LF.")
     return Steps(
         "lrc",
         f"LRC of {spaced_hex(data)}",

@@ -26,7 +26,7 @@ _POWERS = 400
 """The largest power of ten of a number: that of a f64 is 308, and its smallest is -324."""
 
 
-class _Shape(NamedTuple):
+class FloatShape(NamedTuple):
     """A format of IEEE 754: bits of the exponent, of the fraction, and the bias."""
 
     exponent: int
@@ -37,7 +37,7 @@ class _Shape(NamedTuple):
         return (1 << self.exponent - 1) - 1
 
 
-_SHAPES = {"f32": _Shape(8, 23), "f64": _Shape(11, 52)}
+FLOAT_SHAPES = {"f32": FloatShape(8, 23), "f64": FloatShape(11, 52)}
 
 
 def number_steps(text: str, type: str = "f32", order: Order = "ABCD") -> Steps:
@@ -52,7 +52,7 @@ def number_steps(text: str, type: str = "f32", order: Order = "ABCD") -> Steps:
     if type not in NUMBER_TYPES:
         raise EncodeError(f"type {shown(type)}: expected one of {', '.join(NUMBER_TYPES)}", "type")
     coder = codec(type, order)
-    if type in _SHAPES:
+    if type in FLOAT_SHAPES:
         value, data, sections = _float(text, type)
         source = f"IEEE 754, binary{coder.bits}; the order of registers: a convention of each device"
     else:
@@ -113,7 +113,7 @@ def _integer(text: str, type: str) -> tuple[int, bytes, list[StepSection]]:
 
 
 def _float(text: str, type: str) -> tuple[float, bytes, list[StepSection]]:
-    shape = _SHAPES[type]
+    shape = FLOAT_SHAPES[type]
     special = _special(text.strip().lower(), shape)
     if special is not None:
         pattern, explanation = special
@@ -123,13 +123,13 @@ def _float(text: str, type: str) -> tuple[float, bytes, list[StepSection]]:
         pattern, sections = _rounded(number, negative, shape, type)
     data = pattern.to_bytes((1 + shape.exponent + shape.fraction) // 8, "big")
     value = struct.unpack(">f" if type == "f32" else ">d", data)[0]
-    sections.append(_fields(pattern, shape))
+    sections.append(float_fields(pattern, shape))
     if special is None:
         sections += _exactness(number, negative, pattern, shape, type)
     return value, data, sections
 
 
-def _special(text: str, shape: _Shape) -> tuple[int, str] | None:
+def _special(text: str, shape: FloatShape) -> tuple[int, str] | None:
     """Return the pattern and the explanation of a text that is no finite number."""
     word, negative = text.lstrip("+-"), text.startswith("-")
     sign = int(negative) << shape.exponent + shape.fraction
@@ -157,7 +157,7 @@ def _decimal(text: str, type: str) -> tuple[Fraction, bool]:
     return abs(Fraction(parsed)), parsed.is_signed()
 
 
-def _rounded(number: Fraction, negative: bool, shape: _Shape, type: str) -> tuple[int, list[StepSection]]:
+def _rounded(number: Fraction, negative: bool, shape: FloatShape, type: str) -> tuple[int, list[StepSection]]:
     """Return the pattern of the nearest float, and how it is found."""
     sign = int(negative) << shape.exponent + shape.fraction
     sections: list[StepSection] = [f"Sign. The number is {'negative: 1' if negative else 'not negative: 0'}."]
@@ -216,7 +216,7 @@ def _doubling(rest: Fraction, places: int) -> StepTable:
     return StepTable("", ("place", "doubled", "bit"), tuple(rows))
 
 
-def _rounding_text(exact: Fraction, fraction: int, shape: _Shape) -> str:
+def _rounding_text(exact: Fraction, fraction: int, shape: FloatShape) -> str:
     below = math.floor(exact)
     left = exact - below
     if not left:
@@ -230,7 +230,8 @@ def _rounding_text(exact: Fraction, fraction: int, shape: _Shape) -> str:
     return f"Rounding. What is left, {shown_number(left)}, is {compared} a half{tie}, so round {chosen}{carry}."
 
 
-def _fields(pattern: int, shape: _Shape) -> StepTable:
+def float_fields(pattern: int, shape: FloatShape) -> StepTable:
+    """Return the table of the sign, the exponent and the fraction in a pattern."""
     field = pattern >> shape.fraction & (1 << shape.exponent) - 1
     fraction = pattern & (1 << shape.fraction) - 1
     sign = pattern >> shape.exponent + shape.fraction
@@ -248,7 +249,7 @@ def _fields(pattern: int, shape: _Shape) -> StepTable:
     )
 
 
-def _exactness(number: Fraction, negative: bool, pattern: int, shape: _Shape, type: str) -> list[StepSection]:
+def _exactness(number: Fraction, negative: bool, pattern: int, shape: FloatShape, type: str) -> list[StepSection]:
     magnitude = pattern & (1 << shape.exponent + shape.fraction) - 1
     stored = _value(magnitude, shape)
     sign = "-" if negative else ""
@@ -272,12 +273,12 @@ def _exactness(number: Fraction, negative: bool, pattern: int, shape: _Shape, ty
     ]
 
 
-def shape_bytes(shape: _Shape) -> int:
+def shape_bytes(shape: FloatShape) -> int:
     """Return the size of a float in bytes."""
     return (1 + shape.exponent + shape.fraction) // 8
 
 
-def _value(magnitude: int, shape: _Shape) -> Fraction:
+def _value(magnitude: int, shape: FloatShape) -> Fraction:
     """Return the exact value of a pattern without its sign bit."""
     field, fraction = magnitude >> shape.fraction, magnitude & (1 << shape.fraction) - 1
     if field == 0:
