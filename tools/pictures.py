@@ -1,4 +1,5 @@
-"""Draws docs/pictures/*.svg with the commands that docs/reference/pictures.md names: run `make pictures`.
+"""Draws docs/pictures/*.svg with the commands that docs/reference/pictures.md names, and those of the course: run
+`make pictures`.
 
 `tests/explain/pictures/test_pages.py` fails when a picture is not the one that its command draws today.
 """
@@ -32,6 +33,23 @@ COMMANDS = {
 }
 """File -> the command whose output it is, run in the folder of the pictures."""
 
+COURSE = {
+    "lab-02-parity.svg": 'barewire explain rtu "31" --picture levels --format svg',
+    "lab-03-request.svg": 'barewire explain rtu "01 04 00 31 00 02 20 04" --format svg',
+    "lab-04-frame.svg": 'barewire explain rtu "01 04 00 31 00 02 20 04" --picture levels --format svg',
+    "lab-05-ascii.svg": 'barewire explain ascii ":010400310002C8" --format svg',
+    "lab-05-tcp.svg": 'barewire explain tcp "00 01 00 00 00 06 01 04 00 31 00 02" --format svg',
+    "lab-06-registers.svg": "barewire steps float 24.5 --order CDAB --format svg",
+    "lab-07-bits.svg": 'barewire explain can "185#3706" --picture levels --format svg',
+    "lab-07-sdo.svg": 'barewire explain can "605#4000100000000000" --format svg',
+    "lab-08-node.svg": "barewire sniff node.log --format svg",
+    "lab-09-states.svg": "barewire steps statusword 1270h 1231h 1233h 1637h --format svg",
+    "lab-10-late.svg": "barewire sniff line-2.log --format svg",
+}
+"""The same for the pages of docs/tutorial. line-2.log is one of `barewire lab 10 recordings`."""
+
+ALL = COMMANDS | COURSE
+
 
 def drawn(command: str) -> str:
     """Return what a command prints."""
@@ -45,12 +63,12 @@ def drawn(command: str) -> str:
 
 def main() -> None:
     """Write every picture, and remove those without a command."""
-    for name, command in COMMANDS.items():
+    for name, command in ALL.items():
         (FOLDER / name).write_text(drawn(command), encoding="utf-8")
     for path in FOLDER.glob("*.svg"):
-        if path.name not in COMMANDS:
+        if path.name not in ALL:
             path.unlink()
-    sys.stdout.write(f"docs/pictures: {len(COMMANDS)} pictures\n")
+    sys.stdout.write(f"docs/pictures: {len(ALL)} pictures\n")
 
 
 if __name__ == "__main__":

@@ -4,20 +4,34 @@ from __future__ import annotations
 
 import pytest
 
+from barewire.cli.teach.labs.faulty_line import RECORDINGS, recording_text
 from tests.explain.pictures.checks import assert_self_contained
 from tools import pictures
 
 
-@pytest.mark.parametrize("name", pictures.COMMANDS)
+@pytest.mark.parametrize("name", pictures.ALL)
 def test_a_picture_is_up_to_date(name: str) -> None:
     kept = (pictures.FOLDER / name).read_text(encoding="utf-8")
-    assert kept == pictures.drawn(pictures.COMMANDS[name]), "run make pictures"
+    assert kept == pictures.drawn(pictures.ALL[name]), "run make pictures"
     assert_self_contained(kept)
 
 
 def test_the_page_shows_each_picture_below_its_command() -> None:
     page = pictures.PAGE.read_text(encoding="utf-8")
-    assert sorted(path.name for path in pictures.FOLDER.glob("*.svg")) == sorted(pictures.COMMANDS)
+    assert sorted(path.name for path in pictures.FOLDER.glob("*.svg")) == sorted(
+        pictures.ALL
+    )
     for name, command in pictures.COMMANDS.items():
         between = page.partition(f"```text\n{command}\n```\n")[2].partition("```")[0]
         assert between.split("](", 1)[-1].startswith(f"../pictures/{name})"), name
+
+
+@pytest.mark.parametrize("name", pictures.COURSE)
+def test_a_page_of_the_course_shows_the_picture(name: str) -> None:
+    (page,) = (pictures.ROOT / "docs" / "tutorial").glob(f"{name[4:6]}-*.md")
+    assert f"](../pictures/{name})" in page.read_text(encoding="utf-8")
+
+
+def test_the_recording_of_lab_10_is_that_of_the_command() -> None:
+    (recording,) = (recording for recording in RECORDINGS if recording.name == "line-2.log")
+    assert (pictures.FOLDER / recording.name).read_text(encoding="utf-8") == recording_text(recording)

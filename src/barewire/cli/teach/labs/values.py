@@ -11,7 +11,7 @@ from barewire.codecs.order import Order
 
 _SIGNED = bytes.fromhex("FF 38")
 _COUNTER = 100_000
-_FLOAT = 24.5
+_FLOAT = 19.25
 _ORDER: Order = "CDAB"
 _PRINTED = 40108
 
