@@ -18,9 +18,7 @@ def test_a_picture_is_up_to_date(name: str) -> None:
 
 def test_the_page_shows_each_picture_below_its_command() -> None:
     page = pictures.PAGE.read_text(encoding="utf-8")
-    assert sorted(path.name for path in pictures.FOLDER.glob("*.svg")) == sorted(
-        pictures.ALL
-    )
+    assert sorted(path.name for path in pictures.FOLDER.glob("*.svg")) == sorted(pictures.ALL)
     for name, command in pictures.COMMANDS.items():
         between = page.partition(f"```text\n{command}\n```\n")[2].partition("```")[0]
         assert between.split("](", 1)[-1].startswith(f"../pictures/{name})"), name
