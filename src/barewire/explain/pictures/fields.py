@@ -119,7 +119,7 @@ class FieldsPicture(Picture):
             drawing.path(f"M0 {y + height + 1}H{_WIDTH}", "g")
             y += height + 2
         for mark, css, text in self.judgement():
-            for line in text_lines(f"{mark} {text}", _WIDTH, 15):
+            for line in text_lines(f"{mark} {text}", _WIDTH, 16.5):
                 y += 22
                 drawing.text(0, y, line, f"h b {css}")
         return Tile(_WIDTH, y + 8, str(drawing), "the fields", starts_row=True)

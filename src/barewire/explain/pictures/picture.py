@@ -29,7 +29,7 @@ PICTURE_FORMS: tuple[PictureForm, ...] = get_args(PictureForm)
 """The words of the option `--format`."""
 
 _MARGIN = 16
-SVG_WIDTH = 1000
+SVG_WIDTH = 920
 """The width of an SVG, unless one tile is wider."""
 
 
