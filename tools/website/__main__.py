@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+from tools.website import explorer
 from tools.website.check import faults
 from tools.website.source import ROOT
 from tools.website.stage import collected, write
@@ -21,6 +22,8 @@ def main(builder: str = "html") -> int:
     options = ["-W", "--keep-going", "-q", "-j", "2", "-b", builder, "-d", str(BUILD / "doctrees")]
     if sphinx([*options, str(BUILD / "docs"), str(target)]):
         return 1
+    if builder == "html":
+        explorer.build(SITE / "explorer")
     found = faults(SITE) if builder == "html" else []
     sys.stderr.write("".join(f"{line}\n" for line in found))
     if builder == "html" and not found:

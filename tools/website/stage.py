@@ -35,6 +35,8 @@ def collected(root: Path = ROOT) -> dict[str, str | Path]:
     found: dict[str, str | Path] = {}
     for file in sorted((root / "docs").rglob("*")):
         path = file.relative_to(root).as_posix()
+        if path.startswith("docs/explorer/"):  # a page of its own, see `explorer`
+            continue
         if file.suffix == ".md":
             found[path.removeprefix("docs/")] = page(file.read_text(encoding="utf-8"), path, links)
         elif file.is_file() and "__pycache__" not in path:

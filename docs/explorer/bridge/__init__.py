@@ -1,0 +1,47 @@
+"""The Python side of the explorer: each view of the page asks for what it shows, and gets data for JSON.
+
+    page (JavaScript)  --name, arguments as JSON-->  `call`  --{"result": ...} or {"error": text}-->  page
+
+    frames    one frame: fields, verdict, diagnosis, pictures; a byte edited; the checksum mended
+    log       a log: its lines, its faults, a sequence diagram
+    steps     a checksum, a time, a value or a word worked out step by step
+    values    registers as numbers of every type in every order
+    bench     a simulated CiA 402 drive with its frames
+
+Everything is computed by the package itself. The files run in Pyodide in a worker of the browser, and in the tests on
+any Python. Time is an argument: the page passes its clock.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from barewire.errors import BarewireError
+
+from . import bench, frames, log, steps, values
+
+CALLS: dict[str, Callable[..., Any]] = {
+    "style": frames.style,
+    "frame": frames.frame,
+    "edit": frames.edit,
+    "mend": frames.mend,
+    "log": log.log,
+    "kinds": steps.kinds,
+    "steps": steps.steps,
+    "values": values.values,
+    "placed": values.placed,
+    "drive": bench.start,
+    "act": bench.act,
+    "sample": bench.sample,
+}
+"""What the page may ask for."""
+
+
+def call(name: str, arguments: str) -> str:
+    """Return the result of one call as JSON; `arguments` is a JSON object of its keyword arguments."""
+    try:
+        return json.dumps({"result": CALLS[name](**json.loads(arguments))}, ensure_ascii=False, default=str)
+    except BarewireError as error:
+        return json.dumps({"error": getattr(error, "text", None) or str(error)}, ensure_ascii=False)

@@ -1,0 +1,100 @@
+"""A log for the page: what passed, what was missing, what is wrong, and a sequence diagram."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from typing import Any
+
+from barewire.errors import EncodeError
+from barewire.explain.can_monitor import event_line, is_repeated
+from barewire.explain.can_monitor.recording import BusMonitors, is_can_recording, read_recording
+from barewire.explain.capture.modbus_log import read_modbus_log
+from barewire.explain.capture.modbus_replay import replay_log
+from barewire.explain.capture.model import Unread
+from barewire.explain.diagnosis.logs.can_log import CanLogDiagnosis
+from barewire.explain.diagnosis.logs.modbus_log import ModbusLogDiagnosis
+from barewire.explain.diagnosis.logs.verdict import LogFinding
+from barewire.explain.modbus.exchange_text import ExchangeLines
+from barewire.explain.pictures.picture import html_fragment
+from barewire.explain.pictures.recordings import recording_picture
+
+_LONGEST = 200_000
+"""The longest log in characters: a page that shows more is no longer read."""
+_LINES = 500
+_FINDINGS = 50
+
+
+def log(text: str) -> dict[str, Any]:
+    """Return the lines of a log as `barewire sniff` prints them, its diagnosis, and its sequence diagram."""
+    if not text.strip():
+        raise EncodeError("no log: paste the lines of one")
+    if len(text) > _LONGEST:
+        raise EncodeError(f"{len(text)} characters: at most {_LONGEST} here; `barewire sniff` reads more")
+    data = text.encode()
+    is_can = is_can_recording(data)
+    lines, notes = _can_lines(data) if is_can else _modbus_lines(data)
+    kept = list(islice(lines, _LINES + 1))
+    if len(kept) > _LINES:
+        kept[_LINES:] = [f"... more than {_LINES} lines: `barewire sniff` shows all of them"]
+    findings, verdicts = _can_diagnosis(data) if is_can else _modbus_diagnosis(data)
+    return {
+        "findings": findings,
+        "verdicts": verdicts,
+        "kind": "CAN" if is_can else "Modbus",
+        "lines": kept,
+        "notes": notes,
+        "picture": html_fragment(recording_picture("this log", data), "picture-log"),
+    }
+
+
+def _modbus_lines(data: bytes) -> tuple[Iterator[str], list[str]]:
+    replayed, events = replay_log(data)
+    shown = ExchangeLines(timed=replayed.timed)
+    notes = [*replayed.notes]
+    notes += [f"line {item.line}: {item.why}: {item.text}" for item in replayed.items if isinstance(item, Unread)]
+
+    def lines() -> Iterator[str]:
+        for event in events:
+            yield from shown.feed(event)
+        yield from shown.end()
+
+    return lines(), notes[:_LINES]
+
+
+def _can_lines(data: bytes) -> tuple[Iterator[str], list[str]]:
+    monitors = BusMonitors([])
+
+    def lines() -> Iterator[str]:
+        for item in read_recording(data):
+            yield from (event_line(event) for _, event in monitors.feed(item) if not is_repeated(event))
+        yield from (event_line(event) for _, event in monitors.end() if not is_repeated(event))
+
+    return lines(), []
+
+
+def _modbus_diagnosis(data: bytes) -> tuple[list[str], list[str]]:
+    diagnosis = ModbusLogDiagnosis(read_modbus_log(data))
+    return _sentences(diagnosis.findings()), [verdict.sentence for _, verdict in diagnosis.verdicts()]
+
+
+def _can_diagnosis(data: bytes) -> tuple[list[str], list[str]]:
+    diagnosis = CanLogDiagnosis()
+
+    def found() -> Iterator[LogFinding]:
+        for item in read_recording(data):
+            yield from diagnosis.feed(item)
+        yield from diagnosis.end()
+
+    return _sentences(found()), [verdict.sentence for _, verdict in diagnosis.verdicts()]
+
+
+def _sentences(findings: Iterable[LogFinding]) -> list[str]:
+    """Return the first findings as sentences; all of them are made, since the verdicts count them."""
+    kept, number = [], 0
+    for number, finding in enumerate(findings, start=1):
+        if number <= _FINDINGS:
+            kept.append(finding.sentence)
+    if number > _FINDINGS:
+        kept.append(f"... and {number - _FINDINGS} more: `barewire diagnose --all` shows them")
+    return kept

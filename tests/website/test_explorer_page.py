@@ -1,0 +1,236 @@
+"""The explorer in Chromium: it shows an example before Python is there, needs no other server, and works by keyboard.
+
+Each view is checked by axe-core at the widths of a phone and of a desk, light and dark: nothing serious is found.
+"""
+
+from __future__ import annotations
+
+import functools
+import http.server
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import urlencode
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, Route, expect, sync_playwright
+
+from tools.website.explorer import build, pyodide_folder
+
+pytestmark = [pytest.mark.needs("chromium"), pytest.mark.long]
+
+VIEWS = ("frame", "log", "steps", "values", "drive")
+_LOADED = 60_000
+"""The longest time in milliseconds for Python to load, on a machine that does much else."""
+
+
+class _Handler(http.server.SimpleHTTPRequestHandler):
+    extensions_map = {  # noqa: RUF012  # as in the base class
+        **http.server.SimpleHTTPRequestHandler.extensions_map,
+        ".mjs": "text/javascript",
+        ".js": "text/javascript",
+        ".wasm": "application/wasm",
+    }
+
+    def log_message(self, *_: object) -> None: ...
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Yield the URL of an explorer that was built now."""
+    site = tmp_path_factory.mktemp("site")
+    build(site / "explorer")
+    handler = functools.partial(_Handler, directory=str(site))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/explorer/index.html"
+        server.shutdown()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Yield Chromium; it resolves no name but that of this machine."""
+    arguments = ["--no-sandbox", "--disable-dev-shm-usage", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"]
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=arguments)
+        yield started
+        started.close()
+
+
+def opened(browser: Browser, width: int, scheme: Literal["light", "dark"]) -> Page:
+    page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    page.set_default_timeout(_LOADED)
+    return page
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, address: str) -> Iterator[Page]:
+    """Yield a page with Python loaded; its errors and requests to others fail the test at the end."""
+    page = opened(browser, 1280, "light")
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("request", lambda request: None if _is_local(request.url, address) else errors.append(request.url))
+    page.goto(address)
+    page.wait_for_selector("#loading.done", state="attached")
+    yield page
+    page.close()
+    assert errors == []
+
+
+def _is_local(url: str, address: str) -> bool:
+    return url.startswith((address.rpartition("/explorer/")[0], "data:", "blob:"))
+
+
+def show(page: Page, view: str, **values: str) -> None:
+    """Open a link with a state in the page that has Python already."""
+    page.evaluate("state => { location.hash = state; }", urlencode({"view": view, **values}))
+    expect(page.locator(f"#view-{view}")).to_be_visible()
+
+
+def said(page: Page) -> Locator:
+    """Return the element whose text a screen reader says when a frame has been explained."""
+    return page.locator("#frame-said")
+
+
+def test_the_example_is_explained_before_python_is_there(browser: Browser, address: str) -> None:
+    page = opened(browser, 1280, "light")
+    held: list[Route] = []
+    page.route("**/package.zip", lambda route: held.append(route))  # a builtin has no place for the marks of playwright
+    page.goto(address)
+    assert "CRC ok" in page.locator("#frame-result").inner_text()
+    assert page.get_by_role("progressbar", name="Loading Python").is_visible()
+    page.wait_for_function("document.getElementById('progress').value > 0")
+    held[0].continue_()
+    page.wait_for_selector("#loading.done", state="attached")
+    assert not page.get_by_role("progressbar").is_visible()
+    page.close()
+
+
+def test_python_that_cannot_be_loaded_is_said(browser: Browser, address: str) -> None:
+    page = opened(browser, 1280, "light")
+    page.route("**/package.zip", lambda route: route.abort())
+    page.goto(address)
+    expect(page.locator("#loading-text")).to_contain_text("Python could not be loaded", timeout=_LOADED)
+    page.close()
+
+
+def test_a_byte_edited_by_keyboard_breaks_the_crc_and_a_button_mends_it(page: Page) -> None:
+    show(page, "frame", protocol="rtu", text="01 03 00 00 00 02 C4 0B")
+    byte = page.get_by_role("textbox", name="byte 5, quantity")
+    expect(byte).to_have_value("02")
+    byte.focus()
+    page.keyboard.press("Control+A")
+    page.keyboard.type("03")
+    page.keyboard.press("Enter")
+    expect(said(page)).to_contain_text("CRC is C4 0B, should be 05 CB")
+    page.get_by_role("button", name="Make checksum or length right").press("Enter")
+    expect(page.get_by_role("textbox", name="Frame", exact=True)).to_have_value("01 03 00 00 00 03 05 CB")
+    expect(said(page)).to_contain_text("valid: a request to unit 1")
+
+
+def test_a_broken_frame_is_diagnosed(page: Page) -> None:
+    show(page, "frame", protocol="rtu", text="01 03 00 00 00 0A CD C5")
+    expect(said(page)).to_contain_text("not valid")
+    expect(page.locator("#frame-pictures")).to_contain_text("crc-swapped")
+
+
+def test_a_link_holds_the_state(browser: Browser, page: Page) -> None:
+    show(page, "frame", protocol="rtu", text="01 03")
+    page.get_by_role("textbox", name="Frame", exact=True).fill("605#4041600000000000")
+    page.get_by_label("Protocol").select_option("can")
+    expect(said(page)).to_contain_text("SDO")
+    assert page.url.endswith("#view=frame&protocol=can&text=605%234041600000000000")
+    other = opened(browser, 1280, "light")
+    other.goto(page.url)
+    expect(other.get_by_role("textbox", name="Frame", exact=True)).to_have_value("605#4041600000000000")
+    expect(said(other)).to_contain_text("SDO", timeout=_LOADED)
+    other.close()
+
+
+def test_tabs_work_by_arrow_keys(page: Page) -> None:
+    show(page, "frame", protocol="rtu", text="01 03")
+    page.get_by_role("tab", name="Frame").focus()
+    page.keyboard.press("End")
+    expect(page.get_by_role("tab", name="Drive")).to_be_focused()
+    expect(page.get_by_role("tabpanel", name="Drive")).to_be_visible()
+    page.keyboard.press("ArrowLeft")
+    expect(page.get_by_role("tabpanel", name="Registers")).to_be_visible()
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("Home")
+    expect(page.get_by_role("tabpanel", name="Frame")).to_be_visible()
+
+
+def test_registers_and_a_wrong_register(page: Page) -> None:
+    show(page, "values", text="3F8C CCCD 0001", start="0", type="f32", value="1.1")
+    expect(page.locator("#values-result")).to_contain_text("1.100000023841858")
+    page.get_by_role("button", name="values from register 1").press("Enter")
+    expect(page.locator("#values-result")).to_contain_text("From register 1 on")
+    page.get_by_role("textbox", name="Registers").fill("3F8C CC")
+    expect(page.locator("#values-result")).to_contain_text("3 bytes are not whole registers")
+
+
+def test_a_response_is_compared_with_its_request(page: Page) -> None:
+    show(page, "frame", protocol="rtu", text="02 03 02 00 07 BD 86", request="01 03 00 00 00 01 84 0A")
+    expect(said(page)).to_contain_text("unit 2 answers, and unit 1 was asked")
+
+
+def test_a_log_has_its_events_and_a_sequence_diagram(page: Page) -> None:
+    show(page, "log", text="Tx:000000-01 03 00 00 00 02 C4 0B\nRx:000001-01 03 04 00 00 01 10 FA 6F")
+    expect(page.get_by_role("region", name="Events")).to_contain_text("Read Holding Registers, 2 from 0000h -> 0 272")
+    expect(page.locator("#log-result figure")).to_contain_text("unit 1")
+    page.get_by_role("textbox", name="Log").fill("nothing of a log")
+    expect(page.locator("#log-result .error")).to_be_visible()
+
+
+def test_steps_come_one_row_at_a_time(page: Page) -> None:
+    show(page, "steps", kind="crc", text="02 07", way="register", at="2")
+    expect(page.locator("#steps-count")).to_contain_text("2 of ")
+    expect(page.locator("#steps-result tbody tr")).to_have_count(2)
+    page.get_by_role("button", name="Next step").press("Enter")
+    expect(page.locator("#steps-result tbody tr")).to_have_count(3)
+    assert "at=3" in page.url
+    page.get_by_role("button", name="All steps").press("Enter")
+    expect(page.locator("#steps-result")).to_contain_text("CRC 1241h, sent low byte first: 41 12")
+    page.get_by_label("Compute").select_option("float")
+    expect(page.locator("#steps-result")).to_contain_text("CC CD 3F 8C")
+    page.get_by_role("textbox", name="Number").fill("one")
+    expect(page.locator("#steps-result .error")).to_be_visible()
+
+
+def test_the_drive_moves_and_its_frames_lead_to_the_view_of_a_frame(page: Page) -> None:
+    show(page, "drive", device="csd-mt")
+    expect(page.locator("#drive-state")).to_have_text("switch on disabled")
+    for command in ("Shutdown 0006h", "Switch on 0007h", "Enable operation 000Fh"):
+        page.get_by_role("button", name=command).press("Enter")
+    expect(page.locator("#drive-state")).to_have_text("operation enabled")
+    page.get_by_label("Mode").select_option("velocity")
+    page.get_by_label("Target Velocity").fill("20000")
+    page.get_by_role("button", name="Write these").press("Enter")
+    expect(page.locator("#drive-velocity")).to_have_text("20000 step/s")
+    page.wait_for_selector("#drive-plot .position[points*=' ']", state="attached")
+    page.locator("#drive-frames a").first.click()
+    expect(page.get_by_role("tabpanel", name="Frame")).to_be_visible()
+    expect(said(page)).to_contain_text("valid: a response from unit 1")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_nothing_serious_is_inaccessible_or_outside_the_screen(
+    page: Page, width: int, scheme: Literal["light", "dark"]
+) -> None:
+    page.set_viewport_size({"width": width, "height": 900})
+    page.emulate_media(color_scheme=scheme)
+    if not page.evaluate("'axe' in window"):
+        page.add_script_tag(path=Path(pyodide_folder()).parent / "axe-core" / "axe.min.js")
+    for view in VIEWS:
+        show(page, view)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, view
+        found: dict[str, Any] = page.evaluate("axe.run()")
+        serious = [
+            f"{violation['id']}: {node['html'][:120]}"
+            for violation in found["violations"]
+            if violation["impact"] in ("serious", "critical")
+            for node in violation["nodes"]
+        ]
+        assert serious == [], view
