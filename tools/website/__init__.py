@@ -21,6 +21,7 @@ Files, in reading order:
     commands     the help of every command
     parameters   every parameter of the three devices
     stage        everything together, in build/docs
+    explorer     the page that runs the package in the browser, from docs/explorer
     check        what a reader would miss in the HTML: links that lead nowhere, requests to other servers
     __main__     the command
     screenshots  pictures of pages, for eyes
