@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from xml.etree import ElementTree
 
@@ -57,6 +58,23 @@ def test_the_picture_of_bytes_has_their_value_in_each_order() -> None:
     assert drawn.startswith("<svg")
     for value in ("65536", "16777216", "256"):
         assert value in drawn
+
+
+@pytest.mark.parametrize(("arguments", "result"), COMMANDS, ids=[" ".join(arguments) for arguments, _ in COMMANDS])
+def test_html_is_one_page_with_the_calculation(arguments: tuple[str, ...], result: str) -> None:
+    page = output_of("steps", *arguments, "--format", "html")
+    assert page.startswith("<!DOCTYPE html>")
+    assert result in html.unescape(page)
+    drawn = {"float", "statusword", "controlword", "can-frame", "timing"}
+    several = arguments[0] == "can-frame" and sum("#" in word for word in arguments) > 1
+    is_drawn = arguments[0] in drawn and "i16" not in arguments and not several
+    assert page.count("<figure") == 1 + is_drawn
+
+
+def test_ascii_is_drawn_with_seven_data_bits() -> None:
+    drawn = output_of("steps", "timing", "--format", "7E1", "--format", "svg")
+    assert "3Ah: start" in drawn
+    assert "0Ah: LF" in drawn
 
 
 def test_json_without_numbers_that_json_has_not() -> None:

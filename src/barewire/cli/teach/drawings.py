@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
+from barewire.ascii import encode as ascii_frame
 from barewire.errors import EncodeError
 from barewire.explain.capture.can_text import parse_can
 from barewire.explain.input.text import parse_hex
@@ -35,8 +36,13 @@ def picture_of_steps(name: str, arguments: Mapping[str, Any]) -> Picture:
 
 
 def timing_picture(baudrate: int, character: CharacterFormat) -> LevelsPicture:
-    """Return the levels of a request, with the silence around it."""
-    request = encode(1, bytes.fromhex("03 00 00 00 02"))
+    """Return the levels of a request: of RTU with the silence around it, with 7 data bits of ASCII."""
+    pdu = bytes.fromhex("03 00 00 00 02")
+    if character.data_bits < 8:
+        digits = ["unit", "function code", "address", "address", "quantity", "quantity", "LRC"]
+        names = ["start", *(name for name in digits for _ in range(2)), "CR", "LF"]
+        return LevelsPicture(ascii_frame(1, pdu), character, baudrate, names)
+    request = encode(1, pdu)
     names = ["unit", "function code", "address", "address", "quantity", "quantity", "CRC", "CRC"]
     return LevelsPicture(request, character, baudrate, names, "t3.5")
 

@@ -6,6 +6,7 @@ Each command makes one value, `Steps`, which is printed as text or JSON; `drawin
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import click
@@ -44,10 +45,17 @@ _form_option = click.option(
 _device_option = click.option("--device", metavar="NAME", help="Names of the bits from this drive: az3, csd-mt, ...")
 
 
-def _print_steps(steps: Steps | Picture, form: str) -> None:
-    """Print a calculation, or a picture, in a form of output."""
+def _print_steps(steps: Steps | Picture, form: str, draw: Callable[[], Picture]) -> None:
+    """Print a calculation, or a picture, in a form of output. A page has the picture above the calculation, if any."""
     if isinstance(steps, Picture):
         print(rendered(form, steps), end="")
+    elif form == "html":
+        from barewire.explain.pictures.steps_page import StepsPage
+
+        pictures: list[Picture] = []
+        with suppress(EncodeError):
+            pictures.append(draw())
+        print(rendered(form, *pictures, StepsPage(steps)), end="")
     elif form == "json":
         print_json(steps.as_dict())
     else:
@@ -83,10 +91,10 @@ def _command(name: str, *, dashes: bool = False) -> Callable[[Callable[..., Step
         def run(as_json: bool, form: str | None, **arguments: Any) -> None:
             chosen = output_form(form, as_json=as_json)
             try:
-                steps = picture_of_steps(name, arguments) if chosen in ("html", "svg") else function(**arguments)
+                steps = picture_of_steps(name, arguments) if chosen == "svg" else function(**arguments)
+                _print_steps(steps, chosen, lambda: picture_of_steps(name, arguments))
             except DecodeError as error:
                 raise click.UsageError(error.text) from None
-            _print_steps(steps, chosen)
 
         run.__doc__ = function.__doc__
         run.__click_params__ = getattr(function, "__click_params__", [])  # type: ignore[attr-defined]
@@ -213,5 +221,6 @@ def timing_command(baudrate: int, forms: tuple[str, ...], as_json: bool) -> None
         character = CharacterFormat.parse(characters[0] if characters else "8E1")
     except EncodeError as error:
         raise EncodeError(f"--format: {error}; or {', '.join(_FORMS)}") from None
-    is_drawn = chosen in ("html", "svg")
-    _print_steps(timing_picture(baudrate, character) if is_drawn else timing_steps(baudrate, character), chosen)
+    steps = timing_steps(baudrate, character)
+    picture = timing_picture(baudrate, character)
+    _print_steps(picture if chosen == "svg" else steps, chosen, lambda: picture)

@@ -17,7 +17,8 @@ The files in reading order:
     exchanges    sequence diagrams of recordings
     drive_words  the status words and control words in a recording
     recordings   the picture of a recording
+    steps_page   a calculation step by step as HTML
 
-Depends on: result, wire, canopen, modbus, capture, can_monitor, devices. No ports, files or clocks. Used by: cli, the
-explorer, tests.
+Depends on: result, wire, steps, canopen, modbus, capture, can_monitor, devices. No ports, files or
+clocks. Used by: cli, the explorer, tests.
 """

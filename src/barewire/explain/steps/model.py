@@ -36,6 +36,12 @@ class StepTable(NamedTuple):
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
+    @property
+    def right_columns(self) -> list[bool]:
+        """Whether each column ends at the right: those of whole numbers do."""
+        columns = list(zip(*self.rows)) or [()] * len(self.header)
+        return [all(cell.isdecimal() or cell in ("", "-") for cell in cells) for cells in columns]
+
     def lines(self) -> list[str]:
         """Return the caption, the header, and the rows in aligned columns. Columns of whole numbers end at the right.
 
@@ -47,7 +53,7 @@ class StepTable(NamedTuple):
         """
         columns = list(zip(self.header, *self.rows))
         widths = [max(map(len, cells)) for cells in columns]
-        to_right = [all(cell.isdecimal() or cell in ("", "-") for cell in cells[1:]) for cells in columns]
+        to_right = self.right_columns
         rules = tuple("-" * width for width in widths)
         found = [*textwrap.wrap(self.caption, LINE_WIDTH), ""] if self.caption else []
         for row in (self.header, rules, *self.rows):
