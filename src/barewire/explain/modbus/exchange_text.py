@@ -109,7 +109,8 @@ class ExchangeLines:
 
     def _answered(self, event: ResponseSeen, request: RequestSeen) -> str:
         line = f"{self._request(request)} -> {self._values(request, event)}"
-        return f"{line}, after {1e3 * (event.at - request.at):.1f} ms" if self._timed else line
+        seconds = event.at - request.at
+        return f"{line}, after {1e3 * seconds:.1f} ms" if self._timed and seconds > 0 else line
 
     def _values(self, request: RequestSeen, event: ResponseSeen) -> str:
         named = self._names.text(request, event) if self._names is not None else ""
