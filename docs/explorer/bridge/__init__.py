@@ -15,33 +15,31 @@ any Python. Time is an argument: the page passes its clock.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from typing import Any
+from importlib import import_module
 
 from barewire.errors import BarewireError
 
-from . import bench, frames, log, steps, values
-
-CALLS: dict[str, Callable[..., Any]] = {
-    "style": frames.style,
-    "frame": frames.frame,
-    "edit": frames.edit,
-    "mend": frames.mend,
-    "log": log.log,
-    "kinds": steps.kinds,
-    "steps": steps.steps,
-    "values": values.values,
-    "placed": values.placed,
-    "drive": bench.start,
-    "act": bench.act,
-    "sample": bench.sample,
+CALLS = {
+    "style": "frames",
+    "frame": "frames",
+    "edit": "frames",
+    "mend": "frames",
+    "log": "log",
+    "kinds": "steps",
+    "steps": "steps",
+    "values": "values",
+    "placed": "values",
+    "drive": "bench",
+    "act": "bench",
+    "sample": "bench",
 }
-"""What the page may ask for."""
+"""What the page may ask for, and the file with the function. A file is loaded when a view needs it."""
 
 
 def call(name: str, arguments: str) -> str:
     """Return the result of one call as JSON; `arguments` is a JSON object of its keyword arguments."""
+    function = getattr(import_module(f"{__name__}.{CALLS[name]}"), name)
     try:
-        return json.dumps({"result": CALLS[name](**json.loads(arguments))}, ensure_ascii=False, default=str)
+        return json.dumps({"result": function(**json.loads(arguments))}, ensure_ascii=False, default=str)
     except BarewireError as error:
         return json.dumps({"error": getattr(error, "text", None) or str(error)}, ensure_ascii=False)

@@ -157,7 +157,7 @@ _present: list[Bench[Any]] = []
 """The drive that the page shows, if it has asked for one."""
 
 
-def start(device: str) -> dict[str, Any]:
+def drive(device: str) -> dict[str, Any]:
     """Switch on a drive and return what its controls need."""
     if device not in _BENCHES:
         raise EncodeError(f"device {device!r}: expected one of {', '.join(_BENCHES)}")
