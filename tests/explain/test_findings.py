@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import get_args
 
 from barewire.explain import DiagnosisCode, Explanation, Finding
 from barewire.explain.findings import MEANINGS
 
+PAGE = Path(__file__).parent.parent.parent / "docs" / "reference" / "diagnosis.md"
 FINDING = Finding("cut-frame", "the beginning of a response, 5 bytes are missing", "01 03 06 ...")
 
 
@@ -14,6 +16,12 @@ def test_every_code_has_a_meaning_of_one_line() -> None:
     assert list(MEANINGS) == list(get_args(DiagnosisCode))
     assert all(text.endswith(".") and text.isprintable() and len(text) < 110 for text in MEANINGS.values())
     assert len(set(MEANINGS.values())) == len(MEANINGS)
+
+
+def test_every_code_is_in_the_reference_with_its_meaning() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    missing = [code for code, text in MEANINGS.items() if code not in page or text not in page]
+    assert not missing, "docs/reference/diagnosis.md"
 
 
 def test_an_explanation_shows_its_first_finding_after_the_verdict_and_all_of_them_in_its_dict() -> None:

@@ -181,7 +181,7 @@ class UartLine:
             level, left = bit ^ self.fault.inverted, self.sent_bit
             if wait is None and last == 1 and level == 0:
                 wait, samples = self.read_bit // 2, ()
-            while wait is not None and wait <= left:
+            while wait is not None and wait < left:
                 left -= wait
                 wait, samples = self.read_bit, (*samples, level)
                 if samples[0] == 1:  # a pulse shorter than half a bit
