@@ -93,3 +93,16 @@ def test_only_what_changed_is_written(tmp_path: Path) -> None:
     write({"a.md": "one", "sub/c.md": "three"}, tmp_path)
     assert (tmp_path / "a.md").stat().st_mtime_ns == before
     assert sorted(file.name for file in tmp_path.rglob("*.md")) == ["a.md", "c.md"]
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) < 600
+
+
+@pytest.mark.parametrize("room", ["how-to", "reference"])
+def test_every_page_is_in_the_table_of_its_room(room: str) -> None:
+    """A new page appears in the sidebar by itself; the table says for which task it is."""
+    prose = "".join(part for part, code in split(text_of(f"{room}/index.md")) if not code)
+    pages = [path.split("/")[1] for path in sources() if re.fullmatch(rf"{room}/[\w-]+\.(md|rst)", path)]
+    missing = [page for page in pages if f"({page})" not in prose and f"`{page.rpartition('.')[0]}`" not in prose]
+    assert missing == ["index.md"], f"docs/{room}/index.md does not name them"

@@ -2,6 +2,8 @@
 
     build/shots/PAGE-390-light.png  PAGE-390-dark.png  PAGE-1280-light.png  PAGE-1280-dark.png
 
+With the argument --keep it makes those of docs/screenshots again, which docs/project/site.md shows.
+
 The site is served on a free port of 127.0.0.1; Chromium resolves no other name, so a page that needs the network is
 seen to fail. A page stands in a frame of the wanted width, because a window of Chromium cannot be as narrow as a phone.
 """
@@ -25,6 +27,13 @@ SITE = ROOT / "build" / "site"
 SHOTS = ROOT / "build" / "shots"
 SIZES = {390: 844, 1280: 900}
 THEMES = ("light", "dark")
+KEPT = {
+    "index": ((1280, "light"), (390, "dark")),
+    "tutorial/01-bits-on-a-wire": ((1280, "dark"), (390, "light")),
+    "how-to/migrate": ((1280, "light"),),
+    "reference/messages-modbus": ((1280, "dark"), (390, "light")),
+}
+"""The pictures of docs/screenshots."""
 PAGES = ("index", "tutorial/index", "how-to/index", "how-to/modbus", "reference/index", "explanation/late-answers")
 
 _FRAME = """<!doctype html>
@@ -96,16 +105,19 @@ def cropped(file: Path, width: int, height: int) -> None:
 
 
 def main(pages: list[str]) -> int:
-    """Take each page at both widths in both themes."""
-    SHOTS.mkdir(parents=True, exist_ok=True)
+    """Take each page at both widths in both themes, or the pictures that are kept."""
+    kept = pages == ["--keep"]
+    folder = ROOT / "docs" / "screenshots" if kept else SHOTS
+    every = [(width, theme) for width in SIZES for theme in THEMES]
+    wanted = KEPT if kept else dict.fromkeys(pages or PAGES, tuple(every))
+    folder.mkdir(parents=True, exist_ok=True)
     with served(SITE) as url:
-        for page in pages or PAGES:
-            for width, height in SIZES.items():
-                for theme in THEMES:
-                    target = SHOTS / f"{page.replace('/', '-').replace('@', '-')}-{width}-{theme}.png"
-                    take(f"{url}/.frame/{width}/{height}/{theme}/{page}", target, width, height)
-                    cropped(target, width, height)
-                    sys.stdout.write(f"{target.relative_to(ROOT)}  {target.stat().st_size // 1024} KB\n")
+        for page, forms in wanted.items():
+            for width, theme in forms:
+                target = folder / f"{page.replace('/', '-').replace('@', '-')}-{width}-{theme}.png"
+                take(f"{url}/.frame/{width}/{SIZES[width]}/{theme}/{page}", target, width, SIZES[width])
+                cropped(target, width, SIZES[width])
+                sys.stdout.write(f"{target.relative_to(ROOT)}  {target.stat().st_size // 1024} KB\n")
     return 0
 
 
