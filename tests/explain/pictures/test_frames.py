@@ -146,6 +146,13 @@ def test_a_can_frame_has_every_bit_and_marks_the_stuff_bits() -> None:
     assert "242 us at 500000 bit/s" in lines[0]
 
 
+def test_the_parts_of_an_extended_frame() -> None:
+    picture = CanFramePicture(can_bits(CanFrame.parse("1ABCDE05#FF")))
+    headings = [line.partition(" =")[0] for line in picture.lines() if line and line[0] not in " rd"]
+    assert headings[1:5] == ["SOF, identifier", "identifier extension", "identifier extension", "RTR, r1, r0, DLC"]
+    assert "identifier extension" in svg_texts(picture)
+
+
 def test_sizes_are_bounded() -> None:
     frame = explain("rtu", bytes(256))
     for picture in frame_pictures(frame).values():

@@ -110,11 +110,19 @@ class CanFramePicture(Picture):
 
     def _groups(self) -> Iterator[tuple[int, list[CanBit]]]:
         """Yield the bits of each tile, and the number of its part of the frame: a long part has several tiles."""
-        for number, (_, found) in enumerate(groupby(self.sent.bits, _tile_key)):
+        for number, (_, found) in enumerate(groupby(self.sent.bits, self._tile_key)):
             bits = list(found)
             size = -(-len(bits) // -(-len(bits) // _BITS_IN_TILE))  # equal pieces, none longer than a tile
             for start in range(0, len(bits), size):
                 yield number, bits[start : start + size]
+
+    def _tile_key(self, bit: CanBit) -> str:
+        """Return the part that a bit is drawn in: some parts share one, others have several."""
+        if bit.part == "data" or bit.field == "identifier extension":
+            return bit.field
+        if bit.field == "RTR" and self.sent.frame.extended:
+            return "control"
+        return "ACK" if bit.field == "CRC delimiter" else _TOGETHER.get(bit.part, bit.part)
 
     def _heading(self, bits: Sequence[CanBit]) -> str:
         values = {field.name: field for field in self.sent.fields}
@@ -145,10 +153,8 @@ class CanFramePicture(Picture):
         width = _BIT * len(bits)
         middles = [_BIT * (place + 0.5) for place in range(len(bits))]
         drawing.box(0, 22, width, 96, tint)
-        heading = self._heading(bits)
-        if 7.6 * len(heading) > width - 6:
-            heading = _PART_NAMES.get(bits[-1].part, bits[-1].part)
-        drawing.text(3, 14, heading, "h")
+        headings = (self._heading(bits), _PART_NAMES.get(bits[-1].part, bits[-1].field))
+        drawing.text(3, 14, next((text for text in headings if 7.6 * len(text) <= width - 6), ""), "h")
         alone = len({bit.field for bit in bits}) == 1
         for place, bit in enumerate(bits):
             if bit.is_stuff:
@@ -170,14 +176,6 @@ class CanFramePicture(Picture):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.sent.frame}, {counted(len(self.sent.bits), 'bit')}>"
-
-
-def _tile_key(bit: CanBit) -> str:
-    if bit.field == "identifier extension":
-        return bit.field
-    if bit.field == "CRC delimiter":
-        return "ACK"
-    return bit.field if bit.part == "data" else _TOGETHER.get(bit.part, bit.part)
 
 
 def _label(name: str, width: float) -> str:

@@ -135,12 +135,11 @@ class FieldsPicture(Picture):
         boxes, rows = [], []
         for number, field in enumerate(self.explanation.fields):
             tint = f"t{number % TINTS}"
-            digits = " ".join(box.text for box in byte_boxes(field))
-            if digits:
+            if field.hex:
                 boxes.append(
                     f'<span class="field f{number} {tint}" tabindex="0" role="img" '
                     f'aria-label="{xml_text(_said(number, field))}"><span class="name">{number + 1} '
-                    f'{xml_text(field.name)}</span><span class="hex">{xml_text(digits)}</span></span>'
+                    f'{xml_text(field.name)}</span><span class="hex">{xml_text(field.hex)}</span></span>'
                 )
             cells = "".join(f'<td{css}>{xml_text(text)}</td>' for css, text in (
                 (' class="m wide"', _clipped(field)), (' class="m"', field.shown), ("", field.meaning)))  # fmt: skip
