@@ -154,6 +154,13 @@ def test_json_shows_every_wire() -> None:
     assert "operation enabled" in states[-1]
 
 
+def test_a_page_shows_a_diagram_of_each_wire() -> None:
+    page = output_of("demo", "--format", "html")
+    assert page.count('class="bw"') == 6
+    assert page.count("Read Input Registers") > 2
+    assert "6041h" in page
+
+
 def test_two_frames_in_one_delivery_and_one_in_two_are_shown() -> None:
     output = StringIO()
     frames = LateFrames(Console(file=output, width=80))

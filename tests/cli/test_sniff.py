@@ -14,6 +14,7 @@ import pytest
 from barewire.ascii import encode as ascii_frame
 from barewire.canopen import CanFrame
 from barewire.canopen.eds import parse, to_dcf
+from barewire.devices import load
 from barewire.errors import PortError
 from barewire.explain.capture.pcapng import read_packets
 from barewire.io.canopen.socketcand import SocketcandHub
@@ -301,3 +302,16 @@ def test_standard_input_and_a_device(tmp_path: Path) -> None:
     line = "unit 1  Read Input Registers, 2 from 0FB1h -> Thyristors temperature = 27.2 °C\n"
     assert done.stdout.decode() == line
     assert done.stderr.decode() == ("barewire: 1 line holds no bytes of a frame, the first is line 1: debug enabled\n")
+
+
+def test_the_states_of_a_drive_on_modbus(tmp_path: Path) -> None:
+    log, device = tmp_path / "line.log", load("csd-mt")
+    assert device.drive is not None
+    place = device.find(device.drive.status_word).modbus
+    assert place is not None
+    request, answer = unhex(f"03 {place.address:04X} 0001"), unhex("03 02 0231")
+    log.write_text(f"1.0 {rtu_frame(1, request).hex(' ')}\n1.01 {rtu_frame(1, answer).hex(' ')}\n")
+    assert "1.010000  status  0231h   ready to switch on" in output_of(
+        "sniff", str(log), "--picture", "states", "--device", "csd-mt"
+    )
+    assert "--device NAME" in error_of("sniff", str(log), "--picture", "states")

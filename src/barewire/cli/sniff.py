@@ -28,6 +28,7 @@ from barewire.cli.arguments import (
     units_option,
 )
 from barewire.cli.recordings.recording_file import RecordingFile, check_ending
+from barewire.devices import load
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.explain.can_monitor import event_as_dict, event_kind, event_line, is_repeated
 from barewire.explain.can_monitor.event_text import EVENT_KINDS
@@ -160,10 +161,12 @@ def sniff_command(
     if write is not None:
         check_ending(write, is_can)
     if is_drawn:
-        known, number = known_nodes(devices, nodes) if is_can else [], nodes[0] if nodes else None
+        known, number = known_nodes(devices, nodes) if is_can else [], next(iter(nodes if is_can else units), None)
+        device = load(devices[0]) if devices and not is_can else None
         options = RecordingOptions(bus, window or WINDOW, MODBUS_PORTS | set(ports), protocol)
         try:
-            drawing = recording_picture(Path(source).name, data, picture, options, known=known, number=number)
+            name = "standard input" if source == "-" else Path(source).name
+            drawing = recording_picture(name, data, picture, options, known=known, device=device, number=number)
         except DecodeError as error:
             raise BarewireError(f"{source}: {error.text}; expected {_FORMATS}") from None
         print(rendered(form, drawing), end="")

@@ -197,6 +197,23 @@ def print_every_frame_as_json() -> None:
             print_json(_fields(wire, exchange))
 
 
+def print_every_frame_as_page() -> None:
+    """Do all steps; print a page with a sequence diagram for each wire."""
+    from barewire.explain.pictures.exchanges import explained_message
+    from barewire.explain.pictures.picture import as_html
+    from barewire.explain.pictures.sequence import SequencePicture
+
+    machines, pictures = _machines(), []
+    for wire in _WIRES:
+        messages = []
+        for exchange in _run_steps(wire, machines[wire.device]):
+            for direction, explanation in exchange.frames:
+                stations = ("client", wire.device) if direction == "sent" else (wire.device, "client")
+                messages.append(explained_message(*stations, explanation))
+        pictures.append(SequencePicture(wire.title, messages, ["client"]))
+    print(as_html(*pictures), end="")
+
+
 def _machines() -> dict[str, Simulator]:
     return {wire.device: simulator(wire.device, time.monotonic()) for wire in _WIRES}
 

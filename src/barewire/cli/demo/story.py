@@ -17,12 +17,14 @@ from rich.console import Console
 
 from barewire import NoAnswer
 from barewire.canopen import CanFrame
+from barewire.cli.arguments import Choice, output_form
 from barewire.cli.demo.frames import (
     LINE,
     ExchangeFrames,
     connected,
     print_every_frame,
     print_every_frame_as_json,
+    print_every_frame_as_page,
     print_wrapped,
 )
 from barewire.cli.teach.shown_frames import ShownFrames
@@ -99,14 +101,21 @@ _TIMEOUT, _DELAY = 0.5, 0.7
     "--json", "as_json", is_flag=True, help="As --all, one JSON object a line; without movement and late answer."
 )
 @click.option("--frames", is_flag=True, help="Show each frame of the movement, too, explained in one line.")
-def demo_command(every_frame: bool, as_json: bool, frames: bool) -> None:
+@click.option(
+    "--format",
+    "form",
+    type=Choice(["text", "json", "html"]),
+    help="html: as --all, a page with a sequence diagram for each wire; --json is json.",
+)
+def demo_command(every_frame: bool, as_json: bool, frames: bool, form: str | None) -> None:
     """Read and write three simulated machines on every wire.
 
     Shows the frames of a value read and written on Modbus RTU, ASCII, TCP and CANopen, a motor that moves, and a late
     answer that is not taken for the answer to the next request. It needs no hardware, and takes about 6 s.
     """
-    if as_json:
-        print_every_frame_as_json()
+    form = output_form(form, as_json=as_json)
+    if form != "text":
+        (print_every_frame_as_page if form == "html" else print_every_frame_as_json)()
         return
     # The terminal of the output, and 80 columns without one; rich would also take that of stdin.
     console = Console(highlight=False, width=shutil.get_terminal_size((80, 24)).columns)
