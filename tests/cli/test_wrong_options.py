@@ -142,6 +142,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("diagnose", "tpc://127.0.0.1"), "did you mean 'tcp'?"),
     (("diagnose", TCP), "listening in needs a line"),
     (("diagnose", "rtu:///dev/null", "--format", "jsno"), "did you mean 'json'?"),
+    (("diagnose", "rtu:///dev/null", "--protocol", "asci"), "did you mean 'ascii'?"),
     (("diagnose", "rtu:///dev/null", "--format", "text", "--json"), "--json and --format text: give one of them"),
     (("diagnose", "rtu:///dev/null", "--port", "1502"), "--port is for a recording, which rtu:///dev/null is not"),
     (("diagnose", "rtu:///dev/null", "--complete"), "--complete is for a CAN bus, which rtu:///dev/null is not"),

@@ -139,7 +139,7 @@ class _Printer:
         """Print how many findings were not printed, then the verdicts, each with the name of its line or bus."""
         for (code, place), number in self._kinds.items():
             if not self._as_json and not self._everything and number > _SHOWN:
-                print(f"{place}  {number - _SHOWN} more [{code}]; --all shows them")
+                print(f"{place}  {number - _SHOWN} more [{code}]; --all shows them".lstrip())
         for name, verdict in verdicts:
             self.status = self.status or int(verdict.code != "nothing-wrong")
             if self._as_json:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
+from typing import get_args
 
 import pytest
 
 from barewire.ascii import encode as ascii_frame
 from barewire.explain.capture.modbus_log import read_modbus_log
 from barewire.explain.diagnosis.logs.modbus_log import LiveDiagnosis, ModbusLogDiagnosis
+from barewire.explain.diagnosis.logs.verdict import VERDICTS, VerdictCode
 from barewire.explain.wire.uart import CharacterFormat, ReceiverFault, UartLine
 from barewire.modbus.sniffer import WINDOW
 from barewire.rtu import RtuLine, Timing, encode
@@ -288,3 +290,10 @@ def test_a_long_damaged_log_costs_no_more_than_its_first_pieces() -> None:
     findings, verdicts = diagnosed(log_of(traffic, "times"))
     assert len(findings) == 200
     assert [verdict.code for verdict in verdicts] == ["no-frames"]
+
+
+def test_the_page_has_a_row_for_every_verdict() -> None:
+    page = (Path(__file__).parents[4] / "docs" / "how-to" / "diagnose-a-line.md").read_text(encoding="utf-8")
+    rows = [line.split("`")[1] for line in page.splitlines() if line.startswith("| `")]
+    assert rows == list(dict.fromkeys(rows))
+    assert set(rows) == set(VERDICTS) == set(get_args(VerdictCode))

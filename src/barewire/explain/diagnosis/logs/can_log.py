@@ -153,7 +153,7 @@ class BusDiagnosis:
         for node, finding, at, own_line in found:
             place = " ".join(filter(None, (self.bus, f"node {node}" if node else "")))
             self.found.add(finding.code, place or "the bus")
-            result.append(LogFinding(now if at is None else at, own_line or line, place or "bus", finding))
+            result.append(LogFinding(now if at is None else at, own_line or line, place, finding))
         return result
 
     # Frames

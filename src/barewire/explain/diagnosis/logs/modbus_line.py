@@ -122,8 +122,8 @@ class LineDiagnosis:
         return [LineVerdict("nothing-wrong", "nothing wrong", counts.seen())]
 
     def _log_finding(self, unit: int, finding: Finding, at: float, line: int) -> LogFinding:
-        place = ", ".join(filter(None, (self.name, f"unit {unit}" if unit else ""))) or "line"
-        self.found.add(finding.code, place)
+        place = ", ".join(filter(None, (self.name, f"unit {unit}" if unit else "")))
+        self.found.add(finding.code, place or "the line")
         return LogFinding(at, line, place, finding, self._timed)
 
     # Pieces: frames and noise

@@ -69,7 +69,8 @@ _KINDS_MAX, _KINDS_SHOWN = 1000, 5
 
 
 class LogFinding(NamedTuple):
-    """A finding at its place in a log. `line` is 0 on a live line; `place` is the unit, the node or the bus."""
+    """A finding at its place in a log. `line` is 0 on a live line; `place` is the unit or the node, empty for the line
+    or bus itself."""
 
     at: float
     line: int
