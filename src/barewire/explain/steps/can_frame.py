@@ -156,7 +156,8 @@ def _stuffing(sent: CanBits) -> list[StepSection]:
     return [
         "Stuffing. After five equal bits the sender inserts one of the other level, [in brackets], from SOF to "
         "the end of "
-        "the CRC. An inserted bit is the first of the next five. The receivers drop it; six equal bits are an error.",
+        "the CRC, so that the receivers get an edge to synchronise on. An inserted bit is the first of the next "
+        "five. The receivers drop it; six equal bits are an error.",
         StepTable("", ("field", "bits on the bus"), tuple(rows)),
         f"{counted(stuffed, 'stuff bit')} inserted. The ten bits behind the CRC, from the CRC delimiter to the "
         "end of EOF, "

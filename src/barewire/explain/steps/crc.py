@@ -90,7 +90,8 @@ def _register(data: bytes) -> list[StepSection]:
                 crc ^= _MIRRORED
                 rows.append(("", "xor", grouped_bits(crc, 16), "", f"{crc:04X}h"))
     return [
-        "Register view. The register has 16 bits and starts with ones. Each byte is combined with the low half of the "
+        "Register view. The register has 16 bits and starts with ones, so that zeros in front of a message "
+        "count. Each byte is combined with the low half of the "
         "register by exclusive or (xor: 1 where the two bits differ). Then eight times: shift right by one place, a 0 "
         "comes in at the left; if the bit that goes out at the right is 1, xor the register with A001h.",
         StepTable("", ("", "step", "register", "out", "hex"), tuple(rows)),

@@ -184,7 +184,8 @@ def _rounded(number: Fraction, negative: bool, shape: FloatShape, type: str) -> 
     else:
         sections.append(
             f"Exponent. Divide by a power of two so that 1 <= number < 2: {what}. The field holds the power plus "
-            f"{shape.bias}: {power} + {shape.bias} = {field} = {grouped_bits(field, shape.exponent)}."
+            f"{shape.bias}, so that it needs no sign: {power} + {shape.bias} = {field} = "
+            f"{grouped_bits(field, shape.exponent)}."
         )
     beyond = "" if subnormal else "The 1 in front of the point is not stored. "
     rest = scaled if subnormal else scaled - 1
