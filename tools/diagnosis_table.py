@@ -81,7 +81,7 @@ def _codes_of_log(text: str) -> list[str]:
 def is_right(case: Case, codes: list[str]) -> bool:
     """Return whether the first finding is one that a reader expects."""
     if not codes:
-        return not case["expected"] or case.get("none_ok", False)
+        return case["expected"] in ([], ["*"]) or case.get("none_ok", False)
     if codes == ["unreadable"]:
         return False
     return case["expected"] == ["*"] or codes[0] in (case["expected"] or case.get("also", []))

@@ -66,8 +66,9 @@ def _is_bare(body: bytes, checked: int, role: FrameRole | None) -> bool:
 # RTU ---------------------------------------------------------------------------------------------------------------
 
 
-def explain_rtu(data: bytes, role: FrameRole | None = None) -> Explanation:
-    """Explain one RTU frame.
+def explain_rtu(data: bytes, role: FrameRole | None = None, *, bare: bool = True) -> Explanation:
+    """Explain one RTU frame. With `bare`, unit and PDU without a CRC are explained as such; else the last two bytes are
+    a wrong CRC.
 
     >>> print(*explain_rtu(bytes.fromhex("010404000001103BC3"), "response").lines(), sep="\\n")
     0  01     unit           1            unit 1
@@ -88,7 +89,7 @@ def explain_rtu(data: bytes, role: FrameRole | None = None) -> Explanation:
         reason: Reason = "checksum" if fault else "long"
         text = f"a complete frame ends before this, {counted(len(data) - end)} left over"
         fault = DecodeError(reason, data, end, text)
-    elif fault is not None and fault.reason in ("checksum", "short") and _is_bare(data, 2, role):
+    elif bare and fault is not None and fault.reason in ("checksum", "short") and _is_bare(data, 2, role):
         return _without_crc(data, role)
     elif fault is not None and fault.reason == "checksum" and data[-2:] == crc16(data[:-2]).to_bytes(2, "big"):
         fault = DecodeError(fault.reason, data, fault.at, f"{fault.text}: the low byte comes first")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given, settings, strategies as st
 
 from barewire import ascii as ascii_room, rtu, tcp
 from barewire.devices import load
@@ -132,3 +133,24 @@ def test_can_has_no_request_and_unreadable_text_is_refused() -> None:
         explain_exchange("can", "605#40", "585#40")
     with pytest.raises(DecodeError, match="is not a hexadecimal digit"):
         explain_exchange("rtu", "01 0G", "01 03 02 00 07 F9 86")
+
+
+@settings(max_examples=40, deadline=None, derandomize=True, database=None)
+@given(
+    st.sampled_from(["rtu", "ascii", "tcp"]),
+    st.sampled_from(
+        [bytes.fromhex("03 0000 0002"), bytes.fromhex("06 0001 0007"), bytes.fromhex("2B 0E 01 00"), b"\x41"]
+    ),
+    st.one_of(st.binary(min_size=1, max_size=20), st.builds(lambda rest: b"\x03" + rest, st.binary(max_size=8))),
+    st.booleans(),
+    st.sampled_from([None, "f32", "f64"]),
+)
+def test_any_exchange_is_explained(framing: str, asked: bytes, answered: bytes, cut: bool, floats: str | None) -> None:
+    encode = {"rtu": rtu.encode, "ascii": ascii_room.encode, "tcp": tcp.encode}[framing]
+    request, response = encode(1, asked), encode(1, answered)
+    texts = [
+        frame.decode() if framing == "ascii" else frame.hex(" ") for frame in (request, response[cut:] or response)
+    ]
+    explanation = explain_exchange(framing, *texts, floats=floats)
+    assert all(finding.text.isprintable() and finding.proof for finding in explanation.diagnosis)
+    explain_exchange(framing, texts[1], texts[0], device=load("adxl"))

@@ -127,13 +127,16 @@ def cannot_answer(protocol: ProtocolName, request: bytes, response: bytes) -> It
     """Say why a response whose framing is intact answers no request of this function."""
     try:
         sent, received = decoded(protocol, request), decoded(protocol, response)
+    except DecodeError:
+        return
+    try:
         decode_request(sent.pdu).read_response(received.pdu)
     except ModbusException:
         return
     except DecodeError as error:
-        if error.reason not in ("checksum", "delimiter", "character"):
-            asked = explain_pdu(decoded(protocol, request).pdu, "request").summary
-            yield Finding("wrong-answer", f"this cannot be the response: {error.text}", f"asked: {asked}")
+        asked = explain_pdu(sent.pdu, "request")
+        if asked.error is None and asked.role is not None and error.reason != "function":
+            yield Finding("wrong-answer", f"this cannot be the response: {error.text}", f"asked: {asked.summary}")
 
 
 def _before_answer(request: bytes, response: bytes) -> Finding | None:

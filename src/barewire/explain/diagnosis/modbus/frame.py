@@ -7,6 +7,7 @@ from dataclasses import replace
 from barewire.explain.diagnosis.modbus.ascii import diagnose_ascii
 from barewire.explain.diagnosis.modbus.rtu import diagnose_rtu
 from barewire.explain.diagnosis.modbus.tcp import diagnose_tcp
+from barewire.explain.modbus.frames import explain_rtu
 from barewire.explain.result import Explanation, FrameRole
 
 _DIAGNOSES = {"rtu": diagnose_rtu, "ascii": diagnose_ascii, "tcp": diagnose_tcp}
@@ -19,4 +20,7 @@ def with_diagnosis(explanation: Explanation, data: bytes, role: FrameRole | None
     """
     if explanation.valid:
         return explanation
-    return replace(explanation, diagnosis=tuple(_DIAGNOSES[explanation.protocol](data, role)))
+    found = tuple(_DIAGNOSES[explanation.protocol](data, role))
+    if explanation.protocol == "rtu" and found and found[0].code != "crc-missing":
+        explanation = explain_rtu(data, role, bare=False)
+    return replace(explanation, diagnosis=found)

@@ -26,7 +26,7 @@ from barewire.explain.findings import Finding
 from barewire.explain.modbus.frames import explain_tcp
 from barewire.explain.result import Explanation, FrameRole, counted
 from barewire.modbus.messages.base import EXCEPTION_BIT
-from barewire.modbus.messages.registry import measure_request, measure_response, request_class
+from barewire.modbus.messages.registry import measure_request, measure_response, request_class, response_class
 from barewire.rtu.crc import crc16
 from barewire.tcp.frame import LENGTHS, LONGEST, PREFIX, SHORTEST
 
@@ -212,8 +212,11 @@ def _bare(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
 def _cut(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
     length = int.from_bytes(data[4:6], "big")
     proof = f"the length is {length}, and {counted(len(data) - PREFIX)} follow"
-    if PREFIX <= len(data) < SHORTEST and data[2:4] == b"\0\0" and length in LENGTHS:
-        text = f"the beginning of a frame, {counted(PREFIX + length - len(data))} to come"
+    # Whether the bytes of a known function are a whole message decides; of another one only the length is known.
+    is_known = len(data) >= SHORTEST and response_class(data[PREFIX + 1 :]) is not None
+    to_come = PREFIX + length - len(data)
+    if len(data) >= PREFIX and data[2:4] == b"\0\0" and length in LENGTHS and to_come > 0 and not is_known:
+        text = f"the beginning of a frame, {counted(to_come)} to come"
         yield Finding("cut-frame", text, proof)
     for rest in _begun(data, role):
         yield Finding("cut-frame", rest.text(), proof)
