@@ -96,7 +96,7 @@ def test_the_fault_of_a_can_frame_is_said_with_its_proof_unless_the_device_is_kn
 
 def test_a_frame_as_svg_html_and_json() -> None:
     frame = ("explain", "rtu", "01 03 00 00 00 02 C4 0B")
-    assert ElementTree.fromstring(output_of(*frame, "--format", "svg")).get("role") == "img"
+    assert ElementTree.fromstring(output_of(*frame, "--format", "svg")).get("class") == "bw"
     page = output_of(*frame, "--format", "html")
     assert "RTU frame, 8 bytes" in page
     assert "Levels on the line: 8 characters" in page

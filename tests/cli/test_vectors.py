@@ -43,7 +43,7 @@ def test_every_case_with_frames_has_a_picture(kind: str) -> None:
 
 
 def test_an_exchange_as_svg_and_as_html() -> None:
-    assert ElementTree.fromstring(output_of("vectors", "show", "sdo-blocks-1", "--format", "svg")).get("role") == "img"
+    assert ElementTree.fromstring(output_of("vectors", "show", "sdo-blocks-1", "--format", "svg")).get("class") == "bw"
     assert "State machine of CiA 402" in output_of("vectors", "show", "drive-states-1", "--format", "html")
     assert output_of("vectors", "show", "lrc-1", "--format", "json") == output_of("vectors", "show", "lrc-1", "--json")
 

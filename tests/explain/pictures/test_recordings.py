@@ -126,7 +126,7 @@ def test_what_is_no_recording() -> None:
 
 
 def test_a_log_of_many_frames_is_bounded() -> None:
-    line = b"".join(b"(%d.%06d) can0 705#05\n" % divmod(place, 1000) for place in range(20_000))
+    line = b"".join(b"(%d.%06d) can0 705#05\n" % divmod(place, 1000) for place in range(5_000))
     picture = recording_picture("long", line)
     assert len(as_svg(picture)) < 120_000
-    assert "19900 are left out" in picture.lines()[-1]
+    assert "4900 are left out" in picture.lines()[-1]

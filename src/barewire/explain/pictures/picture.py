@@ -65,12 +65,17 @@ class Picture(ABC):
         """The number of groups that light up together: their elements have the classes f0, f1, ..."""
         return 0
 
+    @property
+    def role(self) -> str:
+        """The role of the drawing for a screen reader: a group if parts of it can be chosen, else one image."""
+        return "group" if self.links else "img"
+
     def html_body(self) -> str:
         """Return the drawing as HTML, without title and caption."""
         tiles = "".join(
             ('<span class="break"></span>' if tile.starts_row else "")
-            + f'<svg width="{tile.width}" height="{tile.height}" viewBox="0 0 {tile.width} {tile.height}" role="img" '
-            f'aria-label="{xml_text(tile.label)}">{tile.body}</svg>'
+            + f'<svg width="{tile.width}" height="{tile.height}" viewBox="0 0 {tile.width} {tile.height}" '
+            f'role="{self.role}" aria-label="{xml_text(tile.label)}">{tile.body}</svg>'
             for tile in self.tiles()
         )
         return f'<div class="tiles" role="group" tabindex="0" aria-label="{xml_text(self.title)}">{tiles}</div>'
@@ -100,7 +105,7 @@ def as_svg(picture: Picture) -> str:
     for line in text_lines(picture.title, width - 2 * _MARGIN, 17):
         head.append(f'<text x="{_MARGIN}" y="{y}" class="title">{xml_text(line)}</text>')
         y += 22
-    body, y = _rows(tiles, width, y)
+    body, y = _rows(tiles, width, y, picture.role)
     for line in text_lines(picture.caption, width - 2 * _MARGIN):
         body.append(f'<text x="{_MARGIN}" y="{y + 14}" class="soft">{xml_text(line)}</text>')
         y += 18
@@ -108,7 +113,7 @@ def as_svg(picture: Picture) -> str:
     style = stylesheet("svg.bw") + "\nsvg.bw .title{font-size:17px;font-weight:600}\n" + _link_rules(picture, "svg.bw")
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="bw" width="{width}" height="{height}" '
-        f'viewBox="0 0 {width} {height}" role="img" aria-labelledby="bw-title bw-desc">\n'
+        f'viewBox="0 0 {width} {height}" role="{picture.role}" aria-labelledby="bw-title bw-desc">\n'
         f'<title id="bw-title">{xml_text(picture.title)}</title>\n'
         f'<desc id="bw-desc">{xml_text(" ".join([picture.caption, *(tile.label for tile in tiles[:_SAID])]))}</desc>\n'
         f"<style>{style}</style>\n"
@@ -120,7 +125,7 @@ _SAID = 40
 """The most tiles whose labels the description of an SVG repeats."""
 
 
-def _rows(tiles: Iterable[Tile], width: int, y: int) -> tuple[list[str], int]:
+def _rows(tiles: Iterable[Tile], width: int, y: int, role: str) -> tuple[list[str], int]:
     """Return the tiles in rows, from `y` down, and the `y` below the last row."""
     parts: list[str] = []
     x, tallest = _MARGIN, 0
@@ -128,7 +133,7 @@ def _rows(tiles: Iterable[Tile], width: int, y: int) -> tuple[list[str], int]:
         if x > _MARGIN and (tile.starts_row or x + tile.width > width - _MARGIN):
             x, y, tallest = _MARGIN, y + tallest + 12, 0
         parts.append(
-            f'<g transform="translate({x} {y})" role="img" aria-label="{xml_text(tile.label)}">{tile.body}</g>'
+            f'<g transform="translate({x} {y})" role="{role}" aria-label="{xml_text(tile.label)}">{tile.body}</g>'
         )
         x, tallest = x + tile.width, max(tallest, tile.height)
     return parts, y + tallest + 8
