@@ -97,7 +97,18 @@ def test_any_bytes_have_pictures_with_every_byte(explained: Callable[[bytes], Ex
 
 
 @pytest.mark.parametrize(
-    "frame", [b":01040FB1000239\r\n", b":0 1\\x\x00\r\n", b"\n", b":01\r", b":01 \r\n:", b"ab'c\"\t", b":01\xff"]
+    "frame",
+    [
+        b":01040FB1000239\r\n",
+        b":0 1\\x\x00\r\n",
+        b"\n",
+        b":01\r",
+        b":01 \r\n:",
+        b"ab'c\"\t",
+        b":01\xff",
+        b":01040FB\r\n",
+        b":010300000002FA\n\r",
+    ],
 )
 def test_every_character_of_an_ascii_frame_is_drawn(frame: bytes) -> None:
     explanation = explain("ascii", frame)

@@ -53,7 +53,7 @@ def _drive_words(kind: str, case: Case) -> Iterator[DriveWord]:
     elif kind == "drive-path" and "seen" in case:
         for seen, written in zip(case["seen"], [*case.get("words", []), *[None] * len(case["seen"])]):
             yield DriveWord("status", int(seen, 16))
-            if written is not None:
+            if isinstance(written, str):
                 yield DriveWord("control", int(written, 16))
 
 

@@ -197,11 +197,12 @@ def field_characters(field: ExplainedField) -> list[str]:
     >>> field_characters(ExplainedField(5, 4, "address", "0F B1", 4017, ""))
     ['0', 'F', 'B', '1']
     """
-    if field.hex == "CR LF":
-        return ["CR", "LF"]
-    pairs = field.hex.split(" ")
-    if 2 * len(pairs) == field.length and all(len(pair) == 2 for pair in pairs):
-        return list("".join(pairs))
+    names = field.hex.split(" ")
+    if len(names) == field.length and set(names) <= {"CR", "LF"}:
+        return names
+    digits = field.hex.replace(" ", "")
+    if len(digits) == field.length and field.hex == " ".join(re.findall("..?", digits)):
+        return list(digits)
     characters = _ESCAPED.findall(field.hex)
     return characters if len(characters) == field.length else [field.hex]
 

@@ -207,13 +207,18 @@ def frame_bytes(explanation: Explanation) -> list[tuple[int, str]]:
         if explanation.protocol != "ascii":
             found += [(byte, field.name) for byte in bytes.fromhex(field.hex)]
         else:
-            found += [(_code(character), field.name) for character in field_characters(field)]
+            found += [(code, field.name) for character in field_characters(field) for code in _codes(character)]
     return found
 
 
-def _code(character: str) -> int:
-    """Return the number of a character as `field_characters` shows it."""
-    return {"CR": 13, "LF": 10}.get(character) or ord(character.encode("latin-1").decode("unicode_escape"))
+def _codes(character: str) -> bytes:
+    """Return a character as `field_characters` shows it."""
+    if character in _LINE_ENDS:
+        return _LINE_ENDS[character]
+    return character.encode("latin-1", "replace").decode("unicode_escape", "replace").encode("latin-1", "replace")
+
+
+_LINE_ENDS = {"CR": b"\r", "LF": b"\n"}
 
 
 def frame_levels(explanation: Explanation, form: CharacterFormat | None = None, baudrate: int = 19200) -> LevelsPicture:
