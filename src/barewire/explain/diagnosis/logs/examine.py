@@ -1,34 +1,31 @@
 """Diagnosis of many damaged pieces of one log, with a bound on its cost.
 
-The search for a wrong baud rate takes a fifth of a second for some bytes. It is made for the first pieces of a log;
-what is wrong with the whole line shows in them. Later ones get the trials that take little time, and equal bytes are
-tried once.
+The search for a wrong baud rate takes a fifth of a second for some bytes. It is made for the first pieces of a log
+that no other trial explains; what is wrong with the whole line shows in them. Equal bytes are tried once.
 
 Depends on: diagnosis.modbus. Used by: modbus_log.
 """
 
 from __future__ import annotations
 
-from barewire.explain.diagnosis.modbus import checksum, one_change
 from barewire.explain.diagnosis.modbus.ascii import diagnose_ascii
-from barewire.explain.diagnosis.modbus.resample import misread_parity
-from barewire.explain.diagnosis.modbus.rtu import diagnose_rtu, first_findings, seven_bit
+from barewire.explain.diagnosis.modbus.resample import misread, misread_parity
+from barewire.explain.diagnosis.modbus.rtu import RTU_TRIALS, diagnose_rtu, first_findings
 from barewire.explain.diagnosis.modbus.tcp import diagnose_tcp
 from barewire.explain.findings import Finding
 from barewire.explain.result import FrameRole, ProtocolName
 
-THOROUGH = 12
-"""So many different pieces of a log get all trials."""
+THOROUGH, THOROUGH_BESIDE = 8, 3
+"""So many different pieces of a log get all trials: if no frame is good, and if some are. Then the line is read as it
+is sent, and at most one unit has other settings."""
 _REMEMBERED = 512
 _LONGEST = 300
 """Bytes: a longer piece is not one frame with a fault."""
-_QUICK = (
-    (seven_bit, checksum.swapped),
-    (checksum.span, checksum.kind),
-    (one_change.byte_count, one_change.one_bit, one_change.one_less, one_change.one_more),
-)
+_QUICK = tuple(trials for trials in RTU_TRIALS if misread not in trials)
 _DOUBTFUL = frozenset({"baud-rate", "inverted"})
 """Codes of other readings of the line. Most pieces decide which one is right."""
+_WEAK = frozenset({"cut-frame", "crc-missing"})
+"""Codes whose only proof is a length; another reading of the line is tried first."""
 _FRAMINGS = {"rtu": diagnose_rtu, "ascii": diagnose_ascii, "tcp": diagnose_tcp}
 
 
@@ -41,30 +38,34 @@ class Examiner:
 
     def __init__(self, protocol: ProtocolName) -> None:
         self._protocol = protocol
-        self._left = THOROUGH
+        self._thorough = 0
         self._known: dict[tuple[bytes, FrameRole | None], list[Finding]] = {}
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self._protocol}, {self._left} thorough trials left>"
+        return f"<{type(self).__name__}: {self._protocol}, {self._thorough} thorough trials made>"
 
-    def findings(self, data: bytes, role: FrameRole | None) -> list[Finding]:
-        """Return what is wrong with bytes that should be one frame; the role is that which the log lets expect."""
+    def findings(self, data: bytes, role: FrameRole | None, *, good: bool = False) -> list[Finding]:
+        """Return what is wrong with bytes that should be one frame; the role is that which the log lets expect.
+
+        `good`: frames of this line are read as they were sent.
+        """
         key = data, role
         if key not in self._known:
-            found = self._tried(data, role)
+            found = self._tried(data, role, THOROUGH_BESIDE if good else THOROUGH)
             if len(self._known) >= _REMEMBERED:
                 return found
             self._known[key] = found
         return self._known[key]
 
-    def _tried(self, data: bytes, role: FrameRole | None) -> list[Finding]:
+    def _tried(self, data: bytes, role: FrameRole | None, limit: int) -> list[Finding]:
         if len(data) > _LONGEST:
             return []
         if self._protocol != "rtu":
             return _FRAMINGS[self._protocol](data, role)  # these are cheap
-        if not self._left:
-            return first_findings(_QUICK, data, role)
-        self._left -= 1
+        found = first_findings(_QUICK, data, role) or first_findings(_QUICK, data, None)
+        if (found and found[0].code not in _WEAK) or self._thorough >= limit:
+            return found
+        self._thorough += 1
         found = diagnose_rtu(data, role) or (diagnose_rtu(data) if role is not None else [])
         if not found or found[0].code in _DOUBTFUL:
             found += misread_parity(data, role)

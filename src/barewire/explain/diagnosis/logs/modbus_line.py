@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+from barewire.explain.diagnosis.logs.can_verdict import PROVES
 from barewire.explain.diagnosis.logs.examine import Examiner
 from barewire.explain.diagnosis.logs.modbus_pieces import Piece
 from barewire.explain.diagnosis.logs.modbus_verdict import LineCounts
@@ -217,12 +218,13 @@ class LineDiagnosis:
                 counts.last_lost += lost.text.startswith("the last")
                 yield Located(unit, lost, noise.end, noise.line)
                 return
-        findings = self._examiner.findings(noise.data, role)
+        findings = self._examiner.findings(noise.data, role, good=counts.frames >= PROVES)
         if findings:
+            counts.kinds[findings[0].code] += 1
             counts.codes.update({finding.code for finding in findings})
             yield Located(unit, findings[0], noise.end, noise.line)
             return
-        counts.codes["no-frame"] += 1
+        counts.kinds["no-frame"] += 1
         text = f"{counted(len(noise.data))} that are not a frame" + (", where a response was due" if unit else "")
         yield Located(unit, Finding("no-frame", text, _digits(noise.data)), noise.end, noise.line)
 

@@ -83,7 +83,8 @@ class LineCounts:
     first_lost: int = 0
     last_lost: int = 0
     echoes: int = 0
-    codes: Counter[DiagnosisCode] = field(default_factory=Counter)  # of the bursts
+    codes: Counter[DiagnosisCode] = field(default_factory=Counter)  # bursts by each of their findings
+    kinds: Counter[DiagnosisCode] = field(default_factory=Counter)  # bursts by their first finding
 
     def unit(self, number: int) -> UnitCounts:
         """Return the counts of a unit."""
@@ -209,7 +210,7 @@ class LineCounts:
         return found
 
     def _disturbed(self, damaged: int) -> LineVerdict:
-        kinds = ", ".join(f"{number} {code}" for code, number in self.codes.most_common(4))
+        kinds = ", ".join(f"{number} {code}" for code, number in self.kinds.most_common(4))
         evidence = f"{damaged} damaged pieces beside {counted(self.frames, 'good frame')} ({kinds})"
         worst = max(self.units, key=lambda number: self.units[number].damaged, default=0)
         others = sum(unit.answered for number, unit in self.units.items() if number != worst)

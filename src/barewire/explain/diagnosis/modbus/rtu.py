@@ -1,6 +1,6 @@
 """What is wrong with bytes that are not a good RTU frame: each fault is tried, and a good frame is its proof.
 
-If the CRC does not fit, the order of `_TRIALS` is that of the findings: first readings that use every byte as it is,
+If the CRC does not fit, the order of `RTU_TRIALS` is that of the findings: first readings that use every byte as it is,
 then frames inside the bytes, then a checksum in another form, then one change of the bytes, then another reading of the
 line, and last what only the length shows.
 """
@@ -36,7 +36,7 @@ def diagnose_rtu(data: bytes, role: FrameRole | None = None) -> list[Finding]:
     """
     if not data or len(data) > _MOST or explain_rtu(data, role).valid:
         return []
-    return first_findings(_TRIALS if crc16(data) else _TRIALS_OF_CONTENT, data, role)
+    return first_findings(RTU_TRIALS if crc16(data) else _TRIALS_OF_CONTENT, data, role)
 
 
 Trial = Callable[[bytes, FrameRole | None], Iterator[Finding]]
@@ -100,7 +100,7 @@ def _cut(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
 
 _READINGS: tuple[Trial, ...] = (_other_role, _ascii, seven_bit, _mbap)
 
-_TRIALS: tuple[tuple[Trial, ...], ...] = (
+RTU_TRIALS: tuple[tuple[Trial, ...], ...] = (
     (*_READINGS, checksum.swapped, _complemented),
     (frames_inside,),
     (checksum.span, checksum.kind),
