@@ -121,8 +121,7 @@ class Sniffer:
     >>> sniffer.feed(answer, 1.5)[0].request is None
     True
 
-    Its memory is bounded: the open request, the one before, two undecided frames, and one time for each unit. Noise
-    that comes while frames are undecided waits for them, so that the times of the events never decrease.
+    Its memory is bounded: two requests, two undecided frames, the noise after these, and one time for each unit.
     """
 
     def __init__(self, line: Line, *, window: float = WINDOW) -> None:
@@ -160,8 +159,15 @@ class Sniffer:
 
         `from_client` is the direction of the bytes, if the recording states it; a frame that can only be of the other
         direction is taken as what it is."""
+        return self._take(self.line.feed(data, now), now, from_client)
+
+    def turn(self, now: float) -> list[SnifferEvent]:
+        """End the held bytes: the other station begins at `now`, however short the silence was."""
+        return self._take(self.line.feed(None, self.line.deadline or now), now)
+
+    def _take(self, heard: list[Adu | Noise], now: float, from_client: bool | None = None) -> list[SnifferEvent]:
         events: list[SnifferEvent] = []
-        for event in self.line.feed(data, now):
+        for event in heard:
             if isinstance(event, Noise):
                 events += self._heard_noise(NoiseSeen(event, now))
             else:
@@ -175,8 +181,7 @@ class Sniffer:
         """End the recording, and return the events of everything that is still undecided."""
         events = self.feed(None, max(now, self.line.deadline or now))
         if self._open is not None and now < self._open.at + self._window:
-            ends = RecordingEnds(self._open, now)
-            self._open = None
+            ends, self._open = RecordingEnds(self._open, now), None
             return self._in_order([*events, *self._give_up(now), ends])
         return self._in_order(events + self._give_up(now))
 

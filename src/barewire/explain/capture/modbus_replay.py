@@ -18,7 +18,7 @@ from barewire.explain.capture.pcapng import is_capture
 from barewire.explain.result import ProtocolName
 from barewire.modbus.adu import Adu
 from barewire.modbus.framing import Line
-from barewire.modbus.sniffer import WINDOW, NoiseSeen, NumberedSniffer, Sniffer, SnifferEvent
+from barewire.modbus.sniffer import WINDOW, NumberedSniffer, Sniffer, SnifferEvent
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import TcpLine
 
@@ -144,7 +144,7 @@ class LogSniffers:
             self._serial[name] = Sniffer(self._wrap(line, name, protocol), window=self._window)
         sniffer = self._serial[name]
         if item.from_client is not self._directions.get(name, item.from_client):
-            yield from _turned(sniffer, item.at)
+            yield from sniffer.turn(item.at)
         self._directions[name] = item.from_client
         yield from _feed(sniffer, item, self._is_capture)
 
@@ -159,13 +159,6 @@ class LogSniffers:
 def _rtu_line() -> Line:
     """Return an RTU line that receives both directions, at any bit rate."""
     return RtuLine(_ANY_BITRATE, role="listener")
-
-
-def _turned(sniffer: Sniffer, now: float) -> Iterator[SnifferEvent]:
-    """End the bytes of one direction when the other station begins, however short the silence was."""
-    if (deadline := sniffer.line.deadline) is not None:
-        for event in sniffer.feed(None, deadline):
-            yield event._replace(at=now) if isinstance(event, NoiseSeen) and event.at > now else event
 
 
 def _waited(sniffer: Sniffer, now: float) -> Iterator[SnifferEvent]:

@@ -62,8 +62,16 @@ def test_every_prefix_with_every_notation(asked: str, answered: str, notation) -
 
 
 def test_a_wrapped_line_continues() -> None:
-    text = "Tx: 01 03 00 05\n    00 02 D4 0A\nRx: 01 03 04 00 0B\n    00 16 0A 3F\n"
-    assert lines_of(text.encode()) == DONE
+    for stamp in ("", "10:00:00.5 ", "[2024-05-01 10:31:18] "):
+        text = f"{stamp}Tx: 01 03 00 05\n    00 02 D4 0A\n{stamp}Rx: 01 03 04 00 0B\n    00 16 0A 3F\n"
+        assert lines_of(text.encode()) == DONE
+
+
+def test_a_line_of_another_form_does_not_continue() -> None:
+    text = f"Tx: 01 03\n[01][03][00][05][00][02][D4][0A]\n<{ANSWERED.replace(' ', '><')}>\n"
+    log = read_modbus_log(text.encode())
+    assert [item.line for item in log.items] == [1, 2, 3]
+    assert lines_of(text.encode())[-1:] == DONE
 
 
 def test_values_are_not_frames() -> None:

@@ -11,7 +11,7 @@
     [D] Sent packet: @3FFB890C/7:                                  eModbus
       | 0000: 01 03 00 00 00 02 C4 0B                   |........        |
 
-Headings may have several lines. A heading without bytes is no entry.
+Headings may have several lines, and have no bytes themselves. A heading without bytes below it is no entry.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ import re
 
 from barewire.explain.capture.modbus_log.marked import direction_of
 from barewire.explain.capture.modbus_log.model import FormContent, LogEntry, Stamp
+from barewire.explain.capture.modbus_log.octets import split_octets
 from barewire.explain.capture.modbus_log.stamps import find_stamp
 
 _BYTES = re.compile(
     r"\s*(?:\|\s*)?(?:(?:0x)?[0-9A-Fa-f]{4,8}(?::\s+|\s*\|\s*|\s{2,}))?"
     r"(?P<bytes>[0-9A-Fa-f]{2}(?:[ \t]{1,2}[0-9A-Fa-f]{2})*)(?:\s*$|\s*\t.{1,16}| {2,}.*|\s*\|.*)"
 )
-_BETWEEN = re.compile(r"\s*(?:STATUS_\w+|-{2,}|Length:? \d+.*)?\s*")
+_BETWEEN = re.compile(r"(?:STATUS_\w+|-{2,}|Length:? \d+.*)?")
 _HEADINGS = 4
 """The most lines of a heading."""
 _SOCAT = re.compile(r"[<>] \d{4}/\d\d/\d\d \d\d:\d\d:\d\d\.(?P<fraction>\d{9})\s+length=")
@@ -57,7 +58,7 @@ def read_blocks(lines: list[str]) -> FormContent:
             known.add(number)
             heading, in_bytes = [], True
             continue
-        if _BETWEEN.fullmatch(line):
+        if _BETWEEN.fullmatch(line.strip()):
             if line.strip() and in_bytes:
                 known.add(number)
                 in_bytes = False
@@ -90,6 +91,8 @@ def _heading(line: str) -> tuple[bool | None, bool | None, Stamp | None] | None:
     """Return the direction and the time that a line states; None if it states neither."""
     stamp = find_stamp(line)
     plain = line if stamp is None else line[: stamp[1]] + " " * (stamp[2] - stamp[1]) + line[stamp[2] :]
+    if split_octets(plain) is not None:
+        return None  # an entry of one line, which a line of bytes may continue
     word, sent, from_client = direction_of(plain)
     if word is None and (stamp is None or line[: stamp[1]].strip("[( ")):
         return None

@@ -38,9 +38,10 @@ _GROUPS = (("asked", "answered"), ("sent", "received"), ("asker", "answerer"), (
 """Which words count if there are several: "response for read request" is a response, "server received" is received."""
 _SIZE = re.compile(r"[\s:=>#\[\](\-]*(?:\d+(?: ?bytes?)?)?[\s:=>#\[\])\-]*")
 """What may stand between "read" or "write" and the bytes of a frame: their number."""
+_LONGEST_SIZE = 60
 _NUMBER = re.compile(r"(?i)(?<![A-Za-z])(?:tx|rx):\d{4,8}-")
 """Modbus Poll counts its frames: the number belongs to the word, not to the bytes."""
-_NOTHING = re.compile(r"\s*['\"\])]*\s*[:=]\s*(?:b?''|b?\"\")?\s*")
+_NOTHING = re.compile(r"['\"\])]*\s?[:=]\s*(?:b?''|b?\"\")?\s*")
 
 
 def read_marked(lines: list[str]) -> FormContent:
@@ -81,7 +82,9 @@ def _marked(line: str, number: int) -> LogEntry | None:
     if word is None:
         return None
     if found is None:
-        return LogEntry(number, None) if _NOTHING.fullmatch(plain[word.end() :]) else None  # "recv: " without bytes
+        return (
+            LogEntry(number, None) if _NOTHING.fullmatch(plain[word.end() :].strip()) else None
+        )  # "recv: " without bytes
     return LogEntry(number, found.data, sent, from_client, None if stamp is None else stamp[0], found.decimal)
 
 
@@ -96,7 +99,7 @@ def direction_of(before: str) -> tuple[re.Match[str] | None, bool | None, bool |
         is_first = word.lastgroup == yes
         if yes in ("asked", "asker"):
             return word, None, is_first
-        if yes == "out" and not _SIZE.fullmatch(before[word.end() :]):
+        if yes == "out" and not _SIZE.fullmatch(before[word.end() : word.end() + _LONGEST_SIZE]):
             return None, None, None  # "read 2 registers: ..." are values, not a frame
         return word, is_first, None
     plain = before.strip("[]()\t :-|,;")

@@ -8,6 +8,7 @@ in a log of bytes only, an error with its line.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Container
 
 from barewire.errors import DecodeError
@@ -48,12 +49,14 @@ FORMS: dict[str, Callable[[list[str]], FormContent]] = {
     "MinimalModbus": read_minimalmodbus,
     "strace": read_syscalls,
     "bytes with characters": read_bytewise,
-    "blocks": read_blocks,
 }
 """Forms with words of their own. Two of them that differ about a line are an error."""
 _LONGEST_LINE = 20_000
-_SHORTEST = 4
-"""Bytes of the shortest frame."""
+_GENERAL: dict[str, Callable[[list[str]], FormContent]] = {"blocks": read_blocks, "marked": read_marked}
+"""Forms of many programs, for the lines that no other form knows."""
+_BLANKS_MAX = 200
+_BLANKS = re.compile(rf"\s{{{_BLANKS_MAX},}}")
+"""More blanks than any column has."""
 
 
 def read_modbus_log(
@@ -94,30 +97,28 @@ def _text(data: bytes) -> str:
 
 def _read_forms(lines: list[str], ports: Container[int]) -> tuple[str, FormContent]:
     """Return the names and the common content of all forms that the lines have."""
-    short = [line if len(line) <= _LONGEST_LINE else "" for line in lines]
-    names: list[str] = []
+    short = [_BLANKS.sub(" " * _BLANKS_MAX, line) if len(line) <= _LONGEST_LINE else "" for line in lines]
     by_place: dict[tuple[int, int], LogEntry] = {}
     owners: dict[int, str] = {}
     known: set[int] = set()
     contents = [(name, read_packets(lines, ports)) for name, read_packets in _OF_PACKETS.items()]
-    contents += [(name, read(short)) for name, read in (*FORMS.items(), ("marked", read_marked))]
+    contents += [(name, read(short)) for name, read in FORMS.items()]
     for name, content in contents:
-        if not content.entries:
-            continue
-        is_general = name == "marked"
-        taken = 0
         for place, entry in enumerate(content.entries):
-            owner = owners.get(entry.line, name)
-            if owner != name or (is_general and entry.line in known):
-                if not is_general and not _same(by_place, entry):
-                    text = f"line {entry.line} reads as {owner} and as {name}, with different bytes"
-                    raise DecodeError("value", b"", 0, text)
-                continue
-            owners[entry.line] = name
+            owner = owners.setdefault(entry.line, name)
+            if owner == name:
+                by_place[entry.line, place] = entry
+            elif not _same(by_place, entry):
+                text = f"line {entry.line} reads as {owner} and as {name}, with different bytes"
+                raise DecodeError("value", b"", 0, text)
+        known |= content.known if content.entries else set()
+    for name, read in _GENERAL.items():
+        content = read(["" if number in known else line for number, line in enumerate(short, start=1)])
+        for place, entry in enumerate(content.entries):
             by_place[entry.line, place] = entry
-            taken += 1
-        known |= content.known
-        names += [name] if taken else []
+            owners[entry.line] = name
+        known |= content.known if content.entries else set()
+    names = [name for name in (*_OF_PACKETS, *FORMS, *_GENERAL) if name in owners.values()]
     return " and ".join(names), FormContent([by_place[place] for place in sorted(by_place)], known)
 
 
@@ -159,6 +160,8 @@ def assembled(
     protocol = protocol or found
     client = recorder_is_client(entries, protocol)
     clock, before = LogClock(), None
+    if first := next((entry for entry in entries if entry.stamp is not None), None):
+        clock.read(first.stamp, first.line)  # what stands before the first time is not earlier than the made-up 0
     items: list[LoggedBytes | Unread] = []
     waiting = list(left)
     for entry in entries:
