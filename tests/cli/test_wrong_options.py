@@ -231,6 +231,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("-v",), "no command given: expected one of demo, devices, simulate,"),
     (("devices", "az4"), "did you mean 'az3'?"),
     (("demo", "az3"), "az3"),
+    (("demo", "--format", "jsno"), "did you mean 'json'?"),
     # drive
     (("drive", "tpc://127.0.0.1", "az3", "status"), "did you mean 'tcp'?"),
     (("drive", TCP, "az4", "status"), "did you mean 'az3'?"),

@@ -31,7 +31,7 @@ WRONG_STEPS: list[tuple[tuple[str, ...], str]] = [
     (("steps", "statusword", "0F", "--device", "adxl"), "adxl is not a drive"),
     (("steps", "crc", "02", "--format", "svg"), "steps crc has no picture: expected one of float, statusword,"),
     (("steps", "float", "1", "--type", "u16", "--format", "svg"), "a picture has two registers: expected one of f32"),
-    (("steps", "can-frame", "705#05", "605#40", "--format", "html"), "a picture has one frame, 2 are given"),
+    (("steps", "can-frame", "705#05", "605#40", "--format", "svg"), "a picture has one frame, 2 are given"),
     (("steps", "statusword", "0250h", "x"), "expected up to 4 hexadecimal digits"),
     (("steps", "statusword"), "Missing argument 'WORD...'; see barewire steps statusword --help"),
     (("steps", "can-frame", "605#4"), "half a byte is left over"),
