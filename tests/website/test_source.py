@@ -97,3 +97,12 @@ def test_every_reason_has_its_meaning() -> None:
     from barewire.errors import REASONS
 
     assert tuple(reasons()) == REASONS
+
+
+def test_a_room_offers_what_may_be_imported_from_it() -> None:
+    import barewire.modbus
+
+    found = {room.name: room.offers for room in source.rooms()}
+    assert set(found["barewire"]) == set(barewire.__all__) - {"__version__"}
+    assert found["barewire"]["ModbusClient"] == "barewire.io.modbus.client.ModbusClient"
+    assert {"Bus", "Table", "Server"} <= set(found["barewire.modbus"]) <= set(barewire.modbus.__all__)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from tools.website.docstrings import Link, inline, rendered
+from tools.website.docstrings import Link, inline, rendered, summary
 from tools.website.source import SRC, Module, Room, Thing
 
 FOLDER = "reference/api"
@@ -62,10 +62,12 @@ def linker(found: list[Room]) -> Link:
 
 def pages(found: list[Room], link: Link) -> dict[str, str]:
     """Return the pages of the API by path."""
-    return {f"{page_of(room.name)}.rst": "\n".join(_room_lines(room, link)) + "\n" for room in found}
+    things = [(module, thing) for room in found for module in room.modules for thing in module.things]
+    summaries = {f"{module.name}.{thing.name}": summary(thing.docstring) for module, thing in things if thing.docstring}
+    return {f"{page_of(room.name)}.rst": "\n".join(_room_lines(room, link, summaries)) + "\n" for room in found}
 
 
-def _room_lines(room: Room, link: Link) -> Iterator[str]:
+def _room_lines(room: Room, link: Link, summaries: dict[str, str]) -> Iterator[str]:
     title = room.name
     yield from (title, "=" * len(title), "", f".. py:module:: {room.name}", "")
     yield from rendered(room.docstring, link)
@@ -74,8 +76,20 @@ def _room_lines(room: Room, link: Link) -> Iterator[str]:
         yield from (".. toctree::", "   :maxdepth: 1", *(["   :titlesonly:"] if top else []), "")
         yield from (f"   {name.rpartition('.')[2]} <{page_of(name).rpartition('/')[2]}>" for name in room.rooms)
         yield ""
+    yield from _offer_lines(room, link, summaries)
     for module in room.modules:
         yield from _module_lines(module, link)
+
+
+def _offer_lines(room: Room, link: Link, summaries: dict[str, str]) -> Iterator[str]:
+    """Yield what may be imported from the room: at the front door with a sentence for each name."""
+    known = {name: full for name, full in room.offers.items() if full in summaries}
+    if room.name == "barewire":
+        yield from ("The front door", "--------------", "")
+        for name, full in known.items():
+            yield from (f":py:obj:`{name} <{full}>`", f"   {inline(summaries[full], link)}", "")
+    elif known:
+        yield from (f"From ``{room.name}`` itself: {', '.join(f':py:obj:`{n} <{f}>`' for n, f in known.items())}.", "")
 
 
 def _module_lines(module: Module, link: Link) -> Iterator[str]:

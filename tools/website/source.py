@@ -54,6 +54,8 @@ class Room:
     modules: list[Module]
     rooms: list[str]
     """The full names of the packages inside, in reading order."""
+    offers: dict[str, str]
+    """What may be imported from the package itself: name -> the full name of where it is defined."""
 
 
 def rooms(home: Path = SRC / "barewire") -> list[Room]:
@@ -82,7 +84,24 @@ def _room(folder: Path, name: str) -> Room:
         docstring,
         [each for each in modules if each.things or each.docstring],
         [f"{name}.{part.name}" for part in sorted(inner, key=lambda part: order.index(part.name))],
+        offers(tree),
     )
+
+
+def offers(tree: ast.Module) -> dict[str, str]:
+    """Return what an `__init__.py` imports for its callers: `from x import A as A`, or A is in `__all__`.
+
+    >>> offers(ast.parse("from a.b import C as C, d as _d, e\\nfrom a import *\\n__all__ = ['e']"))
+    {'C': 'a.b.C', 'e': 'a.b.e'}
+    """
+    listed = _listed(tree)
+    found = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            for name in node.names:
+                if name.asname == name.name or name.name in listed:
+                    found[name.name] = f"{node.module}.{name.name}"
+    return found
 
 
 def reading_order(docstring: str, names: set[str]) -> list[str]:
