@@ -22,6 +22,7 @@ from barewire.explain.diagnosis.modbus.good import HIGHEST_UNIT, good_rtu, proof
 from barewire.explain.findings import Finding
 from barewire.explain.result import FrameRole
 from barewire.explain.wire.uart import FORMATS, CharacterFormat, Receiver, ReceiverFault, UartLine
+from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.registry import measure_request, measure_response
 from barewire.rtu.crc import crc16
 from barewire.rtu.frame import SHORTEST
@@ -34,7 +35,7 @@ it reads two or three bits of each character and then waits for the next edge.
 """
 
 _FORMATS = FORMATS[:3]
-"""Without 8N2, which hardly any device has."""
+"""Without 8N2, which hardly any device has; and with exchanged wires, where the search takes longest, without 8O1."""
 
 FAULTS = tuple(
     fault
@@ -85,12 +86,24 @@ class _Search:
             unlikely, _, sent, state = heappop(paths)
             measured = (measure_request(sent[1:]), measure_response(sent[1:])) if len(sent) > 1 else (1,)
             sizes = {size + 3 for size in measured if size is not None and size + 3 >= len(sent) + 2}
+            sizes = {size for size in sizes if self._can_be_heard(sent, size - len(sent), len(self.heard) - state[1])}
             if len(sent) + 2 in sizes:
                 yield from ((unlikely, frame) for frame in self._closed(state, sent))
             for place, (byte, after) in enumerate(self.next(state).items()) if sizes else ():
                 cost = unlikely + (place > 0)
                 if cost <= UNLIKELY and (sent or 0 < byte <= HIGHEST_UNIT):
                     heappush(paths, (cost, -len(sent), sent + bytes((byte,)), after))
+
+    def _can_be_heard(self, sent: bytes, to_send: int, to_hear: int) -> bool:
+        """Return whether so many bytes to be sent can be read as so many bytes.
+
+        A character is read in at least 9 bits of the receiver, and each character that is sent has an edge, so that the
+        receiver waits for at most one. As long as the byte count was not sent, there may be more to send.
+        """
+        bits, ratio = self.line.form.bits, self.line.fault.faster / self.line.fault.slower
+        is_final = len(sent) > 10 or (len(sent) > 2 and (sent[1] < 0x07 or sent[1] & EXCEPTION_BIT))
+        most, least = to_send * bits * ratio / 9 + 2, to_send * bits / (bits + 1 + 10 / ratio) - 2
+        return least <= to_hear and (not is_final or to_hear <= most or len(sent) < 2)
 
     def _closed(self, state: _State, sent: bytes) -> Iterator[bytes]:
         """Yield the frame if its CRC can have been sent, and the receiver would read nothing else."""
@@ -130,7 +143,7 @@ def misread(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
         frames: dict[bytes, tuple[int, CharacterFormat]] = {}
         # With exchanged wires the silence before the frame is a break, which is read as 00.
         heard = data[1:] if fault.inverted and data[0] == 0 else data
-        for form in _FORMATS:
+        for form in _FORMATS[:2] if fault.inverted else _FORMATS:
             for unlikely, frame in sent_frames(heard, form, fault):
                 if frame not in frames or frames[frame][0] > unlikely:
                     frames[frame] = unlikely, form
