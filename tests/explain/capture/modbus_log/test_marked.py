@@ -133,3 +133,24 @@ def test_decimal_or_hexadecimal_is_not_guessed() -> None:
 def test_other_text_is_no_log() -> None:
     with refused(DecodeError, "line 1"):
         read_modbus_log(b"Dear all,\nwe received: ab cd ef 01\nBest regards\n")
+
+
+@pytest.mark.parametrize(
+    "prefix", ["COM3: {}", "2024-01-05 10:31:18,257 {}", "DATE=2015-11-05T17:31:27.977;ERR=NO;FRAME={};SLAVE=1;", "{}"]
+)
+def test_bytes_without_a_direction(prefix: str) -> None:
+    notation = dashed if "FRAME" in prefix else lambda text: " ".join(byte.lstrip("0") or "0" for byte in text.split())
+    text = f"{prefix.format(notation(ASKED))}\n{prefix.format(notation(ANSWERED))}\n"
+    assert lines_of(text.encode()) == DONE
+
+
+def test_a_typing_error_in_a_log_of_bytes_is_an_error() -> None:
+    with refused(DecodeError, "line 2: 'X' at 3"):
+        read_modbus_log(f"{ASKED}\n01 X3 04 00 0B 00 16 0A 3F\n".encode())
+
+
+def test_a_wrapped_log_of_bytes() -> None:
+    """The CRC proves that two lines are one frame."""
+    assert lines_of(b"01 03 00 05\n00 02 D4 0A\n01 03 04 00\n0B 00 16\n0A 3F\n") == DONE
+    log = read_modbus_log(b"FF 00\n01 03 00 05 00 02 D4 0A\n")
+    assert [item.line for item in log.items] == [1, 2]

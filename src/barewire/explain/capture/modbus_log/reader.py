@@ -12,11 +12,12 @@ import re
 from collections.abc import Callable, Container
 
 from barewire.errors import DecodeError
-from barewire.explain.capture.bytelog import parse_log
+from barewire.explain.capture.bytelog import Chunk, parse_log
 from barewire.explain.capture.modbus_log.blocks import read_blocks
 from barewire.explain.capture.modbus_log.bytewise import read_bytewise
 from barewire.explain.capture.modbus_log.direction import (
     common_protocol,
+    frame_pdu,
     recorder_is_client,
     with_one_notation,
     with_transactions,
@@ -54,6 +55,12 @@ FORMS: dict[str, Callable[[list[str]], FormContent]] = {
 _LONGEST_LINE = 20_000
 _GENERAL: dict[str, Callable[[list[str]], FormContent]] = {"blocks": read_blocks, "marked": read_marked}
 """Forms of many programs, for the lines that no other form knows."""
+_SHORTEST = 4
+"""Bytes of the shortest frame."""
+_LINES_MAX = 20
+"""The most lines of one frame."""
+_FRAME = re.compile(r"FRAME=[^;]*")
+"""The field of a frame in `DATE=...;FRAME=01-03-...;SLAVE=1;`, as monitors write it."""
 _BLANKS_MAX = 200
 _BLANKS = re.compile(rf"\s{{{_BLANKS_MAX},}}")
 """More blanks than any column has."""
@@ -79,7 +86,7 @@ def read_modbus_log(
     if not content.entries and (why := without_bytes(lines)) is not None:
         raise DecodeError("value", b"", 0, why)
     if not content.entries:
-        return _bytes_only(text, protocol)
+        return _bytes_only(text, lines, protocol)
     return _decided(form, content, lines, protocol)
 
 
@@ -184,11 +191,65 @@ def _left(items: list[LoggedBytes | Unread], number: int, line: str) -> Unread:
     return unread(items[-1].at if items else 0.0, number, "no bytes of a frame in this line", line)
 
 
-def _bytes_only(text: str, protocol: ProtocolName | None) -> ModbusLog:
-    """Read a log of bytes with or without times, or a dump."""
-    log = parse_log(text)
-    found = protocol or common_protocol([chunk.data for chunk in log.chunks])
+def _bytes_only(text: str, lines: list[str], protocol: ProtocolName | None) -> ModbusLog:
+    """Read a log of bytes with or without times or prefixes, or a dump."""
+    try:
+        log = parse_log(text)
+    except DecodeError:
+        if (prefixed := _prefixed(lines, protocol)) is None:
+            raise
+        return prefixed
+    chunks, numbers = ([*log.chunks], [*log.lines]) if log.timed else _unwrapped(log.chunks, log.lines)
+    found = protocol or common_protocol([chunk.data for chunk in chunks])
     items: list[LoggedBytes | Unread] = [
-        LoggedBytes(chunk.at, chunk.data, line, None, found) for chunk, line in zip(log.chunks, log.lines)
+        LoggedBytes(chunk.at, chunk.data, line, None, found) for chunk, line in zip(chunks, numbers)
     ]
     return ModbusLog(tuple(with_transactions(items)), "bytes", log.timed)
+
+
+def _prefixed(lines: list[str], protocol: ProtocolName | None) -> ModbusLog | None:
+    """Read lines that end with bytes, behind any text: `COM3: 01 03 ...`, `FRAME=01-03-...`. None unless frames prove
+    it, or if some lines have a text and others do not, as a typing error in a log of bytes makes it."""
+    entries: list[LogEntry] = []
+    left: list[tuple[int, str]] = []
+    prefixes: set[bool] = set()
+    for number, line in enumerate(lines, start=1):
+        stamp = find_stamp(line)
+        plain = line if stamp is None else line[: stamp[1]] + " " * (stamp[2] - stamp[1]) + line[stamp[2] :]
+        field = _FRAME.search(plain)
+        octets = split_octets(plain[: field.end()] if field else plain)
+        if octets is not None and len(octets.data or octets.decimal or b"") >= _SHORTEST:
+            entries.append(LogEntry(number, octets.data, None, None, stamp and stamp[0], octets.decimal))
+            prefixes.add(bool(octets.before.strip(" \t:,;|-[]()")))
+        elif line.strip():
+            left.append((number, line))
+    pieces = [piece for entry in entries for piece in (entry.data, entry.decimal) if piece]
+    if len(prefixes) != 1 or len(left) > len(entries) or common_protocol(pieces) is None:
+        return None
+    return assembled("bytes", entries, left, protocol)
+
+
+def _unwrapped(chunks: list[Chunk], numbers: list[int]) -> tuple[list[Chunk], list[int]]:
+    """Join lines that are one frame together, and none apart: a CRC or a length in the header proves it."""
+    joined: list[Chunk] = []
+    lines: list[int] = []
+    place = 0
+    while place < len(chunks):
+        size = 1
+        data = chunks[place].data
+        if not _is_frame(data):
+            for more in range(2, _LINES_MAX + 1):
+                if place + more > len(chunks) or _is_frame(chunks[place + more - 1].data):
+                    break
+                data += chunks[place + more - 1].data
+                if _is_frame(data):
+                    size = more
+                    break
+        joined.append(Chunk(chunks[place].at, b"".join(chunk.data for chunk in chunks[place : place + size])))
+        lines.append(numbers[place])
+        place += size
+    return joined, lines
+
+
+def _is_frame(data: bytes) -> bool:
+    return any(frame_pdu(protocol, data) is not None for protocol in ("rtu", "tcp"))
