@@ -163,10 +163,13 @@ def sniff_command(
     if is_drawn:
         known, number = known_nodes(devices, nodes) if is_can else [], next(iter(nodes if is_can else units), None)
         device = load(devices[0]) if devices and not is_can else None
+        names = None if is_can else known_units(devices, units)
         options = RecordingOptions(bus, window or WINDOW, MODBUS_PORTS | set(ports), protocol)
         try:
             name = "standard input" if source == "-" else Path(source).name
-            drawing = recording_picture(name, data, picture, options, known=known, device=device, number=number)
+            drawing = recording_picture(
+                name, data, picture, options, known=known, device=device, number=number, names=names
+            )
         except DecodeError as error:
             raise BarewireError(f"{source}: {error.text}; expected {_FORMATS}") from None
         print(rendered(form, drawing), end="")

@@ -8,6 +8,7 @@ from barewire.devices import load
 from barewire.devices.parameter import ModbusAt
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.explain.can_monitor import of_device
+from barewire.explain.modbus.named_registers import RegisterNames, UnitNames
 from barewire.explain.pictures.picture import as_svg
 from barewire.explain.pictures.recordings import recording_picture
 from barewire.explain.pictures.sequence import SequencePicture
@@ -32,6 +33,12 @@ BUS = b"""\
 def states(data: bytes, **options: object) -> StatesPicture:
     picture = recording_picture("a log", data, "states", **options)  # type: ignore[arg-type]
     assert isinstance(picture, StatesPicture)
+    return picture
+
+
+def sequence(data: bytes, **options: object) -> SequencePicture:
+    picture = recording_picture("a log", data, **options)  # type: ignore[arg-type]
+    assert isinstance(picture, SequencePicture)
     return picture
 
 
@@ -110,6 +117,21 @@ def test_messages_of_both_protocols() -> None:
         assert picture.stations[0] == station
         assert picture.messages[0].at is not None
         check(picture)
+
+
+def test_values_have_the_names_of_a_description() -> None:
+    names = UnitNames({1: RegisterNames(load("csd-mt"))})
+    texts = [message.text for message in sequence(modbus_log(), names=names).messages]
+    assert any("Status Word" in text and "ready to switch on" in text for text in texts)
+    log = b"(1.0) can0 185#3706000000000000\n"
+    (message,) = sequence(log, known=[of_device(load("az3"), 5)]).messages
+    assert message.text.startswith("TPDO1 from node 5: STATUS WORD = 1591")
+
+
+def test_the_recording_ends_before_the_answer() -> None:
+    picture = sequence(b"1.0 01 03 00 00 00 02 C4 0B\n")
+    assert [(message.text, message.wrong) for message in picture.messages][-1] == ("the recording ends here", False)
+    check(picture)
 
 
 def test_a_log_without_times() -> None:

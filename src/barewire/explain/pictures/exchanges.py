@@ -1,7 +1,8 @@
 """Sequence diagrams of what was recorded: exchanges of Modbus, frames of a CAN bus, frames of a vector or a demo.
 
     RequestSeen          client -> unit 1         ResponseMissing      a mark at the unit
-    ResponseSeen         unit 1 -> client         NoiseSeen            a mark at the client's line
+    ResponseSeen         unit 1 -> client         RecordingEnds        a mark at the unit
+    AmbiguousFrame       client -> unit 1         NoiseSeen            a mark at the client's line
     SDO request, RPDO    master -> node 5         SYNC, NMT, TIME      master -> all nodes
     SDO answer, TPDO,    node 5 -> master         error frame          a mark
     EMCY, heartbeat
@@ -20,7 +21,9 @@ from barewire.canopen.cob_ids import classify
 from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame
 from barewire.explain.can_monitor.monitor import CanMonitor
 from barewire.explain.canopen.frame import explain_can, explain_segment
+from barewire.explain.canopen.known_node import KnownNode
 from barewire.explain.capture.model import Dropped, RecordedItem, Unread
+from barewire.explain.modbus.named_registers import UnitNames
 from barewire.explain.modbus.pdu import explain_pdu
 from barewire.explain.pictures.levels import frame_bytes
 from barewire.explain.pictures.sequence import SequenceMessage
@@ -29,6 +32,7 @@ from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.sniffer import (
     AmbiguousFrame,
     NoiseSeen,
+    RecordingEnds,
     RequestSeen,
     ResponseMissing,
     ResponseSeen,
@@ -40,18 +44,22 @@ _VALUES_SHOWN = 8
 CLIENT, MASTER, EVERY_NODE, EVERY_UNIT = "client", "master", "all nodes", "all units"
 
 
-def modbus_messages(events: Iterable[SnifferEvent], *, timed: bool = True) -> Iterator[SequenceMessage]:
+def modbus_messages(
+    events: Iterable[SnifferEvent], *, timed: bool = True, names: UnitNames | None = None
+) -> Iterator[SequenceMessage]:
     """Yield the messages of a Modbus line; those of a log without times are not `timed`.
+
+    With `names` a response has the named values of its exchange.
 
     >>> request = RequestSeen(1, bytes.fromhex("0300000002"), 1.0)
     >>> [(message.source, message.target) for message in modbus_messages([request])]
     [('client', 'unit 1')]
     """
-    for message in _modbus_messages(events, timed=timed):
+    for message in _modbus_messages(events, timed, names):
         yield message if timed else message._replace(at=None)
 
 
-def _modbus_messages(events: Iterable[SnifferEvent], *, timed: bool) -> Iterator[SequenceMessage]:
+def _modbus_messages(events: Iterable[SnifferEvent], timed: bool, names: UnitNames | None) -> Iterator[SequenceMessage]:
     for event in events:
         match event:
             case RequestSeen():
@@ -59,7 +67,8 @@ def _modbus_messages(events: Iterable[SnifferEvent], *, timed: bool) -> Iterator
                 summary = _pdu_text(event.pdu, "request")
                 yield SequenceMessage(CLIENT, unit, summary, event.pdu, event.at)
             case ResponseSeen():
-                summary = _response_text(event.pdu)
+                named = "" if names is None or event.request is None else names.text(event.request, event)
+                summary = named or _response_text(event.pdu)
                 after = "" if event.seconds is None or not timed else f", after {1e3 * event.seconds:.1f} ms"
                 late = ", late: after the next request" if event.late else ""
                 unasked = ", its request was not recorded" if event.request is None else ""
@@ -69,6 +78,9 @@ def _modbus_messages(events: Iterable[SnifferEvent], *, timed: bool) -> Iterator
             case ResponseMissing():
                 unit = f"unit {event.request.unit}"
                 yield SequenceMessage(unit, "", "no answer", b"", max(event.at, event.request.at), wrong=True)
+            case RecordingEnds():
+                at = max(event.at, event.request.at)
+                yield SequenceMessage(f"unit {event.request.unit}", "", "the recording ends here", b"", at)
             case AmbiguousFrame():
                 summary = _pdu_text(event.pdu, "request")
                 text = f"{summary}; seen once: the request or its echo"
@@ -77,15 +89,17 @@ def _modbus_messages(events: Iterable[SnifferEvent], *, timed: bool) -> Iterator
                 yield SequenceMessage(CLIENT, "", f"noise: {event.noise.text}", event.noise.data, event.at, wrong=True)
 
 
-def can_messages(items: Iterable[RecordedItem], bus: str | None = None) -> Iterator[SequenceMessage]:
-    """Yield the messages of a recording of a CAN bus, of one `bus` if it has several.
+def can_messages(
+    items: Iterable[RecordedItem], bus: str | None = None, known: Iterable[KnownNode] = ()
+) -> Iterator[SequenceMessage]:
+    """Yield the messages of a recording of a CAN bus, of one `bus` if it has several; PDOs of `known` nodes by name.
 
     >>> from barewire.explain.capture.model import Recorded
     >>> frames = [Recorded(0.1, "can0", CanFrame.parse(text)) for text in ("000#0105", "705#05")]
     >>> [(message.source, message.target, message.text) for message in can_messages(frames)]
     [('master', 'node 5', 'NMT: start, node 5'), ('node 5', 'master', 'error control from node 5: operational')]
     """
-    explainer = FrameExplainer()
+    explainer = FrameExplainer(known)
     for item in items:
         if isinstance(item, Unread):
             yield SequenceMessage(MASTER, "", f"line {item.line} cannot be read: {item.why}", b"", item.at, wrong=True)
@@ -101,8 +115,8 @@ def can_messages(items: Iterable[RecordedItem], bus: str | None = None) -> Itera
 class FrameExplainer:
     """Explains CAN frames in their order: after the beginning of a block transfer some are segments."""
 
-    def __init__(self) -> None:
-        self._monitor = CanMonitor()
+    def __init__(self, known: Iterable[KnownNode] = ()) -> None:
+        self._monitor = CanMonitor(known)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self._monitor!r}>"
@@ -113,7 +127,7 @@ class FrameExplainer:
             wrong = isinstance(frame, ErrorFrame)
             return SequenceMessage(MASTER, "", _summary(explain_can(frame)), frame.data, at, wrong)
         segment = self._monitor.takes_segment(frame)
-        explanation = explain_segment(frame) if segment else explain_can(frame)
+        explanation = explain_segment(frame) if segment else explain_can(frame, self._monitor.pdos)
         self._monitor.feed(frame, at)
         source, target = can_stations(frame)
         return SequenceMessage(source, target, _summary(explanation), frame.data, at, not explanation.valid)

@@ -14,6 +14,7 @@ from barewire.explain.can_monitor.recording import is_can_recording, is_timed, r
 from barewire.explain.canopen.known_node import KnownNode
 from barewire.explain.capture.modbus_packets import MODBUS_PORTS
 from barewire.explain.capture.modbus_replay import SerialProtocol, replay_log
+from barewire.explain.modbus.named_registers import UnitNames
 from barewire.explain.pictures.drive_words import DriveWords, can_drive_words, modbus_drive_words
 from barewire.explain.pictures.exchanges import CLIENT, MASTER, can_messages, modbus_messages
 from barewire.explain.pictures.picture import Picture
@@ -40,6 +41,7 @@ def recording_picture(
     known: Iterable[KnownNode] = (),
     device: Device | None = None,
     number: int | None = None,
+    names: UnitNames | None = None,
 ) -> Picture:
     """Return the picture "sequence" of a recording, its messages, or "states", the state machine of a drive in it.
 
@@ -48,7 +50,9 @@ def recording_picture(
 
     The drive is the node or unit `number`, or the first one. Its words are objects 6040h and 6041h on CAN; PDOs of
     `known` nodes have the mapping of their description. On Modbus the description of the `device` says which registers
-    they are. Raises DecodeError if the bytes are not a recording, BarewireError if there is no word of a drive in it.
+    they are; `names` has those of the values of a sequence diagram.
+
+    Raises DecodeError if the bytes are not a recording, BarewireError if there is no word of a drive in it.
     """
     is_can = is_can_recording(data)
     if picture == "states":
@@ -57,12 +61,12 @@ def recording_picture(
         return _states(name, data, options, tuple(known), device, number)
     if is_can:
         timed = is_timed(data)
-        messages = can_messages(read_recording(data), options.bus)
+        messages = can_messages(read_recording(data), options.bus, known)
         return SequencePicture(
             f"Messages in {name}", (message if timed else message._replace(at=None) for message in messages), [MASTER]
         )
     log, events = replay_log(data, window=options.window, ports=options.ports, protocol=options.protocol)
-    return SequencePicture(f"Messages in {name}", modbus_messages(events, timed=log.timed), [CLIENT])
+    return SequencePicture(f"Messages in {name}", modbus_messages(events, timed=log.timed, names=names), [CLIENT])
 
 
 def _states(
