@@ -31,7 +31,9 @@ def byte_counts(pdu: bytes, role: FrameRole | None) -> list[tuple[int, int]]:
     """Return the places where the PDU has a byte count that is wrong, each with the number of bytes that follow it."""
     roles: tuple[FrameRole, ...] = ("request", "response") if role is None else (role,)
     places = {field.offset for which in roles for field in explain_pdu(pdu, which).fields if field.name == "byte_count"}
-    follow = [(place, len(pdu) - place - 1) for place in sorted(places) if place < len(pdu)]
+    # A count of 0 is that of no message: without a given direction the bytes are more likely a request.
+    places = {place for place in places if place < len(pdu) and (pdu[place] or role is not None)}
+    follow = [(place, len(pdu) - place - 1) for place in sorted(places)]
     return [(place, count) for place, count in follow if count <= 255 and pdu[place] != count]
 
 
