@@ -126,8 +126,9 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("send", CAN, "605#4G"), "'G' is not a hexadecimal digit"),
     (("send", CAN, "605#40", "--crc"), "a CAN controller adds the CRC itself"),
     # lab
-    (("lab", "11"), "11 is not in the range 1<=x<=10"),
-    (("lab", "one"), "is not a valid integer range"),
+    (("lab", "11"), "'11': expected the number of a lab, 1 to 10"),
+    (("lab", "one"), "'one': expected the number of a lab"),
+    (("lab", "3.9"), "lab 3 has the exercises 3.1, 3.2, 3.3, 3.4"),
     (("lab", "3", "chek"), "did you mean 'check'?"),
     (("lab", "3", "check"), "no answer: expected barewire lab 3 check 3.1 ANSWER"),
     (("lab", "3", "check", "3.2"), "no answer behind 3.2"),

@@ -255,6 +255,8 @@ def test_no_text_makes_a_check_fail(lab: Lab) -> None:
 def test_an_answer_without_the_number_of_its_exercise_is_tried_on_all() -> None:
     run = run_here("lab", "3", "check", "01", "04", "0F", "B1", "00", "02")
     assert (run.returncode, run.stdout.split(":")[0]) == (0, "3.1 right")
+    before = run_here("lab", "3.1", "check", "01", "04", "0F", "B1", "00", "02")
+    assert before.stdout == run.stdout
     nothing = run_here("lab", "3", "check", "hello")
     assert nothing.returncode == 1
     assert nothing.stdout.startswith("wrong: this solves no exercise of lab 3")

@@ -7,6 +7,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 from textwrap import wrap
+from typing import Any
 
 import click
 
@@ -19,14 +20,30 @@ from barewire.errors import EncodeError, PortError, shown
 _WIDTH = 100
 
 
+class LabNumber(click.ParamType[str]):
+    """The number of a lab, such as 3, or of one of its exercises, 3.1."""
+
+    name = "number"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the number as text."""
+        lab = LABS.get(int(first) if (first := str(value).partition(".")[0]).isdecimal() and len(first) < 4 else 0)
+        if lab is None:
+            self.fail(f"{shown(value)}: expected the number of a lab, 1 to {len(LABS)}", param, ctx)
+        if "." in str(value) and lab.exercise(value) is None:
+            numbers = ", ".join(exercise.number for exercise in lab.exercises)
+            self.fail(f"{shown(value)}: lab {lab.number} has the exercises {numbers}", param, ctx)
+        return str(value)
+
+
 @click.command("lab", context_settings={"ignore_unknown_options": True})
-@click.argument("number", type=click.IntRange(1, len(LABS)), required=False, metavar="[N]")
+@click.argument("number", type=LabNumber(), required=False, metavar="[N]")
 @click.argument(
     "action", type=Choice(["check", "start", "recordings"]), required=False, metavar="[check|start|recordings]"
 )
 @click.argument("words", nargs=-1, metavar="[ANSWER]...")
 @json_option
-def lab_command(number: int | None, action: str | None, words: tuple[str, ...], as_json: bool) -> int:
+def lab_command(number: str | None, action: str | None, words: tuple[str, ...], as_json: bool) -> int:
     """Show the labs of the course, and check answers to their exercises.
 
     The course, in docs/tutorial, goes from one byte to a moving motor in ten labs. Without N, the labs are listed;
@@ -48,7 +65,9 @@ def lab_command(number: int | None, action: str | None, words: tuple[str, ...], 
     if number is None:
         _list(as_json)
         return 0
-    lab = LABS[number]
+    lab = LABS[int(number.partition(".")[0])]
+    if "." in number and action == "check":
+        words = (number, *words)
     if action is None:
         _show(lab, as_json)
     elif action == "check":
