@@ -114,7 +114,9 @@ def test_the_levels_of_a_frame() -> None:
 def test_a_recording_has_no_picture_of_a_frame(tmp_path: Path) -> None:
     (tmp_path / "bus.log").write_text(EXCHANGE)
     for option in (("--format", "svg"), ("--picture", "levels")):
-        assert "it is a recording" in error_of("explain", "can", str(tmp_path / "bus.log"), *option, status=2)
+        assert "is a recording: barewire sniff" in error_of(
+            "explain", "can", str(tmp_path / "bus.log"), *option, status=2
+        )
     rows = output_of("explain", "can", str(tmp_path / "bus.log"), "--format", "json").splitlines()
     assert all(json.loads(row) for row in rows)
 

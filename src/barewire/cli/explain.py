@@ -82,7 +82,8 @@ def explain_command(
     if protocol == "can" and len(frame) == 1 and Path(frame[0]).is_file():
         if picture is not None or form not in ("text", "json"):
             option = f"--format {form}" if picture is None else "--picture"
-            raise EncodeError(f"{option} is for one frame, which {frame[0]} is not: it is a recording")
+            name = frame[0]
+            raise EncodeError(f"{option} is for one frame, {name} is a recording: barewire sniff {name} --format svg")
         return _explain_recording(frame[0], devices, nodes, as_json=form == "json", check=check)
     if floats is not None and request is None:
         raise EncodeError("--floats needs --request: a request says where the values begin")

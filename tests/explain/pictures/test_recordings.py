@@ -128,6 +128,13 @@ def test_values_have_the_names_of_a_description() -> None:
     assert message.text.startswith("TPDO1 from node 5: STATUS WORD = 1591")
 
 
+def test_time_never_runs_backwards() -> None:
+    picture = sequence(b"1.0 01 03 00 00 00 02 C4 0B\n1.01 01 03 04 00 17 00 07 0B 00\n")
+    times = [message.at for message in picture.messages]
+    assert len(times) == 3
+    assert times == sorted(time for time in times if time is not None)
+
+
 def test_the_recording_ends_before_the_answer() -> None:
     picture = sequence(b"1.0 01 03 00 00 00 02 C4 0B\n")
     assert [(message.text, message.wrong) for message in picture.messages][-1] == ("the recording ends here", False)

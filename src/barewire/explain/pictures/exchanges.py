@@ -55,8 +55,11 @@ def modbus_messages(
     >>> [(message.source, message.target) for message in modbus_messages([request])]
     [('client', 'unit 1')]
     """
+    last = 0.0
     for message in _modbus_messages(events, timed, names):
-        yield message if timed else message._replace(at=None)
+        # What is missing is certain at a time that may lie before that of noise, which is known after its last byte.
+        last = max(last, message.at or 0.0)
+        yield message._replace(at=None if not timed else message.at if message.target else last)
 
 
 def _modbus_messages(events: Iterable[SnifferEvent], timed: bool, names: UnitNames | None) -> Iterator[SequenceMessage]:
