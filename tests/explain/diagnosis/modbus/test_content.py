@@ -35,7 +35,7 @@ def test_the_crc_fits_and_the_content_does_not(body: str, role: str | None, code
     ("frame", "code", "words"),
     [
         ("0001 0000 06 01 03 0000 000A", "byte-lost", "a byte 00 of the header is missing"),
-        ("1234 000000 0006 01 03 0000 000A", "byte-extra", "a byte 00 of the header is too many"),
+        ("1234 000000 0006 01 03 0000 000A", "noise-before", "1 byte before the frame: 12"),
         ("0001 0000 0008 01 03 04 0001 0002 5F", "byte-extra", "1 byte behind the PDU, 5F"),
         ("0001 0000 0600 FF 01 0000 0000", "header-byte-order", "06 00; the high byte goes first"),
         ("0001 0000 0004 FF 30 31", "cut-frame", "the beginning of a frame, 1 byte to come"),

@@ -86,15 +86,11 @@ def _half_crc_inside(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
 
 
 def _header_byte(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
-    """A byte 00 of the header is missing, or one too many; then protocol, length and message fit."""
+    """A byte 00 of the header is missing; with it protocol, length and message fit."""
     for at in range(min(PREFIX, len(data))):
         frame = data[:at] + b"\0" + data[at:]
         if (good := good_tcp(frame, role)) is not None:
             yield Finding("byte-lost", "a byte 00 of the header is missing", proof_of(frame, good))
-            return
-        frame = data[:at] + data[at + 1 :]
-        if data[at] == 0 and (good := good_tcp(frame, role)) is not None:
-            yield Finding("byte-extra", "a byte 00 of the header is too many", proof_of(frame, good))
             return
 
 
