@@ -2,14 +2,14 @@
 
     candump      its log, and its screen output            Vector ASC      text
     pcapng, pcap SocketCAN frames, link type 227           Vector BLF      binary
-    log of the CANopen conformance test tool of CiA
+    log of the CANopen conformance test tool of CiA        PEAK TRC, python-can   text
 
 Depends on: explain.capture, monitor. Used by: cli.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from barewire.canopen.frame import AnyFrame
 from barewire.errors import DecodeError
@@ -22,9 +22,18 @@ from barewire.explain.capture.blf import BLF_MAGIC, read_blf
 from barewire.explain.capture.candump import has_times, is_candump, log_line, read_candump
 from barewire.explain.capture.conformance_log import is_conformance_log, read_conformance_log
 from barewire.explain.capture.model import Dropped, Recorded, RecordedItem, Unread, unread
+from barewire.explain.capture.python_can_text import is_python_can_text, read_python_can_text
 from barewire.explain.capture.socketcan import SOCKETCAN, from_packet, is_can_packet, to_packet
+from barewire.explain.capture.trc import is_trc, read_trc
 
 BUSES_MAX = 64
+_TEXT_FORMS: tuple[tuple[Callable[[str], bool], Callable[[str], Iterator[RecordedItem]]], ...] = (
+    (is_trc, read_trc),
+    (is_python_can_text, read_python_can_text),
+    (is_asc, read_asc),
+    (is_candump, read_candump),
+    (is_conformance_log, read_conformance_log),
+)
 _INSPECTED = 0x1_0000
 """The number of bytes at the beginning that decide which format a text has."""
 
@@ -43,7 +52,7 @@ def is_can_recording(data: bytes) -> bool:
         except DecodeError:
             return False
     text = _text(data[:_INSPECTED])
-    return is_asc(text) or is_candump(text) or is_conformance_log(text)
+    return any(is_form(text) for is_form, _ in _TEXT_FORMS)
 
 
 def is_timed(data: bytes) -> bool:
@@ -55,7 +64,9 @@ def is_timed(data: bytes) -> bool:
     if data[:4] == BLF_MAGIC or pcapng.is_capture(data):
         return True
     text = _text(data[:_INSPECTED])
-    return is_asc(text) or (has_times(text) and not is_conformance_log(text))
+    if is_asc(text) or is_trc(text) or is_python_can_text(text):
+        return True
+    return has_times(text) and not is_conformance_log(text)
 
 
 def _text(data: bytes) -> str:
@@ -79,15 +90,11 @@ def read_recording(data: bytes) -> Iterator[RecordedItem]:
     if data[:4] == BLF_MAGIC:
         return read_blf(data)
     start = _text(data[:_INSPECTED])
-    if is_asc(start):
-        return read_asc(_text(data))
-    if is_candump(start):
-        return read_candump(_text(data))
-    if is_conformance_log(start):
-        return read_conformance_log(_text(data))
-    raise DecodeError(
-        "value", data[:16], 0, "not a recording of CAN: expected candump, ASC, BLF, pcapng, pcap or a CiA log"
-    )
+    for is_form, read in _TEXT_FORMS:
+        if is_form(start):
+            return read(_text(data))
+    text = "not a recording of CAN: expected candump, ASC, BLF, TRC, pcapng, pcap, text of python-can or a CiA log"
+    raise DecodeError("value", data[:16], 0, text)
 
 
 def _read_capture(data: bytes) -> Iterator[RecordedItem]:

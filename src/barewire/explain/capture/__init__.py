@@ -1,7 +1,7 @@
 """Recordings of lines and buses, read and written. Bytes and text in, items out; no file access.
 
     model                     the items of a CAN recording
-    candump, asc, blf, conformance_log      file formats for CAN
+    candump, asc, blf, trc, python_can_text, conformance_log      file formats for CAN
     pcapng                    packets of capture files
     socketcan                 CAN frames in packets
     can_text                  one CAN frame, pasted
