@@ -39,3 +39,10 @@ def test_an_explanation_shows_its_first_finding_after_the_verdict_and_all_of_the
         {"code": "role", "text": "this is a response", "proof": "..."},
     ]
     assert Explanation("rtu", None, (), None, "nothing").as_dict()["diagnosis"] == []
+
+
+def test_a_long_proof_is_cut_in_the_line_of_text_only() -> None:
+    long = Finding("two-frames", "300 frames one behind the other", "01 03 " * 300)
+    assert len(long.line) < 500
+    assert long.line.endswith(" ...")
+    assert long._asdict()["proof"] == long.proof

@@ -134,6 +134,10 @@ MEANINGS: dict[DiagnosisCode, str] = {
 """What each code says, in a sentence. This is the closed list: a finding has one of these codes."""
 
 
+_SHOWN = 400
+"""The most characters of a proof in a line of text; `proof` has all of them."""
+
+
 class Finding(NamedTuple):
     """What is wrong, in words, and the proof: the bytes that make a good frame, or the numbers that show it."""
 
@@ -143,9 +147,10 @@ class Finding(NamedTuple):
 
     @property
     def line(self) -> str:
-        """The finding in one line of text.
+        """The finding in one line of text; a proof with many bytes is cut.
 
         >>> Finding("cut-frame", "the beginning of a response, 5 bytes are missing", "01 03 06 ...").line
         'diagnosis: the beginning of a response, 5 bytes are missing [cut-frame]: 01 03 06 ...'
         """
-        return f"diagnosis: {self.text} [{self.code}]: {self.proof}"
+        proof = self.proof if len(self.proof) <= _SHOWN else f"{self.proof[: _SHOWN - 4]} ..."
+        return f"diagnosis: {self.text} [{self.code}]: {proof}"

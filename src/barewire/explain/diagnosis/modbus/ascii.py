@@ -16,6 +16,9 @@ from barewire.explain.modbus.frames import explain_ascii
 from barewire.explain.result import Explanation, FrameRole, counted
 from barewire.rtu.crc import crc16
 
+_SHOWN = 20
+"""So many characters of noise are in the text of a finding."""
+
 _MOST = 1200
 """Characters: longer input is a recording."""
 
@@ -65,10 +68,16 @@ def _frames_inside(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
     if len(found) > 1:
         yield Finding("two-frames", f"{counted(len(found), 'frame')} one behind the other", proof)
     if first:
-        yield Finding("noise-before", f"{counted(first, 'character')} before the frame: {data[:first]!r}", proof)
+        yield Finding(
+            "noise-before", f"{counted(first, 'character')} before the frame: {_clipped(data[:first])}", proof
+        )
     if data[last:].strip(b"\r\n"):
-        text = f"{counted(len(data) - last, 'character')} behind the frame: {data[last:]!r}"
+        text = f"{counted(len(data) - last, 'character')} behind the frame: {_clipped(data[last:])}"
         yield Finding("noise-after", text, proof)
+
+
+def _clipped(noise: bytes) -> str:
+    return repr(noise if len(noise) <= _SHOWN else noise[:_SHOWN] + b"...")
 
 
 def _digits_of(data: bytes) -> bytes:
