@@ -56,6 +56,16 @@ def test_every_part_has_its_form() -> None:
     ]
 
 
+def test_a_drawing_without_indentation_is_known_by_its_columns() -> None:
+    table = ["unit        0..255, the unit", "            that methods address", "gap         seconds"]
+    text = "\n".join(["A client.", "", *table, "", "More."])
+    assert list(parts(text)) == [("text", ["A client."]), ("drawing", table), ("text", ["More."])]
+    assert drawings("The request, repeated.      [MB-APP 6.5]\n\n05 | address 2 | value 2") == [
+        ["05 | address 2 | value 2"]
+    ]
+    assert drawings("One.\n\nA sentence.      [MB-APP 6.5]") == []
+
+
 def test_a_clause_is_known_by_its_number_or_by_the_standard() -> None:
     assert clause("SYNC: a message.   [CiA 301, SYNC]") == "CiA 301, SYNC"
     assert clause("A list [of words]") == ""

@@ -9,8 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from tools.website import source
+from tools.website.api import linker
 from tools.website.commands import commands
+from tools.website.docstrings import clause, drawings
 from tools.website.links import PROJECT, Links, split
+from tools.website.messages import EXAMPLES, Messages
 from tools.website.source import ROOT
 from tools.website.stage import collected, page, write
 
@@ -70,6 +74,24 @@ def test_every_function_code_has_its_bytes_and_a_frame() -> None:
         assert f"\n{request.response.__name__}\n" in text
     assert text.count("$ barewire explain rtu") >= 2 * len(known_requests())
     assert text.count("   valid: ") >= 2 * len(known_requests())
+
+
+def test_every_message_has_its_drawing_and_its_clause() -> None:
+    from barewire.modbus.messages.registry import known_requests
+
+    found = source.rooms()
+    messages = Messages(found, linker(found))
+    for request in known_requests():
+        for name in (request.__name__, request.response.__name__):
+            assert ".. code-block:: text" in list(messages.lines(name, "~")), name
+            assert messages.clause(name).startswith("MB-APP "), name
+    for name in EXAMPLES:
+        module = messages.modules[f"barewire.canopen.{name}"]
+        assert drawings(module.docstring), name
+        assert clause(module.docstring).startswith("CiA 30"), name
+    text = text_of("reference/messages-canopen.rst")
+    for name in ("ExpeditedUpload", "InitiateDownload", "Abort", "NextSegment", "BlockEnded", "Fastscan", "Emergency"):
+        assert f"\n{name}\n~~~" in text, name
 
 
 def test_every_frame_of_the_canopen_page_is_valid() -> None:

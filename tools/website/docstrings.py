@@ -5,6 +5,7 @@ A docstring is plain text with few signs, and each has its form here:
     paragraph                     a paragraph; `name` becomes a link if `name` is public in barewire, code otherwise
     sentence.     [MB-APP 6.3]    the clause of the standard behind it, in italics
     lines indented by 4           a drawing: a literal block, sign by sign
+    columns, or a | b             a drawing too: the formatter takes its indentation where nothing follows it
     an example of Python          a highlighted block, up to the next empty line
     - item, 1. item               a list
 
@@ -21,6 +22,7 @@ Link = Callable[[str], str | None]
 """The full name of what a name in backticks stands for, or None."""
 
 _CLAUSE = re.compile(r"\s*\[([A-Z][^\]]*?\d[^\]]*|CiA [^\]]*|MB-[^\]]*)\]\s*$")
+_COLUMNS = re.compile(r"\S {3,}\S|(?:^|\s)\|(?:\s|$)")
 _ITEM = re.compile(r"(-|\d+\.) +(?=\S)")
 _CODE = re.compile(r"(`+)(.+?)\1")
 
@@ -118,6 +120,9 @@ def parts(docstring: str) -> Iterator[tuple[str, list[str]]]:
         elif _ITEM.match(line):
             at = _while(lines, at + 1, lambda other: other.startswith("  "))
             yield "item", lines[start:at]
+        elif start and _is_drawn(block := lines[at : _while(lines, at, lambda other: bool(other.strip()))]):
+            at += len(block)
+            yield "drawing", block
         else:
             at = _while(
                 lines,
@@ -125,6 +130,10 @@ def parts(docstring: str) -> Iterator[tuple[str, list[str]]]:
                 lambda other: bool(other.strip()) and not other.startswith((" ", ">>> ")) and not _ITEM.match(other),
             )
             yield "text", lines[start:at]
+
+
+def _is_drawn(block: list[str]) -> bool:
+    return any(_COLUMNS.search(_CLAUSE.sub("", line)) for line in block)
 
 
 def _while(lines: list[str], at: int, holds: Callable[[str], bool]) -> int:

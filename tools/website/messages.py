@@ -146,12 +146,13 @@ def inline_title(module: Module) -> str:
 
 
 def _messages_of(module: Module) -> list[Thing]:
-    """Return the classes that have both `encode` and `decode`, or derive from such a class."""
+    """Return the classes that encode themselves, or derive from a class of the file that does."""
     found: list[Thing] = []
     for thing in module.things:
         methods = {member.name for member in thing.members}
-        derives = any(base in ("SdoMessage", *(other.name for other in found)) for base in thing.bases)
-        if thing.kind == "class" and (derives or {"encode", "decode"} <= methods):
+        derives = any(base.startswith("_") or base in {other.name for other in found} for base in thing.bases)
+        encodes = "encode" in methods and ("decode" in methods or drawings(thing.docstring))
+        if thing.kind == "class" and (derives or encodes):
             found.append(thing)
     return found
 
