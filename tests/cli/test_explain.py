@@ -111,12 +111,16 @@ def test_the_levels_of_a_frame() -> None:
     assert "Levels" not in output_of("explain", "can", "605#40", "--picture", "levels", "--format", "html")
 
 
+def test_the_levels_on_another_line() -> None:
+    frame = ("explain", "rtu", "01 03", "--picture", "levels", "--line", "9600,8N1")
+    assert "8N1 at 9600 bit/s: a bit lasts 104.2 us, a character of 10 bits 1.042 ms" in output_of(*frame)
+    assert "9600 bit/s" in output_of("explain", "ascii", ":010300", "--format", "html", "--line", "9600,7O1")
+
+
 def test_a_recording_has_no_picture_of_a_frame(tmp_path: Path) -> None:
     (tmp_path / "bus.log").write_text(EXCHANGE)
     for option in (("--format", "svg"), ("--picture", "levels")):
-        assert "is a recording: barewire sniff" in error_of(
-            "explain", "can", str(tmp_path / "bus.log"), *option, status=2
-        )
+        assert "is a recording" in error_of("explain", "can", str(tmp_path / "bus.log"), *option, status=2)
     rows = output_of("explain", "can", str(tmp_path / "bus.log"), "--format", "json").splitlines()
     assert all(json.loads(row) for row in rows)
 

@@ -115,6 +115,14 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     ((*EXPLAIN, "--format", "svgg"), "did you mean 'svg'?"),
     ((*EXPLAIN, "--json", "--format", "svg"), "--json and --format svg: give one of them"),
     ((*EXPLAIN, "--picture", "level"), "did you mean 'levels'?"),
+    ((*EXPLAIN, "--line", "9600,8N1"), "--line is for the levels of rtu and ascii: add --picture levels"),
+    ((*EXPLAIN, "--picture", "fields", "--line", "9600,8N1"), "--line is for the levels of rtu and ascii"),
+    *(
+        ((*EXPLAIN, "--picture", "levels", "--line", text), "such as")
+        for text in ("9600", "x,8N1", "0,8N1", "9600,9N1")
+    ),
+    (("explain", "rtu", "FF", "--picture", "levels", "--line", "9600,7E1"), "byte FFh does not fit the 7 data bits"),
+    (("explain", "can", "605#40", "--picture", "levels", "--line", "9600,8N1"), "--line is for the levels of rtu"),
     (("explain", "tcp", "01", "--picture", "levels"), "a frame of tcp has only the picture fields"),
     (("explain", "can", "605##040", "--picture", "levels"), "a CAN FD or error frame has only the picture fields"),
     # send

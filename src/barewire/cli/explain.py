@@ -48,6 +48,9 @@ from barewire.explain.diagnosis.can import explain_diagnosed_can
 @json_option
 @format_option
 @click.option("--picture", type=Choice(["fields", "levels"]), help="Bytes and fields, or the levels on the wire.")
+@click.option(
+    "--line", metavar="9600,8N1", help="Of the levels: baud rate and character format; 19200,8E1 if not given."
+)
 def explain_command(
     protocol: str,
     frame: tuple[str, ...],
@@ -60,6 +63,7 @@ def explain_command(
     floats: str | None,
     form: str | None,
     picture: str | None,
+    line: str | None,
 ) -> int:
     """Explain a frame byte by byte and check it.
 
@@ -79,6 +83,8 @@ def explain_command(
     barewire explain can "605#4041600000000000" --picture levels
     """
     form = output_form(form, as_json=as_json)
+    if line is not None and (protocol not in ("rtu", "ascii") or (picture or form) not in ("levels", "html")):
+        raise EncodeError("--line is for the levels of rtu and ascii: add --picture levels")
     if protocol == "can" and len(frame) == 1 and Path(frame[0]).is_file():
         if picture is not None or form not in ("text", "json"):
             option = f"--format {form}" if picture is None else "--picture"
@@ -103,7 +109,7 @@ def explain_command(
         no_file = f"; there is no file {frame[0]!r} either" if protocol == "can" and len(frame) == 1 else ""
         raise click.UsageError(error.text + no_file) from None
     if picture is not None or form in ("html", "svg"):
-        _print_picture(explanation, " ".join(frame), form, picture)
+        _print_picture(explanation, " ".join(frame), form, picture, line)
     elif form == "json":
         print_json(explanation.as_dict())
     else:
@@ -132,12 +138,16 @@ def _explain_exchange(
     return explain_exchange(protocol, request, response, device=load(devices[0]) if devices else None, floats=floats)
 
 
-def _print_picture(explanation: Explanation, text: str, form: str, name: str | None) -> None:
+def _print_picture(explanation: Explanation, text: str, form: str, name: str | None, line: str | None) -> None:
     """Print the picture `name` of a frame: a page without a name has all of them, a drawing the fields."""
-    from barewire.explain.pictures.frames import frame_pictures
+    from barewire.explain.pictures.frames import SerialLine, frame_pictures
     from barewire.explain.pictures.picture import rendered
 
-    pictures = frame_pictures(explanation, parse_any_can(text) if explanation.protocol == "can" else None)
+    pictures = frame_pictures(
+        explanation,
+        parse_any_can(text) if explanation.protocol == "can" else None,
+        None if line is None else SerialLine.parse(line),
+    )
     if name is None:
         chosen = list(pictures.values()) if form == "html" else [pictures["fields"]]
     elif name in pictures:

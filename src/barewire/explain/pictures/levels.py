@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from barewire.errors import EncodeError
 from barewire.explain.pictures.colours import TINTS
 from barewire.explain.pictures.drawing import Drawing, Tile, text_lines, text_wave
 from barewire.explain.pictures.fields import field_characters
@@ -227,9 +228,14 @@ def frame_levels(explanation: Explanation, form: CharacterFormat | None = None, 
     >>> from barewire.explain import explain
     >>> frame_levels(explain("rtu", bytes.fromhex("01 03 00 00 00 02 C4 0B"))).title
     'Levels on the line: 8 characters, 8E1, 19200 bit/s'
+
+    Raises EncodeError if a byte has more bits than a character of this `form`.
     """
     found = frame_bytes(explanation)
     is_ascii = explanation.protocol == "ascii"
+    wide = next((byte for byte, _ in found if form is not None and byte >> form.data_bits), None)
+    if wide is not None:
+        raise EncodeError(f"byte {wide:02X}h does not fit the {form.data_bits if form else 8} data bits of {form}")
     form = form or CharacterFormat(7 if is_ascii else 8, "E", 1)
     data, names = bytes(byte for byte, _ in found), [name for _, name in found]
     return LevelsPicture(data, form, baudrate, names, "" if is_ascii else "t3.5")
