@@ -11,6 +11,7 @@ import pytest
 
 from barewire.cli.app import COMMANDS, barewire_command, run_command_line
 from tests.cli.teach.wrong_steps import LONG_STEPS, WRONG_STEPS
+from tests.cli.wrong_pictures import WRONG_PICTURES
 
 TCP = "tcp://127.0.0.1:1"  # nothing listens there: a command that connects fails with exit status 1
 CAN = "can://socketcand/127.0.0.1:1/can0?node=5"
@@ -96,11 +97,6 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("simulate", "csd-mt", "tcp://127.0.0.1:0", "--world", "wals=-1:1"), "did you mean 'walls'?"),
     (("simulate", "table", "tcp://127.0.0.1:0", "--world", "line=0"), "a table has no environment"),
     (("simulate", "table", "tcp://127.0.0.1:0", "--set", "a=0"), "a table has no named values"),
-    (("sniff", "tcp://127.0.0.1:1502", "--format", "svg"), "--format svg draws a recording"),
-    (("sniff", "tcp://127.0.0.1:1502", "--picture", "states"), "--picture states draws a recording"),
-    (("sniff", "bus.log", "--format", "html", "--write", "out.pcapng"), "--write is for frames"),
-    (("sniff", "bus.log", "--picture", "state"), "did you mean 'states'?"),
-    (("vectors", "show", "lrc-1", "--format", "svg"), "a case of kind lrc has no frames that can be drawn"),
     # explain
     (("explain", "rtx", "01"), "did you mean 'rtu'"),
     (("explain", "rtu", "0G"), "'G' at 1 is not a hexadecimal digit"),
@@ -112,19 +108,6 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("explain", "can", "605#40", "--device", "az4"), "did you mean 'az3'?"),
     *((("explain", "can", "605#40", "--device", "az3", "--node", text), "--node") for text in ("0", "128", "x")),
     (("explain", "can", "605#40", "--node", "5"), "give a --device for each --node"),
-    ((*EXPLAIN, "--format", "svgg"), "did you mean 'svg'?"),
-    ((*EXPLAIN, "--json", "--format", "svg"), "--json and --format svg: give one of them"),
-    ((*EXPLAIN, "--picture", "level"), "did you mean 'levels'?"),
-    ((*EXPLAIN, "--line", "9600,8N1"), "--line is for the levels of rtu and ascii: add --picture levels"),
-    ((*EXPLAIN, "--picture", "fields", "--line", "9600,8N1"), "--line is for the levels of rtu and ascii"),
-    *(
-        ((*EXPLAIN, "--picture", "levels", "--line", text), "such as")
-        for text in ("9600", "x,8N1", "0,8N1", "9600,9N1")
-    ),
-    (("explain", "rtu", "FF", "--picture", "levels", "--line", "9600,7E1"), "byte FFh does not fit the 7 data bits"),
-    (("explain", "can", "605#40", "--picture", "levels", "--line", "9600,8N1"), "--line is for the levels of rtu"),
-    (("explain", "tcp", "01", "--picture", "levels"), "a frame of tcp has only the picture fields"),
-    (("explain", "can", "605##040", "--picture", "levels"), "a CAN FD or error frame has only the picture fields"),
     # send
     (("send",), "Missing argument 'ENDPOINT'; see barewire send --help"),
     (("send", "tpc://127.0.0.1", "01"), "did you mean 'tcp'?"),
@@ -145,6 +128,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("lab", "1", "recordings"), "recordings is for lab 10; lab 1 needs no device"),
     (("lab", "10", "start"), "expected barewire lab 10 start ENDPOINT"),
     (("lab", "10", "start", TCP), "expected rtu:// without a unit"),
+    *WRONG_PICTURES,
     *WRONG_STEPS,
     # diagnose
     (("diagnose",), "Missing argument 'ENDPOINT|FILE|-'; see barewire diagnose --help"),
@@ -240,7 +224,6 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("-v",), "no command given: expected one of demo, devices, simulate,"),
     (("devices", "az4"), "did you mean 'az3'?"),
     (("demo", "az3"), "az3"),
-    (("demo", "--format", "jsno"), "did you mean 'json'?"),
     # drive
     (("drive", "tpc://127.0.0.1", "az3", "status"), "did you mean 'tcp'?"),
     (("drive", TCP, "az4", "status"), "did you mean 'az3'?"),
