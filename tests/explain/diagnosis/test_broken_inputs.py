@@ -8,7 +8,6 @@ from tools import diagnosis_table
 
 MISSED = {"az3-two-bytes-lost", "adxl-half-as-fast"}
 """Two bytes lost look like a missing CRC, and at half the baud rate half of the bits are never sampled."""
-MISSED_THREADS = {"modbustools-10"}
 EXPLAINED = [case for case in diagnosis_table.cases("threads.json") if case["how"] != ["diagnose"]]
 
 
@@ -22,7 +21,7 @@ def test_damaged_frames_of_manuals_have_the_right_finding_first() -> None:
 def test_bytes_from_issue_threads_have_the_right_finding_first() -> None:
     wrong = {case["id"] for case in EXPLAINED if not diagnosis_table.is_right(case, diagnosis_table.codes_of(case))}
     assert len({case["source"] for case in EXPLAINED}) >= 40
-    assert wrong == MISSED_THREADS
+    assert wrong == set()
 
 
 def test_the_first_table_of_the_page_is_that_of_today() -> None:

@@ -91,6 +91,16 @@ def test_the_request_before_its_response_is_an_echo() -> None:
     assert explain_exchange("rtu", asked, f"{asked} {answer}").diagnosis[0].code == "echo"
 
 
+@pytest.mark.parametrize("response", ["01 03 00 00", "01 03 00 00 00 01 84", "81 03 00 00 00 01 84"])
+def test_the_beginning_of_the_request_is_an_echo(response: str) -> None:
+    assert explain_exchange("rtu", "01 03 00 00 00 01 84 0A", response).diagnosis[0].code == "echo"
+
+
+def test_the_beginning_of_a_response_that_repeats_the_request_is_a_cut_frame() -> None:
+    asked = rtu.encode(1, bytes.fromhex("06 0001 0007"))
+    assert explain_exchange("rtu", asked.hex(), asked[:-1].hex()).diagnosis[0].code == "cut-frame"
+
+
 def test_what_is_wrong_with_the_request_or_with_the_response_alone_is_found() -> None:
     asked, answer = "01 03 00 00 00 01 84 0A", "01 03 02 00 07 F9 86"
     swapped = explain_exchange("rtu", "01 03 00 00 00 01 0A 84", answer).diagnosis

@@ -60,7 +60,11 @@ _TABLES = {
 }
 """The numbers of manuals: 40001 to 49999 are the holding registers with the addresses 0 to 9998, and so on."""
 
-_SHORTEST_ECHO = 4
+_REPEATING = {0x05, 0x06, 0x08, 0x0F, 0x10, 0x16}
+"""The functions whose response begins like the request, so that a cut response is no echo."""
+
+_SHORTEST_ECHO, _SHORTEST_DAMAGED_ECHO = 4, 6
+"""Bytes of a cut echo, without and with one wrong byte among them."""
 
 _PLAUSIBLE = 1e-6, 1e9
 """A float between these is plausible, and 0. A number whose words are exchanged has a random exponent."""
@@ -104,9 +108,8 @@ def diagnose_exchange(
         if (good := _GOOD[protocol](rest)) is not None:
             proof = f"{_shown(protocol, request)} is the request; {proof_of(rest, good)}"
             return [Finding("echo", "the reader has read its own request before the response", proof)]
-    if len(response) >= _SHORTEST_ECHO and request.startswith(response) and response != request:
-        text = f"the reader has read the first {counted(len(response))} of its own request"
-        return [Finding("echo", text, f"{_shown(protocol, request)} is the request")]
+    if protocol == "rtu" and (cut := _cut_echo(request, response)) is not None:
+        return [cut]
     if protocol == "rtu" and (noise := _before_answer(request, response)) is not None:
         return [noise]
     try:
@@ -160,6 +163,17 @@ def _before_answer(request: bytes, response: bytes) -> Finding | None:
             cut = f"its last {counted(3 + size - len(rest))} not read"
             return Finding("noise-before", text, f"{digits(rest)} is {without_checksum(good)}, {cut}")
     return None
+
+
+def _cut_echo(request: bytes, response: bytes) -> Finding | None:
+    """The beginning of the request, with one wrong byte at most: a reader stops when it has as many as it expects."""
+    differing = sum(sent != read for sent, read in zip(request, response))
+    shortest = _SHORTEST_DAMAGED_ECHO if differing else _SHORTEST_ECHO
+    if request[1] in _REPEATING or differing > 1 or not shortest <= len(response) < len(request):
+        return None
+    damaged = ", one of them disturbed" if differing else ""
+    text = f"the reader has read the first {counted(len(response))} of its own request{damaged}"
+    return Finding("echo", text, f"{digits(request)} is the request")
 
 
 def _shown(protocol: ProtocolName, data: bytes) -> str:
