@@ -294,7 +294,7 @@ def test_the_line_of_lab_10_is_read_through_the_url() -> None:
         assert "Is it the right unit?" in checked("10.4", f"{server.url}?timeout=0.05&recovery=wait&late_window=0")[1]
         url = f"{server.url}?unit={LIVE_UNIT}&late_window=0&recovery=wait"
         assert "The unit is right; measure" in checked("10.4", f"{url}&timeout=0.1")[1]
-        status, text = checked("10.4", f"{url}&timeout=0.1&retries=3")
+        status, text = checked("10.4", f"{url}&timeout=0.1&retries=9")
     assert (status, text) == (0, "10.4 right: 5 readings, each one answered: Thyristors temperature = 24.5 °C")
 
 

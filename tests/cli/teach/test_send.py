@@ -8,13 +8,13 @@ import pytest
 
 from barewire import CanopenServer, ModbusServer, Table
 from barewire.devices.sim import simulator
-from tests.cli.helpers import run_here
+from tests.cli.helpers import run_here, with_option
 
 
 def test_a_request_in_rtu_with_and_without_its_crc() -> None:
     with ModbusServer("rtu://pty", {1: simulator("adxl").modbus}) as server:
-        typed = run_here("send", server.url, "01 04 0F B1 00 02 22 F8")
-        added = run_here("send", server.url, "0x01,04,0fb1,00 02", "--crc")
+        typed = run_here("send", with_option(server.url, "timeout=30"), "01 04 0F B1 00 02 22 F8")
+        added = run_here("send", with_option(server.url, "timeout=30"), "0x01,04,0fb1,00 02", "--crc")
     assert typed.returncode == added.returncode == 0
     assert typed.stdout == added.stdout
     sent, _, received = typed.stdout.partition("received\n")
@@ -33,20 +33,20 @@ def test_a_broken_frame_goes_out_as_it_is_and_the_error_says_that_it_is_broken()
 @pytest.mark.parametrize("frame", [":010300000001FB", "3A 30 31 30 33 30 30 30 30 30 30 30 31 46 42 0D 0A"])
 def test_ascii_as_characters_and_as_their_codes(frame: str) -> None:
     with ModbusServer("ascii://pty", {1: Table()}) as server:
-        run = run_here("send", server.url, frame)
+        run = run_here("send", with_option(server.url, "timeout=30"), frame)
     assert "valid: a response from unit 1, Read Holding Registers, 1 register; LRC ok" in run.stdout
 
 
 def test_the_check_of_an_ascii_frame_is_added_on_request() -> None:
     with ModbusServer("ascii://pty", {1: Table()}) as server:
-        run = run_here("send", server.url, ":010300000001", "--crc")
+        run = run_here("send", with_option(server.url, "timeout=30"), ":010300000001", "--crc")
     assert "FB     LRC" in run.stdout
     assert run.returncode == 0
 
 
 def test_tcp_as_json() -> None:
     with ModbusServer("tcp://127.0.0.1:0", {1: Table()}) as server:
-        run = run_here("send", server.url, "000700000006010300000001", "--json")
+        run = run_here("send", with_option(server.url, "timeout=30"), "000700000006010300000001", "--json")
     sent, received = map(json.loads, run.stdout.splitlines())
     assert (sent["direction"], sent["role"]) == ("sent", "request")
     assert (received["direction"], received["role"], received["valid"]) == ("received", "response", True)
@@ -55,7 +55,7 @@ def test_tcp_as_json() -> None:
 
 def test_an_answer_that_is_not_one_to_the_request_is_named() -> None:
     with ModbusServer("tcp://127.0.0.1:0", {1: Table()}, faults="wrong-unit:1") as server:
-        run = run_here("send", server.url, "000700000006010300000001")
+        run = run_here("send", with_option(server.url, "timeout=30"), "000700000006010300000001")
     assert "diagnosis: unit 2 answers, and unit 1 was asked" in run.stdout
 
 
@@ -68,8 +68,8 @@ def test_a_broadcast_has_no_answer() -> None:
 
 def test_on_can_the_answer_to_an_sdo_request_is_explained_and_other_frames_are_shown() -> None:
     with CanopenServer("can://memory/send?node=5", device="az3"):
-        run = run_here("send", "can://memory/send", "605#4041600000000000")
-        reset = run_here("send", "can://memory/send?timeout=0.2", "000#8105")
+        run = run_here("send", "can://memory/send?timeout=30", "605#4041600000000000")
+        reset = run_here("send", "can://memory/send?timeout=0.5", "000#8105")
         nobody = run_here("send", "can://memory/send?timeout=0.05", "606#4041600000000000")
     assert "valid: SDO answer from node 5: initiate upload, 6041h:00, 2 bytes" in run.stdout
     assert reset.returncode == 0
