@@ -37,6 +37,9 @@ def dashed(text: str) -> str:
         ("(0.000) --> {}", "(0.020) <-- {}"),
         ("Master: {}", "Slave: {}"),
         ("D/modbus ( 1234): write [8 bytes] {}", "D/modbus ( 1234): read [9 bytes] {}"),
+        ("2024-05-01 10:31:18.100;TX;{};8", "2024-05-01 10:31:18.130;RX;{};9"),
+        ("write <Buffer {}>", "read <Buffer {}>"),  # Node.js
+        ('{{"dir":"tx","hex":"{}"}}', '{{"dir":"rx","hex":"{}"}}'),
         ("[10:31:18][D][uart_debug:114]: >>> {}", "[10:31:18][D][uart_debug:114]: <<< {}"),  # ESPHome
     ],
 )  # fmt: skip
@@ -54,6 +57,7 @@ def dashed(text: str) -> str:
         lambda text: " ".join(byte.lstrip("0") or "0" for byte in text.split()),
         lambda text: "".join(f"[{byte}]" for byte in text.split()),
         lambda text: ", ".join(str(int(byte, 16)) for byte in text.split()),
+        lambda text: repr(bytes.fromhex(text)),
     ],
 )
 def test_every_prefix_with_every_notation(asked: str, answered: str, notation) -> None:  # type: ignore[no-untyped-def]

@@ -2,6 +2,7 @@
 
     ... 0x1 0x3 0x0 0x0       ... 01 03 00 00      ... 1,3,0,A      ... 01-03-00-00     ... 01:03:00:00
     ... \\x01\\x03              ... 01030000         ... 0103 0000    ... [01][03]        ... <01><03>
+    ... b'\\x01\\x03\\n'         bytes of Python
     ... TX: 1, 3, 0, 22       decimal: numbers of three digits occur in the log, and no letters
     ... :010300000002FA       a frame of ASCII
 
@@ -14,8 +15,11 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
+from barewire.errors import DecodeError
+from barewire.explain.input.source_literals import parse_string_literal
+
 _H = r"[0-9A-Fa-f]"
-_END = re.compile(r"\s*(?:\(\d+(?: bytes)?\)|\[\d+ bytes\])?[\s,;.)\]}'\"]*$")
+_END = re.compile(r"\s*(?:\(\d+(?: bytes)?\)|\[\d+ bytes\])?[\s,;.)\]}>'\"]*(?:[;|\t] ?\d{1,4}[;\s]*)?$")
 _FORMS = tuple(
     re.compile(form)
     for form in (
@@ -35,6 +39,7 @@ _FORMS = tuple(
         rf"(?P<list>(?<![\w])(?:{_H}{{2}}){{4,}})",
     )
 )
+_LITERAL = re.compile(r"""(?<!\w)b(?P<string>'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
 _TOKEN = re.compile(rf"(?:0[xX]|\\x)?({_H}+)")
 
 
@@ -54,6 +59,11 @@ def split_octets(line: str) -> Octets | None:
     >>> split_octets("TX: 1, 3, 0, 22, 0, 2, 37, 207").decimal.hex(" "), split_octets("nothing at all")
     ('01 03 00 16 00 02 25 cf', None)
     """
+    literal = None
+    for literal in _LITERAL.finditer(line):  # noqa: B007 - the last one, as below
+        pass
+    if literal is not None and _END.match(line, literal.end()):
+        return _of_literal(line, literal)
     best: re.Match[str] | None = None
     for form in _FORMS:
         found = None
@@ -72,6 +82,18 @@ def split_octets(line: str) -> Octets | None:
     if kind == "decimal":
         return None if decimal is None else Octets(before, None, decimal)
     return Octets(before, b"".join(bytes.fromhex(token.rjust(2, "0")) for token in tokens), decimal)
+
+
+def _of_literal(line: str, found: re.Match[str]) -> Octets | None:
+    """Return the bytes of b'...': escapes and characters, or the digits of hexlify."""
+    content = found["string"][1:-1]
+    try:
+        data = parse_string_literal(f"b{found['string']}")
+        if data is None:
+            data = bytes.fromhex(content)
+    except (DecodeError, ValueError):
+        return None
+    return Octets(line[: found.start()], data) if len(data) > 1 else None
 
 
 def _decimal(tokens: list[str], text: str) -> bytes | None:
