@@ -158,3 +158,12 @@ def test_a_wrapped_log_of_bytes() -> None:
     assert lines_of(b"01 03 00 05\n00 02 D4 0A\n01 03 04 00\n0B 00 16\n0A 3F\n") == DONE
     log = read_modbus_log(b"FF 00\n01 03 00 05 00 02 D4 0A\n")
     assert [item.line for item in log.items] == [1, 2]
+
+
+@pytest.mark.parametrize("mark", ["(1.1) < {}", "Recv: {}", "Rx:000002-{}", "[2024-05-01 10:31:18.250] received: {}"])
+def test_a_frame_in_pieces_may_have_one_byte_in_a_line(mark: str) -> None:
+    lines = [mark.format(digits) for digits in ("01", "83 02 C0 F1")]
+    log = read_modbus_log("\n".join(["Send: 01 03 00 00 00 02 C4 0B", *lines, "recv timeout 10"]).encode())
+    pieces = [item.data.hex() for item in log.items if isinstance(item, LoggedBytes)]
+    assert pieces[-2:] == ["01", "8302c0f1"]
+    assert [item.text for item in log.items if isinstance(item, Unread)] == ["recv timeout 10"]

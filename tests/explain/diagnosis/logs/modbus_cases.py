@@ -16,6 +16,7 @@ from barewire.explain.capture.pcapng import file_header, packet_block
 from barewire.explain.diagnosis.logs.modbus_log import ModbusLogDiagnosis
 from barewire.explain.diagnosis.logs.verdict import LineVerdict, LogFinding
 from barewire.explain.wire.uart import UartLine
+from barewire.io.fault_injection.faults import Faults, ModbusWire as FaultyModbus
 from barewire.modbus import Bus, Server, Table
 from barewire.modbus.framing import Line
 from barewire.modbus.messages import coils, combined, registers
@@ -217,3 +218,17 @@ def spaced(traffic: Traffic, seconds: float = 1.2) -> Traffic:
         added += seconds if sent.from_client else 0.0
         done.append(sent._replace(at=sent.at + added))
     return done
+
+
+def injected(faults: str, seed: int) -> Traffic:
+    """Return the traffic of two units with faults of the simulators in the responses; the client waits 1.3 s."""
+    model, done, added, request = Faults(FaultyModbus("rtu"), faults, Random(seed)), list[Sent](), 0.0, b""
+    for sent in of_tables("rtu", seed, 40, (1, 2)):
+        if sent.from_client:
+            added += 1.3
+            request = sent.data
+            done.append(sent._replace(at=sent.at + added))
+        else:
+            passed = model.pass_on(sent.data, sent.at + added, request[1:-2])
+            done += [Sent(at, data, False) for at, data in passed]
+    return sorted(done, key=lambda sent: sent.at)

@@ -23,6 +23,7 @@ from tests.explain.diagnosis.logs.modbus_cases import (
     Traffic,
     diagnosed,
     flipped,
+    injected,
     log_of,
     misread,
     noisy,
@@ -195,6 +196,26 @@ def test_a_missing_response_is_at_the_line_of_its_request() -> None:
     assert findings[0].finding.proof == "nothing for 1.000 s"
 
 
+INJECTED = {
+    "drop:0.4": {"lost-answers"},
+    "flip:0.5": {"disturbed"},
+    "noise:0.6": {"no-bias"},
+    "wrong-unit:0.5": {"nothing-proved"},
+    "late:0.4": {"nothing-proved"},
+    "split:0.7": {"nothing-wrong"},
+    "paced:0.5": {"nothing-wrong", "nothing-proved"},  # a long response takes longer than the time for it
+    "exception:0.5": {"nothing-wrong"},
+}
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("faults", INJECTED)
+def test_the_faults_of_the_simulators_are_named_for_what_they_are(faults: str, seed: int) -> None:
+    findings, verdicts = diagnosed(log_of(injected(faults, seed), "marks"))
+    assert {verdict.code for verdict in verdicts} <= INJECTED[faults], [found.sentence for found in findings]
+    assert len(verdicts) == 1
+
+
 def test_the_end_of_a_recording_proves_nothing() -> None:
     findings, verdicts = diagnosed(log_of(polls(4, 1)[:-1], "times"))
     assert findings == []
@@ -205,7 +226,9 @@ def test_a_client_that_repeats_a_request_after_its_time_out_is_no_echo() -> None
     retried = [sent for place in range(6) for sent in (read(1, 2.0 * place)[0], *read(1, 2.0 * place + 0.3))]
     findings, verdicts = diagnosed(log_of(retried, "times"))
     assert {found.finding.code for found in findings} == {"no-answer"}
-    assert [verdict.code for verdict in verdicts] == ["nothing-proved"]
+    assert [(verdict.code, verdict.evidence) for verdict in verdicts] == [
+        ("lost-answers", "6 of 12 requests have no response, of unit 1")
+    ]
 
 
 def test_a_response_of_another_unit_is_a_wrong_answer() -> None:

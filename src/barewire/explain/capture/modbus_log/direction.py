@@ -30,7 +30,8 @@ def frame_pdu(protocol: ProtocolName, data: bytes) -> bytes | None:
         if protocol == "rtu":
             return rtu.decode(data).pdu if len(data) <= _MOST_BYTES else None
         if protocol == "tcp":
-            return tcp.decode(data).pdu
+            pdu = tcp.decode(data).pdu
+            return pdu if pdu[0] else None  # function 0 does not exist; zeros inside another frame look like one
         return ascii.decode(data if data.endswith(b"\n") else data.rstrip(b"\r\n") + b"\r\n").pdu
     except DecodeError:
         return None

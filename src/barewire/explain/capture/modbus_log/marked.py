@@ -41,6 +41,9 @@ _SIZE = re.compile(r"[\s:=>#\[\](\-]*(?:\d+(?: ?bytes?)?)?[\s:=>#\[\])\-]*")
 _LONGEST_SIZE = 60
 _NUMBER = re.compile(r"(?i)(?<![A-Za-z])(?:tx|rx):\d{4,8}-")
 """Modbus Poll counts its frames: the number belongs to the word, not to the bytes."""
+_SINGLE = re.compile(r"(?<![\w.])(?:0x|\\x)?([0-9A-Fa-f]{2})[\]>]?\s*$")
+"""One byte alone: a part of a frame, as slow adapters deliver it."""
+_SEPARATORS = re.compile(r"[\s:=>#\[(<\])-]*")
 _NOTHING = re.compile(r"['\"\])]*\s?[:=]\s*(?:b?''|b?\"\")?\s*")
 
 
@@ -77,6 +80,10 @@ def _marked(line: str, number: int) -> LogEntry | None:
     plain = line if stamp is None else line[: stamp[1]] + " " * (stamp[2] - stamp[1]) + line[stamp[2] :]
     plain = _NUMBER.sub(lambda found: found[0][:2] + ":" + " " * (len(found[0]) - 3), plain)
     found = split_octets(plain)
+    if found is None and (single := _SINGLE.search(plain)) is not None:
+        word, sent, from_client = direction_of(plain[: single.start()])
+        if word is not None and (word.re is not _WORD or _SEPARATORS.fullmatch(plain[word.end() : single.start()])):
+            return LogEntry(number, bytes.fromhex(single[1]), sent, from_client, None if stamp is None else stamp[0])
     before = plain if found is None else found.before
     word, sent, from_client = direction_of(before)
     if word is None:

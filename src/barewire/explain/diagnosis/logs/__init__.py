@@ -8,6 +8,7 @@
     can_verdict      what is counted on a bus, and the verdicts that follow
     modbus_pieces    the frames and the noise of a line, each with its place
     examine          the diagnosis of many damaged pieces, with a bound on its cost
+    modbus_response  whether bytes are the response to a request
     modbus_line      one Modbus line or connection
     modbus_verdict   what is counted on a line, and the verdicts that follow
     modbus_log       a whole log of Modbus, and a live line

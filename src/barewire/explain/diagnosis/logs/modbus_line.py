@@ -20,15 +20,20 @@ from typing import NamedTuple
 from barewire.explain.diagnosis.logs.can_verdict import PROVES
 from barewire.explain.diagnosis.logs.examine import Examiner
 from barewire.explain.diagnosis.logs.modbus_pieces import Piece
+from barewire.explain.diagnosis.logs.modbus_response import (
+    answers,
+    exchange_findings,
+    lost_end,
+    response_size,
+    shown_digits,
+)
 from barewire.explain.diagnosis.logs.modbus_verdict import LineCounts
 from barewire.explain.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding
-from barewire.explain.diagnosis.modbus.exchange import diagnose_exchange
 from barewire.explain.findings import DiagnosisCode, Finding
 from barewire.explain.modbus.pdu import explain_pdu
 from barewire.explain.result import FrameRole, ProtocolName, counted
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.messages.base import EXCEPTION_BIT
-from barewire.modbus.messages.registry import measure_response
 from barewire.modbus.sniffer import (
     AmbiguousFrame,
     RequestSeen,
@@ -37,11 +42,11 @@ from barewire.modbus.sniffer import (
     SnifferEvent,
     shapes,
 )
-from barewire.rtu.crc import crc16
-from barewire.rtu.frame import encode
 
 _STRAY = 3
 """The most bytes beside a frame that are noise of the line, and not a damaged frame."""
+_BURST = 8
+"""The most bytes of noise directly before the good response to the open request."""
 _BESIDE = 0.02
 """Seconds from noise to the frame that it belongs to; USB adapters deliver bytes of one moment up to 16 ms apart."""
 _WITHIN = 0.005
@@ -50,8 +55,8 @@ _AT_ONCE = 0.02
 """Seconds from a request to its echo; a client that repeats a request waits for a response before."""
 _SECOND_ANSWER = 0.05
 """Seconds from a response to that of another device with the same address."""
-_LATE_AFTER = 5.0
-"""Seconds after a missing response in which a response without a request may be the late one."""
+_LATE_AFTER = 10.0
+"""Seconds after a request in which a late response to it may come."""
 _KEPT = 64
 """Requests and damaged responses that are remembered by their times."""
 _NO_TARGET = (0x0A, 0x0B)
@@ -90,7 +95,7 @@ class LineDiagnosis:
         self._lines: deque[tuple[float, int]] = deque(maxlen=_KEPT)  # time and line of requests
         self._spoiled: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # requests whose response is damaged
         self._answered: ResponseSeen | None = None  # the last response, if it has a request
-        self._missing: dict[int, float] = {}  # unit -> when its last response was missing
+        self._given_up: deque[RequestSeen] = deque(maxlen=_KEPT)  # requests whose response may still come
         self._listening: set[int] = set()  # units that were commanded to listen only
 
     def __repr__(self) -> str:
@@ -170,7 +175,8 @@ class LineDiagnosis:
         if noise is None:
             return
         self.counts.noise_bytes += len(noise.data)
-        if len(noise.data) > _STRAY or self.protocol == "tcp":
+        answered = role == "response" and self._asked is not None and after is not None and self._beside(noise, after)
+        if len(noise.data) > (_BURST if answered else _STRAY) or self.protocol == "tcp":
             yield from self._damaged(noise)
         elif after is not None and after.adu is not None and self._beside(noise, after):
             self.counts.longest_noise = max(self.counts.longest_noise, len(noise.data))
@@ -185,7 +191,7 @@ class LineDiagnosis:
         else:
             self.counts.stray += 1
             text = f"{counted(len(noise.data))} without a frame"
-            yield Located(0, Finding("no-frame", text, _digits(noise.data)), noise.end, noise.line)
+            yield Located(0, Finding("no-frame", text, shown_digits(noise.data)), noise.end, noise.line)
 
     def _beside(self, noise: Piece, frame: Piece) -> bool:
         return frame.joined or (self._timed and frame.start - noise.end <= _BESIDE)
@@ -193,7 +199,7 @@ class LineDiagnosis:
     def _stray(self, code: DiagnosisCode, noise: Piece, frame: Piece, where: str) -> Located:
         assert frame.adu is not None
         text = f"{counted(len(noise.data))} of noise {where}"
-        proof = f"{_digits(noise.data)} beside the good frame {_digits(frame.data)}"
+        proof = f"{shown_digits(noise.data)} beside the good frame {shown_digits(frame.data)}"
         return Located(frame.adu.unit, Finding(code, text, proof), noise.end, noise.line)
 
     def _damaged(self, noise: Piece) -> Iterator[Located]:
@@ -226,7 +232,7 @@ class LineDiagnosis:
             return
         counts.kinds["no-frame"] += 1
         text = f"{counted(len(noise.data))} that are not a frame" + (", where a response was due" if unit else "")
-        yield Located(unit, Finding("no-frame", text, _digits(noise.data)), noise.end, noise.line)
+        yield Located(unit, Finding("no-frame", text, shown_digits(noise.data)), noise.end, noise.line)
 
     # Events: requests and responses
 
@@ -246,13 +252,15 @@ class LineDiagnosis:
         unit = self.counts.unit(event.unit)
         before, self._answered = self._answered, event if event.request is not None else None
         if event.request is None:
-            missing = self._missing.get(event.unit)
-            if missing is not None and event.at - missing <= _LATE_AFTER:
-                yield self._late(event, "its request was given up before")
+            if (late := self._late_for(event)) is not None:
+                self._given_up.remove(late)
+                unit.late += 1
+                unit.streak = 0
+                yield self._late(event, f"{event.at - late.at:.3f} s after its request, which was given up")
             elif before is not None and self._is_second(before, event):
                 unit.twice += 1
                 text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
-                proof = f"{_digits(before.pdu)}, then {_digits(event.pdu)}"
+                proof = f"{shown_digits(before.pdu)}, then {shown_digits(event.pdu)}"
                 yield Located(event.unit, Finding("two-answers", text, proof), event.at, self._line_now())
             return
         self._listening.discard(event.unit)
@@ -270,7 +278,15 @@ class LineDiagnosis:
                 if int.from_bytes(event.request.pdu[1:3], "big") > _FIVE_DIGITS:
                     yield Located(event.unit, finding, event.at, self._line_now())
         if event.late:
+            unit.late += 1
             yield self._late(event, f"{event.seconds:.3f} s after its request, behind the next one")
+
+    def _late_for(self, event: ResponseSeen) -> RequestSeen | None:
+        """Return the request that was given up and that this response answers."""
+        for request in self._given_up:
+            if request.unit == event.unit and event.at - request.at <= _LATE_AFTER and answers(request, event):
+                return request
+        return None
 
     def _is_second(self, before: ResponseSeen, event: ResponseSeen) -> bool:
         same = before.unit == event.unit and before.pdu[0] & ~EXCEPTION_BIT == event.pdu[0] & ~EXCEPTION_BIT
@@ -297,14 +313,19 @@ class LineDiagnosis:
             return
         if (request.unit, request.at) in self._spoiled or self._listens(request):
             return
+        stray = following if isinstance(following, ResponseSeen) and following.request is None else None
+        if stray is not None and self._late_for(stray) is None:
+            wrong = exchange_findings(request, stray, "wrong-answer")
+            if wrong:
+                unit.wrong += 1
+                unit.streak = 0
+                yield Located(request.unit, wrong[0], stray.at, self._line_now())
+                return
         unit.missing += 1
         unit.streak += 1
-        self._missing[request.unit] = event.at
-        if isinstance(following, ResponseSeen) and following.request is None and not following.late:
-            wrong = exchange_findings(request, following, "wrong-answer")
-            if wrong:
-                yield Located(request.unit, wrong[0], following.at, self._line_now())
-                return
+        self._given_up.append(request)
+        if stray is not None:
+            return  # a late response came first; the one to this request may follow
         text = f"no response to {explain_pdu(request.pdu, 'request').summary}"
         proof = "nothing before the next request" if following is not None else "nothing in the time for it"
         if self._timed:
@@ -321,57 +342,10 @@ class LineDiagnosis:
         return joined or (self._timed and following.at - request.at <= _AT_ONCE)
 
     def _echo_proof(self, request: RequestSeen) -> str:
-        return f"unit {request.unit}, {_digits(request.pdu)}, twice"
+        return f"unit {request.unit}, {shown_digits(request.pdu)}, twice"
 
     def _listens(self, request: RequestSeen | AmbiguousFrame) -> bool:
         """Return whether the unit was commanded to answer nothing [MB-APP 6.8, Force Listen Only Mode]."""
         if request.pdu[0] == _DIAGNOSTICS and request.pdu[1:3] == _LISTEN_ONLY:
             self._listening.add(request.unit)
         return request.unit in self._listening
-
-
-def exchange_findings(request: RequestSeen, response: ResponseSeen, code: DiagnosisCode) -> list[Finding]:
-    """Return the findings with this code on a request and what came after it; the framing does not matter."""
-    frames = encode(request.unit, request.pdu), encode(response.unit, response.pdu)
-    return [finding for finding in diagnose_exchange("rtu", *frames) if finding.code == code]
-
-
-def response_size(pdu: bytes) -> int | None:
-    """Return the bytes of the whole RTU frame that answers a request, None if the request does not tell.
-
-    >>> response_size(bytes.fromhex("03 0000 0002")), response_size(bytes.fromhex("06 0001 0003"))
-    (9, 8)
-    """
-    if len(pdu) == 5 and pdu[0] in (1, 2, 3, 4):
-        count = int.from_bytes(pdu[3:5], "big")
-        return 5 + (2 * count if pdu[0] > 2 else (count + 7) // 8)
-    if pdu[0] in (5, 6, 15, 16):
-        return 8
-    return None
-
-
-def lost_end(data: bytes, unit: int, request: bytes, size: int | None) -> Finding | None:
-    """Return the finding of an RTU response that lacks its first or its last bytes, None if the CRC shows neither.
-
-    >>> lost_end(bytes.fromhex("03 04 00 17 00 07 0B F5"), 1, bytes.fromhex("03 0000 0002"), 9).proof
-    'with 01 the CRC fits: 01 03 04 00 17 00 07 0B F5'
-    """
-    head = bytes((unit, request[0]))
-    for lost in (head[:1], head):
-        whole = lost + data
-        if crc16(whole) == 0 and measure_response(whole[1:]) == len(whole) - 3:
-            which = "byte is" if len(lost) == 1 else "2 bytes are"
-            return Finding(
-                "byte-lost", f"the first {which} missing", f"with {_digits(lost)} the CRC fits: {_digits(whole)}"
-            )
-    if size is not None and len(data) == size - 1 and data[:2] == head:
-        check = crc16(data[:-1]).to_bytes(2, "little")
-        if check[:1] == data[-1:]:
-            return Finding(
-                "byte-lost", "the last byte is missing", f"the CRC is {_digits(check)}, its first byte is there"
-            )
-    return None
-
-
-def _digits(data: bytes) -> str:
-    return data[:32].hex(" ").upper() + (" ..." if len(data) > 32 else "")

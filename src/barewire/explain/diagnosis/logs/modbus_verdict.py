@@ -15,6 +15,7 @@ Depends on: verdict. Used by: modbus_log.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Container
 from dataclasses import dataclass, field
 
 from barewire.explain.diagnosis.logs.can_verdict import PROVES
@@ -58,6 +59,8 @@ class UnitCounts:
     requests: int = 0
     answered: int = 0
     missing: int = 0
+    late: int = 0
+    wrong: int = 0  # responses of another unit, or to another request
     damaged: int = 0
     too_long: int = 0  # damaged responses with more bytes than the whole response has
     twice: int = 0
@@ -191,7 +194,7 @@ class LineCounts:
         dead = {
             number: unit
             for number, unit in self.units.items()
-            if not unit.answered and not unit.damaged and unit.missing + unit.halves >= PROVES
+            if not (unit.answered or unit.damaged or unit.late or unit.wrong) and unit.missing + unit.halves >= PROVES
         }
         answered = sum(unit.answered + unit.damaged for unit in self.units.values())
         if dead and not answered and not self.bursts:
@@ -207,7 +210,19 @@ class LineCounts:
             if unit.answered and unit.streak >= PROVES:
                 evidence = f"the last {unit.streak} of {counted(unit.requests, 'request')} have no answer"
                 found.append(LineVerdict("dead-unit", f"unit {number} fell silent", evidence, _OTHER["dead-unit"]))
-        return found
+                dead[number] = unit
+        return [*found, *self._lost(dead)]
+
+    def _lost(self, dead: Container[int]) -> list[LineVerdict]:
+        """Responses that are missing now and then. One that came late is not lost."""
+        others = {number: unit for number, unit in self.units.items() if number not in dead}
+        lost = {number: max(0, unit.missing - unit.late) for number, unit in others.items()}
+        requests, total = sum(unit.requests for unit in others.values()), sum(lost.values())
+        if total < PROVES or total < _SHARE * requests:
+            return []
+        units = [number for number, count in sorted(lost.items()) if count]
+        evidence = f"{total} of {counted(requests, 'request')} have no response, of unit {', '.join(map(str, units))}"
+        return [LineVerdict("lost-answers", "responses are missing now and then", evidence, _OTHER["lost-answers"])]
 
     def _disturbed(self, damaged: int) -> LineVerdict:
         kinds = ", ".join(f"{number} {code}" for code, number in self.kinds.most_common(4))
@@ -228,5 +243,6 @@ _OTHER: dict[VerdictCode, str] = {
     "echo": "a master that sends every request twice",
     "baud-rate": "",
     "dead-unit": "another address, a broken stub, or an answer that is later than the time-out",
+    "lost-answers": "requests that are damaged on the way, a busy device, or a master whose time-out is too short",
     "no-answers": "a listener that receives the master only, or another baud rate or parity at the units",
 }
