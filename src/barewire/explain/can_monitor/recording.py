@@ -19,6 +19,7 @@ from barewire.explain.canopen.known_node import KnownNode
 from barewire.explain.capture import pcapng
 from barewire.explain.capture.asc import is_asc, read_asc
 from barewire.explain.capture.blf import BLF_MAGIC, read_blf
+from barewire.explain.capture.can_notes import is_can_notes, read_can_notes
 from barewire.explain.capture.candump import has_times, is_candump, log_line, read_candump
 from barewire.explain.capture.conformance_log import is_conformance_log, read_conformance_log
 from barewire.explain.capture.model import Dropped, Recorded, RecordedItem, Unread, unread
@@ -33,6 +34,7 @@ _TEXT_FORMS: tuple[tuple[Callable[[str], bool], Callable[[str], Iterator[Recorde
     (is_asc, read_asc),
     (is_candump, read_candump),
     (is_conformance_log, read_conformance_log),
+    (is_can_notes, read_can_notes),
 )
 _INSPECTED = 0x1_0000
 """The number of bytes at the beginning that decide which format a text has."""

@@ -4,7 +4,7 @@
     candump, asc, blf, trc, python_can_text, conformance_log      file formats for CAN
     pcapng                    packets of capture files
     socketcan                 CAN frames in packets
-    can_text                  one CAN frame, pasted
+    can_text, can_notes       one CAN frame, pasted; frames as people note them, one in each line
     modbus_packets            Modbus frames in packets
     bytelog                   logs of serial lines
     modbus_log/               recordings of Modbus in any form: logs of programs, exports, dumps, captures
