@@ -29,7 +29,7 @@ from barewire.cli.arguments import (
 )
 from barewire.cli.recordings.recording_file import RecordingFile, check_ending
 from barewire.devices import load
-from barewire.errors import BarewireError, DecodeError, EncodeError
+from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
 from barewire.explain.can_monitor import event_as_dict, event_kind, event_line, is_repeated
 from barewire.explain.can_monitor.event_text import EVENT_KINDS
 from barewire.explain.can_monitor.events import MonitorEvent
@@ -207,12 +207,21 @@ def refuse_for_line(source: str, ports: tuple[int, ...], protocol: SerialProtoco
             raise EncodeError(f"{option} is for a recording, which {source} is not")
 
 
+def _standard_input() -> bytes:
+    if sys.stdin is None:  # `<&-`
+        raise PortError("-: standard input is closed")
+    try:
+        return sys.stdin.buffer.read()
+    except OSError as error:
+        raise PortError(f"-: {error.strerror or error}") from None
+
+
 def recording_content(source: str, seconds: float | None) -> bytes:
     """Return the bytes of a recording, of standard input for `-`. Raise BarewireError for an empty one, EncodeError for
     `--seconds`."""
     if seconds is not None:
         raise EncodeError("--seconds is for a line; a recording ends by itself")
-    data = sys.stdin.buffer.read() if source == "-" else file_content(source)
+    data = _standard_input() if source == "-" else file_content(source)
     if not data:
         raise BarewireError(f"{source}: the {'input' if source == '-' else 'file'} is empty; expected {_FORMATS}")
     return data
