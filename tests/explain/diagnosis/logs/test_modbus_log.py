@@ -269,6 +269,14 @@ def test_ascii_on_a_line_that_is_read_as_rtu() -> None:
     assert [verdict.code for _, verdict in diagnosis.verdicts()] == ["wrong-protocol"]
 
 
+@pytest.mark.parametrize("time", ["", "1.0 "])
+def test_one_frame_with_a_fault_is_no_frame_of_another_protocol(time: str) -> None:
+    """Its first bytes are those of a header of Modbus TCP: 01 03, 00 00, 00 02."""
+    findings, verdicts = diagnosed(f"{time}01 03 00 00 00 02 0B C4\n".encode())
+    assert [found.finding.code for found in findings] == ["crc-swapped"]
+    assert [verdict.code for verdict in verdicts] == ["malformed"]
+
+
 def test_seven_bits_and_parity_read_as_eight_bits() -> None:
     def with_parity(data: bytes) -> bytes:
         return bytes(byte | (byte.bit_count() & 1) << 7 for byte in data)

@@ -13,8 +13,12 @@ from barewire.errors import DecodeError
 from barewire.explain.capture.modbus_log.model import LogEntry, LoggedBytes
 from barewire.explain.capture.model import Unread
 from barewire.explain.result import ProtocolName
+from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.messages.registry import measure_request, measure_response
 from barewire.modbus.sniffer import shapes
 
+_RARE = 4
+"""One of so many pieces at least is a frame in a log of Modbus TCP."""
 _MOST_BYTES = 260
 """A longer piece is not one frame."""
 _PROTOCOLS: tuple[ProtocolName, ...] = ("rtu", "tcp", "ascii")
@@ -30,8 +34,7 @@ def frame_pdu(protocol: ProtocolName, data: bytes) -> bytes | None:
         if protocol == "rtu":
             return rtu.decode(data).pdu if len(data) <= _MOST_BYTES else None
         if protocol == "tcp":
-            pdu = tcp.decode(data).pdu
-            return pdu if pdu[0] else None  # function 0 does not exist; zeros inside another frame look like one
+            return tcp.decode(data).pdu
         return ascii.decode(data if data.endswith(b"\n") else data.rstrip(b"\r\n") + b"\r\n").pdu
     except DecodeError:
         return None
@@ -42,14 +45,26 @@ def frames_by_protocol(pieces: Iterable[bytes]) -> dict[ProtocolName, int]:
     counts: dict[ProtocolName, int] = dict.fromkeys(_PROTOCOLS, 0)
     for data in pieces:
         for protocol in _PROTOCOLS:
-            counts[protocol] += frame_pdu(protocol, data) is not None
+            pdu = frame_pdu(protocol, data)
+            counts[protocol] += pdu is not None and (protocol != "tcp" or _has_its_length(pdu))
     return counts
+
+
+def _has_its_length(pdu: bytes) -> bool:
+    """Return whether a PDU has the length of its function. A header of TCP has no checksum: an RTU request of two
+    registers from address 0 with a wrong CRC has one, 01 03 | 00 00 | 00 02."""
+    if pdu[0] & EXCEPTION_BIT:
+        return len(pdu) == 2
+    sizes = measure_request(pdu), measure_response(pdu)
+    return pdu[0] != 0 and (len(pdu) in sizes or sizes == (None, None))
 
 
 def common_protocol(pieces: Sequence[bytes]) -> ProtocolName | None:
     """Return the protocol of most pieces; None if no piece is a frame."""
     counts = frames_by_protocol(pieces)
     best = max(counts, key=lambda protocol: counts[protocol])
+    if best == "tcp" and _RARE * counts[best] < len(pieces):
+        return None  # frames of another protocol in pieces, one of which looks like a header of TCP
     return best if counts[best] else None
 
 
