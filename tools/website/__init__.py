@@ -25,4 +25,5 @@ Files, in reading order:
     check        what a reader would miss in the HTML: links that lead nowhere, requests to other servers
     __main__     the command
     screenshots  pictures of pages, for eyes
+    explorer_shots   pictures of the views of the explorer
 """
