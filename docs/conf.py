@@ -41,9 +41,8 @@ myst_enable_extensions = ["colon_fence", "deflist"]
 suppress_warnings = ["myst.header", "toc.empty_glob"]  # pages without a second level, rooms without a page
 highlight_language = "text"
 
-# Python names in full, and one argument on each line of a long signature
+# Python names without their module. The tree of contents has no objects: it is copied for each page.
 add_module_names = False
-maximum_signature_line_length = 90
 toc_object_entries = False
 
 # The console prompt is not copied, and neither is the output behind it.
@@ -58,6 +57,7 @@ html_css_files = ["site.css"]
 html_show_sphinx = html_show_copyright = False
 html_copy_source = False
 html_show_sourcelink = False
+html_js_files = ["site.js"]
 html_theme_options = {"navigation_with_keys": True}
-pygments_style = "friendly"
+pygments_style = "xcode"  # of the styles with enough contrast for axe
 pygments_dark_style = "github-dark"
