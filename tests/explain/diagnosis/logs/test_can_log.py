@@ -75,6 +75,10 @@ FAULTS: dict[str, tuple[list[Any], list[str], str]] = {
     ),
     "a wrong bit rate": ([(0.001 * at, ErrorFrame(0x88)) for at in range(20)], ["bit-rate"], "bit-rate"),
     "no other node": ([(0.001 * at, ErrorFrame(0x20)) for at in range(20)], ["bit-rate"], "not-acknowledged"),
+    "an error counter of 128": (
+        [(0.0, ErrorFrame(0x88)), (0.001, ErrorFrame(0x04, bytes.fromhex("0020000000008000")))],
+        ["bit-rate"], "bit-rate",
+    ),
     "error frames among good ones": (
         [*timed(READ, ANSWER), *[(1.0 + at, ErrorFrame(0x88)) for at in range(3)], *timed(READ, ANSWER, start=9.0)],
         ["bit-rate"], "disturbed",

@@ -254,6 +254,22 @@ def test_a_late_response_is_no_second_one() -> None:
     assert [verdict.code for verdict in verdicts] == ["nothing-proved"]
 
 
+def test_a_slow_response_for_which_the_client_waited_is_not_late() -> None:
+    """No later request says that the client gave up, although the time for the response was over."""
+    findings, verdicts = diagnosed(log_of([*read(1, 1.0), *read(1, 2.0, late=3.2)], "times"))
+    assert findings == []
+    assert verdicts[0].sentence.endswith("4 frames, 2 requests answered by 1 unit")
+
+
+def test_a_transaction_with_its_bytes_exchanged_answers_no_request() -> None:
+    log = b"send: 00 01 00 00 00 06 01 03 0b b7 00 02\nrecv: 01 00 00 00 00 07 01 03 04 00 00 00 00\n"
+    findings, _ = diagnosed(log)
+    assert [(found.line, found.finding.code, found.finding.proof) for found in findings] == [
+        (2, "header-byte-order", "the request has 0001h, the response 0100h")
+    ]
+    assert diagnosed(log.replace(b"recv: 01 00", b"recv: 02 00"))[0] == []  # it may answer a request before the log
+
+
 def test_a_unit_that_was_told_to_listen_only_is_not_dead() -> None:
     commanded = [Sent(0.5, encode(2, bytes.fromhex("08 0004 0000")), True)]
     traffic = [*commanded, *without_responses(spaced(polls(12, 1, 2)), 2)]

@@ -34,7 +34,7 @@ from barewire.explain.can_monitor.recording import BUSES_MAX
 from barewire.explain.can_monitor.transfer import object_name
 from barewire.explain.capture.model import Dropped, RecordedItem, Unread
 from barewire.explain.diagnosis.can import diagnose_can
-from barewire.explain.diagnosis.logs.can_verdict import PROVES, BusCounts
+from barewire.explain.diagnosis.logs.can_verdict import ERROR_PASSIVE, PROVES, BusCounts
 from barewire.explain.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding
 from barewire.explain.findings import DiagnosisCode, Finding
 from barewire.explain.result import counted
@@ -159,12 +159,15 @@ class BusDiagnosis:
     # Frames
 
     def _error_frame(self, frame: ErrorFrame, now: float) -> Iterator[Proved]:
-        before = self.counts.errors
+        before, counter = self.counts.errors, self.counts.counter
         self.counts.note(frame, now)
         self._errors += self.counts.errors - before
-        if self._errors == PROVES and self.counts.errors > before:
+        is_passive = counter < ERROR_PASSIVE <= self.counts.counter and self._errors < PROVES
+        if is_passive or (self._errors == PROVES and self.counts.errors > before):
             good = counted(self.counts.frames, "good frame") if self.counts.frames else "no good frame"
             text = f"{PROVES} error frames in a row: {frame.text}"
+            if is_passive:
+                text = f"an error counter of the controller is {self.counts.counter}: {frame.text}"
             yield Proved(0, Finding("bit-rate", text, f"{self.counts.errors} error frames and {good} so far"))
 
     def _frame(self, frame: CanFrame, now: float, line: int) -> Iterator[Proved]:

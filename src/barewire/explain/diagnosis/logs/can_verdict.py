@@ -22,6 +22,9 @@ _NO_ACKNOWLEDGEMENT = 0x20
 _FAULTS = 0x01 | 0x08 | 0x20 | 0x40 | 0x80
 """Classes of error frames that report a fault of the bus. Lost arbitration is none, the overrun of a controller is not
 of the bus, and its restart is not one either."""
+_CONTROLLER = 0x04
+ERROR_PASSIVE = 128
+"""The error counter from which on a controller is error passive; one frame that cannot be sent adds 8 [ISO 11898-1]."""
 PROVES = 3
 """So many times something must happen before it is no accident."""
 _TWICE = 0.01
@@ -39,6 +42,7 @@ class BusCounts:
         self.frames = 0
         self.errors = 0
         self.unacknowledged = 0
+        self.counter = 0  # the highest error counter that a controller reported
         self.first: float | None = None
         self.last = 0.0
         self.heard: dict[int, float] = {}  # node -> when it sent its last frame
@@ -60,6 +64,8 @@ class BusCounts:
         if isinstance(frame, ErrorFrame):
             self.errors += bool(frame.classes & _FAULTS)
             self.unacknowledged += frame.classes & _FAULTS == _NO_ACKNOWLEDGEMENT
+            if frame.classes & _CONTROLLER:
+                self.counter = max(self.counter, *frame.data[6:8], 0)
             return
         self.frames += 1
         owner = classify(frame) if isinstance(frame, CanFrame) and not frame.remote else None
@@ -110,7 +116,7 @@ class BusCounts:
     def verdicts(self) -> list[LineVerdict]:
         """Return the verdicts that the numbers show, those that explain most first."""
         if not self.frames:
-            return [self._no_frames()] if self.errors >= PROVES else []
+            return [self._no_frames()] if self.errors >= PROVES or self.counter >= ERROR_PASSIVE else []
         found = [*self._silence(), *self._two_masters(), *self._two_nodes()]
         if self.errors >= PROVES:
             found.append(self._disturbed())
@@ -121,6 +127,8 @@ class BusCounts:
 
     def _no_frames(self) -> LineVerdict:
         evidence = f"{counted(self.errors, 'error frame')} and not one good frame {self._seconds()}"
+        if self.counter:
+            evidence += f"; an error counter of the controller is {self.counter}"
         if self.unacknowledged == self.errors:
             other = "that the other nodes have another bit rate or are off, or that the cable is interrupted"
             return LineVerdict("not-acknowledged", "no other node acknowledges the frames", evidence, other)

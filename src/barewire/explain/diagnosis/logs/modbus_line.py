@@ -96,6 +96,8 @@ class LineDiagnosis:
         self._spoiled: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # requests whose response is damaged
         self._answered: ResponseSeen | None = None  # the last response, if it has a request
         self._given_up: deque[RequestSeen] = deque(maxlen=_KEPT)  # requests whose response may still come
+        self._last_request: RequestSeen | None = None
+        self._open: dict[int, RequestSeen] = {}  # requests without a response, by the transaction of TCP
         self._listening: set[int] = set()  # units that were commanded to listen only
 
     def __repr__(self) -> str:
@@ -240,6 +242,7 @@ class LineDiagnosis:
         match event:
             case RequestSeen() if event.unit != BROADCAST:
                 self.counts.unit(event.unit).requests += 1
+                self._note_request(event)
             case ResponseSeen():
                 yield from self._response(event)
             case ResponseMissing():
@@ -254,15 +257,26 @@ class LineDiagnosis:
         if event.request is None:
             if (late := self._late_for(event)) is not None:
                 self._given_up.remove(late)
-                unit.late += 1
                 unit.streak = 0
+                if late is self._last_request:  # its client still waits: no later request says that it gave up
+                    unit.missing -= 1
+                    unit.answered += 1
+                    return
+                unit.late += 1
                 yield self._late(event, f"{event.at - late.at:.3f} s after its request, which was given up")
             elif before is not None and self._is_second(before, event):
                 unit.twice += 1
                 text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
                 proof = f"{shown_digits(before.pdu)}, then {shown_digits(event.pdu)}"
                 yield Located(event.unit, Finding("two-answers", text, proof), event.at, self._line_now())
+            elif (asked := self._exchanged(event)) is not None:
+                unit.wrong += 1
+                text = "the two bytes of the transaction identifier are exchanged"
+                proof = f"the request has {asked.transaction:04X}h, the response {event.transaction:04X}h"
+                yield Located(event.unit, Finding("header-byte-order", text, proof), event.at, self._line_now())
             return
+        if event.request.transaction is not None:
+            self._open.pop(event.request.transaction, None)
         self._listening.discard(event.unit)
         if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] and event.pdu[1] in _NO_TARGET:
             unit.missing += 1
@@ -280,6 +294,24 @@ class LineDiagnosis:
         if event.late:
             unit.late += 1
             yield self._late(event, f"{event.seconds:.3f} s after its request, behind the next one")
+
+    def _note_request(self, request: RequestSeen) -> None:
+        self._last_request = request
+        if request.transaction is not None:
+            self._open.pop(request.transaction, None)
+            self._open[request.transaction] = request
+            if len(self._open) > _KEPT:
+                del self._open[next(iter(self._open))]
+
+    def _exchanged(self, event: ResponseSeen) -> RequestSeen | None:
+        """Return the open request that a TCP response answers if the bytes of its transaction are exchanged."""
+        if event.transaction is None:
+            return None
+        number = int.from_bytes(event.transaction.to_bytes(2, "little"), "big")
+        request = self._open.get(number) if number != event.transaction else None
+        if request is None or request.unit != event.unit:
+            return None
+        return request if request.pdu[0] == event.pdu[0] & ~EXCEPTION_BIT else None
 
     def _late_for(self, event: ResponseSeen) -> RequestSeen | None:
         """Return the request that was given up and that this response answers."""
