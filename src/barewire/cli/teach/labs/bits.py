@@ -58,6 +58,8 @@ def _read(answer: str) -> AnswerCheck:
         return right(f"{_TO_READ:02X}h, the letter {chr(_TO_READ)}: its levels are {_levels(_TO_READ)}")
     if given == int(f"{_TO_READ:08b}"[::-1], 2):
         return wrong("you read the data bits from left to right; the first one on the wire is the lowest one, bit 0")
+    if given > 0xFF and not set(text) - set("01") and len(text) == 8:
+        return wrong("these are eight bits: put the first one on the wire last, then write each four as one digit")
     if given > 0xFF:
         return wrong(f"{given:X}h is more than a byte can hold: leave out the start bit and the stop bit")
     return wrong(f"the levels of {given:02X}h would be {_levels(given)}")

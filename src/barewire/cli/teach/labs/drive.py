@@ -78,9 +78,9 @@ def _by_canopen(answer: str) -> AnswerCheck:
         return hint
     request = decode_sdo_request(frame.data)
     if not isinstance(request, ExpeditedDownload) or (request.index, request.sub) != (0x6040, 0):
-        return wrong(f"this is {answered_text(frame)}; the control word is object 6040h:00")
+        return wrong(f"{answered_text(frame)}; the task asks to write, and the control word is object 6040h:00")
     if len(request.data) != 2:
-        return wrong(f"this writes {len(request.data)} bytes; a u16 has 2. {answered_text(frame)}")
+        return wrong(f"this writes {len(request.data)} bytes; a u16 has 2; {answered_text(frame)}")
     return _shut_down(int.from_bytes(request.data, "little"))
 
 

@@ -33,14 +33,14 @@ def _lrc(answer: str) -> AnswerCheck:
     if given == sum(data) & 0xFF:
         return wrong("that is the sum of the bytes; the LRC is what makes the sum 00h")
     if given == ~sum(data) & 0xFF:
-        return wrong("that is the sum with all bits inverted; 1 is missing to the negative number")
+        return wrong("that is what is missing to FFh; the LRC is what is missing to 100h")
     if given == lrc(data.hex().upper().encode()):
         return wrong("that adds the characters; the LRC is computed over the bytes, before they become characters")
     return wrong(f"the sum of the bytes and your LRC is {sum(data) + given:X}h; its last two digits must be 00")
 
 
 def _ascii(answer: str) -> AnswerCheck:
-    typed = checked_length(answer)
+    typed = checked_length(answer).replace(" ", "")
     if not typed.startswith(":"):
         return wrong("an ASCII frame begins with a colon")
     characters = parse_ascii(typed)

@@ -49,7 +49,7 @@ def _state(answer: str) -> AnswerCheck:
     typed = checked_length(answer).lower().replace("-", " ").replace("_", " ")
     names = {state.name.lower().replace("_", " "): state for state in NmtState}
     if typed not in names:
-        return wrong(f"expected one of {', '.join(names)}")
+        return wrong(f"expected one of {', '.join(names).replace('pre op', 'pre-op')}")
     if names[typed] == _HEARTBEAT.data[0]:
         return right(explain_can(_HEARTBEAT).summary)
     return wrong(f"a node that is {typed} sends {cob_id('error control', LAB_NODE):03X}#{names[typed]:02X}")
@@ -63,7 +63,7 @@ def _heartbeat_time(answer: str) -> AnswerCheck:
     if not isinstance(request, ExpeditedDownload) or (request.index, request.sub) != (_HEARTBEAT_TIME, 0):
         return wrong(f"this is {explain_can(frame).summary}; the task asks to write {_HEARTBEAT_TIME:04X}h:00")
     if len(request.data) != 2:
-        return wrong(f"this writes {len(request.data)} bytes; a u16 has 2. {answered_text(frame)}")
+        return wrong(f"this writes {len(request.data)} bytes; a u16 has 2; {answered_text(frame)}")
     value = int.from_bytes(request.data, "little")
     return right(answered_text(frame)) if value == _MILLISECONDS else wrong(f"this writes {value} ms")
 

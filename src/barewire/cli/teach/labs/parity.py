@@ -34,7 +34,7 @@ def _parity_bits(answer: str) -> AnswerCheck:
     if len(given) != len(expected):
         return wrong(f"{len(given)} bits; there are {len(expected)} bytes, each with one parity bit")
     if given == [1 - bit for bit in expected]:
-        return wrong("with these bits each byte has an odd number of ones: that is parity O, the task asks for E")
+        return wrong("with these bits each byte has an odd number of ones: that is odd parity, 8O1")
     place = next(place for place, (one, other) in enumerate(zip(given, expected)) if one != other)
     ones = _BYTES[place].bit_count()
     return wrong(

@@ -133,7 +133,7 @@ def _download(answer: str) -> AnswerCheck:
     if (request.index, request.sub) != (_VELOCITY, 0):
         return wrong(f"this writes {request.index:04X}h:{request.sub:02X}; the low byte of the index goes first")
     if len(request.data) != 4:
-        return wrong(f"this writes {len(request.data)} bytes; an i32 has 4. {answered_text(frame)}")
+        return wrong(f"this writes {len(request.data)} bytes; an i32 has 4; {answered_text(frame)}")
     value = int.from_bytes(request.data, "little", signed=True)
     if value != _TARGET:
         return wrong(

@@ -59,7 +59,7 @@ def _to_registers(answer: str) -> AnswerCheck:
         value = codec("f32", order).decode(data)
         if value == -1.5:
             if order == "ABCD":
-                return right(f"sign 1, exponent 127, fraction 1.5: {in_hex(expected)}")
+                return right(f"1.5 = 1.5 x 2^0: sign 1, exponent 0 + 127, fraction 0.5: {in_hex(expected)}")
             return wrong(f"that is -1.5 in order {order}; the task asks for ABCD")
     return wrong(f"as f32 in order ABCD that is {codec('f32').decode(data):.6g}")
 
