@@ -122,7 +122,9 @@ PARITY_LAB = Lab(
         LabExercise(
             "2.2",
             "Four characters with 8E1 arrive: "
-            + ";  ".join(f"({place}) {levels_text(levels)}" for place, levels in enumerate(_received(), 1))
+            + ";  ".join(
+                f"({place}) {levels_text(levels).replace(' ', '')}" for place, levels in enumerate(_received(), 1)
+            )
             + ". Which one was damaged?",
             "its number, 1 to 4",
             _damaged,
