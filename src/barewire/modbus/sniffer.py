@@ -136,6 +136,7 @@ class Sniffer:
         self._pair: tuple[AmbiguousFrame, AmbiguousFrame] | None = None
         self._slowest: dict[int, float] = {}
         self._noise: list[NoiseSeen] = []  # later than an undecided frame
+        self._from_client: bool | None = None  # the direction of the last bytes, also of those that are still held
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.line!r}>"
@@ -159,19 +160,18 @@ class Sniffer:
 
         `from_client` is the direction of the bytes, if the recording states it; a frame that can only be of the other
         direction is taken as what it is."""
-        return self._take(self.line.feed(data, now), now, from_client)
+        if data:
+            self._from_client = from_client
+        return self._take(self.line.feed(data, now), now)
 
     def turn(self, now: float) -> list[SnifferEvent]:
         """End the held bytes: the other station begins at `now`, however short the silence was."""
         return self._take(self.line.feed(None, self.line.deadline or now), now)
 
-    def _take(self, heard: list[Adu | Noise], now: float, from_client: bool | None = None) -> list[SnifferEvent]:
+    def _take(self, heard: list[Adu | Noise], now: float) -> list[SnifferEvent]:
         events: list[SnifferEvent] = []
         for event in heard:
-            if isinstance(event, Noise):
-                events += self._heard_noise(NoiseSeen(event, now))
-            else:
-                events += self._frame(event, now, from_client)
+            events += self._frame(event, now) if isinstance(event, Adu) else self._heard_noise(NoiseSeen(event, now))
         # Held bytes were sent before the window was over.
         if not self.line.held:
             events += self._expire(now)
@@ -235,11 +235,11 @@ class Sniffer:
 
     # Frames
 
-    def _frame(self, adu: Adu, now: float, from_client: bool | None) -> list[SnifferEvent]:
+    def _frame(self, adu: Adu, now: float) -> list[SnifferEvent]:
         unit, pdu = adu.unit, adu.pdu
         request, response = shapes(pdu)
-        if request and response and from_client is not None:
-            request, response = from_client, not from_client
+        if request and response and self._from_client is not None:
+            request, response = self._from_client, not self._from_client
         if unit == BROADCAST:
             return [*self._give_up(now), RequestSeen(unit, pdu, now, readable(decode_request, pdu))]
         asked = self._open

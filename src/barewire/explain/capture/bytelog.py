@@ -4,6 +4,7 @@
     01 03 00 00 00 02 C4 0B                   no time: a line is one piece
     00000000: 0103 0000 0002 c40b  ......     xxd or hexdump -C: one piece, however many lines
     # text                                    a comment, skipped like an empty line
+    01 03 00 00 00 02 C4 0B   <-- good        a remark: behind blanks and <-- // # ; or (
 
 The bytes are in any notation of `input.text.parse_hex`; a direction mark (> or <) may come before them.
 """
@@ -22,6 +23,10 @@ _STEP = 0.1
 _OFFSET = re.compile(r"(?:0x)?[0-9A-Fa-f]{6,8}(?:: ?|  )(?=[0-9A-Fa-f]{2})")
 _TIME = re.compile(r"[(\[]?(?:(?:(\d+):)?(\d+):)?(\d+[.,]\d+|\d+(?=[)\]]))[)\]]?:?\s+")
 _MARK = re.compile(r"(?:<-|->|[<>]|[RT]X:?)\s*", re.IGNORECASE)
+
+_TWO_BYTES = r"(?:0x)?[0-9A-Fa-f]{1,2}\W+(?:0x)?[0-9A-Fa-f]{1,2}\b"
+_REMARK = re.compile(rf"(?<=[0-9A-Fa-f]{{2}})[\])>,.]?\s{{1,200}}(?:<[-=]|←|//|#|;|\()(?![-=\s]{{0,99}}{_TWO_BYTES})")
+"""Where a remark begins. Two bytes at its beginning may belong to the frame, or those before the arrow are a time."""
 
 
 class Chunk(NamedTuple):
@@ -54,7 +59,7 @@ def parse_log(text: str) -> Log:
     lines: list[int] = []
     dumped, timed, now = False, False, 0.0
     for number, line in enumerate(text.splitlines(), start=1):
-        content = line.partition("#")[0].strip()
+        content = without_remark(line.partition("#")[0].strip())
         if not content:
             continue
         offset, time = _OFFSET.match(content), _TIME.match(content)
@@ -77,6 +82,16 @@ def parse_log(text: str) -> Log:
             lines.append(number)
         dumped = offset is not None
     return Log(chunks, timed, lines)
+
+
+def without_remark(line: str) -> str:
+    """Return a line of bytes without the remark behind them.
+
+    >>> without_remark("01 83 02 C0 F1   <-- refused"), without_remark("12.50 <-- 01 83 02 C0 F1")
+    ('01 83 02 C0 F1', '12.50 <-- 01 83 02 C0 F1')
+    """
+    found = _REMARK.search(line)
+    return line if found is None else line[: found.start()]
 
 
 def _bytes(text: str, number: int) -> bytes:

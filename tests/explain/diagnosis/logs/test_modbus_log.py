@@ -239,6 +239,18 @@ def test_a_response_of_another_unit_is_a_wrong_answer() -> None:
     assert [verdict.code for verdict in verdicts] == ["nothing-proved"]
 
 
+@pytest.mark.parametrize(("asked", "answered"), [("Tx", "Rx"), ("request", "response"), ("> ", "< ")])
+def test_an_answer_with_a_wrong_byte_count_is_read_in_the_direction_that_the_log_states(
+    asked: str, answered: str
+) -> None:
+    """Neither a request nor a response has this length; the CRC is right, and the log says that it was received."""
+    frames = encode(1, bytes.fromhex("03 0000 0004")), encode(1, bytes.fromhex("03 00 0000 0000 0000 00"))
+    text = f"{asked}: {frames[0].hex(' ')}\n{answered}: {frames[1].hex(' ')}\n"
+    for repeated in (1, 3):
+        findings, _ = diagnosed((repeated * text).encode())
+        assert [found.finding.code for found in findings] == repeated * ["byte-count"]
+
+
 def test_the_number_of_a_manual_in_place_of_an_address_is_found_when_it_is_refused() -> None:
     traffic = [Sent(1.0, encode(1, bytes.fromhex("03 9C41 0002")), True), Sent(1.02, encode(1, b"\x83\x02"), False)]
     findings, _ = diagnosed(log_of(traffic, "times"))

@@ -8,8 +8,8 @@
     [23/10/2008 10:38:33]                                          Serial Port Monitor (Eltima, HHD)
     3  IRP_MJ_WRITE - Request transfers data from a client to a COM port (COM5)
        01 03 00 00 00 02 C4 0B                                ........
-    [D] Sent packet: @3FFB890C/7:                                  eModbus
-      | 0000: 01 03 00 00 00 02 C4 0B                   |........        |
+    [D] Sent packet: @3FFB890C/6:                                  eModbus: what it sends on RTU, without its CRC
+      | 0000: 01 03 00 00 00 02                         |......          |
 
 Headings may have several lines, and have no bytes themselves. A heading without bytes below it is no entry.
 """
@@ -18,16 +18,23 @@ from __future__ import annotations
 
 import re
 
+from barewire.explain.capture.modbus_log.direction import frame_pdu
 from barewire.explain.capture.modbus_log.marked import direction_of
 from barewire.explain.capture.modbus_log.model import FormContent, LogEntry, Stamp
 from barewire.explain.capture.modbus_log.octets import split_octets
 from barewire.explain.capture.modbus_log.stamps import find_stamp
+from barewire.explain.result import counted
+from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.messages.registry import measure_request, measure_response
+from barewire.rtu.crc import crc16
 
 _BYTES = re.compile(
     r"\s*(?:\|\s*)?(?:(?:0x)?[0-9A-Fa-f]{4,8}(?::\s+|\s*\|\s*|\s{2,}))?"
     r"(?P<bytes>[0-9A-Fa-f]{2}(?:[ \t]{1,2}[0-9A-Fa-f]{2})*)(?:\s*$|\s*\t.{1,16}| {2,}.*|\s*\|.*)"
 )
 _BETWEEN = re.compile(r"(?:STATUS_\w+|-{2,}|Length:? \d+.*)?")
+_EMODBUS_SENT = re.compile(r"(?:.*\W)?Sent packet: @[0-9A-Fa-f]{1,16}/(?P<count>\d{1,3}):\s*")
+"""The title above bytes that eModbus passed to its serial line. It calculates the CRC while it sends."""
 _HEADINGS = 4
 """The most lines of a heading."""
 _SOCAT = re.compile(r"[<>] \d{4}/\d\d/\d\d \d\d:\d\d:\d\d\.(?P<fraction>\d{9})\s+length=")
@@ -84,7 +91,32 @@ def read_blocks(lines: list[str]) -> FormContent:
             stamp or fields[2],
         )
         heading.append(number)
-    return FormContent(entries, known)
+    return _with_sent_crc(lines, FormContent(entries, known))
+
+
+def _with_sent_crc(lines: list[str], content: FormContent) -> FormContent:
+    """Return the entries with the CRC that eModbus sends and does not print: behind a PDU of the right length."""
+    entries: list[LogEntry] = []
+    added: list[int] = []
+    for entry in content.entries:
+        data = entry.data or b""
+        title = _EMODBUS_SENT.fullmatch(lines[entry.line - 2]) if entry.line > 1 else None
+        if title is not None and int(title["count"]) == len(data) and _is_without_crc(data):
+            added.append(entry.line - 1)
+            entry = entry._replace(data=data + crc16(data).to_bytes(2, "little"))
+        entries.append(entry)
+    if not added:
+        return content
+    text = f"line {added[0]}: Sent packet is printed without the CRC that eModbus sends; it is added to "
+    return FormContent(entries, content.known, (f"{text}{counted(len(added), 'frame')}",))
+
+
+def _is_without_crc(data: bytes) -> bool:
+    """Return whether the bytes are a unit and a PDU of RTU, and no more."""
+    if len(data) < 3 or any(frame_pdu(protocol, data) is not None for protocol in ("rtu", "tcp")):
+        return False
+    pdu = data[1:]
+    return len(pdu) in ((2,) if pdu[0] & EXCEPTION_BIT else (measure_request(pdu), measure_response(pdu)))
 
 
 def _heading(line: str) -> tuple[bool | None, bool | None, Stamp | None] | None:

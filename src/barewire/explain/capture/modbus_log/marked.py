@@ -8,6 +8,7 @@
     Request (transaction id 25): 00 19 00 00 00 06 01 03 00 01 00 0f      jamod
     TX: 1, 3, 0, 22, 0, 2, 37, 207                                 NModbus: decimal numbers
     > 01 03 00 00 00 02 C4 0B                                      a mark only
+    → < 01 03 00 00 00 02 C4 0B >                                  modbus-cli
 
 Words about the line (request, response, master, slave) state the direction on it. Words about the recording program
 (sent, received, Tx, Rx) state its side; the whole log decides whether that is the client. A line that has only bytes
@@ -32,7 +33,7 @@ _WORD = re.compile(
     r")(?![A-Za-z])",
     re.IGNORECASE,
 )
-_MARK = re.compile(r"(?P<sent>-+>|>>+|=>|>)|(?P<received><-+|<<+|<=|<)")
+_MARK = re.compile(r"(?P<sent>-+>|>>+|=>|>|[→⇒])|(?P<received><-+|<<+|<=|<|[←⇐])")
 _LAST_MARK = re.compile(rf"(?:^|[\s\])])(?:{_MARK.pattern})[\s:]*$")
 _GROUPS = (("asked", "answered"), ("sent", "received"), ("asker", "answerer"), ("out", "into"))
 """Which words count if there are several: "response for read request" is a response, "server received" is received."""

@@ -74,7 +74,8 @@ class LogEntry(NamedTuple):
 
 
 class FormContent(NamedTuple):
-    """What one form reads of a text: its entries, and the lines that it knows to hold no new bytes."""
+    """What one form reads of a text: its entries, the lines that it knows to hold no new bytes, and what it notes."""
 
     entries: list[LogEntry]
     known: set[int]
+    notes: tuple[str, ...] = ()

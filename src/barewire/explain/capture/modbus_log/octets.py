@@ -6,6 +6,8 @@
     ... TX: 1, 3, 0, 22       decimal: numbers of three digits occur in the log, and no letters
     ... :010300000002FA       a frame of ASCII
 
+A count behind the bytes (`> 9 bytes`) has to be theirs; a remark behind them (`// good`) is none of them.
+
 Only tokens with the same separator belong together: in `14:32:05 - 64 03 00` the bytes are 64 03 00. Digits that can be
 hexadecimal and decimal are returned both ways; the whole log decides.
 """
@@ -16,6 +18,7 @@ import re
 from typing import NamedTuple
 
 from barewire.errors import DecodeError
+from barewire.explain.capture.bytelog import without_remark
 from barewire.explain.input.source_literals import parse_string_literal
 
 _H = r"[0-9A-Fa-f]"
@@ -40,6 +43,8 @@ _FORMS = tuple(
     )
 )
 _LITERAL = re.compile(r"""(?<!\w)b(?P<string>'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
+_COUNT = re.compile(r"(?<=\W)(?P<opened>[(\[]?)(?P<count>\d{1,4}) ?bytes?[)\]]?\s*$", re.IGNORECASE)
+"""A count without brackets could be a byte, too: it has to be right."""
 _TOKEN = re.compile(rf"(?:0[xX]|\\x)?({_H}+)")
 
 
@@ -59,6 +64,15 @@ def split_octets(line: str) -> Octets | None:
     >>> split_octets("TX: 1, 3, 0, 22, 0, 2, 37, 207").decimal.hex(" "), split_octets("nothing at all")
     ('01 03 00 16 00 02 25 cf', None)
     """
+    if found := _COUNT.search(line):
+        octets = _split(line[: found.start()])
+        is_right = octets is not None and int(found["count"]) in map(len, filter(None, octets[1:]))
+        return octets if is_right or found["opened"] else None
+    return _split(line) or (_split(plain) if (plain := without_remark(line)) != line else None)
+
+
+def _split(line: str) -> Octets | None:
+    """Split a line that has nothing but punctuation, or a count in brackets, behind its bytes."""
     literal = None
     for literal in _LITERAL.finditer(line):  # noqa: B007 - the last one, as below
         pass

@@ -108,6 +108,7 @@ def _read_forms(lines: list[str], ports: Container[int]) -> tuple[str, FormConte
     by_place: dict[tuple[int, int], LogEntry] = {}
     owners: dict[int, str] = {}
     known: set[int] = set()
+    notes: list[str] = []
     contents = [(name, read_packets(lines, ports)) for name, read_packets in _OF_PACKETS.items()]
     contents += [(name, read(short)) for name, read in FORMS.items()]
     for name, content in contents:
@@ -119,14 +120,16 @@ def _read_forms(lines: list[str], ports: Container[int]) -> tuple[str, FormConte
                 text = f"line {entry.line} reads as {owner} and as {name}, with different bytes"
                 raise DecodeError("value", b"", 0, text)
         known |= content.known if content.entries else set()
+        notes += content.notes
     for name, read in _GENERAL.items():
         content = read(["" if number in known else line for number, line in enumerate(short, start=1)])
         for place, entry in enumerate(content.entries):
             by_place[entry.line, place] = entry
             owners[entry.line] = name
         known |= content.known if content.entries else set()
+        notes += content.notes
     names = [name for name in (*_OF_PACKETS, *FORMS, *_GENERAL) if name in owners.values()]
-    return " and ".join(names), FormContent([by_place[place] for place in sorted(by_place)], known)
+    return " and ".join(names), FormContent([by_place[place] for place in sorted(by_place)], known, tuple(notes))
 
 
 def _same(found: dict[tuple[int, int], LogEntry], entry: LogEntry) -> bool:
@@ -147,7 +150,8 @@ def _decided(form: str, content: FormContent, lines: list[str], protocol: Protoc
         else:
             left.append(number)
     entries.sort(key=lambda entry: entry.line)
-    return assembled(form, entries, [(number, lines[number - 1]) for number in left], protocol)
+    log = assembled(form, entries, [(number, lines[number - 1]) for number in left], protocol)
+    return log._replace(notes=content.notes + log.notes)
 
 
 def assembled(

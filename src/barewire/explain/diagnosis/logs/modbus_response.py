@@ -6,6 +6,7 @@ Depends on: diagnosis.modbus, modbus.sniffer, rtu. Used by: modbus_line.
 from __future__ import annotations
 
 from barewire.explain.diagnosis.modbus.exchange import diagnose_exchange
+from barewire.explain.diagnosis.modbus.rtu import diagnose_rtu
 from barewire.explain.findings import DiagnosisCode, Finding
 from barewire.modbus.messages.registry import measure_response
 from barewire.modbus.sniffer import RequestSeen, ResponseSeen
@@ -17,9 +18,15 @@ _SHOWN = 32
 
 
 def exchange_findings(request: RequestSeen, response: ResponseSeen, code: DiagnosisCode) -> list[Finding]:
-    """Return the findings with this code on a request and what came after it; the framing does not matter."""
+    """Return the findings with this code on a request and what came after it; the framing does not matter.
+
+    A response whose byte count is wrong is a wrong answer, too: it has a finding of its own.
+    """
     frames = encode(request.unit, request.pdu), encode(response.unit, response.pdu)
-    return [finding for finding in diagnose_exchange("rtu", *frames) if finding.code == code]
+    found = [finding for finding in diagnose_exchange("rtu", *frames) if finding.code == code]
+    if not found and code == "wrong-answer" and response.message is None and response.pdu[0] == request.pdu[0]:
+        return [finding for finding in diagnose_rtu(frames[1], "response") if finding.code == "byte-count"]
+    return found
 
 
 def answers(request: RequestSeen, response: ResponseSeen) -> bool:
