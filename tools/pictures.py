@@ -34,6 +34,7 @@ COMMANDS = {
 """File -> the command whose output it is, run in the folder of the pictures."""
 
 COURSE = {
+    "lab-01-character.svg": 'barewire explain rtu "41" --picture levels --line 19200,8N1 --format svg',
     "lab-02-parity.svg": 'barewire explain rtu "31" --picture levels --format svg',
     "lab-03-request.svg": 'barewire explain rtu "01 04 00 31 00 02 20 04" --format svg',
     "lab-04-frame.svg": 'barewire explain rtu "01 04 00 31 00 02 20 04" --picture levels --format svg',

@@ -79,9 +79,10 @@ class LevelsPicture(Picture):
         text = (
             f"A character: a start bit 0, {self.form.data_bits} data bits with the lowest first, {parity}, "
             f"{counted(self.form.stop_bits, 'stop bit')} 1. A bit lasts {1e6 / self.baudrate:.1f} us, a character "
-            f"{1e3 * self.timing.character:.3f} ms, all {len(self.data)} of them "
-            f"{1e3 * self.timing.duration(len(self.data)):.3f} ms."
+            f"{1e3 * self.timing.character:.3f} ms"
         )
+        number = len(self.data)
+        text += f", all {number} of them {1e3 * self.timing.duration(number):.3f} ms." if number > 1 else "."
         return text + (f" {self.left_out}" if self.left_out else "")
 
     @property

@@ -266,6 +266,13 @@ def test_a_late_response_is_no_second_one() -> None:
     assert [verdict.code for verdict in verdicts] == ["nothing-proved"]
 
 
+def test_of_two_responses_that_fit_the_first_is_the_late_one() -> None:
+    given_up = read(1, 1.0)[:1]
+    late, right = (Sent(1.33, encode(1, bytes((3, 4, value, 0, 0, 0))), False) for value in (1, 2))
+    findings, _ = diagnosed(log_of([*given_up, *read(1, 1.3)[:1], late, right], "times"))
+    assert [(found.line, found.finding.code) for found in findings] == [(1, "no-answer"), (3, "late-answer")]
+
+
 def test_a_slow_response_for_which_the_client_waited_is_not_late() -> None:
     """No later request says that the client gave up, although the time for the response was over."""
     findings, verdicts = diagnosed(log_of([*read(1, 1.0), *read(1, 2.0, late=3.2)], "times"))

@@ -95,6 +95,7 @@ class LineDiagnosis:
         self._lines: deque[tuple[float, int]] = deque(maxlen=_KEPT)  # time and line of requests
         self._spoiled: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # requests whose response is damaged
         self._answered: ResponseSeen | None = None  # the last response, if it has a request
+        self._answered_line = 0
         self._given_up: deque[RequestSeen] = deque(maxlen=_KEPT)  # requests whose response may still come
         self._last_request: RequestSeen | None = None
         self._open: dict[int, RequestSeen] = {}  # requests without a response, by the transaction of TCP
@@ -253,7 +254,9 @@ class LineDiagnosis:
 
     def _response(self, event: ResponseSeen) -> Iterator[Located]:
         unit = self.counts.unit(event.unit)
-        before, self._answered = self._answered, event if event.request is not None else None
+        before, before_line = self._answered, self._answered_line
+        self._answered = event if event.request is not None else None
+        self._answered_line = self._line_now()
         if event.request is None:
             if (late := self._late_for(event)) is not None:
                 self._given_up.remove(late)
@@ -263,7 +266,13 @@ class LineDiagnosis:
                     unit.answered += 1
                     return
                 unit.late += 1
-                yield self._late(event, f"{event.at - late.at:.3f} s after its request, which was given up")
+                proof = f"{event.at - late.at:.3f} s after its request, which was given up"
+                if before is not None and before.request is self._last_request and self._fits(late, before):
+                    # A unit answers in order: of two responses that fit both requests the first is the late one.
+                    proof += "; the response behind it is that to the later request"
+                    yield self._late(before, proof)._replace(line=before_line)
+                    return
+                yield self._late(event, proof)
             elif before is not None and self._is_second(before, event):
                 unit.twice += 1
                 text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
@@ -315,10 +324,10 @@ class LineDiagnosis:
 
     def _late_for(self, event: ResponseSeen) -> RequestSeen | None:
         """Return the request that was given up and that this response answers."""
-        for request in self._given_up:
-            if request.unit == event.unit and event.at - request.at <= _LATE_AFTER and answers(request, event):
-                return request
-        return None
+        return next((request for request in self._given_up if self._fits(request, event)), None)
+
+    def _fits(self, request: RequestSeen, event: ResponseSeen) -> bool:
+        return request.unit == event.unit and event.at - request.at <= _LATE_AFTER and answers(request, event)
 
     def _is_second(self, before: ResponseSeen, event: ResponseSeen) -> bool:
         same = before.unit == event.unit and before.pdu[0] & ~EXCEPTION_BIT == event.pdu[0] & ~EXCEPTION_BIT
