@@ -102,6 +102,8 @@ def test_damage_in_a_blf_is_reported_and_the_rest_is_read() -> None:
     assert items_of(blf(container(BEAT), bytes(broken), container(BEAT))) == ["705#05", "Unread", "705#05"]
     assert items_of(blf(container(BEAT, packing=9), container(BEAT))) == ["Unread", "705#05"]
     assert items_of(blf(container(bytes(65 << 20)), container(BEAT))) == ["Unread", "705#05"]
+    # The header says that it is longer than the file.
+    assert items_of(b"LOGG" + b"\xff" * 200) == ["Unread"]
     # The recorder lost power: of the last container only the beginning is there.
     many = blf(container(b"".join(classical(0x705, bytes([at % 251]), at=at * 7919) for at in range(2000))))
     items = list(read_blf(many[: len(many) // 2]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import time
 from pathlib import Path
 
 import can
@@ -14,6 +15,7 @@ from barewire.errors import DecodeError
 from barewire.explain.can_monitor.recording import CanRecordingWriter, is_can_recording, read_recording, replay_can
 from barewire.explain.capture.asc import read_asc
 from barewire.explain.capture.blf import read_blf
+from barewire.explain.capture.candump import is_candump
 from barewire.explain.capture.model import Dropped, Recorded, Unread
 from barewire.explain.capture.pcapng import Packet, file_header, interface_block, packet_block
 from barewire.explain.capture.socketcan import SOCKETCAN, from_packet, to_packet
@@ -121,3 +123,9 @@ def test_other_files_are_not_recordings_of_can() -> None:
             list(read_recording(data))
     with refused(DecodeError, "identifier 800h of a base frame"):
         from_packet(Packet(0.0, unhex("00000800 00 000000"), SOCKETCAN))
+
+
+def test_many_open_brackets_take_no_time_that_grows_with_their_square() -> None:
+    began = time.process_time()
+    assert not is_candump("(" * 40_000)
+    assert time.process_time() - began < 1.0

@@ -94,6 +94,9 @@ def read_blf(data: bytes) -> Iterator[RecordedItem]:
     if len(data) < _START_AT + _TIMES.size:
         yield unread(0.0, 1, "the BLF file is damaged: its header is cut off", "")
         return
+    if _header_size(data) > len(data):
+        yield unread(0.0, 1, f"the BLF file is damaged: a header of {_header_size(data)} bytes", "")
+        return
     start = _start(data)
     now, number, buses = start, 0, set[str]()
     for piece in _pieces(data):
@@ -111,8 +114,7 @@ def read_blf(data: bytes) -> Iterator[RecordedItem]:
 def _pieces(data: bytes) -> Iterator[bytes | int | str]:
     """Yield objects, also from containers; a number for bytes outside of objects; a text for a damaged container."""
     inner = _Objects()
-    begin = max(int.from_bytes(data[4:8], "little"), _START_AT + 2 * _TIMES.size)
-    for outer in _Objects().feed(data[begin:], last=True):
+    for outer in _Objects().feed(data[_header_size(data) :], last=True):
         if isinstance(outer, int) or _kind(outer) != _CONTAINER:
             yield outer
             continue
@@ -122,6 +124,10 @@ def _pieces(data: bytes) -> Iterator[bytes | int | str]:
         else:
             yield from inner.feed(unpacked, last=False)
     yield from inner.feed(b"", last=True)
+
+
+def _header_size(data: bytes) -> int:
+    return max(int.from_bytes(data[4:8], "little"), _START_AT + 2 * _TIMES.size)
 
 
 def _start(data: bytes) -> float:

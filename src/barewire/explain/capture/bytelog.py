@@ -21,7 +21,7 @@ _STEP = 0.1
 """Seconds between two lines without times: long enough to end a frame, short enough to wait for an answer."""
 
 _OFFSET = re.compile(r"(?:0x)?[0-9A-Fa-f]{6,8}(?:: ?|  )(?=[0-9A-Fa-f]{2})")
-_TIME = re.compile(r"[(\[]?(?:(?:(\d+):)?(\d+):)?(\d+[.,]\d+|\d+(?=[)\]]))[)\]]?:?\s+")
+_TIME = re.compile(r"[(\[]?(?:(?:(\d{1,12}):)?(\d{1,12}):)?(\d{1,12}[.,]\d+|\d{1,12}(?=[)\]]))[)\]]?:?\s+")
 _MARK = re.compile(r"(?:<-|->|[<>]|[RT]X:?)\s*", re.IGNORECASE)
 
 _TWO_BYTES = r"(?:0x)?[0-9A-Fa-f]{1,2}\W+(?:0x)?[0-9A-Fa-f]{1,2}\b"

@@ -34,7 +34,7 @@ _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _DROPS = re.compile(r"DROPCOUNT: dropped (\d+) CAN frames? on '([^']*)'")
 _LOG = re.compile(r"\((\d{1,12}(?:\.\d{1,12})?)\)\s+(\S+)\s+([0-9A-Fa-f]+#\S*)(?:\s+[RT])?\s*$")
 _NUMBER = re.compile(r"\d{1,12}(?:\.\d{1,12})?", re.ASCII)
-_TIME = re.compile(r"\(([^)]*)\)\s*")
+_TIME = re.compile(r"\(([^()]*)\)\s*")
 _COLUMNS = re.compile(
     r"(?P<bus>\S+)\s+(?:(?:RX|TX)\s+[-B]\s+[-E]\s+)?(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+"
     r"(?P<open>[\[{])(?P<length>[0-9A-Fa-f]{1,2})[\]}](?P<rest>.*)$"

@@ -101,3 +101,23 @@ def test_every_line_is_an_item_or_known(given_lines: list[str]) -> None:
         return
     if any(isinstance(item, LoggedBytes) for item in log.items):
         assert [item.line for item in log.items if isinstance(item, Unread)][-1:] == [len(given_lines) + 1]
+
+
+def test_times_of_a_log_of_bytes_that_go_back() -> None:
+    sample = b"2.5 01 03 00 00 00 02 C4 0B\n1.0 01 03 04 00 00 00 01 3B F3\n1.5 01 03 00 00 00 02 C4 0B"
+    log = read_modbus_log(sample)
+    assert [item.at for item in log.items] == [2.5, 2.5, 3.0]
+    assert log.notes == ("line 2: the times go back by 1.5 s; later ones are counted from there",)
+    midnight = read_modbus_log(b"23:59:59.5 01 03 00 00 00 02 C4 0B\n00:00:00.5 01 03 04 00 00 00 01 3B F3")
+    assert [item.at for item in midnight.items] == [86399.5, 86400.5]
+    assert midnight.notes == ()
+
+
+def test_a_number_of_hundreds_of_digits_is_not_a_time() -> None:
+    assert not read_modbus_log(b"1" * 400 + b".000000 01 03 00 00 00 02 C4 0B").timed
+
+
+def test_colours_of_a_terminal_are_not_read() -> None:
+    coloured = b"\x1b[32m[01][03][00][00][00][02][C4][0B]\x1b[0m\n\x1b[1;31m<01><83><02><C0><F1>\x1b[0m\n"
+    items = read_modbus_log(coloured).items
+    assert [item.data.hex() for item in items if isinstance(item, LoggedBytes)] == ["010300000002c40b", "018302c0f1"]

@@ -25,7 +25,7 @@ from barewire.explain.capture.modbus_log.direction import (
 from barewire.explain.capture.modbus_log.libmodbus import read_libmodbus
 from barewire.explain.capture.modbus_log.marked import read_marked
 from barewire.explain.capture.modbus_log.minimalmodbus import read_minimalmodbus
-from barewire.explain.capture.modbus_log.model import FormContent, LogEntry, LoggedBytes, ModbusLog
+from barewire.explain.capture.modbus_log.model import FormContent, LogEntry, LoggedBytes, ModbusLog, Stamp
 from barewire.explain.capture.modbus_log.octets import split_octets
 from barewire.explain.capture.modbus_log.pymodbus import read_pymodbus
 from barewire.explain.capture.modbus_log.segments import read_segments
@@ -61,6 +61,10 @@ _LINES_MAX = 20
 """The most lines of one frame."""
 _FRAME = re.compile(r"FRAME=[^;]*")
 """The field of a frame in `DATE=...;FRAME=01-03-...;SLAVE=1;`, as monitors write it."""
+_COLOURS = re.compile(r"\x1b\[[0-9;]{0,20}[mK]")
+"""What sets the colours of a terminal."""
+_TIME_OF_DAY = re.compile(r"\s*[(\[]?\d{1,2}:\d{2}:\d")
+"""Hours, minutes and seconds, as `bytelog` reads them: they begin again at midnight."""
 _BLANKS_MAX = 200
 _BLANKS = re.compile(rf"\s{{{_BLANKS_MAX},}}")
 """More blanks than any column has."""
@@ -80,7 +84,7 @@ def read_modbus_log(
     """
     if is_capture(data):
         return ModbusLog(tuple(read_segments(data, ports)), "capture", True)
-    text = _text(data)
+    text = _COLOURS.sub("", _text(data))
     lines = [("" if line.lstrip().startswith("#") else line) for line in text.splitlines()]
     form, content = _read_forms(lines, ports)
     if not content.entries and (why := without_bytes(lines)) is not None:
@@ -205,10 +209,12 @@ def _bytes_only(text: str, lines: list[str], protocol: ProtocolName | None) -> M
         return prefixed
     chunks, numbers = ([*log.chunks], [*log.lines]) if log.timed else _unwrapped(log.chunks, log.lines)
     found = protocol or common_protocol([chunk.data for chunk in chunks])
-    items: list[LoggedBytes | Unread] = [
-        LoggedBytes(chunk.at, chunk.data, line, None, found) for chunk, line in zip(chunks, numbers)
-    ]
-    return ModbusLog(tuple(with_transactions(items)), "bytes", log.timed)
+    clock, items = LogClock(), list[LoggedBytes | Unread]()
+    for chunk, line in zip(chunks, numbers):
+        of_day = _TIME_OF_DAY.match(lines[line - 1]) is not None
+        at = clock.read(Stamp(chunk.at, None, of_day), line) if log.timed else chunk.at
+        items.append(LoggedBytes(at, chunk.data, line, None, found))
+    return ModbusLog(tuple(with_transactions(items)), "bytes", log.timed, tuple(clock.notes))
 
 
 def _prefixed(lines: list[str], protocol: ProtocolName | None) -> ModbusLog | None:
