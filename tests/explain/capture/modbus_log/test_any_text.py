@@ -121,3 +121,8 @@ def test_colours_of_a_terminal_are_not_read() -> None:
     coloured = b"\x1b[32m[01][03][00][00][00][02][C4][0B]\x1b[0m\n\x1b[1;31m<01><83><02><C0><F1>\x1b[0m\n"
     items = read_modbus_log(coloured).items
     assert [item.data.hex() for item in items if isinstance(item, LoggedBytes)] == ["010300000002c40b", "018302c0f1"]
+
+
+def test_a_line_of_thousands_of_digits_is_bytes() -> None:
+    items = read_modbus_log(b"01" * 3000).items
+    assert [item.data for item in items if isinstance(item, LoggedBytes)] == [b"\1" * 3000]

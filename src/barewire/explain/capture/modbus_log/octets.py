@@ -114,6 +114,6 @@ def _decimal(tokens: list[str], text: str) -> bytes | None:
     """Return the bytes of decimal numbers; None if a token shows that they are hexadecimal."""
     if "x" in text.lower() or not all(token.isdecimal() for token in tokens):
         return None
-    if any(len(token) == 2 and token[0] == "0" for token in tokens) or max(map(int, tokens)) > 255:
+    if any(len(token) > 3 or (len(token) == 2 and token[0] == "0") or int(token) > 255 for token in tokens):
         return None
     return bytes(map(int, tokens))
