@@ -273,6 +273,12 @@ def test_of_two_responses_that_fit_the_first_is_the_late_one() -> None:
     assert [(found.line, found.finding.code) for found in findings] == [(1, "no-answer"), (3, "late-answer")]
 
 
+def test_a_repeated_request_behind_noise_in_one_read_is_no_echo() -> None:
+    request = "01 03 10 01 00 06 90 C8"
+    findings, _ = diagnosed(f"{request}\n{'00 ' * 8}{request}\n".encode())
+    assert [(found.line, found.finding.code) for found in findings] == [(2, "noise-before"), (1, "no-answer")]
+
+
 def test_a_slow_response_for_which_the_client_waited_is_not_late() -> None:
     """No later request says that the client gave up, although the time for the response was over."""
     findings, verdicts = diagnosed(log_of([*read(1, 1.0), *read(1, 2.0, late=3.2)], "times"))

@@ -146,7 +146,7 @@ class LineDiagnosis:
             yield from self._decide(None)
             self._noise = piece
             return
-        role = self._role(piece)
+        role, behind_noise = self._role(piece), self._noise is not None
         yield from self._decide(piece, role)
         self.counts.frames += 1
         if role == "request":
@@ -154,7 +154,8 @@ class LineDiagnosis:
             self._lines.append((piece.end, piece.line))
         else:
             self.counts.responses += 1
-        self._before, self._asked = piece, piece if role == "request" else None
+        self._asked = piece if role == "request" else None
+        self._before = piece._replace(joined=False) if behind_noise else piece  # noise parts it from the frame before
 
     def _goes_on(self, noise: Piece, piece: Piece) -> bool:
         """Return whether noise goes on in the next chunk."""
@@ -179,7 +180,8 @@ class LineDiagnosis:
             return
         self.counts.noise_bytes += len(noise.data)
         answered = role == "response" and self._asked is not None and after is not None and self._beside(noise, after)
-        if len(noise.data) > (_BURST if answered else _STRAY) or self.protocol == "tcp":
+        is_burst = answered or len(set(noise.data)) == 1  # one level that stays, read as the same byte again and again
+        if len(noise.data) > (_BURST if is_burst else _STRAY) or self.protocol == "tcp":
             yield from self._damaged(noise)
         elif after is not None and after.adu is not None and self._beside(noise, after):
             self.counts.longest_noise = max(self.counts.longest_noise, len(noise.data))
