@@ -69,6 +69,10 @@ def outputs(page: Path) -> dict[int, list[str]]:
     return found
 
 
+LAST_SHOWN = {("read-a-parameter.md", 4): "38400"}
+"""What a command that runs until Ctrl-C shows before it is pressed: a watch reads the end of a move after the move."""
+
+
 class Terminal:
     """A bash on a pseudo-terminal."""
 
@@ -116,6 +120,10 @@ class Terminal:
         with self._changed:
             ended = self._changed.wait_for(lambda: PROMPT.search(self.screen), STAYS)
         assert not ended, f"ended at once:\n{self.screen}"
+
+    def wait_for_text(self, text: str) -> None:
+        """Wait until the screen has shown a text."""
+        self._wait(lambda: text in self.screen, f"{text!r} is not shown")
 
     def printed(self, start: int) -> list[str]:
         """Return the lines on the screen from `start` on, up to the next prompt, without escape sequences."""
@@ -189,6 +197,7 @@ def run_terminals(page: Path, folder: Path) -> dict[int, str]:
                 whole = [*expected, "..."] if runs_on else expected
                 assert fits(whole, terminal.output), f"{page.name}:{block.line}\n{text}"
         for number in reversed(running):
+            terminals[number].wait_for_text(LAST_SHOWN.get((page.name, number), ""))
             assert terminals[number].press_ctrl_c() in (0, 130), terminals[number].screen
         return {number: terminal.screen for number, terminal in terminals.items()}
     finally:
