@@ -1,7 +1,7 @@
 """Draws docs/pictures/*.svg with the commands that docs/reference/pictures.md names, and those of the course: run
 `make pictures`.
 
-`tests/explain/pictures/test_pages.py` fails when a picture is not the one that its command draws today.
+`tests/website/test_pictures_of_pages.py` fails when a picture is not the one that its command draws today.
 """
 
 from __future__ import annotations
