@@ -8,6 +8,7 @@ The steps use exact fractions; `codecs` has the numbers that the package sends.
 from __future__ import annotations
 
 import math
+import re
 import struct
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
@@ -24,6 +25,8 @@ NUMBER_TYPES = ("f32", "f64", "u8", "i8", "u16", "i16", "u32", "i32", "u64", "i6
 _LONGEST_TEXT = 1200
 _POWERS = 400
 """The largest power of ten of a number: that of a f64 is 308, and its smallest is -324."""
+_FAR = re.compile(r"([eE][+-]?)0*[1-9][0-9]{3,}$")
+"""A power of ten beyond every type, in place of which a smaller one is read: a machine of 32 bits has no 1e999999999."""
 
 
 class FloatShape(NamedTuple):
@@ -147,7 +150,7 @@ def _decimal(text: str, type: str) -> tuple[Fraction, bool]:
     try:
         if len(text) > _LONGEST_TEXT or "_" in text:
             raise InvalidOperation
-        parsed = Decimal(text.strip())
+        parsed = Decimal(_FAR.sub(rf"\g<1>{10 * _POWERS}", text.strip()))
     except InvalidOperation:
         raise EncodeError(f"{shown(text)}: expected a number for {type}, such as 1.1, -40 or 2.5e-3", "value") from None
     if not parsed.is_finite():
