@@ -26,7 +26,7 @@ _LONGEST_TEXT = 1200
 _POWERS = 400
 """The largest power of ten of a number: that of a f64 is 308, and its smallest is -324."""
 _FAR = re.compile(r"([eE][+-]?)0*[1-9][0-9]{3,}$")
-"""A power of ten beyond every type, in place of which a smaller one is read: a machine of 32 bits has no 1e999999999."""
+"""A power of ten beyond every type; a smaller one is read in its place: machines of 32 bits have no 1e999999999."""
 
 
 class FloatShape(NamedTuple):
