@@ -48,8 +48,8 @@ for ignored in (signal.SIGINT, signal.SIGHUP):
 
 ROOT = Path(__file__).parent.parent
 PROGRAMS = ROOT / ".ci" / "apt-packages.txt"
-FIRST = {"interop": 0, "io": 1, "cli": 2, "model": 3}
-"""The directories whose tests take longest, in the order in which they are run."""
+FIRST = ["test_docs.py", "interop", "test_terminals.py", "io", "website", "cli", "model"]
+"""The files and directories whose tests take longest, in the order in which they are run."""
 NO_SKIPS = "BAREWIRE_NO_SKIPS"
 
 
@@ -72,7 +72,8 @@ def read_programs(text: str) -> dict[str, Program]:
 @pytest.hookimpl(tryfirst=True)  # before --random-order
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     # Files with tests that wait come first: one of them as the last file would keep one process waiting for the other.
-    items.sort(key=lambda item: FIRST.get(item.nodeid.split("/")[1], len(FIRST)))  # tests/io/...
+    places = {name: place for place, name in enumerate(FIRST)}
+    items.sort(key=lambda item: places.get(item.nodeid.partition("::")[0].split("/")[1], len(FIRST)))  # tests/io/...
     programs = read_programs(PROGRAMS.read_text(encoding="utf-8"))
     for item in items:
         for name in [name for mark in item.iter_markers("needs") for name in mark.args]:
