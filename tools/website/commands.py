@@ -38,7 +38,9 @@ def commands() -> Iterator[tuple[str, click.Command, click.Context]]:
 def _below(
     words: str, command: click.Command, parent: click.Context | None
 ) -> Iterator[tuple[str, click.Command, click.Context]]:
-    context = click.Context(command, info_name=words.rpartition(" ")[2], parent=parent, max_content_width=88)
+    # With its own settings, as on the command line: a command keeps the help option of its first context.
+    settings = {**command.context_settings, "max_content_width": 88}
+    context = click.Context(command, info_name=words.rpartition(" ")[2], parent=parent, **settings)
     context.terminal_width = 88
     yield words, command, context
     if isinstance(command, click.Group):
