@@ -5,18 +5,17 @@ Each view is checked by axe-core at the widths of a phone and of a desk, light a
 
 from __future__ import annotations
 
-import functools
-import http.server
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import urlencode
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, Route, expect, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, Route, expect
 
+from tools.website.browser import chromium
 from tools.website.explorer import build, pyodide_folder
+from tools.website.screenshots import served
 
 pytestmark = [pytest.mark.needs("chromium"), pytest.mark.long]
 
@@ -25,37 +24,19 @@ _LOADED = 60_000
 """The longest time in milliseconds for Python to load, on a machine that does much else."""
 
 
-class _Handler(http.server.SimpleHTTPRequestHandler):
-    extensions_map = {  # noqa: RUF012  # as in the base class
-        **http.server.SimpleHTTPRequestHandler.extensions_map,
-        ".mjs": "text/javascript",
-        ".js": "text/javascript",
-        ".wasm": "application/wasm",
-    }
-
-    def log_message(self, *_: object) -> None: ...
-
-
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Yield the URL of an explorer that was built now."""
     site = tmp_path_factory.mktemp("site")
     build(site / "explorer")
-    handler = functools.partial(_Handler, directory=str(site))
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}/explorer/index.html"
-        server.shutdown()
+    with served(site) as url:
+        yield f"{url}/explorer/index.html"
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Yield Chromium; it resolves no name but that of this machine."""
-    arguments = ["--no-sandbox", "--disable-dev-shm-usage", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"]
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=arguments)
+    with chromium() as started:
         yield started
-        started.close()
 
 
 def opened(browser: Browser, width: int, scheme: Literal["light", "dark"]) -> Page:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from barewire.canopen import CanFrame
 from barewire.explain import explain, explain_text
@@ -17,6 +17,7 @@ from barewire.explain.pictures.registers import RegistersPicture
 from barewire.explain.pictures.states import DriveWord, StatesPicture
 from barewire.rtu import encode
 from tests.explain.pictures.test_sequence import BUS, LINE
+from tools.website.browser import chromium
 
 pytestmark = [pytest.mark.needs("chromium"), pytest.mark.long]
 
@@ -49,12 +50,8 @@ LIT = """() => [...document.querySelectorAll(".field, tr, rect, g")].filter(
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Yield Chromium; it resolves no name."""
-    arguments = ["--no-sandbox", "--disable-dev-shm-usage", "--host-resolver-rules=MAP * ~NOTFOUND"]
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=arguments)
+    with chromium() as started:
         yield started
-        started.close()
 
 
 @pytest.fixture(params=[390, 1280])

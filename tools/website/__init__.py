@@ -24,6 +24,7 @@ Files, in reading order:
     explorer     the page that runs the package in the browser, from docs/explorer
     check        what a reader would miss in the HTML: links that lead nowhere, requests to other servers
     __main__     the command
+    browser      Chromium, for the explorer's pictures and for tests
     screenshots  pictures of pages, for eyes
     explorer_shots   pictures of the views of the explorer
 """

@@ -15,8 +15,9 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 from urllib.parse import urlencode
 
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import Page, expect
 
+from tools.website.browser import chromium
 from tools.website.screenshots import SITE, cropped, served
 from tools.website.source import ROOT
 
@@ -70,10 +71,8 @@ SHOTS = (
 
 def main() -> int:
     """Take every picture."""
-    arguments = ["--no-sandbox", "--disable-dev-shm-usage", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"]
     expect.set_options(timeout=_LOADED)
-    with served(SITE) as url, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=arguments)
+    with served(SITE) as url, chromium() as browser:
         for shot in SHOTS:
             page = browser.new_page(viewport={"width": shot.width, "height": shot.height}, color_scheme=shot.scheme)
             page.goto(f"{url}/explorer/index.html#{urlencode({'view': shot.view, **shot.state})}")
@@ -84,7 +83,6 @@ def main() -> int:
             cropped(target, shot.width, shot.height)
             sys.stdout.write(f"{target.relative_to(ROOT)}  {target.stat().st_size // 1024} KB\n")
             page.close()
-        browser.close()
     return 0
 
 
