@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -67,6 +67,16 @@ from barewire.tcp import encode as tcp_frame
 _FORMATS = "a recording: pcapng, pcap, candump, ASC, BLF, a log of a Modbus program, or lines of bytes in hexadecimal"
 _LIVE_BUS = "can0"
 
+seconds_option = click.option(
+    "--seconds", type=Seconds(), metavar="S", help="Stop after this time; without it, at Ctrl-C."
+)
+window_option = click.option(
+    "--window",
+    type=Seconds(),
+    metavar="S",
+    help=f"Modbus: longest time from a request to its response, in seconds; by default {WINDOW:g}.",
+)
+
 
 @click.command("sniff")
 @click.argument("source", metavar="ENDPOINT|FILE|-")
@@ -74,13 +84,8 @@ _LIVE_BUS = "can0"
 @click.option(
     "--write", type=click.Path(dir_okay=False), metavar="FILE", help="Write every frame to a .pcapng (CAN: or .log)."
 )
-@click.option("--seconds", type=Seconds(), metavar="S", help="Stop after this time; without it, at Ctrl-C.")
-@click.option(
-    "--window",
-    type=Seconds(),
-    metavar="S",
-    help=f"Modbus: longest time from a request to its response, in seconds; by default {WINDOW:g}.",
-)
+@seconds_option
+@window_option
 @protocol_option
 @ports_option
 @click.option(
@@ -153,9 +158,7 @@ def sniff_command(
     for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol, "--unit": units}
     for_can: dict[str, object] = {"--node": nodes, "--bus": bus, "--only": only}
     for_can |= {"--complete": complete, "--all": everything}
-    for option, given in (for_modbus if is_can else for_can).items():
-        if given:
-            raise EncodeError(f"{option} is for {'Modbus' if is_can else 'a CAN bus'}, which {source} is not")
+    refuse_for_other(source, for_modbus if is_can else for_can, "Modbus" if is_can else "a CAN bus")
     if endpoint is not None:
         refuse_for_line(source, ports, protocol)
     if write is not None:
@@ -181,7 +184,7 @@ def sniff_command(
                 click.echo(
                     f"barewire: --device {name}: names are those of node {found.node}; --node gives another", err=True
                 )
-            items = read_recording(data) if endpoint is None else _live_frames(endpoint, seconds)
+            items = read_recording(data) if endpoint is None else live_frames(endpoint, seconds)
             file = None if write is None else stack.enter_context(RecordingFile(write))
             monitors = BusMonitors(known, bus, complete=complete)
             events = _can_events(items, monitors, bus, file, write or "")
@@ -198,6 +201,13 @@ def sniff_command(
             exchanges = listen(endpoint, threading.Event(), seconds=seconds, window=window)
         file = None if write is None else stack.enter_context(RecordingFile(write))
         _print_exchanges(exchanges, file, as_json, timed=timed, names=names)
+
+
+def refuse_for_other(source: str, options: Mapping[str, object], kind: str) -> None:
+    """Raise EncodeError for the first option that is given, because it is for the other kind of line or bus."""
+    for option, given in options.items():
+        if given:
+            raise EncodeError(f"{option} is for {kind}, which {source} is not")
 
 
 def refuse_for_line(source: str, ports: tuple[int, ...], protocol: SerialProtocol | None) -> None:
@@ -300,7 +310,7 @@ def _packet(packets: PacketBuilder, event: SnifferEvent) -> bytes | None:
 # CAN
 
 
-def _live_frames(endpoint: Endpoint, seconds: float | None) -> Iterator[Recorded | float]:
+def live_frames(endpoint: Endpoint, seconds: float | None) -> Iterator[Recorded | float]:
     """Yield frames from a bus until Ctrl-C; a time alone when no frame was received."""
     stop = threading.Event()
     with stopped_by_interrupt(stop):

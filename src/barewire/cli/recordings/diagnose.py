@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import click
 
 from barewire.cli.arguments import (
     Choice,
-    Seconds,
     json_option,
     known_nodes,
     nodes_option,
@@ -19,18 +18,25 @@ from barewire.cli.arguments import (
     print_json,
     protocol_option,
 )
-from barewire.cli.sniff import recording_content, refuse_for_line, stopped_by_interrupt
+from barewire.cli.sniff import (
+    live_frames,
+    recording_content,
+    refuse_for_line,
+    refuse_for_other,
+    seconds_option,
+    stopped_by_interrupt,
+    window_option,
+)
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.explain.can_monitor.recording import is_can_recording, read_recording
 from barewire.explain.capture.modbus_log import read_modbus_log
 from barewire.explain.capture.modbus_packets import MODBUS_PORTS
 from barewire.explain.capture.modbus_replay import SerialProtocol
-from barewire.explain.capture.model import Recorded, RecordedItem, Unread
+from barewire.explain.capture.model import RecordedItem, Unread
 from barewire.explain.capture.pcapng import is_capture
 from barewire.explain.diagnosis.logs.can_log import CanLogDiagnosis
 from barewire.explain.diagnosis.logs.modbus_log import LiveDiagnosis, ModbusLogDiagnosis
 from barewire.explain.diagnosis.logs.verdict import LineVerdict, LogFinding
-from barewire.io.canopen.bus.capture import listen_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen_with
 from barewire.modbus.framing import Line
@@ -38,7 +44,6 @@ from barewire.modbus.sniffer import WINDOW
 
 _SHOWN = 5
 """Findings with the same code and place that are printed; the others are counted."""
-_BUS = "bus"
 
 
 @click.command("diagnose")
@@ -46,13 +51,8 @@ _BUS = "bus"
 @json_option
 @click.option("--format", "form", type=Choice(["text", "json"]), help="The form of the output; --json is json.")
 @click.option("--all", "everything", is_flag=True, help=f"Print every finding, not only the first {_SHOWN} of a kind.")
-@click.option("--seconds", type=Seconds(), metavar="S", help="Stop after this time; without it, at Ctrl-C.")
-@click.option(
-    "--window",
-    type=Seconds(),
-    metavar="S",
-    help=f"Modbus: longest time from a request to its response, in seconds; by default {WINDOW:g}.",
-)
+@seconds_option
+@window_option
 @protocol_option
 @ports_option
 @click.option(
@@ -101,13 +101,11 @@ def diagnose_command(
     is_can = (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data)
     for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol}
     for_can: dict[str, object] = {"--device": devices, "--node": nodes, "--bus": bus, "--complete": complete}
-    for option, given in (for_modbus if is_can else for_can).items():
-        if given:
-            raise EncodeError(f"{option} is for {'Modbus' if is_can else 'a CAN bus'}, which {source} is not")
+    refuse_for_other(source, for_modbus if is_can else for_can, "Modbus" if is_can else "a CAN bus")
     if endpoint is not None:
         refuse_for_line(source, ports, protocol)
     if is_can:
-        items = read_recording(data) if endpoint is None else _live_frames(endpoint, seconds)
+        items = read_recording(data) if endpoint is None else live_frames(endpoint, seconds)
         _diagnose_can(items, CanLogDiagnosis(known_nodes(devices, nodes), bus, complete=complete), printer)
     elif endpoint is None:
         _diagnose_log(source, data, WINDOW if window is None else window, ports, protocol, printer)
@@ -196,13 +194,6 @@ def _diagnose_line(endpoint: Endpoint, seconds: float | None, window: float, pri
 
 
 # CAN
-
-
-def _live_frames(endpoint: Endpoint, seconds: float | None) -> Iterator[RecordedItem | float]:
-    stop = threading.Event()
-    with stopped_by_interrupt(stop):
-        for now, frame in listen_can(endpoint, stop, seconds=seconds):
-            yield now if frame is None else Recorded(now, _BUS, frame)
 
 
 def _diagnose_can(items: Iterable[RecordedItem | float], diagnosis: CanLogDiagnosis, printer: _Printer) -> None:
