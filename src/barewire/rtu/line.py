@@ -18,7 +18,7 @@ Where both directions are received, the same bytes can be a whole request and a 
 a response whose CRC ends with 00 has a good CRC without that byte too. `Shape.likeliest` decides between them.
 
 **After a wrong CRC** a client or server takes nothing until the silence (`gap`), because the data of a damaged frame
-can spell a whole frame with a good CRC. The one exception is a single byte 00 or FF, which is read when a transmitter is
+can spell a whole frame with a good CRC. The only exception is one byte 00 or FF, which is read when a transmitter is
 turned on: a frame directly behind it that ends at the silence is taken, at the silence. It is no part of a frame with
 one damaged bit. No unit answers as 00 or FF, so that bit would be in the stray byte, and the rest would be as it was
 sent; then its CRC is good only if the CRC of the bytes before it is FFFF, which no single byte has. Several damages in
