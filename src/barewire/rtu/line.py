@@ -18,16 +18,23 @@ Where both directions are received, the same bytes can be a whole request and a 
 a response whose CRC ends with 00 has a good CRC without that byte too. `Shape.likeliest` decides between them.
 
 **After a wrong CRC** a client or server takes nothing until the silence (`gap`), because the data of a damaged frame
-can spell a whole frame with a good CRC. The only exception is one byte 00 or FF, which is read when a transmitter is
-turned on: a frame directly behind it that ends at the silence is taken, at the silence. It is no part of a frame with
-one damaged bit. No unit answers as 00 or FF, so that bit would be in the stray byte, and the rest would be as it was
-sent; then its CRC is good only if the CRC of the bytes before it is FFFF, which no single byte has. Several damages in
-one frame can still pass, as with every CRC. A listener executes nothing and shows everything: it searches, byte by
-byte, for the next whole frame with a good CRC, and reports the bytes before it as one Noise.
+can spell a whole frame with a good CRC:
+
+    02 03 06 | 01 03 02 00 63 F9 AD | CRC        unit 2 answers; its registers spell an answer of unit 1
+
+What comes before a frame without being damage is passed over, if the frame ends at the silence: up to four bytes 00 or
+FF, which a receiver reads when a transmitter on RS-485 is turned on, and the echo of the client's own request. A frame
+with one damaged bit never looks like that, whatever its data: the bytes behind the stray ones have a good CRC only if
+the CRC of those before them is FFFF, and no flipped bit makes it so (tests/rtu/test_inner_frame.py tries each). Several
+damages in one frame can still pass, as with every CRC.
+
+A listener executes nothing and shows everything: it searches, byte by byte, for the next whole frame with a good CRC,
+and reports the bytes before it as one Noise.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container
 from heapq import heappop, heappush
 
@@ -47,8 +54,8 @@ _ROUNDING = 1e-7
 _ENVELOPE = 3
 """Bytes of a frame around the PDU: unit and CRC."""
 
-_STRAY = b"\x00\xff"
-"""What a receiver reads when a transmitter on RS-485 is turned on."""
+_STRAYS = re.compile(rb"[\x00\xff]{1,4}")
+"""What a receiver reads when a transmitter on RS-485 is turned on: few bytes, because it is for less than t3.5."""
 
 _AT_SILENCE, _NEVER = 1 << 62, 1 << 63
 """When to check a place again if no number of bytes can decide about it: at the next silence; never."""
@@ -101,6 +108,7 @@ class RtuLine:
         self._unchecked = 0  # the first place that has not been checked yet
         self._hunted = 0  # up to here no frame ends that begins behind the first byte
         self._unit = 0
+        self._echo = b"\x00"  # the bytes of the last request: adapters whose receiver stays on repeat them
 
     def __repr__(self) -> str:
         return f"<RtuLine: {self.role}>"
@@ -115,7 +123,8 @@ class RtuLine:
     def request(self, unit: int, pdu: bytes) -> bytes:
         """Return the frame of a request."""
         self._unit = unit
-        return encode(unit, pdu)
+        self._echo = encode(unit, pdu)
+        return self._echo
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
         """Return the frame of a response."""
@@ -257,13 +266,14 @@ class RtuLine:
         return None, due if counted else _AT_SILENCE
 
     def _behind_strays(self) -> list[Adu | Noise] | None:
-        """Return the frame that follows one stray byte and ends with the held bytes; None if there is none."""
-        end = len(self._held)
-        if self._held[0] not in _STRAY:
-            return None
-        if self._check(1)[0] != end and not self._shape.is_whole(bytes(self._held[1:])):
-            return None
-        return self._found(self._removed + 1, end)
+        """Return the frame behind stray bytes or an echo that ends with the held bytes; None if there is none."""
+        strays = _STRAYS.match(self._held)
+        most = strays.end() if strays is not None else 0
+        places = [*range(1, most + 1), *([len(self._echo)] if self._held.startswith(self._echo) else [])]
+        for at in places:
+            if self._check(at)[0] == len(self._held) or self._shape.is_whole(bytes(self._held[at:])):
+                return self._found(self._removed + at, len(self._held))
+        return None
 
     def _hunt(self) -> list[Adu | Noise] | None:
         """Return the first whole frame at a later place, with the bytes before it as Noise; None if there is none yet.
