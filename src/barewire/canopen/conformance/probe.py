@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import check_node
+from barewire.canopen.conformance.lss_pause import with_lss_pauses
 from barewire.canopen.conformance.model import NODE_ANSWER_TIMEOUT, Subject
 from barewire.canopen.eds.model import EdsItem, EdsObject, every_item
 from barewire.canopen.frame import CanFrame
@@ -73,13 +74,15 @@ def probe(
     if not all(subject.has(0x1018, sub) for sub in (1, 2, 3, 4)):
         return subject
     address = LssAddress(*(subject.number(0x1018, sub) for sub in (1, 2, 3, 4)))
-    found = yield from identify_slaves(
-        address.vendor, address.product, (address.revision,) * 2, (address.serial,) * 2, timeout=timeout
+    found = yield from with_lss_pauses(
+        identify_slaves(
+            address.vendor, address.product, (address.revision,) * 2, (address.serial,) * 2, timeout=timeout
+        )
     )
     if found:
         return subject._replace(lss=address)
     # A device may have LSS without the service identify remote slave.
-    selected = yield from switch_selective(address, timeout=timeout)
+    selected = yield from with_lss_pauses(switch_selective(address, timeout=timeout))
     if selected:
         yield from switch_global(LssState.WAITING)
     return subject._replace(lss=address if selected else None, identifies=False)
