@@ -64,9 +64,10 @@ def test_the_exported_identity_is_that_of_the_simulated_drive() -> None:
     assert "0x1018" in [document.get("MandatoryObjects", number) for number in ("1", "2", "3")]
     keys = ("ParameterName", "ObjectType", "SubNumber")
     assert [document.get("1018", key) for key in keys] == ["Identity object", "0x9", "2"]
-    keys = ("DataType", "AccessType", "DefaultValue", "PDOMapping")
-    assert [document.get("1018sub0", key) for key in keys] == ["0x0005", "const", "1", "0"]
-    assert [document.get("1018sub1", key) for key in keys] == ["0x0007", "ro", "0", "0"]
+    for section, values in (("1018sub0", ["0x0005", "const", "1", "0"]), ("1018sub1", ["0x0007", "ro", "0", "0"])):
+        assert [
+            document.get(section, key) for key in ("DataType", "AccessType", "DefaultValue", "PDOMapping")
+        ] == values
     drive = simulator("az3", 0.0, node=9).canopen
     assert drive is not None
     exported = document.dictionary(9)
