@@ -110,7 +110,7 @@ class CanBus(ReceivingBus):
                 if self._direct is None and self.loop_reader is None:
                     self._start_reader(None)  # a reader notices whether the port has failed, and opens it again
                 raise_port_error(self.port, error)
-        if self.subscribers or sender is None or sender is not self._direct:
+        if not self._is_alone(sender):
             self._distribute(frame, time.monotonic(), sender)
         return True
 
@@ -123,12 +123,17 @@ class CanBus(ReceivingBus):
             return 0
         with self._sending:
             sent: int = send_many(frames)
-        alone = self.subscribers <= {sender} and self._direct in (None, sender)
-        if not alone or sender is None or sender.node:
+        if not self._is_alone(sender):
             at = time.monotonic()
             for frame in frames[:sent]:
                 self._distribute(frame, at, sender)
         return sent
+
+    def _is_alone(self, sender: Sender | None) -> bool:
+        """Return whether a frame of this sender, which is no node, reaches nobody else here."""
+        if sender is None or sender.node or not (self._direct is None or self._direct is sender):
+            return False
+        return not self.subscribers or self.subscribers == {sender}
 
     # Subscribers, channels and their locks
 
