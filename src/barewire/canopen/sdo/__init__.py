@@ -77,7 +77,8 @@ __getattr__, __dir__, __all__ = lazy(
         "client.upload": "upload upload_to",
         "client.download": "download",
         "client.block_options": "BlockSettings BlockMode",
-        "client.channel": "Channel ChannelCounters",
+        "client.channel": "Channel",
+        "client.channel_counters": "ChannelCounters",
         "server.server": "SdoServer ServerCounters ObjectStore",
         "dialect": "SdoDialect STANDARD fit",
         "messages.initiate": (
