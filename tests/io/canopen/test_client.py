@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from barewire import CanopenClient, CanopenServer
-from barewire.canopen import CanFrame, LocalNode, LssState, NmtCommand, NmtState, PdoConfig, SdoAbort, scan
+from barewire.canopen import CanFrame, LocalNode, LssSlave, LssState, NmtCommand, NmtState, PdoConfig, SdoAbort, scan
 from barewire.canopen.emcy.consumer import EmcyEvent
 from barewire.canopen.nmt.heartbeat import HeartbeatEvent
 from barewire.canopen.nmt.node_guarding import Guard, GuardEvent
@@ -26,7 +26,7 @@ from barewire.errors import EncodeError, NoAnswer
 from barewire.io.canopen.bus.node_runner import Running
 from barewire.io.canopen.bus.shared_bus import CanBus
 from tests.io.canopen.either_client import KINDS, Calls, get, run_with as run_with_either
-from tests.io.canopen.memory_bus import IDENTITY, MemoryPort, device
+from tests.io.canopen.memory_bus import IDENTITY, MemoryPort, device, objects
 
 pytest.importorskip("can")
 
@@ -336,6 +336,20 @@ def test_lss(kind: str, request: pytest.FixtureRequest) -> None:
     with CanopenServer(channel, device=bare):
         run_with(calls, kind, channel)
     assert bare.node == 12
+
+
+@KINDS
+def test_a_slave_that_cannot_store_is_assigned_its_node_id(kind: str, request: pytest.FixtureRequest) -> None:
+    channel = f"can://memory/{request.node.name}"
+    bare = LocalNode(None, objects(), lss=LssSlave(IDENTITY))
+
+    async def calls(client: Any) -> None:
+        (assigned,) = await get(client.lss.assign_node_ids([12], IDENTITY))
+        assert (assigned.node, assigned.booted, assigned.stored) == (12, True, False)
+        assert await get(client.node(12).sdo.upload(0x6041)) == bytes.fromhex("3706")
+
+    with CanopenServer(channel, device=bare):
+        run_with(calls, kind, channel)
 
 
 def test_receive_gives_the_frames_since_its_first_call() -> None:

@@ -135,10 +135,20 @@ class AsyncFastPath(ChannelMemory[AsyncChannelSubscriber]):
 
     async def exchange(self, bus: CanBus, plain: PlainExchange[T]) -> T:
         """Carry out an exchange, or the transfer that it turns out to be."""
-        channel = plain.channel
-        known = self._known.get(channel) or self._remember(channel)
-        if bus.failure is not None or not bus.lock_if_free(known.lock, asyncio.current_task()):
+        known = self._known.get(plain.channel) or self._remember(plain.channel)
+        lock, task = known.lock, asyncio.current_task()
+        if bus.failure is not None or lock.granted:
             return await self._carry_out(whole_transfer(plain))
+        try:
+            if bus.lock_if_free(lock, task):
+                return await self._exchange(bus, known, plain)
+        finally:
+            if lock.granted and lock.owner is task:
+                bus.release_lock(lock)
+        return await self._carry_out(whole_transfer(plain))
+
+    async def _exchange(self, bus: CanBus, known: KnownChannel[AsyncChannelSubscriber], plain: PlainExchange[T]) -> T:
+        channel = plain.channel
         try:
             port = self._subscriber(bus, known)
             port.clear()
@@ -162,7 +172,8 @@ class AsyncFastPath(ChannelMemory[AsyncChannelSubscriber]):
             next(rest)
             return await self._run(channel, rest, port, Heard(frame, port.loop.time()))
         finally:
-            bus.release_lock(known.lock)
+            if channel.busy:
+                plain.be_interrupted(asyncio.get_running_loop().time())
 
     def _subscriber(self, bus: CanBus, known: KnownChannel[AsyncChannelSubscriber]) -> AsyncChannelSubscriber:
         subscriber = known.subscriber

@@ -18,11 +18,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from typing import Any, Self
 
-from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, LockKeys
+from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect
@@ -168,10 +168,10 @@ class CanBus(ReceivingBus):
                 self._channels[node, dialect] = channel
             return channel
 
-    def request_lock(self, keys: LockKeys | None, owner: Hashable, wake: Callable[[], None]) -> ChannelLock:
+    def request_lock(self, lock: ChannelLock) -> None:
         """Enter the queue for the locks of these channels; see `ChannelLocks`."""
         with self._locking:
-            return self._locks.request(keys, owner, wake)
+            self._locks.enter(lock)
 
     def lock_if_free(self, lock: ChannelLock, owner: Hashable) -> bool:
         """Take a lock if that needs no waiting. Return whether it was taken."""
