@@ -25,6 +25,9 @@ Chunk = tuple[bytes | None, float]
 Peer = Callable[[bytes, float], Iterable[tuple[float, bytes]]]
 """The other end of the line, as `play` takes it."""
 
+PATIENCE = 30.0
+"""Seconds that a test waits for what must happen on a real port: no busy machine takes so long."""
+
 modest = settings(max_examples=30, deadline=None, derandomize=True, database=None)
 """For property tests: 60 examples, the same in every run."""
 

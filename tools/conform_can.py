@@ -38,8 +38,15 @@ FAILED  SDO-47  four bytes to an object of two: after 605#2317100010270000: 585#
 
 First the objects of the device are read, after a reset of its communication if any case changes the device; a case
 whose objects it does not have is left out with the reason. A failure shows what was sent, received and expected, in
-the notation of candump with a dot for any digit. The exit status is 1 if a case failed, or if no device answers. A
-device that stops answering during the run has three seconds to return; then the run ends with a line that names the
+the notation of candump with a dot for any digit. A case that fails is repeated, twice at most; if it then passes the
+verdict is `now and then` in place of `FAILED`: a race in the device, or a disturbed bus. LSS requests are 13.5 ms
+apart, the time of a frame at 10 kbit/s, since a device may hold only one, and most have no answer to wait for.
+
+The exit status is 0 if all cases passed, 1 if one failed, always or now and then, or if no device answers, and 3 if two
+devices answer as this node: that is one line, and no case is run. With `--json` each case has a `verdict`: `ok`,
+`failed`, `now and then` or `left out`.
+
+A device that stops answering during the run has three seconds to return; then the run ends with a line that names the
 last case and the number of cases that were not run (with `--json` an object `unfinished`, `not_run`), and status 1.
 
 | option | meaning |

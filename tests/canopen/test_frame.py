@@ -107,3 +107,15 @@ def test_fd_and_error_frames() -> None:
     assert ErrorFrame(0).text == "error class 0h"
     with pytest.raises(DecodeError, match="CAN FD"):
         CanFrame.parse("605##10102")
+
+
+def test_the_counters_of_an_error_frame() -> None:
+    """CAN_ERR_CNT of linux/can/error.h: byte 6 counts transmit errors, byte 7 receive errors."""
+    counters = ErrorFrame(0x200, bytes.fromhex("0000000000006007"))
+    assert counters.counters == (0x60, 7)
+    assert counters.text == "error counters (96 transmit, 7 receive)"
+    both = ErrorFrame(0x204, bytes.fromhex("0020000000008001"))
+    assert both.text == "controller problem, error counters (128 transmit, 1 receive)"
+    for without in (ErrorFrame(0x04, bytes.fromhex("0020000000008001")), ErrorFrame(0x200, bytes(7)), ErrorFrame(0x40)):
+        assert without.counters is None
+    assert ErrorFrame(0x200, bytes(7)).text == "error counters"

@@ -15,7 +15,9 @@ from unittest.mock import patch
 from barewire.cli.app import run_command_line
 
 COMMAND = [sys.executable, "-m", "barewire"]
-ENVIRONMENT = os.environ | {"COLUMNS": "200", "NO_COLOR": "1"}
+ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+ENVIRONMENT |= {"COLUMNS": "200", "NO_COLOR": "1"}
+"""Without the settings of Python that a user does not have: with PYTHONUNBUFFERED no buffer fails at the end."""
 
 
 def run_command(*arguments: str, timeout: float = 60) -> subprocess.CompletedProcess[str]:

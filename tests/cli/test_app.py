@@ -201,3 +201,51 @@ def test_a_drive_moves_and_stops_with_a_closed_stdout() -> None:
             done = subprocess.run(shell, stderr=subprocess.PIPE, text=True, timeout=60, env=ENVIRONMENT, check=False)
             assert done.stderr == "barewire: output: stdout is closed, what the command printed is lost\n"
         assert output_of("drive", endpoint, "csd-mt", "status").startswith("quick stop active, position 100,")
+
+
+UNWRITABLE = "barewire: output: no space left on device\n"
+COMMANDS_THAT_PRINT = [
+    ("--version",),
+    ("--help",),
+    *((name, "--help") for name in COMMANDS),
+    ("demo",),
+    ("devices",),
+    ("devices", "adxl", "--json"),
+    ("explain", "rtu", "01 83 02 C0 F1"),
+    ("steps", "crc", "01 03"),
+    ("lab",),
+    ("vectors", "list"),
+    ("eds", "export", "az3"),
+]
+
+
+@pytest.mark.parametrize("command", COMMANDS_THAT_PRINT, ids=" ".join)
+def test_an_output_that_cannot_be_written_is_one_line(command: tuple[str, ...]) -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*COMMAND, *command],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            env=ENVIRONMENT,
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (1, UNWRITABLE)
+
+
+@pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-"])
+@pytest.mark.parametrize(
+    ("command", "status"), [("devices", 0), ("nonsense", 2), ("read tcp://127.0.0.1:1 adxl Status", 1)]
+)
+def test_an_error_that_cannot_be_written_leaves_the_status(command: str, status: int, redirection: str) -> None:
+    shell = ["sh", "-c", f'"$@" {redirection}', "sh", *COMMAND, *command.split()]
+    done = subprocess.run(shell, capture_output=True, text=True, timeout=60, env=ENVIRONMENT, check=False)
+    assert done.returncode == status
+    assert ("barewire: " in done.stdout, done.stdout == "") == (False, status != 0)
+
+
+def test_a_reader_that_ends_early_is_no_error() -> None:
+    shell = ["bash", "-c", '"$@" | true; exit ${PIPESTATUS[0]}', "bash", *COMMAND, "devices", "adxl", "--json"]
+    done = subprocess.run(shell, capture_output=True, text=True, timeout=60, env=ENVIRONMENT, check=False)
+    assert (done.returncode, done.stderr) == (1, "")

@@ -225,19 +225,30 @@ def test_a_command_without_a_response_states_all_that_it_waited_for_and_can_wait
         assert tcp == f"barewire: {within}\n"
 
 
-def test_ctrl_c_while_a_response_is_missing_waits_for_it_too() -> None:
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("command", ["read adxl Status", "watch adxl Status", "drive csd-mt status"])
+def test_a_signal_while_a_response_is_missing_ends_the_command_at_once(command: str, sent: signal.Signals) -> None:
+    """The time-outs are longer than the test waits: nothing but the signal ends the command in time."""
+    name, *rest = command.split()
+    status = 1 if (name, sent) == ("watch", signal.SIGINT) else 128 + sent  # 1: no poll succeeded
     terminal = PseudoTerminal()
+    words = [*COMMAND, name, f"rtu://{terminal.path}?timeout=600", *rest]
     try:
-        command = [*COMMAND, "watch", f"rtu://{terminal.path}?timeout=0.4", "adxl", "Status"]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-            while not terminal.receive(0.1):
-                assert process.poll() is None
-            process.send_signal(signal.SIGINT)
-            assert process.wait(20) == 1  # no poll succeeded
-            assert process.stderr is not None
-            assert re.match(r"barewire: waited \d\.\d s more for a late response", process.stderr.read())
+        with subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT) as process:
+            try:
+                while not terminal.receive(0.1):
+                    assert process.poll() is None
+                process.send_signal(sent)
+                error = process.communicate(timeout=60)[1]
+            finally:
+                process.kill()
     finally:
         terminal.close()
+    if (name, sent) == ("read", signal.SIGTERM):
+        assert (process.returncode, error) == (-sent, "")  # not handled: `read` has nothing to tidy up
+    else:
+        text = "interrupted before a response that the next command could take for its own"
+        assert (process.returncode, error.strip()) == (status, f"barewire: {text}")  # click ends the line after ^C
 
 
 def test_a_late_response_does_not_reach_the_next_command() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import signal
 import subprocess
 import sys
@@ -301,7 +302,8 @@ def test_standard_input_and_a_device(tmp_path: Path) -> None:
     done = subprocess.run(command, input=text.encode(), capture_output=True, timeout=60, check=True)
     line = "unit 1  Read Input Registers, 2 from 0FB1h -> Thyristors temperature = 27.2 °C\n"
     assert done.stdout.decode() == line
-    closed = subprocess.run(["sh", "-c", f"{sys.executable} -m barewire sniff - <&-"], capture_output=True, timeout=60)
+    shell = f"{shlex.quote(sys.executable)} -m barewire sniff - <&-"
+    closed = subprocess.run(["sh", "-c", shell], capture_output=True, timeout=60)
     assert (closed.returncode, closed.stderr) == (1, b"barewire: -: standard input is closed\n")
     assert done.stderr.decode() == ("barewire: 1 line holds no bytes of a frame, the first is line 1: debug enabled\n")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -164,7 +165,7 @@ def adapter(tmp_path: Path, lrc: str) -> str:
         f"{{'id': q['id'], 'is': {{'lrc': {lrc!r}}}}}\n"
         "    print(json.dumps(a), flush=True)\n"
     )
-    return f"{sys.executable} {tmp_path / 'adapter.py'}"
+    return shlex.join([sys.executable, str(tmp_path / "adapter.py")])
 
 
 def test_a_check_that_fails_has_status_1_and_names_the_cases(tmp_path: Path) -> None:
@@ -221,7 +222,7 @@ def test_control_characters_of_an_adapter_reach_neither_the_terminal_nor_the_xml
         "        a = {'id': q['id'], 'is': {'lrc': '\\x1b[2J'}}\n"
         "    print(json.dumps(a), flush=True)\n"
     )
-    command = f"{sys.executable} {adapter}"
+    command = shlex.join([sys.executable, str(adapter)])
     done = run_here("vectors", "check", "--only", "lrc-1", "--adapter", command, "--junit", str(report))
     assert "lrc is ?[2J, expected F3" in done.stdout
     assert "\x1b" not in done.stdout

@@ -155,8 +155,10 @@ _ERROR_CLASSES = (
     "bus off",
     "bus error",
     "controller restarted",
+    "error counters",
 )
-"""The bits in the identifier of an error frame, as SocketCAN defines them, bit 0 first."""
+"""The bits in the identifier of an error frame, as SocketCAN defines them, bit 0 first.   [Linux, can/error.h]"""
+_COUNTERS = 0x200
 
 
 class ErrorFrame(NamedTuple):
@@ -164,6 +166,8 @@ class ErrorFrame(NamedTuple):
 
     >>> ErrorFrame(0x60).text
     'no acknowledgement, bus off'
+    >>> ErrorFrame(0x240, bytes.fromhex("000000000000F800")).text
+    'bus off, error counters (248 transmit, 0 receive)'
     """
 
     classes: int
@@ -173,7 +177,16 @@ class ErrorFrame(NamedTuple):
     def text(self) -> str:
         """The classes in words."""
         words = [name for bit, name in enumerate(_ERROR_CLASSES) if self.classes >> bit & 1]
+        if self.counters is not None:  # their class is the last word
+            words[-1] += " ({} transmit, {} receive)".format(*self.counters)
         return ", ".join(words) or f"error class {self.classes:X}h"
+
+    @property
+    def counters(self) -> tuple[int, int] | None:
+        """The counters of transmit and of receive errors; None if the frame does not have them."""
+        if not self.classes & _COUNTERS or len(self.data) != DATA_MAX:
+            return None
+        return self.data[6], self.data[7]
 
 
 AnyFrame: TypeAlias = CanFrame | FdFrame | ErrorFrame

@@ -11,9 +11,10 @@ import io
 import os
 import sys
 from collections.abc import Callable
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from importlib import import_module
 from pathlib import Path
+from typing import TextIO
 
 import click
 
@@ -82,30 +83,49 @@ def run_command_line(arguments: list[str], loaded: Callable[[], None] | None = N
     when the file of the command is loaded."""
     if sys.stdout is None:  # `>&-`
         return _run_without_output(arguments, loaded)
+    if sys.stderr is None:  # `2>&-`: `print` would write errors to stdout
+        with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stderr(nowhere):
+            return run_command_line(arguments, loaded)
     # A character that the terminal cannot show, such as a degree sign, is replaced; the value is still printed.
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+    status = 1
+    try:
+        status = _run_command(arguments, loaded)
+        sys.stdout.flush()  # what a buffer holds is written here, where a failure can still be reported
+        return status
+    except OSError as error:
+        for stream in (sys.stdout, sys.stderr):
+            _flush_or_discard(stream)
+        if isinstance(error, BrokenPipeError):  # the reader of the output has ended (`| head`), which is no error
+            return status or 1
+        text = error.strerror or str(error)
+        return _print_error(f"output: {text[:1].lower()}{text[1:]}", status or 1)
+
+
+def _run_command(arguments: list[str], loaded: Callable[[], None] | None) -> int:
+    """Run a command and print its error. Raises OSError if its output cannot be written."""
     try:
         status = barewire_command.main(arguments, prog_name="barewire", standalone_mode=False, obj=loaded)
-        sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except click.ClickException as error:
         if type(error).__name__ == _HELP_PAGE:
-            print(error.format_message(), file=sys.stderr)
-            return error.exit_code
+            return _print_text(error.format_message(), error.exit_code)
         return _print_error(_usage_text(error, arguments), error.exit_code)
     except BarewireError as error:
         return _print_error(text_with_notes(error), 2 if _is_wrong_usage(error) else 1)
-    except BrokenPipeError:
-        # The reader of the output has ended (`| head`): that is no error, and there is nothing left to flush to.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except OSError as error:
-        text = error.strerror or str(error)
-        return _print_error(f"output: {text[:1].lower()}{text[1:]}", 1)
     except (KeyboardInterrupt, click.Abort):
         return 130
+
+
+def _flush_or_discard(stream: TextIO) -> None:
+    """Write what the buffer of a stream holds. If that fails it is lost, or it would fail again when Python ends."""
+    try:
+        stream.flush()
+    except OSError:
+        with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
+            os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def _usage_text(error: click.ClickException, arguments: list[str]) -> str:
@@ -138,7 +158,14 @@ def _is_wrong_usage(error: BarewireError) -> bool:
 def _print_error(text: str, status: int) -> int:
     """Print the error as one line, and return the status. click repeats an argument in full: long words are cut."""
     words = (word if len(word) <= _WORD_LONGEST else f"{word[: _WORD_LONGEST - 3]}..." for word in text.split())
-    print(f"barewire: {' '.join(words)}", file=sys.stderr)
+    return _print_text(f"barewire: {' '.join(words)}", status)
+
+
+def _print_text(text: str, status: int) -> int:
+    """Print a text on stderr, and return the status, which is all that is left to report where stderr is full."""
+    with suppress(OSError):
+        print(text, file=sys.stderr)
+    _flush_or_discard(sys.stderr)
     return status
 
 

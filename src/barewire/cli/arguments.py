@@ -24,6 +24,7 @@ from barewire.errors import BarewireError, EncodeError, PortError, shown
 from barewire.io.endpoint import Endpoint
 
 if TYPE_CHECKING:
+    from barewire import ModbusClient
     from barewire.explain.can_monitor import KnownNode
     from barewire.explain.modbus.named_registers import UnitNames
 
@@ -151,28 +152,44 @@ def print_timing(endpoint: str) -> None:
 def late_response_awaited(machine: Callable[[], object], no_wait: bool) -> Iterator[None]:
     """After the block, wait until no late response of a serial line is expected any more, unless `no_wait`: the next
     command has no memory of the requests of this one. The error of the block, or a line on stderr, says how long that
-    took. Ctrl-C ends the waiting. `machine` returns the MachineClient, which must still be open, or None."""
+    took. Ctrl-C in the block or while waiting ends the command at once; the line says that too. `machine` returns the
+    MachineClient, which must still be open, or None."""
     failure: BarewireError | None = None
     try:
         yield
     except BarewireError as error:
         failure = error
         raise
+    except (KeyboardInterrupt, click.exceptions.Exit):
+        if not no_wait and _pending_client(machine()) is not None:
+            _print_note("interrupted before a response that the next command could take for its own")
+        no_wait = True
+        raise
     finally:
         text = "" if no_wait else _wait_for_late_response(machine())
         if text and failure is not None:
             failure.add_context(text)
         elif text:
-            with suppress(OSError):
-                print(f"barewire: {text}", file=sys.stderr, flush=True)
+            _print_note(text)
+
+
+def _print_note(text: str) -> None:
+    with suppress(OSError):
+        print(f"barewire: {text}", file=sys.stderr, flush=True)
+
+
+def _pending_client(machine: object) -> ModbusClient | None:
+    """Return the client of a machine, if a response on its serial line is pending."""
+    from barewire import ModbusClient
+
+    client = getattr(machine, "client", None)
+    return client if isinstance(client, ModbusClient) and client.bus.state.pending else None
 
 
 def _wait_for_late_response(machine: object) -> str:
     """Wait, and return what was done in words; an empty text if no response was pending, or the port has failed."""
-    from barewire import ModbusClient
-
-    client = getattr(machine, "client", None)
-    if not isinstance(client, ModbusClient) or not client.bus.state.pending:
+    client = _pending_client(machine)
+    if client is None:
         return ""
     start = time.monotonic()
     try:

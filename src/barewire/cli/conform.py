@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from barewire.io.modbus.conformance import CaseResult
 
 
+_TWO_DEVICES = 3
+"""The exit status if two devices have the node-ID."""
+
+
 @click.command("conform")
 @endpoint_argument
 @json_option
@@ -84,6 +88,9 @@ def conform_command(
     length, and mapped into PDOs; the device should have its factory settings. --write-application adds writes of other
     values within the limits to the objects from 2000h on, except controlwords: take the load off a drive, and
     disconnect what outputs switch. Afterwards each object gets the value that it had.
+
+    A case that fails is repeated, twice at most. If it then passes it is printed as "now and then", and counts as not
+    passed: the exit status is 1. The status is 3 if two devices answer as this node: then no case is run.
     """
     with unfinished_as_json(as_json):
         if endpoint.startswith("can://"):
@@ -170,8 +177,9 @@ def _test_node(
     """Run the cases and print them; 1 if one failed."""
     from barewire.canopen.eds import parse
     from barewire.io.canopen.conformance import conform_can
+    from barewire.io.engine.conformance import TwoDevices
 
-    count, failed, left_out = 0, 0, 0
+    count, failed, now_and_then, left_out = 0, 0, 0, 0
     document = None if eds is None else parse(file_content(eds))
     if document is not None and not document.objects:
         raise EncodeError(f"--eds {eds}: describes no objects: expected sections like [1000]")
@@ -195,11 +203,17 @@ def _test_node(
             last = f" after {result.case.name}"
             count += result.outcome is not None
             failed += result.failure is not None
+            now_and_then += result.now_and_then
             left_out += result.outcome is None
             if as_json:
-                print_json(_node_case_fields(result))
+                print_json(node_case_fields(result))
             else:
-                print(_node_case_line(result), flush=True)
+                print(node_case_line(result), flush=True)
+    except TwoDevices as error:
+        if as_json:
+            print_json({"unfinished": str(error), "not_run": None})
+        click.echo(f"barewire: {error}; give them different node-IDs", err=True)
+        return _TWO_DEVICES
     except NoAnswer as error:
         if gentle:
             hint = "a device in STOPPED does not answer: without --gentle it is switched to PRE-OPERATIONAL"
@@ -211,7 +225,8 @@ def _test_node(
     if not count + left_out:
         raise EncodeError(f"--only {only}: this device has no case with a name that begins so")
     if not as_json:
-        print(f"{count - failed} of {count} passed" + (f", {left_out} left out" if left_out else ""))
+        sometimes = f", {now_and_then} now and then" if now_and_then else ""
+        print(f"{count - failed} of {count} passed{sometimes}" + (f", {left_out} left out" if left_out else ""))
     return int(failed > 0)
 
 
@@ -246,14 +261,19 @@ def _object_address(text: str | None) -> tuple[int, int] | None:
     return address
 
 
-def _node_case_line(result: NodeCaseResult) -> str:
-    status = "FAILED" if result.failure else "-" if result.outcome is None else "ok"
-    case = result.case
+def node_case_line(result: NodeCaseResult) -> str:
+    case, status = result.case, {"failed": "FAILED", "left out": "-"}.get(_verdict(result), _verdict(result))
     text = f"{case.title}: {result.failure}" if result.failure else case.title
     return f"{status:6}  {case.name:6}  {text}" + (f" ({result.left_out})" if result.left_out else "")
 
 
-def _node_case_fields(result: NodeCaseResult) -> dict[str, object]:
+def _verdict(result: NodeCaseResult) -> str:
+    if result.now_and_then:
+        return "now and then"
+    return "left out" if result.outcome is None else "failed" if result.failure else "ok"
+
+
+def node_case_fields(result: NodeCaseResult) -> dict[str, object]:
     case = result.case
     return {
         "case": case.name,
@@ -261,6 +281,7 @@ def _node_case_fields(result: NodeCaseResult) -> dict[str, object]:
         "clause": case.clause,
         "effect": case.effect,
         "ok": None if result.outcome is None else result.failure is None,
+        "verdict": _verdict(result),
         "left_out": result.left_out or None,
         "received": [] if result.outcome is None else [list(step) for step in result.outcome.received],
         "failure": result.failure,

@@ -11,7 +11,7 @@ import csv
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
@@ -92,23 +92,24 @@ def watch_command(
         check_plot_file(plot)
     succeeded = False
     poller = Poller(partial(connect, description, endpoint), description, names)
-    with ExitStack() as stack:
-        # The plot is drawn however the command ends: also after Ctrl-C, SIGTERM or a closed pipe.
-        keep = stack.enter_context(_plotted(plot, description.title, parameters))
-        stack.callback(poller.close)
-        stack.enter_context(late_response_awaited(lambda: poller.machine, no_wait))
-        if count is None:
-            stack.enter_context(suppress(KeyboardInterrupt))
-        output = stack.enter_context(_poll_output(parameters, as_json, as_csv))
-        try:
+    try:
+        with ExitStack() as stack:
+            # The plot is drawn however the command ends: also after Ctrl-C, SIGTERM or a closed pipe.
+            keep = stack.enter_context(_plotted(plot, description.title, parameters))
+            stack.callback(poller.close)
+            stack.enter_context(late_response_awaited(lambda: poller.machine, no_wait))
+            output = stack.enter_context(_poll_output(parameters, as_json, as_csv))
             with ended_by_signals():
                 for poll in polls(poller, period, count):
                     if poll.readings:
                         succeeded = True
                         keep(poll)
                     output.show(poll)
-        except EndedBySignal as error:
-            return error.status
+    except EndedBySignal as error:
+        return error.status
+    except KeyboardInterrupt:
+        if count is not None:
+            raise
     return 0 if succeeded else 1
 
 

@@ -11,13 +11,15 @@ from barewire.canopen import CanFrame, Entry, LocalNode, NmtState
 from barewire.canopen.conformance.battery import FLOOD, run_case
 from barewire.canopen.conformance.frames import Sdo
 from barewire.canopen.conformance.model import NodeCase, NodeStep, Subject
-from barewire.canopen.conformance.probe import probe
+from barewire.canopen.conformance.probe import probe, second_answer
 from barewire.conversation import play
 from barewire.devices import load
 from barewire.devices.description.export_eds import export
 from barewire.errors import NoAnswer
 from barewire.io.canopen.conformance import case_names, cases
+from barewire.vectors.answers.nodes.conformance import plain_device
 from tests.canopen.conformance.devices import (
+    ADDRESS,
     LARGE,
     NODE,
     FaultyDevice,
@@ -158,6 +160,24 @@ def test_cases_name_the_objects_that_a_device_lacks() -> None:
 def test_probing_a_missing_node() -> None:
     with pytest.raises(NoAnswer):
         bus_with(plain()).run(probe(NODE + 1, timeout=0.1))
+
+
+def test_two_devices_with_one_node_id() -> None:
+    """They differ in the serial number, or in nothing; one device, whatever it answers, is one."""
+    one = bus_with(plain())
+    assert one.run(second_answer(NODE, timeout=0.1)) is None
+    for serial in (7, 8):
+        bus = bus_with(plain())
+        other = plain_device(address=ADDRESS._replace(serial=serial))
+        bus.add(other, latency=0.03, sent=other.start(0.0))
+        bus.pass_time(0.1)
+        answers = bus.run(second_answer(NODE, timeout=0.5))
+        assert answers is not None
+        assert [str(frame) for frame in answers] == ["585#4318100407000000", f"585#431810040{serial}000000"]
+    assert bus_with(plain()).run(second_answer(NODE + 1, timeout=0.1)) is None
+    late = bus_with(plain())
+    late.inject("585#4318100407000000", late.now)
+    assert late.run(second_answer(NODE, timeout=0.1)) is None
 
 
 # Faulty devices are found -----------------------------------------------------------------------------------

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
+
 from barewire.canopen import AbortCode, CanFrame, Entry, LocalNode, SdoAbort
 from barewire.canopen.conformance.probe import probe
+from barewire.canopen.lss.messages import REQUEST_KEY
 from barewire.codecs import Value
 from barewire.io.canopen.conformance import cases
 from tests.canopen.conformance.described import described_with
@@ -151,3 +154,34 @@ def test_a_domain_that_is_a_variable_has_its_case_of_sub_indices() -> None:
     subject = bus.run(probe(NODE, timeout=0.1, objects=objects))
     (case,) = (case for case in cases(subject, objects) if case.name == f"OD-SUB-{LARGE[0]:04X}")
     assert not case.lacks
+
+
+class OneLssFrame:
+    """A device with room for one LSS request, which its main loop takes every `period` seconds, as in CANopenNode."""
+
+    def __init__(self, device: LocalNode, period: float) -> None:
+        self.device = device
+        self.period = period
+        self.request: CanFrame | None = None
+        self.taken_at = float("inf")
+
+    @property
+    def deadline(self) -> float | None:
+        return min(self.taken_at, float("inf") if self.device.deadline is None else self.device.deadline)
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        if frame is None or frame.key != REQUEST_KEY:
+            sent = self.device.feed(frame, now)
+        else:
+            sent, self.request = [], frame
+            self.taken_at = min(self.taken_at, (now // self.period + 1) * self.period)
+        if now >= self.taken_at:
+            sent += self.device.feed(self.request, now)
+            self.request, self.taken_at = None, float("inf")
+        return sent
+
+
+@pytest.mark.parametrize("period", [0.001, 0.003, 0.007, 0.012])
+def test_a_device_with_room_for_one_lss_request(period: float) -> None:
+    """A request that follows at once replaces the one before, which the device never sees."""
+    assert failed(OneLssFrame(switched_on(), period), "LSS") == {}

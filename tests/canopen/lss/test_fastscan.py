@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from functools import partial
+from typing import Any
 
 import pytest
 
@@ -12,12 +13,16 @@ from barewire.canopen import (
     CanFrame,
     LocalNode,
     LssAddress,
+    LssRefused,
     LssSlave,
+    LssState,
     ObjectDictionary,
     assign_node_ids,
     fastscan,
+    identify_unconfigured,
 )
 from barewire.canopen.lss.fastscan import FastscanProgress
+from barewire.conversation import Abandoned, Conversation, Send, abort_frames
 from barewire.errors import EncodeError, NoAnswer
 from tests.canopen.virtual_bus import VirtualBus, never
 
@@ -98,6 +103,57 @@ def test_assigning_ends_with_the_last_node_id() -> None:
     for serial in range(3):
         add(bus, LssAddress(1, 2, 3, serial))
     assert len(bus.run(assign_node_ids([5, 6]))) == 2
+
+
+def with_slave(slave: LssSlave) -> VirtualBus:
+    bus, device = VirtualBus(), LocalNode(None, ObjectDictionary(), lss=slave)
+    bus.add(device, sent=device.start(0.0))
+    return bus
+
+
+@pytest.mark.parametrize("store", [True, False])
+def test_a_device_that_cannot_store_gets_its_node_id(store: bool) -> None:
+    slave = LssSlave(ADDRESS)
+    assert with_slave(slave).run(assign_node_ids([5], ADDRESS, store=store)) == [AssignedNode(ADDRESS, 5, True, False)]
+    assert (slave.node, slave.state) == (5, LssState.WAITING)
+
+
+def test_a_device_whose_storage_fails_is_not_left_in_configuration() -> None:
+    slave = LssSlave(ADDRESS, store=lambda node, rate: False)
+    bus = with_slave(slave)
+    with pytest.raises(LssRefused, match="no access to storage"):
+        bus.run(assign_node_ids([5], ADDRESS))
+    bus.run(identify_unconfigured())  # the last frame arrives meanwhile
+    assert slave.state is LssState.WAITING
+
+
+def test_an_assignment_abandoned_at_any_step_leaves_no_device_in_configuration() -> None:
+    for steps in range(1, 1000):
+        slave = LssSlave(ADDRESS)
+        bus = with_slave(slave)
+        conversation = assign_node_ids([5], ADDRESS)
+        try:
+            bus.run(_abandoned(conversation, steps))
+        except Abandoned:
+            bus.run(identify_unconfigured())  # the last frame arrives meanwhile
+            assert slave.state is LssState.WAITING, steps
+        else:
+            assert steps > 10
+            return
+    raise AssertionError("it did not end")
+
+
+def _abandoned(conversation: Conversation[CanFrame, Any], steps: int) -> Conversation[CanFrame, Any]:
+    """Run a conversation, and abandon it at this step."""
+    step = next(conversation)
+    try:
+        for _ in range(steps):
+            step = conversation.send((yield step))
+    except StopIteration as stop:
+        return stop.value
+    for frame in abort_frames(conversation):
+        yield Send(frame)
+    raise Abandoned("abandoned")
 
 
 def is_number(missing: int, number: int, frame: CanFrame) -> bool:

@@ -52,6 +52,16 @@ def test_the_crc_at_the_end(data: bytes, crc: int) -> None:
     assert crc_hqx(data, 0) == crc
 
 
+@pytest.mark.parametrize("offered", [True, False])
+def test_an_upload_has_a_crc_if_the_client_offers_one(offered: bool) -> None:
+    store = Store()
+    store.objects[0x2100, 0] = b"123456789"
+    bus = Bus(SdoServer(5, store))
+    assert bus.run(upload(5, 0x2100, block=BlockSettings(crc=offered))) == b"123456789"
+    assert [text[:7] for text in bus.log[:2]] == ["C A4 00" if offered else "C A0 00", "S C6 00"]
+    assert bus.log[-2] == f"S D5 {'C3 31' if offered else '00 00'} 00 00 00 00 00"
+
+
 @pytest.mark.parametrize("block", [False, True, BlockSettings(size=3), BlockSettings(crc=False)])
 @pytest.mark.parametrize("length", [*range(21), 21, 22, 889, 890, 4000])
 def test_every_length_there_and_back(length: int, block: bool | BlockSettings) -> None:

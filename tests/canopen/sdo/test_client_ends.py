@@ -164,8 +164,8 @@ def wait_of(channel: Channel, index: int) -> float:
     """Return how long the transfer of an object waits at time 0 before its request, if nothing comes."""
     conversation = upload(channel, index)
     step, now = next(conversation), 0.0
-    while isinstance(step, Listen):
-        now = max(now, step.until)
+    while not (isinstance(step, Send) and step.item.data[1:3] == index.to_bytes(2, "little")):
+        now = max(now, step.until) if isinstance(step, Listen) else now
         step = conversation.send(Heard(None, now))
     conversation.close()
     return now

@@ -8,6 +8,7 @@ from barewire.canopen import eds
 from barewire.devices import load, names
 from barewire.devices.description.export_eds import export
 from barewire.devices.device import Device
+from barewire.devices.sim import simulator
 from barewire.errors import EncodeError
 
 WITH_CANOPEN = [name for name in names() if load(name).canopen is not None]
@@ -55,6 +56,24 @@ def test_the_exported_eds_of_the_az3() -> None:
     ]
     assert document.dictionary(9).get(0x1400, 1) == 0x209
     assert document.dictionary(9).get(0x1000) == 0x00020192
+
+
+def test_the_exported_identity_is_that_of_the_simulated_drive() -> None:
+    """The guide of the AZ3 does not list 1018h, which every node has: the vendor-ID alone, and it is 0."""
+    document = export(load("az3"))
+    assert "0x1018" in [document.get("MandatoryObjects", number) for number in ("1", "2", "3")]
+    keys = ("ParameterName", "ObjectType", "SubNumber")
+    assert [document.get("1018", key) for key in keys] == ["Identity object", "0x9", "2"]
+    for section, values in (("1018sub0", ["0x0005", "const", "1", "0"]), ("1018sub1", ["0x0007", "ro", "0", "0"])):
+        assert [
+            document.get(section, key) for key in ("DataType", "AccessType", "DefaultValue", "PDOMapping")
+        ] == values
+    drive = simulator("az3", 0.0, node=9).canopen
+    assert drive is not None
+    exported = document.dictionary(9)
+    assert [exported.get(0x1018, sub) for sub in exported.subs(0x1018)] == [
+        drive.objects.get(0x1018, sub) for sub in drive.objects.subs(0x1018)
+    ]
 
 
 def test_a_device_without_canopen_cannot_be_exported() -> None:

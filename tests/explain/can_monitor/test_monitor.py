@@ -269,6 +269,7 @@ def test_emergencies_and_foreign_frames() -> None:
         (0.6, ErrorFrame(0x40)),
         (0.7, ErrorFrame(0x40)),
         (0.8, ErrorFrame(0x04, b"\0\x10")),
+        (0.9, ErrorFrame(0x200, bytes.fromhex("0000000000006007"))),
     ]
     events = listen(frames)
     (emergency,) = of(EmcyReport, events)
@@ -279,10 +280,11 @@ def test_emergencies_and_foreign_frames() -> None:
     ]
     assert [(event.text, event.repeated) for event in of(BusErrorReport, events)] == [
         *(("bus off", False), ("bus off", True), ("controller problem: error passive (receiving)", False)),
+        ("error counters (96 transmit, 7 receive)", False),
     ]
     summary = events[-1]
     assert isinstance(summary, Summary)
-    assert summary.counts == {"CAN FD": 1, "EMCY": 1, "error frame": 3, "extended identifier": 2}
+    assert summary.counts == {"CAN FD": 1, "EMCY": 1, "error frame": 4, "extended identifier": 2}
 
 
 def test_a_fastscan_without_a_device_and_an_invalid_one() -> None:

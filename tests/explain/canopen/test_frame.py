@@ -251,9 +251,17 @@ ERROR = "error frame, a report of the controller"
         ("can0  123  [12]  00 11 22 33 44 55 66 77 88 99 AA BB", f"{FD}: 12 bytes"),
         ("20000040#0000000000000000", f"{ERROR}: bus off"),
         ("can0 20000004 [8] 00 02 00 00 00 00 00 00", f"{ERROR}: controller problem: transmit buffer overrun"),
+        ("20000200#0000000000006007", f"{ERROR}: error counters (96 transmit, 7 receive)"),
     ],
 )
 def test_fd_and_error_frames_are_explained(text: str, verdict: str) -> None:
     explanation = explain_text("can", text)
     assert explanation.verdict == f"valid: {verdict}"
     assert explanation.lines()
+
+
+def test_the_counters_of_an_error_frame_are_fields() -> None:
+    fields = explain_text("can", "20000204#0020000000008001").fields
+    assert [(field.name, field.value) for field in fields[1:]] == [
+        ("data", "00 20 00 00 00 00"), ("transmit errors", 128), ("receive errors", 1),
+    ]  # fmt: skip

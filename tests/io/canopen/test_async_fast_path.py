@@ -6,6 +6,7 @@ import asyncio
 import re
 import socket
 import struct
+import threading
 from collections.abc import Awaitable, Callable, Coroutine
 from functools import partial
 from typing import Any
@@ -220,3 +221,32 @@ def test_a_client_serves_one_loop_after_the_other_and_leaves_nothing_on_the_bus(
         assert len(bus.subscribers) == 1
         asyncio.run(client.close())
         assert not bus.subscribers
+
+
+def test_a_read_asks_the_system_little_more_than_the_floor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A call of the system costs as much as all the rest. One look before a request, one read, and no thread."""
+    looks, reads, count = [0], [0], 80
+    has_frames, read = PairPort.has_frames, PairPort.receive_any
+
+    def counted_look(self: PairPort) -> bool:
+        looks[0] += 1
+        return has_frames(self)
+
+    def counted_read(self: PairPort, timeout: float) -> Any:
+        reads[0] += 1
+        return read(self, timeout)
+
+    monkeypatch.setattr(PairPort, "has_frames", counted_look)
+    monkeypatch.setattr(PairPort, "receive_any", counted_read)
+
+    async def main(client: AsyncCanopenClient, _: Any) -> None:
+        sdo = client.node(5).sdo
+        await sdo.upload(0x1000)
+        looks[0] = reads[0] = 0
+        for _ in range(count):
+            await sdo.upload(0x1000)
+        assert reads[0] == count
+        assert looks[0] <= count + count // 8 + 1
+        assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("reader of")]
+
+    run(PairPort({READ: [VALUE]}), main)

@@ -15,14 +15,17 @@ from typing import Any
 import pytest
 
 from barewire import CanopenClient, CanopenServer
-from barewire.canopen import CanFrame
+from barewire.canopen import AbortCode, CanFrame, Entry, SdoAbort
+from barewire.cli.app import run_command_line
+from barewire.cli.conform import node_case_fields, node_case_line
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.canopen import conformance as shell
 from barewire.io.canopen.conformance import NodeCaseResult, conform_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.conformance import Unfinished
+from barewire.vectors.answers.nodes.conformance import plain_device
 from tests.canopen.conformance.described import RIGHT, device as described_device
-from tests.canopen.conformance.devices import LARGE, NODE, plain
+from tests.canopen.conformance.devices import ADDRESS, LARGE, NODE, plain
 from tests.cli.helpers import COMMAND, run_command, simulated_at
 from tests.helpers import free_port, refused
 from tests.io.peers import again
@@ -274,3 +277,46 @@ def test_the_run_continues_after_a_restart_of_the_device() -> None:
         collect("NMT-1", results, 3, restart)
     assert [result.failure for result in results[4:] if result.failure] == []
     assert len(results) > 5
+
+
+@pytest.mark.parametrize("serials", [(7, 8), (7, 7)])
+def test_two_devices_with_one_node_id(serials: tuple[int, int], capsys: pytest.CaptureFixture[str]) -> None:
+    """One line and a status of its own, before any case, with `--gentle` too."""
+    with ExitStack() as stack:
+        for serial in serials:  # a program may not serve one node-ID twice, so each device is on a bus of its own
+            made = plain_device(address=ADDRESS._replace(serial=serial))
+            stack.enter_context(CanopenClient(URL)).start(made)
+        for options in ((), ("--gentle",), ("--json",)):
+            assert run_command_line(["conform", f"{URL}&timeout=1", "--only", "SDO-0", *options]) == 3
+            out, err = capsys.readouterr()
+            assert err.startswith(f"barewire: two devices answer as node {NODE}: one request got 585#43181004")
+            assert len(err.splitlines()) == 1
+            assert [json.loads(line)["not_run"] for line in out.splitlines()] == (
+                [None] if options == ("--json",) else []
+            )
+
+
+@pytest.mark.parametrize(("refusals", "verdict"), [(0, "ok"), (1, "now and then"), (2, "now and then"), (3, "failed")])
+def test_a_case_that_fails_is_repeated(refusals: int, verdict: str) -> None:
+    """A refusal that does not come again is no departure from the standard, but not a pass either."""
+    left = [0]
+
+    def read() -> int:
+        if left[0]:
+            left[0] -= 1
+            raise SdoAbort(AbortCode.GENERAL, 0x1001, 0)
+        return 0
+
+    made = plain()
+    made.objects.replace(Entry(0x1001, 0, "error register", "u8", "ro", 0, on_read=read))
+    with CanopenServer(URL, device=made):
+        results = conform_can(Endpoint.parse(f"{URL}&timeout=1"), only=("SDO-01", "SDO-02"))
+        assert next(results).case.name == "SDO-01"
+        left[0] = refusals
+        result = next(results)
+        assert list(results) == []
+    fields = node_case_fields(result)
+    assert (fields["case"], fields["verdict"], fields["ok"]) == ("SDO-02", verdict, verdict == "ok")
+    assert (result.failure is None, result.now_and_then) == (verdict == "ok", verdict == "now and then")
+    assert node_case_line(result).split("  SDO-02")[0].strip() == verdict.replace("failed", "FAILED")
+    assert left == [0]

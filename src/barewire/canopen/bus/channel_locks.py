@@ -70,7 +70,12 @@ class ChannelLocks:
         this request would wait for, because then it would wait for itself.
         """
         lock = ChannelLock(keys, owner, wake)
-        granted = True
+        self.enter(lock)
+        return lock
+
+    def enter(self, lock: ChannelLock) -> None:
+        """Append a request that the caller has made, so that it can release it whatever happens. Raise as `request`."""
+        owner, granted = lock.owner, True
         for older in self._queue:
             if older.conflicts_with(lock):
                 granted = False
@@ -78,7 +83,6 @@ class ChannelLocks:
                     raise EncodeError("a conversation on this bus was begun inside another one, which must end first")
         lock.granted = granted
         self._queue[lock] = None
-        return lock
 
     def take_if_free(self, lock: ChannelLock, owner: Hashable = None) -> bool:
         """Grant a lock, which may be used again and again, if no request shares a key with it. Return whether it did.

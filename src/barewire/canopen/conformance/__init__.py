@@ -6,6 +6,7 @@
     frames          frames as text; what a case needs
     transfers       whole SDO transfers as steps
     probe           which objects a device has
+    lss_pause       a pause between two LSS requests
     random_order    the cases of random reads and writes
     eds_objects     the cases of the objects of an EDS
     application     the cases that write the application objects of an EDS

@@ -18,6 +18,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from barewire.canopen.conformance.application import application_cases
 from barewire.canopen.conformance.eds_objects import object_cases
+from barewire.canopen.conformance.lss_pause import with_lss_pauses
 from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, NodeStep, Subject
 from barewire.canopen.conformance.placeholders import Placeholders
 from barewire.canopen.conformance.random_order import random_cases
@@ -100,6 +101,10 @@ def prepare(
 
 def run_case(case: NodeCase, *, timeout: float = NODE_ANSWER_TIMEOUT) -> Conversation[CanFrame, NodeOutcome]:
     """Send the steps of a case and compare the responses with the accepted patterns. `timeout` is in seconds."""
+    return with_lss_pauses(_run_steps(case, timeout))
+
+
+def _run_steps(case: NodeCase, timeout: float) -> Conversation[CanFrame, NodeOutcome]:
     received: list[tuple[str, ...]] = []
     for number, step in enumerate(case.steps):
         heard = None

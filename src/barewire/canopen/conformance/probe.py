@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import check_node
+from barewire.canopen.conformance.lss_pause import with_lss_pauses
 from barewire.canopen.conformance.model import NODE_ANSWER_TIMEOUT, Subject
 from barewire.canopen.eds.model import EdsItem, EdsObject, every_item
 from barewire.canopen.frame import CanFrame
@@ -26,6 +27,10 @@ _PDOS = (0x1400, 0x1600, 0x1800, 0x1A00)
 
 _FURTHER_CHANNELS = (0x1202, 0x1281)
 """SDO servers 1202h to 127Fh, and clients 1281h to 12FFh: those after the first ones of `_RECORDS`."""
+
+_DIFFERENT = ((0x1018, 4), (0x1000, 0), (0x1018, 1))
+_SECOND = 0.1
+"""Seconds in which the second of two devices answers the same request."""
 
 STANDARD_OBJECTS = (*_SINGLES, *_RECORDS, *(first + number for first in _PDOS for number in range(4)))
 """The communication objects that are looked for in every device."""
@@ -73,16 +78,47 @@ def probe(
     if not all(subject.has(0x1018, sub) for sub in (1, 2, 3, 4)):
         return subject
     address = LssAddress(*(subject.number(0x1018, sub) for sub in (1, 2, 3, 4)))
-    found = yield from identify_slaves(
-        address.vendor, address.product, (address.revision,) * 2, (address.serial,) * 2, timeout=timeout
+    found = yield from with_lss_pauses(
+        identify_slaves(
+            address.vendor, address.product, (address.revision,) * 2, (address.serial,) * 2, timeout=timeout
+        )
     )
     if found:
         return subject._replace(lss=address)
     # A device may have LSS without the service identify remote slave.
-    selected = yield from switch_selective(address, timeout=timeout)
+    selected = yield from with_lss_pauses(switch_selective(address, timeout=timeout))
     if selected:
         yield from switch_global(LssState.WAITING)
     return subject._replace(lss=address if selected else None, identifies=False)
+
+
+def second_answer(
+    node: int, *, timeout: float = NODE_ANSWER_TIMEOUT
+) -> Conversation[CanFrame, tuple[CanFrame, CanFrame] | None]:
+    """Return two answers to one request if two devices have the node-ID, or None.
+
+        605#4018100400000000  ->           serial number: the objects in which two devices of one type differ come first
+                              <-  585#4318100407000000
+                              <-  585#4318100408000000    within `_SECOND` seconds
+
+    An answer to an earlier run may come late, so it must happen with two requests of three.
+    """
+    answered_twice: list[tuple[CanFrame, CanFrame]] = []
+    for place in _DIFFERENT:
+        data = b"\x40" + place[0].to_bytes(2, "little") + bytes((place[1], 0, 0, 0, 0))
+        heard = yield Send(CanFrame(0x600 + check_node(node), data))
+        until, answers = heard.now + timeout, list[CanFrame]()
+        while heard.now < until:
+            heard = yield Listen(until)
+            frame = heard.item
+            if frame is None or frame.key != (0x580 + node, False) or frame.data[1:4] != data[1:4]:
+                continue
+            if not answers:
+                until = min(until, heard.now + _SECOND)
+            answers.append(frame)
+        if len(answers) > 1:
+            answered_twice.append((answers[0], answers[1]))
+    return answered_twice[0] if len(answered_twice) > 1 else None
 
 
 def may_be_read(item: EdsItem) -> bool:

@@ -135,7 +135,10 @@ def _all_nodes(milliseconds: int = 0, first: int = 2, store: int = 1, *scan: int
     known = [number if type == 2 else None for type, number in zip(scan[::2], scan[1::2])] or [None] * 4
     nodes, wait = range(first, NODE_MAX + 1), _seconds(milliseconds)
     found = yield from assign_node_ids(nodes, known, store=bool(store), timeout=wait)
-    lines = [f"# node {device.node}: {_shown(device.address)}" for device in found]
+    lines = [
+        f"# node {device.node}: {_shown(device.address)}{', not stored' if store and not device.stored else ''}"
+        for device in found
+    ]
     return "\n".join([*lines, f"# {len(found)} found", "OK"])
 
 

@@ -34,7 +34,16 @@ from barewire.canopen.lss.master import (
     store_configuration,
     switch_global,
 )
-from barewire.canopen.lss.messages import BEGIN, Fastscan, LssAddress, LssMessage, LssService, LssState
+from barewire.canopen.lss.messages import (
+    BEGIN,
+    STORE_NOT_SUPPORTED,
+    Fastscan,
+    LssAddress,
+    LssMessage,
+    LssRefused,
+    LssService,
+    LssState,
+)
 from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
@@ -190,11 +199,13 @@ def _request(request: Fastscan, wait: float, linger: float | None) -> Conversati
 
 
 class AssignedNode(NamedTuple):
-    """A device that was given a node-ID. `booted` is whether its boot-up message was received."""
+    """A device that was given a node-ID. `booted` is whether its boot-up message was received, `stored` whether it
+    has stored the node-ID for the next power-on."""
 
     address: LssAddress
     node: int
     booted: bool
+    stored: bool
 
 
 def assign_node_ids(
@@ -209,24 +220,44 @@ def assign_node_ids(
 ) -> Conversation[CanFrame, list[AssignedNode]]:
     """Find devices without a node-ID and assign `nodes` to them in order, until no device or no node-ID is left.
 
-    `known`, `timeout`, `floor` and `progress` are those of `fastscan`; `found` is called for each device. Raise
-    LssRefused if a device refuses its node-ID or, with `store`, cannot store it.
+    `known`, `timeout`, `floor` and `progress` are those of `fastscan`; `found` is called for each device. With `store`,
+    each device is asked to store its node-ID; one that does not support that has it until it is switched off
+    (`AssignedNode.stored`). Raise LssRefused if a device refuses its node-ID, or if its storage fails. However it ends,
+    no device is left in configuration.
     """
     check_node_ids("nodes", nodes)
     assigned: list[AssignedNode] = []
     yield from switch_global(LssState.WAITING)
-    for node in nodes:
-        address = yield from fastscan(known, timeout=timeout, floor=floor, progress=progress)
-        if address is None:
-            break
-        yield from configure_node(node, timeout=timeout)
-        if store:
-            yield from store_configuration(timeout=timeout)
-        now = yield from send_lss(LssMessage(LssService.SWITCH_GLOBAL, bytes([LssState.WAITING])))
-        assigned.append(AssignedNode(address, node, (yield from _wait_for_boot_up(node, now + timeout))))
-        if found is not None:
-            found(assigned[-1])
+    try:
+        for node in nodes:
+            address = yield from fastscan(known, timeout=timeout, floor=floor, progress=progress)
+            if address is None:
+                break
+            yield from configure_node(node, timeout=timeout)
+            stored = store and (yield from _stores(timeout))
+            now = yield from send_lss(LssMessage(LssService.SWITCH_GLOBAL, bytes([LssState.WAITING])))
+            booted = yield from _wait_for_boot_up(node, now + timeout)
+            assigned.append(AssignedNode(address, node, booted, stored))
+            if found is not None:
+                found(assigned[-1])
+    except GeneratorExit:
+        raise  # the conversation is closed: nothing can be sent any more
+    except BaseException:
+        # A device in configuration does not take part in the next scan, and obeys what is meant for another one.
+        yield from switch_global(LssState.WAITING)
+        raise
     return assigned
+
+
+def _stores(timeout: float) -> Conversation[CanFrame, bool]:
+    """Let the device store its configuration; return False if it does not support that, which CiA 305 allows."""
+    try:
+        yield from store_configuration(timeout=timeout)
+    except LssRefused as refusal:
+        if refusal.code != STORE_NOT_SUPPORTED:
+            raise
+        return False
+    return True
 
 
 def _wait_for_boot_up(node: int, until: float) -> Conversation[CanFrame, bool]:

@@ -186,6 +186,10 @@ BEGIN = 0x80
 """The `bit` that begins a fastscan."""
 
 
+STORE_NOT_SUPPORTED = 1
+"""The code of a device that cannot store its configuration, in the answer to 17h."""
+
+
 class LssRefused(Refused):
     """The device refused. `code` is 1: out of range or not supported, 2 (store): no storage, FFh: see `detail`."""
 

@@ -31,7 +31,8 @@ from barewire._lazy import lazy
 
 if TYPE_CHECKING:
     from barewire.canopen.sdo.client.block_options import BlockMode as BlockMode, BlockSettings as BlockSettings
-    from barewire.canopen.sdo.client.channel import Channel as Channel, ChannelCounters as ChannelCounters
+    from barewire.canopen.sdo.client.channel import Channel as Channel
+    from barewire.canopen.sdo.client.channel_counters import ChannelCounters as ChannelCounters
     from barewire.canopen.sdo.client.download import download as download
     from barewire.canopen.sdo.client.upload import upload as upload, upload_to as upload_to
     from barewire.canopen.sdo.dialect import STANDARD as STANDARD, SdoDialect as SdoDialect, fit as fit
@@ -76,7 +77,8 @@ __getattr__, __dir__, __all__ = lazy(
         "client.upload": "upload upload_to",
         "client.download": "download",
         "client.block_options": "BlockSettings BlockMode",
-        "client.channel": "Channel ChannelCounters",
+        "client.channel": "Channel",
+        "client.channel_counters": "ChannelCounters",
         "server.server": "SdoServer ServerCounters ObjectStore",
         "dialect": "SdoDialect STANDARD fit",
         "messages.initiate": (

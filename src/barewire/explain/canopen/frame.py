@@ -141,6 +141,13 @@ def _not_classical(frame: FdFrame | ErrorFrame) -> Explanation:
     else:
         name, digits, number = "classes", f"{frame.classes:08X}", frame.classes
         title = f"error frame, a report of the controller: {error_frame_text(frame)}"
+        if frame.counters is not None:
+            transmit, receive = frame.counters
+            fields = [
+                *_raw(frame.data[:6])[0],
+                Field(6, 1, "transmit errors", transmit),
+                Field(7, 1, "receive errors", receive),
+            ]
     start = ExplainedField(0, 0, name, digits, number, "" if isinstance(frame, FdFrame) else frame.text)
     return Explanation("can", None, (start, *explained_fields(fields, frame.data)), None, title)
 

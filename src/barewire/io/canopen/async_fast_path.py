@@ -23,7 +23,7 @@ from barewire.conversation import Conversation, Heard
 from barewire.errors import PortError
 from barewire.io.canopen.bus.async_bus import AsyncSubscriber
 from barewire.io.canopen.bus.shared_bus import CanBus
-from barewire.io.canopen.bus.subscriber import LONGEST_PULL, BusItem, FrameBus, Key
+from barewire.io.canopen.bus.subscriber import BusItem, FrameBus, Key
 from barewire.io.canopen.fast_path import ChannelMemory, KnownChannel
 from barewire.io.canopen.methods.operations import BusOperation, whole_transfer
 from barewire.io.engine.asyncio import abandon
@@ -63,22 +63,29 @@ class AsyncChannelSubscriber(AsyncSubscriber):
 
     async def receive(self, timeout: float) -> CanFrame | None:  # type: ignore[override]  # the other engine's port
         """Return the next frame, or None after `timeout` seconds. Raises PortError."""
-        frames = self._frames
-        if not frames and timeout <= 0.0:
+        if timeout > 0.0 and not self._frames:
+            return await self.receive_until(self.loop.time() + timeout)
+        if not self._frames:
             self.bus.read_in_loop(self.loop)
-        elif not frames:
-            loop = self.loop
-            deadline = self._deadline = loop.time() + min(timeout, LONGEST_PULL)
-            if self._timer is None or self._timer.when() > deadline:
-                self._set_timer(deadline)
-            waiter = self._waiter = loop.create_future()
+        return self._next()
+
+    async def receive_until(self, until: float) -> CanFrame | None:
+        """Return the next frame, or None when the clock of the loop is at `until`. Raises PortError."""
+        if not self._frames:
+            self._deadline = until
+            if self._timer is None or self._timer.when() > until:
+                self._set_timer(until)
+            waiter = self._waiter = self.loop.create_future()
             try:
-                if not frames and self._why is None:
+                if not self._frames and self._why is None:
                     await waiter
             finally:
                 self._waiter = None
-        if frames:
-            return frames.popleft()  # type: ignore[return-value]  # without reports only frames
+        return self._next()
+
+    def _next(self) -> CanFrame | None:
+        if self._frames:
+            return self._frames.popleft()  # type: ignore[return-value]  # without reports only frames
         if self._why is not None:
             raise PortError(self._why)
         return None
@@ -128,10 +135,20 @@ class AsyncFastPath(ChannelMemory[AsyncChannelSubscriber]):
 
     async def exchange(self, bus: CanBus, plain: PlainExchange[T]) -> T:
         """Carry out an exchange, or the transfer that it turns out to be."""
-        channel = plain.channel
-        known = self._known.get(channel) or self._remember(channel)
-        if bus.failure is not None or not bus.lock_if_free(known.lock, asyncio.current_task()):
+        known = self._known.get(plain.channel) or self._remember(plain.channel)
+        lock, task = known.lock, asyncio.current_task()
+        if bus.failure is not None or lock.granted:
             return await self._carry_out(whole_transfer(plain))
+        try:
+            if bus.lock_if_free(lock, task):
+                return await self._exchange(bus, known, plain)
+        finally:
+            if lock.granted and lock.owner is task:
+                bus.release_lock(lock)
+        return await self._carry_out(whole_transfer(plain))
+
+    async def _exchange(self, bus: CanBus, known: KnownChannel[AsyncChannelSubscriber], plain: PlainExchange[T]) -> T:
+        channel = plain.channel
         try:
             port = self._subscriber(bus, known)
             port.clear()
@@ -140,7 +157,7 @@ class AsyncFastPath(ChannelMemory[AsyncChannelSubscriber]):
             if sent_at is None:
                 return await self._run(channel, plain.whole(), port)
             try:
-                frame = await port.receive(plain.timeout)
+                frame = await port.receive_until(sent_at + plain.timeout)
             except BaseException as error:
                 rest = plain.rest(sent_at)
                 next(rest)
@@ -155,7 +172,8 @@ class AsyncFastPath(ChannelMemory[AsyncChannelSubscriber]):
             next(rest)
             return await self._run(channel, rest, port, Heard(frame, port.loop.time()))
         finally:
-            bus.release_lock(known.lock)
+            if channel.busy:
+                plain.be_interrupted(asyncio.get_running_loop().time())
 
     def _subscriber(self, bus: CanBus, known: KnownChannel[AsyncChannelSubscriber]) -> AsyncChannelSubscriber:
         subscriber = known.subscriber

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.canopen import CanFrame
-from barewire.canopen.bus.channel_locks import LockKeys
+from barewire.canopen.bus.channel_locks import ChannelLock, LockKeys
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.conversation import Conversation, Heard
 from barewire.errors import BarewireError, PortError
@@ -170,8 +170,9 @@ def channels_locked(bus: CanBus, keys: LockKeys | None) -> Iterator[None]:
     """Wait until these channels are free, and hold their locks. None means the whole bus."""
     is_free = threading.Lock()  # made sooner than an event: most channels are free
     is_free.acquire()
-    lock = bus.request_lock(keys, threading.get_ident(), is_free.release)
+    lock = ChannelLock(keys, threading.get_ident(), is_free.release)
     try:
+        bus.request_lock(lock)
         if not lock.granted:
             is_free.acquire()
         yield

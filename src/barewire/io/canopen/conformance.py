@@ -5,6 +5,8 @@
 First the objects of the device are read, because cases for objects that it lacks are left out. If any case changes
 values, the communication is reset before that (with an EDS the whole node). Then the cases run one by one, each after a
 reset if it or the previous case changes values. A `gentle` battery only reads.
+
+A case that fails is repeated, twice at most: a departure shows each time, a race of the device or of the bus does not.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from typing import NamedTuple, Self
 from barewire.canopen.conformance.battery import all_cases, may_have_changed, needs_reset, prepare, run_case
 from barewire.canopen.conformance.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, Subject
 from barewire.canopen.conformance.placeholders import Placeholders
-from barewire.canopen.conformance.probe import is_there, probe
+from barewire.canopen.conformance.probe import is_there, probe, second_answer
 from barewire.canopen.conformance.script import applies, read_node_case
 from barewire.canopen.eds import Eds, EdsObject
 from barewire.canopen.frame import CanFrame
@@ -26,7 +28,7 @@ from barewire.conversation import Conversation, Listen, Send
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.blocking import run
-from barewire.io.engine.conformance import Unfinished
+from barewire.io.engine.conformance import TwoDevices, Unfinished
 from barewire.io.ports.base import Port
 from barewire.vectors.files import load_vectors
 from barewire.vectors.judge import Answer
@@ -39,12 +41,20 @@ FILES = ("sdo", "segments", "blocks", "nmt", "services", "pdo", "lss", "configur
 """The files of that kind, vectors/canopen/conform-*.json, in the order in which they are run."""
 
 
+_REPETITIONS = 2
+"""How often a case that failed is repeated, unless it passes before."""
+
+
 class NodeCaseResult(NamedTuple):
-    """The result of a case. `outcome` is None if the case was left out; `left_out` is the reason."""
+    """The result of a case. `outcome` is None if the case was left out; `left_out` is the reason.
+
+    `outcome` is that of the first run. With `now_and_then` this run failed, and a repetition passed.
+    """
 
     case: NodeCase
     outcome: NodeOutcome | None
     left_out: str = ""
+    now_and_then: bool = False
 
     @property
     def failure(self) -> str | None:
@@ -76,7 +86,7 @@ def conform_can(
     on_stopped  called when a silent device, STOPPED by a run that was interrupted, answers after NMT 80h
 
     Raises EncodeError for an endpoint that is not can:// and an EDS without objects, PortError for a bus that cannot be
-    opened, NoAnswer if no device answers, Unfinished if the device stops answering for good.
+    opened, NoAnswer if no device answers, TwoDevices if two answer, Unfinished if the device stops answering for good.
     """
     if endpoint.scheme != "can":
         raise EncodeError(f"endpoint {str(endpoint)!r}: these cases are for can://")
@@ -103,8 +113,12 @@ def conform_can(
                 continue
             not_run = sum(not why(other) for other in wanted[place:])
             outcome = tester.run(case, not_run, on_power_cycle)
-            yield NodeCaseResult(case, outcome)
-            tester.check_after(outcome, not_run - 1)
+            try:
+                passes = tester.passes_again(outcome, not_run - 1)
+            except Unfinished:
+                yield NodeCaseResult(case, outcome)
+                raise
+            yield NodeCaseResult(case, outcome, now_and_then=passes)
         tester.end()
     finally:
         port.close()
@@ -177,11 +191,11 @@ class LiveDevice:
             return {"not_offered": left_out}
         try:
             outcome = self._tester.run(case, 0)
-            self._tester.check_after(outcome, 0)
+            passes = self._tester.passes_again(outcome, 0)
         except NoAnswer as error:
             self._gone = str(error)
             raise AdapterFailure(self._gone) from None
-        return {"is": {"failure": outcome.failure}}
+        return {"is": {"failure": f"now and then: {outcome.failure}" if passes else outcome.failure}}
 
 
 def _has_remote_frames(endpoint: Endpoint) -> bool:
@@ -207,6 +221,9 @@ class _Tester:
         self._previous: NodeOutcome | None = None
         if not gentle:
             _wake(port, self._node, self._patience, on_stopped)
+        twice = run(second_answer(self._node, timeout=self._patience), port)
+        if twice is not None:
+            raise TwoDevices(self._node, *twice)
         self.subject, self._boot = _probe(port, self._node, self._patience, gentle, large, only, objects)
 
     def run(self, case: NodeCase, not_run: int, on_power_cycle: Callable[[], None] | None = None) -> NodeOutcome:
@@ -224,7 +241,19 @@ class _Tester:
             raise Unfinished(f"{error}, in the case {case.name}", not_run) from None
         return self._previous
 
-    def check_after(self, outcome: NodeOutcome, not_run: int) -> None:
+    def passes_again(self, outcome: NodeOutcome, not_run: int) -> bool:
+        """Repeat a case that failed, and return whether it passed. Raises Unfinished if the device does not answer."""
+        self._check_after(outcome, not_run)
+        if outcome.failure is None or outcome.case.effect == "power":
+            return False
+        for _ in range(_REPETITIONS):
+            again = self.run(outcome.case, not_run)
+            self._check_after(again, not_run)
+            if again.failure is None:
+                return True
+        return False
+
+    def _check_after(self, outcome: NodeOutcome, not_run: int) -> None:
         """Check that the device still answers, if it did not in a case that changes nothing."""
         case = outcome.case
         if outcome.failure is not None and not outcome.received[-1] and case.effect in ("reads", "tries"):

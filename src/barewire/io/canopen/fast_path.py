@@ -69,8 +69,12 @@ class ChannelSubscriber(Subscriber):
             self._frames.get()
         if self._why is not None:
             raise PortError(self._why)
-        self.bus.send(request, self)
-        self.sent_at = time.monotonic()
+        self.sent_at = time.monotonic()  # before it is sent: an exception may come between
+        try:
+            self.bus.send(request, self)
+        except PortError:
+            self.sent_at = None
+            raise
         return self.receive(timeout)
 
     def receive(self, timeout: float) -> CanFrame | None:
@@ -157,9 +161,18 @@ class FastPath(ChannelMemory[ChannelSubscriber]):
     def exchange(self, bus: CanBus, plain: PlainExchange[T]) -> T:
         """Carry out an exchange, or the transfer that it turns out to be."""
         known = self._known.get(plain.channel) or self._remember(plain.channel)
-        lock = known.lock
-        if bus.failure is not None or not bus.lock_if_free(lock, threading.get_ident()):
+        lock, thread = known.lock, threading.get_ident()
+        if bus.failure is not None or lock.granted:
             return self._carry_out(whole_transfer(plain))
+        try:
+            if bus.lock_if_free(lock, thread):
+                return self._exchange(bus, known, plain)
+        finally:
+            if lock.granted and lock.owner == thread:
+                bus.release_lock(lock)
+        return self._carry_out(whole_transfer(plain))
+
+    def _exchange(self, bus: CanBus, known: KnownChannel[ChannelSubscriber], plain: PlainExchange[T]) -> T:
         try:
             port = known.direct
             if port is None:
@@ -171,7 +184,8 @@ class FastPath(ChannelMemory[ChannelSubscriber]):
             finally:
                 port.close()
         finally:
-            bus.release_lock(lock)
+            if plain.channel.busy:
+                plain.be_interrupted(time.monotonic())
 
     def _exchange_on(self, port: DirectPort | ChannelSubscriber, plain: PlainExchange[T]) -> T:
         request = plain.begin()

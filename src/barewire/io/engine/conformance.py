@@ -1,8 +1,8 @@
-"""The error of a conformance run that ended early, on both protocols."""
+"""The errors of a conformance run that ended early, or did not begin."""
 
 from __future__ import annotations
 
-from barewire.errors import NoAnswer
+from barewire.errors import BarewireError, NoAnswer
 
 
 class Unfinished(NoAnswer):
@@ -11,3 +11,12 @@ class Unfinished(NoAnswer):
     def __init__(self, why: str, not_run: int) -> None:
         super().__init__(f"{why} ({not_run} case{'' if not_run == 1 else 's'} not run)" if not_run else why)
         self.not_run = not_run
+
+
+class TwoDevices(BarewireError):
+    """Two devices have the node-ID: a run would blame each of them for the answers of the other."""
+
+    def __init__(self, node: int, first: object, second: object) -> None:
+        which = f"{first} and {second}" if str(first) != str(second) else f"{first}, twice"
+        super().__init__(f"two devices answer as node {node}: one request got {which}")
+        self.node = node

@@ -5,6 +5,7 @@ from __future__ import annotations
 import select
 import socket
 from collections.abc import Callable
+from typing import Any
 
 from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint
@@ -47,3 +48,16 @@ class UdpPort:
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+
+def is_own_address(own: Any, sender: Any) -> bool:
+    """Return whether `sender` is the address of the socket that is bound to `own`: the same, or if it is bound to all
+    hosts of this machine, one of them with the same port."""
+    if sender[1] != own[1] or own[0] not in ("0.0.0.0", "::"):
+        return bool(sender[:2] == own[:2])
+    with socket.socket(socket.AF_INET6 if ":" in own[0] else socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((sender[0], 0, *sender[2:]))  # the system binds to addresses of this machine only
+        except OSError:
+            return False
+    return True

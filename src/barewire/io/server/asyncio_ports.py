@@ -16,7 +16,9 @@ from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.tcp import place_of, reason
+from barewire.io.ports.udp import is_own_address
 from barewire.io.server.connection_limits import ConnectionTable, Inject
+from barewire.io.server.datagram_limits import COPIES, RATE, DatagramLimits
 from barewire.io.server.server_log import server_log
 from barewire.modbus import Server, Unit
 from barewire.modbus.server.server import Reply, ServerStatistics
@@ -42,6 +44,8 @@ class DatagramServer(asyncio.DatagramProtocol):
         self.statistics = self._server.statistics
         self._transport: asyncio.DatagramTransport | None = None
         self._full = False
+        self._limits = DatagramLimits(lambda sender: is_own_address(self._address, sender))
+        self._address: Any = None
 
     @property
     def port(self) -> int:
@@ -70,12 +74,25 @@ class DatagramServer(asyncio.DatagramProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         # A cast, because the transports of some event loops do not inherit from DatagramTransport.
         self._transport = cast(asyncio.DatagramTransport, transport)
+        self._address = transport.get_extra_info("sockname")
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         self._peer = addr[0]
         if self._watch is not None:
             self._watch(f"{addr[0]}:{addr[1]}: received", data)
-        for reply in self._server.feed(data, asyncio.get_running_loop().time()):
+        now = asyncio.get_running_loop().time()
+        if self._limits.is_too_much(addr[0], now):
+            self.statistics.busy += 1
+            self._log.warning("rate", f"{addr[0]}: more than {RATE} datagrams in a second: refused")
+            return
+        if self._limits.is_own_answer(data, addr, now):
+            self.statistics.echoes += 1
+            why = f"from the address of this server, or the same {COPIES} times, as an answer that goes round"
+            self._log.warning("echo", f"{addr[0]}:{addr[1]}: a datagram {why}: refused")
+            return
+        for reply in self._server.feed(data, now):
+            if reply.data == data:
+                self._limits.answered_with_itself(data, addr, now)
             if self._inject is None:
                 self._send(reply.data, addr)
             else:

@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any
 from barewire.errors import DecodeError, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import modbus_line
-from barewire.io.ports.tcp import CHUNK, CONNECTIONS, listening_socket, place_of, reason, set_socket_options
+from barewire.io.ports.tcp import CHUNK, CONNECTIONS, listening_socket, place_of, reason
 from barewire.io.ports.tls import roles_of, server_context, tls_reason
 from barewire.io.ports.trace import Watch
+from barewire.io.server.accepting import Acceptor
 from barewire.io.server.asyncio_ports import DatagramServer
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable, End, Inject, send_replies
@@ -33,6 +34,10 @@ if TYPE_CHECKING:
 
 _HANDSHAKE = 10.0
 """Seconds that a TLS handshake may take."""
+_HANDSHAKES = 256
+"""TLS handshakes under way at a time: each takes 50 KB, most of it in OpenSSL."""
+_SHORTEST = 1.0
+"""Seconds that a TLS handshake has in any case, also while others wait."""
 
 
 class StreamServer:
@@ -55,7 +60,10 @@ class StreamServer:
         self.authorization = authorization
         self.counters = counters_for(modbus_line(endpoint, "server"))
         """By unit, for RTU and ASCII: the counters of a unit include the frames of all connections."""
-        self._server: asyncio.Server | None = None
+        self._listener: socket.socket | None = None
+        self._accepting: asyncio.Task[None] | None = None
+        self.handshakes: dict[_Connection, float] = {}
+        """The connections whose TLS handshake is under way, and since when."""
         self._timer: asyncio.TimerHandle | None = None
         if endpoint.transport == "tls":
             self.context = server_context(endpoint)
@@ -64,32 +72,65 @@ class StreamServer:
     @property
     def port(self) -> int:
         """The number of the port that it listens on."""
-        assert self._server is not None
-        return int(self._server.sockets[0].getsockname()[1])
+        assert self._listener is not None
+        return int(self._listener.getsockname()[1])
 
     async def listen(self, listener: socket.socket | None = None) -> None:
         """Begin to listen, on `listener` if given (a bound socket). Raises PortError."""
-        loop, (host, port) = asyncio.get_running_loop(), self.endpoint.host_and_port
-        address: dict[str, Any] = {"host": host, "port": port} if listener is None else {"sock": listener}
+        self._listener = listening_socket(self.endpoint)[0] if listener is None else listener
+        host, _ = self.endpoint.host_and_port
         try:
-            # In two steps: if the task is cancelled in the second, there is a server to close.
-            self._server = await loop.create_server(
-                lambda: _Connection(self), backlog=CONNECTIONS, start_serving=False, **address
-            )
-            await self._server.start_serving()
+            self._listener.listen(CONNECTIONS)
         except OSError as error:
-            raise PortError(f"{host}:{port}: {reason(error)}") from None
+            raise PortError(f"{place_of(host, self.port)}: {reason(error)}") from None
         self.log.serving(str(self.endpoint._replace(place=place_of(host, self.port))), self.units)
+        acceptor = Acceptor(self._listener, self.connections)
+        self._accepting = asyncio.get_running_loop().create_task(self._accept(self._listener, acceptor))
+
+    async def _accept(self, listener: socket.socket, acceptor: Acceptor) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            while (wait := self._handshake_wait(loop.time())) is not None:
+                await asyncio.sleep(wait)
+            try:
+                accepted = acceptor.accept(await loop.sock_accept(listener))
+            except OSError as error:
+                await asyncio.sleep(acceptor.failed(error))  # at least one round, in which the loop closes a connection
+            else:
+                await asyncio.gather(*(self._connect(connection) for connection, _ in accepted))
+
+    async def _connect(self, connection: socket.socket) -> None:
+        try:
+            await asyncio.get_running_loop().connect_accepted_socket(lambda: _Connection(self), connection)
+        except Exception as error:  # raised by the caller's code: a look-up of units
+            connection.close()
+            self.log.error("accept", f"a connection was not accepted: {type(error).__name__}: {error}", error)
+
+    def _handshake_wait(self, now: float) -> float | None:
+        """Return the seconds to wait because too many TLS handshakes are under way; None if another one may begin.
+
+        A handshake that kept others waiting for a second is given up: those of a client that only begins them would
+        take memory and keep others out; but no burst of clients that finish them loses one.
+        """
+        if len(self.handshakes) < _HANDSHAKES:
+            return None
+        oldest, since = next(iter(self.handshakes.items()))
+        if now < since + _SHORTEST:
+            return min(since + _SHORTEST - now, POLL_INTERVAL)
+        self.connections.close(oldest, f"the oldest of {_HANDSHAKES} TLS handshakes under way", "refused")
+        return 0.0
 
     async def close(self) -> None:
         """Close all connections and release the port."""
-        if self._server is None:
-            return
-        self._server.close()
+        if self._accepting is not None:
+            self._accepting.cancel()
+            await asyncio.wait([self._accepting])
         if self._timer is not None:
             self._timer.cancel()
         self.connections.close_all()
-        await self._server.wait_closed()
+        await asyncio.sleep(0)  # in this round the loop closes them
+        if self._listener is not None:
+            self._listener.close()
         self.log.stopped()
 
     def connected(self, connection: _Connection) -> None:
@@ -146,11 +187,10 @@ class _Connection(asyncio.BufferedProtocol):
         self._transport = transport
         host, port = (transport.get_extra_info("peername") or ("?", 0))[:2]
         self.peer = f"{host}:{port}"
-        if (raw := transport.get_extra_info("socket")) is not None:
-            set_socket_options(raw)
         self._watch = self._shared.log.watch(self.peer)
         self._shared.connected(self)
         if self._tls is not None:
+            self._shared.handshakes[self] = self._loop.time()
             self._timer = self._loop.call_later(_HANDSHAKE, self._handshake_timeout)
 
     def _handshake_timeout(self) -> None:
@@ -161,6 +201,9 @@ class _Connection(asyncio.BufferedProtocol):
         self._shared.connections.remove(self)
         if self._timer is not None:
             self._timer.cancel()
+        self._shared.handshakes.pop(self, None)
+        # Now, and not when Python looks for circles of references: it does not count the memory of OpenSSL.
+        self._tls = None
 
     @property
     def unsent(self) -> int:
@@ -193,6 +236,8 @@ class _Connection(asyncio.BufferedProtocol):
             why = error.text
         except ssl.SSLError as error:
             why = tls_reason(error)
+        if tls.is_established:
+            self._shared.handshakes.pop(self, None)
         self._transport.write(tls.outgoing())  # after an error it has the alert, which gives the client the reason
         for part in received:
             self._feed(part, now)

@@ -80,6 +80,7 @@ class ConnectionTable(Generic[C]):
         self.closed: deque[str] = deque(maxlen=16)
         """Why the server closed connections: the latest reasons, one line each."""
         self.limit = endpoint.integer("connections", CONNECTIONS)
+        self._lowered = self.log.warning if "connections" in endpoint.options else self.log.info
         self.idle_timeout = endpoint.seconds("idle", 0.0)
         """Seconds without a request after which a connection is closed; 0 for never."""
         self._ends: dict[C, End] = {}  # why the server is closing a connection
@@ -95,6 +96,12 @@ class ConnectionTable(Generic[C]):
     def unsent(self) -> int:
         """How many bytes of answers the clients have not read yet."""
         return sum(connection.unsent for connection in list(self.open))  # a copy: any thread may ask
+
+    def lower_limit(self, limit: int, why: str) -> None:
+        """Lower the limit, if it is higher, to what the system allows."""
+        if (limit := max(1, limit)) < self.limit:
+            self._lowered("limit", f"at most {limit} connections instead of {self.limit}: {why}")
+            self.limit = limit
 
     def add(self, connection: C, now: float) -> None:
         """Record a new connection. If there are too many then, close another one."""

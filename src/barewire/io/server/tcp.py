@@ -10,8 +10,6 @@ once in each round.
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import selectors
 import socket
 import time
@@ -19,7 +17,8 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from barewire.io.modbus.carriers import modbus_line
-from barewire.io.ports.tcp import CHUNK, listening_socket, reason, set_socket_options
+from barewire.io.ports.tcp import CHUNK, listening_socket
+from barewire.io.server.accepting import Acceptor
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.connection_limits import ConnectionTable, send_replies
 from barewire.io.server.server_log import ends_program, server_log
@@ -33,8 +32,6 @@ if TYPE_CHECKING:
 
 _SELECT_LIMIT = 500
 """Connections where the system has nothing but `select`, which fails with more than 512 sockets."""
-_FULL = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
-"""Errors of a system that has no room for another connection."""
 
 
 class TcpService:
@@ -45,19 +42,19 @@ class TcpService:
         self.statistics = ServerStatistics()
         self.connections: ConnectionTable[_Connection] = ConnectionTable(endpoint, self.statistics, self.log)
         if issubclass(selectors.DefaultSelector, selectors.SelectSelector):
-            self.connections.limit = min(self.connections.limit, _SELECT_LIMIT)
+            self.connections.lower_limit(_SELECT_LIMIT, "the system has only `select`")
         self.injector = injector
         self.endpoint = endpoint
         self.units = units
         modbus_line(endpoint, "server", units)  # raises for wrong options before the port is taken
         self._listener, self.url = listening_socket(endpoint)
-        self._listener.setblocking(False)
 
     def serve(self, is_over: Callable[[], bool]) -> None:
         """Serve until `is_over()`."""
         clock = time.monotonic
         self.log.serving(self.url, self.units)
         with selectors.DefaultSelector() as selector:
+            acceptor = Acceptor(self._listener, self.connections)
             selector.register(self._listener, selectors.EVENT_READ)
             try:
                 now = clock()
@@ -67,7 +64,7 @@ class TcpService:
                     for key, _ in ready:
                         connection: _Connection | None = key.data
                         if connection is None:
-                            self._accept(selector, now)
+                            self._accept(acceptor, selector, now)
                         elif connection in self.connections.open:  # not closed meanwhile
                             try:
                                 connection.ready(now)
@@ -96,25 +93,14 @@ class TcpService:
             until = min(until, self.injector.due or until)
         return max(0.0, until - now)
 
-    def _accept(self, selector: selectors.BaseSelector, now: float) -> None:
-        """Accept one connection: checking for another one needs a file descriptor too, and there may be none left."""
+    def _accept(self, acceptor: Acceptor, selector: selectors.BaseSelector, now: float) -> None:
         try:
-            found, address = self._listener.accept()
+            accepted = acceptor.accept()
         except OSError as error:
-            if error.errno in _FULL:
-                self._make_room(reason(error))
+            time.sleep(acceptor.failed(error))  # it is not zero only if there is no connection to serve
             return
-        found.setblocking(False)
-        with contextlib.suppress(OSError):
-            set_socket_options(found)
-        self.connections.add(_Connection(self, selector, found, address), now)
-
-    def _make_room(self, why: str) -> None:
-        if self.connections.open:
-            self.connections.close_longest_silent(f"there was no room for another connection: {why}")
-        else:
-            self.log.warning("full", f"there was no room for a connection: {why}")
-            time.sleep(POLL_INTERVAL)  # other programs have all descriptors: try again, but not in a busy loop
+        for connection, address in accepted:
+            self.connections.add(_Connection(self, selector, connection, address), now)
 
 
 class _Connection:

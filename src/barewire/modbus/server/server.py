@@ -108,14 +108,14 @@ class ServerStatistics:
     for_others: int = 0
     """Requests for units that are not served: exception 0B on TCP, silence on a serial line."""
     busy: int = 0
-    """Requests beyond the limit in one read, answered with exception 06."""
+    """Requests beyond the limit in one read, answered with exception 06; on UDP those of a host beyond its limit."""
     noise_bytes: int = 0
     not_requests: int = 0
     """Frames with bit 7 of the function code set."""
     stale: int = 0
     """Requests followed by other traffic before they could be answered."""
     echoes: int = 0
-    """The server's own responses, received again."""
+    """The server's own responses, received again; on UDP also what comes from its own address."""
     opened: int = 0
     """Connections of clients."""
     left: int = 0

@@ -79,6 +79,10 @@ FAULTS: dict[str, tuple[list[Any], list[str], str]] = {
         [(0.0, ErrorFrame(0x88)), (0.001, ErrorFrame(0x04, bytes.fromhex("0020000000008000")))],
         ["bit-rate"], "bit-rate",
     ),
+    "an error counter of 128, in the class of the counters alone": (
+        [(0.0, ErrorFrame(0x88)), (0.001, ErrorFrame(0x200, bytes.fromhex("0000000000008000")))],
+        ["bit-rate"], "bit-rate",
+    ),
     "error frames among good ones": (
         [*timed(READ, ANSWER), *[(1.0 + at, ErrorFrame(0x88)) for at in range(3)], *timed(READ, ANSWER, start=9.0)],
         ["bit-rate"], "disturbed",

@@ -19,8 +19,11 @@ be its response:
         abandoned                                   the next transfer waits
         before the first response                   if it is for the same object: until that response has come
         in segments, or in a block download         never: segments and confirmations do not name an object
-        in a block upload                           until `quiet_until`: a segment is any 8 bytes, also 43 00 21 00 ...,
-                                                    and the server may have sent up to 127 of them
+        in a block upload                           until the server answers a probe: a segment is any 8 bytes, also
+                                                    43 00 21 00 ..., and the server may have sent up to 127 of them
+
+The probe is the upload of object 0000h:00, which no server has. Its answer is an abort, 80h, and no segment begins with
+80h. A server that does not answer it costs the wait until `quiet_until`.
 
 A channel has one client. If a second one sends on it, both receive its responses, and the server takes the frames of
 both for one transfer. A frame on the request identifier that this client did not send reveals the other one: during a
@@ -33,17 +36,16 @@ Depends on: messages, times passed in. Used by: transfers, the CAN bus, which ke
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
 
 from barewire.canopen.abort_codes import AbortCode
 from barewire.canopen.cob_ids import CobEntry, classify, default_sdo_channel
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
-from barewire.canopen.nmt.messages import NmtState
 from barewire.canopen.nmt.node_monitor import NodeMonitor, TrafficMark
+from barewire.canopen.sdo.client.channel_counters import ChannelCounters
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.messages.codec import M, SdoResponse, decode_one_of, decode_sdo_response, is_any_response
-from barewire.canopen.sdo.messages.initiate import Abort, ExpeditedUpload
+from barewire.canopen.sdo.messages.initiate import Abort, ExpeditedUpload, InitiateUpload
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
@@ -53,6 +55,7 @@ _BACKLOG = 0.1
 _PAST = float("-inf")
 
 _ABORT = b"\x80"
+_PROBE = InitiateUpload(0, 0).encode()
 _LAST_FRAMES = b"\x80\xa1"  # the commands of a client that no response follows: an abort, the end of a block upload
 
 _ENDING = (Abort, ExpeditedUpload)
@@ -61,70 +64,6 @@ _ENDING = (Abort, ExpeditedUpload)
 
 class OtherClient(NoAnswer):
     """Another client sent a request on the channel, so a response may be the one to its request."""
-
-
-@dataclass(slots=True)
-class ChannelCounters:
-    """Counts of the frames that a client received while it waited for a response. They explain a time-out."""
-
-    responses: int = 0  # frames on the response identifier of this channel
-    others: int = 0  # frames on other identifiers
-    rivals: int = 0  # of `others`: requests of another client on this channel
-    signs: int = 0  # of `others`: sent by the node of this channel
-    late: int = 0  # of `responses`: responses to an earlier request
-    garbled: int = 0  # of `responses`: cannot be decoded
-    short: int = 0  # of `responses`: decoded, with fewer than 8 bytes
-    unsized: int = 0  # of `responses`: 42h, a value without its size
-    extended: int = 0  # extended frames with the number of the response identifier
-    state: NodeState | None = None  # the last heartbeat of the node
-
-    @property
-    def frames(self) -> int:
-        """All frames received."""
-        return self.responses + self.others
-
-    @property
-    def from_node(self) -> int:
-        """Frames from the node, on any of its identifiers."""
-        return self.responses + self.signs
-
-    def explain(self, node: int, response_id: int) -> str:
-        """Return the counters as one sentence."""
-        if not self.frames:
-            return "no frame was received on the bus"
-        parts = [f"received {_count(self.frames, 'frame')}", f"{self.from_node or 'none'} from node {node}"]
-        if self.state is not None:
-            stopped = ", and a stopped node does not answer SDO" if self.state.state == NmtState.STOPPED else ""
-            parts.append(f"its heartbeat reports {self.state.name}{stopped}")
-        parts.append(f"{self.responses or 'none'} on {response_id:03X}h")
-        parts += self.oddities()
-        if self.extended:
-            parts.append(f"{_count(self.extended, 'extended frame')} {response_id:08X}h, which is another identifier")
-        return ", ".join(parts)
-
-    def oddities(self) -> list[str]:
-        """Return the irregular frames on the channel itself, in words."""
-        parts = []
-        if self.late:
-            parts.append(f"{_count(self.late, 'response')} to another request")
-        if self.garbled:
-            parts.append(f"{self.garbled} unreadable")
-        if self.rivals:
-            parts.append(f"{_count(self.rivals, 'request')} of another client on the same channel")
-        return parts
-
-    def add(self, other: ChannelCounters) -> None:
-        """Add the counters of `other`, and adopt its state, which is the later one."""
-        for name in _COUNTERS:
-            setattr(self, name, getattr(self, name) + getattr(other, name))
-        self.state = other.state
-
-
-_COUNTERS = tuple(field.name for field in fields(ChannelCounters) if field.name != "state")
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 class Channel:
@@ -152,6 +91,7 @@ class Channel:
         "node",
         "node_monitor",
         "own_frames",
+        "probes",
         "quiet_for",
         "quiet_until",
         "request_extended",
@@ -159,6 +99,7 @@ class Channel:
         "response_extended",
         "response_id",
         "sent",
+        "timeout",
         "total",
     )
 
@@ -181,6 +122,10 @@ class Channel:
         self.sent: list[bytes] = []  # while `own_frames` is None: the frames sent, but not returned
         self._mark: TrafficMark | None = None
         self.blocks = True  # False after the server has refused blocks: `block="auto"` does not request them again
+        self.timeout = 0.0
+        """The time-out of the clients of the channel. A call with a shorter one makes no response come sooner."""
+        self.probes = False
+        """Whether the next transfer sends a probe, because segments of a block may still come."""
         self.quiet_until: float | None = None
         self.quiet_for: frozenset[tuple[int, int]] | None = None
         """The objects whose transfers wait until `quiet_until`; None: all transfers."""
@@ -245,13 +190,13 @@ class Channel:
         if owner[0].name == "error control" and frame.data:
             self.counters.state = NodeState.decode(frame)
 
-    def begin(self, place: object) -> None:
-        """Begin the transfer of the object `place`: restart the counters; the last heartbeat remains.
-
-        Raise EncodeError while another transfer runs.
-        """
+    def check_free(self, place: object) -> None:
+        """Raise EncodeError while another transfer runs than that of the object `place`."""
         if self.busy:
             raise EncodeError(f"{place} must wait: the SDO channel to node {self.node} carries one transfer at a time")
+
+    def begin(self) -> None:
+        """Begin a transfer: restart the counters; the last heartbeat remains."""
         self.restart_counters()
         self._mark = None if self.node_monitor is None else self.node_monitor.mark(self.response_id)
         self.busy = True
@@ -301,20 +246,35 @@ class Channel:
     def be_quiet(
         self, until: float, places: Iterable[tuple[int, int]] | None, left: tuple[int, int] | None, now: float = 0.0
     ) -> None:
-        """Make transfers of the objects `places`, or of all with None, wait until then. `left` is the last object."""
+        """Make transfers of the objects `places`, or of all with None, wait until then. `left` is the last object. An
+        earlier transfer may have had a longer time-out: its wait is not shortened."""
         if places is None or (self.quiet_until is not None and self.quiet_for is None):
             self.quiet_for = None
         else:
             self.quiet_for = (self.quiet_for or frozenset()).union(places)
-        self.quiet_until = until
+        self.quiet_until = until if self.quiet_until is None else max(until, self.quiet_until)
         self.left, self.left_at = left, now
+
+    def be_interrupted(self, now: float, timeout: float, left: tuple[int, int]) -> None:
+        """End an exchange without a conversation that an exception ended where nothing could record its state."""
+        self.restart_counters()
+        self.be_quiet(now + 2 * max(timeout, self.timeout), None, left, now)
+        self.busy = False
 
     def be_settled(self) -> None:
         """Record that the server answers the present transfer: no response from before can follow."""
         self.quiet_until = self.quiet_for = self.left = None
+        self.probes = False
 
-    def settle(self, timeout: float, index: int, sub: int) -> Conversation[CanFrame, None]:
+    def _note_answer(self, place: tuple[int, int]) -> None:
+        """Record the response to the abandoned transfer of `place`. Those of other objects may still follow."""
+        self.quiet_for = (self.quiet_for or frozenset()) - {place}
+        if not self.quiet_for:
+            self.be_settled()
+
+    def settle(self, timeout: float, index: int, sub: int) -> Conversation[CanFrame, float]:
         """Discard the frames that wait; if the transfer of `index`:`sub` must wait, also those until `quiet_until`.
+        Return the time of the end.
 
         If another client has sent a request, wait for its response, at most `timeout` seconds. Raise OtherClient if it
         sends one request after the other.
@@ -324,7 +284,12 @@ class Channel:
             quiet = self.quiet_until
             if self.quiet_for is not None and self._was_answered(place):
                 quiet = _PAST
-                self.be_settled()
+                self._note_answer(place)
+        probed = self.probes and quiet > _PAST
+        if probed:
+            self.probes = False  # if this transfer is abandoned too, an answer to the probe may still come
+            sent: Heard[CanFrame] = yield self.send(_PROBE)
+            quiet = self.quiet_until = max(quiet, sent.now + 2 * timeout)
         asked = None
         if self.node_monitor is not None and not self.own_frames:
             asked = self.node_monitor.unanswered(self.request_id, self.response_id)
@@ -356,11 +321,15 @@ class Channel:
                     yield self.send(Abort(*about, AbortCode.TIMED_OUT).encode())
                 if about == place and self.quiet_for is not None:
                     quiet, end = _PAST, min(end, heard.now + _BACKLOG)
+                    self._note_answer(place)
+                elif probed and about == (0, 0):
+                    quiet, end = _PAST, min(end, heard.now + _BACKLOG)
                     self.be_settled()
             if heard.now >= taken and ((heard.item is None and heard.now >= quiet) or heard.now >= end):
                 break
         if self.quiet_until is not None and heard.now >= self.quiet_until:
             self.be_settled()
+        return heard.now
 
     def _was_answered(self, place: tuple[int, int]) -> bool:
         """Return whether the response to the abandoned request came between two transfers, when no client listened."""

@@ -84,6 +84,10 @@ class PlainExchange(ABC, Generic[T]):
         self.channel.restart_counters()
         self.channel.busy = False
 
+    def be_interrupted(self, now: float) -> None:
+        """End it after an exception that came where its state was not recorded: the request may have been sent."""
+        self.channel.be_interrupted(now, self.timeout, (self.index, self.sub))
+
     @abstractmethod
     def _request(self) -> bytes | None:
         """Return the bytes of the request; None for arguments that need a conversation, or an error."""

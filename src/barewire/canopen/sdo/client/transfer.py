@@ -88,8 +88,8 @@ class ClientTransfer:
         self.sub = sub
         self.timeout = timeout
         self.sent_at = sent_at
-        self.now = 0.0
-        self.until: float | None = None
+        self.now = 0.0 if sent_at is None else sent_at
+        self.until: float | None = None if sent_at is None else sent_at + timeout
         self.in_blocks = False
         """Whether the server sends segments of blocks."""
         self.requests_blocks = False
@@ -104,10 +104,11 @@ class ClientTransfer:
         """Run the body of a transfer: wait for a quiet channel first, and send an abort if the body fails."""
         channel = self.channel
         if self.sent_at is None:
-            channel.begin(self)
+            channel.check_free(self)
         try:
             if self.sent_at is None:
-                yield from channel.settle(self.timeout, self.index, self.sub)
+                channel.begin()
+                self.now = yield from channel.settle(self.timeout, self.index, self.sub)
             return (yield from body)
         except OtherClient as other:
             outcome = "nothing was sent"
@@ -152,10 +153,13 @@ class ClientTransfer:
         place = (self.index, self.sub)
         named = None if self.in_blocks else () if self._begun else (place,)
         self.channel.be_quiet(self._last_response(), named, place, self.now)
+        self.channel.probes = self.in_blocks
 
     def _last_response(self) -> float:
         """Return when the last response may arrive at the latest."""
-        return max(self.now, self.until or self.now) + self.timeout
+        late = max(self.timeout, self.channel.timeout)
+        sent_at = self.now if self.until is None else self.until - self.timeout
+        return max(self.now + late, sent_at + 2 * late)
 
     def _abort(self, code: AbortCode) -> Conversation[CanFrame, None]:
         """Send an abort, unless nothing was sent."""
@@ -178,7 +182,8 @@ class ClientTransfer:
         return SendAll(CanFrame.each(self.channel.request_id, every, self.channel.request_extended))
 
     def send_request(self, data: bytes) -> Conversation[CanFrame, None]:
-        """Send a request; its time-out starts when it is sent."""
+        """Send a request; its time-out starts when it is sent. It is pending before: an exception may come between."""
+        self.until = self.now + self.timeout
         sent: Heard[CanFrame] = yield self.send(data)
         self.now = sent.now
         self.until = sent.now + self.timeout
@@ -189,7 +194,7 @@ class ClientTransfer:
         if self.sent_at is None:
             yield from self.send_request(data)
         else:
-            self.now, self.until, self.sent_at = self.sent_at, self.sent_at + self.timeout, None
+            self.sent_at = None
         response = yield from self.response(wanted)
         if self.channel.own_frames is None:
             self.channel.learn_own_frames(data)

@@ -64,7 +64,7 @@ class BusCounts:
         if isinstance(frame, ErrorFrame):
             self.errors += bool(frame.classes & _FAULTS)
             self.unacknowledged += frame.classes & _FAULTS == _NO_ACKNOWLEDGEMENT
-            if frame.classes & _CONTROLLER:
+            if frame.classes & _CONTROLLER or frame.counters:  # Linux before 6.0 has no class of its own for them
                 self.counter = max(self.counter, *frame.data[6:8], 0)
             return
         self.frames += 1

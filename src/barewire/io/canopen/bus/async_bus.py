@@ -19,7 +19,7 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from typing import Self, TypeVar
 
-from barewire.canopen.bus.channel_locks import LockKeys
+from barewire.canopen.bus.channel_locks import ChannelLock, LockKeys
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
 from barewire.io.canopen.bus.event_stream import STREAM_ROOM, FrameListener, Listener, Report, StreamBase
@@ -204,8 +204,9 @@ async def channels_locked(bus: CanBus, keys: LockKeys | None) -> AsyncIterator[N
         with contextlib.suppress(RuntimeError):
             loop.call_soon_threadsafe(grant)
 
-    lock = bus.request_lock(keys, asyncio.current_task(), wake)
+    lock = ChannelLock(keys, asyncio.current_task(), wake)
     try:
+        bus.request_lock(lock)
         if not lock.granted:
             await waiter
         yield

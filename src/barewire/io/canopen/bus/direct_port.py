@@ -108,10 +108,13 @@ class DirectPort:
         if bus.has_frames is None or keys is None or not self._reading.acquire(False):
             return None
         try:
-            if bus.has_frames() or self.inbox or not bus.try_send(request, self):
+            if bus.has_frames() or self.inbox:
+                return None
+            self.sent_at = sent_at = clock()  # before it is sent: an exception may come between
+            if not bus.try_send(request, self):
+                self.sent_at = None
                 return None
             self._has_sent = True
-            self.sent_at = sent_at = clock()
             wait = timeout if timeout < _SLICE else _SLICE
             until = sent_at + wait
             while wait > 0.0:
@@ -127,6 +130,8 @@ class DirectPort:
         except PortError as error:
             if self._has_sent:
                 bus.fail_directly(str(error))
+            else:
+                self.sent_at = None
             raise
         finally:
             self._reading.release()

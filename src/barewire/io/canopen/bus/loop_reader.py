@@ -28,6 +28,7 @@ from barewire.errors import PortError
 from barewire.io.canopen.bus.subscriber import BusItem
 from barewire.io.ports.base import Port
 
+_ASK_AFTER = 8
 _BURST = 64
 """Frames that are read at once; then other tasks run."""
 
@@ -59,6 +60,7 @@ class LoopReader:
         self._thread = threading.get_ident()
         self._last = 0.0  # the time of the last frame
         self._is_rung = False
+        self._singles = 0
         self._descriptor = -1
         self._notify: Callable[[Callable[[], object] | None], object] | None = getattr(bus.port, "notify", None)
         if self._notify is not None:
@@ -104,8 +106,8 @@ class LoopReader:
                 count += 1
                 if not bus.deliver(item, self._time()):
                     return
-                if count == 1 and bus.has_frames is not None and not bus.has_frames():
-                    break  # quicker than to read in vain; not asked again in a burst
+                if count == 1 and bus.has_frames is not None and not self._may_go_on(bus.has_frames):
+                    break
             bus.report_losses()
         except PortError as error:
             why = str(error)
@@ -115,6 +117,18 @@ class LoopReader:
             bus.fail_directly(why)
         elif count == _BURST:
             self.loop.call_soon(self.read)  # the port may hold frames that its descriptor does not show
+
+    def _may_go_on(self, has_frames: Callable[[], bool]) -> bool:
+        """Return whether to read on after one frame: in a burst, reading all at once spares turns of the loop.
+
+        The question costs as much as a read, and most frames are single answers. So of a descriptor, which the loop
+        looks at again anyway, it is asked after every eighth single frame only, and always while a burst lasts.
+        """
+        if self._descriptor >= 0 and self._singles % _ASK_AFTER:
+            self._singles += 1
+            return False
+        self._singles = 0 if has_frames() else 1
+        return not self._singles
 
     def _time(self) -> float:
         """Return when the last frame arrived: not in the future, and not before the one before, if clocks are set."""

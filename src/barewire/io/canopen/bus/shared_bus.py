@@ -18,11 +18,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from typing import Any, Self
 
-from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, LockKeys
+from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect
@@ -110,7 +110,7 @@ class CanBus(ReceivingBus):
                 if self._direct is None and self.loop_reader is None:
                     self._start_reader(None)  # a reader notices whether the port has failed, and opens it again
                 raise_port_error(self.port, error)
-        if self.subscribers or sender is None or sender is not self._direct:
+        if not self._is_alone(sender):
             self._distribute(frame, time.monotonic(), sender)
         return True
 
@@ -123,12 +123,17 @@ class CanBus(ReceivingBus):
             return 0
         with self._sending:
             sent: int = send_many(frames)
-        alone = self.subscribers <= {sender} and self._direct in (None, sender)
-        if not alone or sender is None or sender.node:
+        if not self._is_alone(sender):
             at = time.monotonic()
             for frame in frames[:sent]:
                 self._distribute(frame, at, sender)
         return sent
+
+    def _is_alone(self, sender: Sender | None) -> bool:
+        """Return whether a frame of this sender, which is no node, reaches nobody else here."""
+        if sender is None or sender.node or not (self._direct is None or self._direct is sender):
+            return False
+        return not self.subscribers or self.subscribers == {sender}
 
     # Subscribers, channels and their locks
 
@@ -163,10 +168,10 @@ class CanBus(ReceivingBus):
                 self._channels[node, dialect] = channel
             return channel
 
-    def request_lock(self, keys: LockKeys | None, owner: Hashable, wake: Callable[[], None]) -> ChannelLock:
+    def request_lock(self, lock: ChannelLock) -> None:
         """Enter the queue for the locks of these channels; see `ChannelLocks`."""
         with self._locking:
-            return self._locks.request(keys, owner, wake)
+            self._locks.enter(lock)
 
     def lock_if_free(self, lock: ChannelLock, owner: Hashable) -> bool:
         """Take a lock if that needs no waiting. Return whether it was taken."""

@@ -48,6 +48,7 @@ class SdoMethods(Methods[R]):
         channel = self._channel
         if channel is None:
             channel = self._channel = self.runner.bus.channel(self.node, self.dialect)
+            channel.timeout = max(channel.timeout, self.runner.timeout)
         return channel
 
     def over(self, channel: Channel) -> SdoMethods[R]:
