@@ -65,6 +65,22 @@ def crc16(data: bytes | bytearray) -> int:
     return crc
 
 
+def is_one_bit_off(frame: bytes | bytearray) -> bool:
+    """Return whether one flipped bit makes a frame with a good CRC of these bytes.
+
+    The remainder of a frame with one wrong bit depends on the place of the bit only, counted from the end.
+
+    >>> is_one_bit_off(bytes.fromhex("0207 4113")), is_one_bit_off(bytes.fromhex("0207 4112"))
+    (True, False)
+    """
+    remainder, of_bit = crc16(frame), POLYNOMIAL
+    for _ in range(8 * len(frame)):
+        if remainder == of_bit:
+            return True
+        of_bit = of_bit >> 1 ^ (POLYNOMIAL if of_bit & 1 else 0)
+    return False
+
+
 def crc16_bit_by_bit(data: bytes | bytearray) -> int:
     """Compute the CRC by its definition: shift right, and subtract the polynomial if the bit shifted out is 1.
 

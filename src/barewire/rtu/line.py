@@ -17,19 +17,19 @@ frame makes it invalid [MB-SERIAL 2.5.1.1].
 Where both directions are received, the same bytes can be a whole request and a whole response, of different lengths:
 a response whose CRC ends with 00 has a good CRC without that byte too. `Shape.likeliest` decides between them.
 
-**After a wrong CRC** a client or server takes nothing until the silence (`gap`), because the data of a damaged frame
+**After a wrong CRC** a client or server takes nothing before the silence (`gap`), because the data of a damaged frame
 can spell a whole frame with a good CRC:
 
     02 03 06 | 01 03 02 00 63 F9 AD | CRC        unit 2 answers; its registers spell an answer of unit 1
 
-What comes before a frame without being damage is passed over, if the frame ends at the silence: up to four bytes 00 or
-FF, which a receiver reads when a transmitter on RS-485 is turned on, and the echo of the client's own request. A frame
-with one damaged bit never looks like that, whatever its data: the bytes behind the stray ones have a good CRC only if
-the CRC of those before them is FFFF, and no flipped bit makes it so (tests/rtu/test_inner_frame.py tries each). Several
-damages in one frame can still pass, as with every CRC.
+At the silence the held bytes are divided into frames only if nothing is left over: each has a good CRC, and the last
+one ends at the silence. So frames of functions without a known length are told apart, and the echo of a request from
+the answer. Up to four bytes 00 or FF may come first: a receiver reads them when a transmitter on RS-485 is turned on.
+Bytes that are one damaged bit away from a single frame are not divided, whatever its data spell. Several damages in one
+frame can still pass, as with every CRC.
 
-A listener executes nothing and shows everything: it searches, byte by byte, for the next whole frame with a good CRC,
-and reports the bytes before it as one Noise.
+A listener executes nothing and shows everything: where the bytes cannot be divided, it searches, byte by byte, for the
+next whole frame with a good CRC, and reports the bytes before it as one Noise.
 """
 
 from __future__ import annotations
@@ -37,10 +37,11 @@ from __future__ import annotations
 import re
 from collections.abc import Container
 from heapq import heappop, heappush
+from itertools import pairwise
 
 from barewire.errors import DecodeError, EncodeError, Reason
 from barewire.modbus.adu import Adu, Noise, received_adu
-from barewire.rtu.crc import crc16
+from barewire.rtu.crc import INITIAL, TABLE, crc16, is_one_bit_off
 from barewire.rtu.frame import LONGEST, SHORTEST, decode, encode
 from barewire.rtu.shape import Role, Shape
 from barewire.rtu.timing import Timing
@@ -102,13 +103,13 @@ class RtuLine:
         # Strict only: why the held bytes are not a frame, even if their CRC is right.
         self._spoiled: tuple[Reason, str] | None = None
         self._overlong = False  # the beginning of the damaged bytes was removed: nothing is a frame before the silence
+        self._strays = bytearray()  # the beginning of those
         self._removed = 0  # the number of bytes that were held and removed
         self._first_due = 0  # the number of bytes at which to check the first place again
         self._places: list[tuple[int, int]] = []  # a heap of (number of bytes at which to check again, place)
         self._unchecked = 0  # the first place that has not been checked yet
         self._hunted = 0  # up to here no frame ends that begins behind the first byte
         self._unit = 0
-        self._echo = b"\x00"  # the bytes of the last request: adapters whose receiver stays on repeat them
 
     def __repr__(self) -> str:
         return f"<RtuLine: {self.role}>"
@@ -123,8 +124,7 @@ class RtuLine:
     def request(self, unit: int, pdu: bytes) -> bytes:
         """Return the frame of a request."""
         self._unit = unit
-        self._echo = encode(unit, pdu)
-        return self._echo
+        return encode(unit, pdu)
 
     def response(self, to: Adu, pdu: bytes) -> bytes:
         """Return the frame of a response."""
@@ -183,15 +183,25 @@ class RtuLine:
                 events.append(self._take(end))
             elif self._first_due != _NEVER and len(self._held) < LONGEST:
                 break
-            elif self.role == "listener" and (found := self._hunt()) is not None:
+            elif found := self._hunt():
                 events += found
+            elif self.role != "listener" and len(self._held) > LONGEST and (ends := self._ends(0)):
+                # A frame without a known length, and others follow it without a silence.
+                events.append(self._take(ends[0]))
             else:
                 excess = len(self._held) - LONGEST
                 if excess > 0:
-                    self._overlong = self.role != "listener"
+                    self._overlong = self.role != "listener" and not self._is_stray(excess)
                     events.append(self._drop(excess, "long", f"more than {LONGEST} bytes and no frame in them"))
                 break
         return events
+
+    def _is_stray(self, count: int) -> bool:
+        """Whether the first bytes, which are removed because a frame cannot be longer, can come before a frame."""
+        if self._overlong:
+            return False
+        self._strays += self._held[:count]
+        return _STRAYS.fullmatch(self._strays) is not None
 
     def _close(self) -> list[Adu | Noise]:
         """End the held bytes by silence: they are one frame, contain frames, or are noise."""
@@ -200,8 +210,9 @@ class RtuLine:
             events.append(self._drop(len(self._held), *self._spoiled))
         self._spoiled = None
         if self._overlong:
-            events.append(self._drop(len(self._held), "long", "the end of more bytes than a frame has"))
+            events.append(self._drop(len(self._held), *self._diagnosis()))
         self._overlong = False
+        self._strays.clear()
         while self._held:
             end = None if self.strict else self._check(0)[0]
             if end is None and self._shape.is_whole(bytes(self._held)):
@@ -209,7 +220,7 @@ class RtuLine:
                 end = len(self._held)
             if end is not None:
                 events.append(self._take(end))
-            elif not self.strict and (found := self._hunt() if self.role == "listener" else self._behind_strays()):
+            elif not self.strict and (found := self._divide() or self._hunt()):
                 events += found
             else:
                 events.append(self._drop(len(self._held), *self._diagnosis()))
@@ -265,21 +276,56 @@ class RtuLine:
             return at + size + _ENVELOPE, due
         return None, due if counted else _AT_SILENCE
 
-    def _behind_strays(self) -> list[Adu | Noise] | None:
-        """Return the frame behind stray bytes or an echo that ends with the held bytes; None if there is none."""
+    def _divide(self) -> list[Adu | Noise]:
+        """Return the frames that fill the held bytes up to the silence, behind stray bytes; nothing if they do not."""
         strays = _STRAYS.match(self._held)
-        most = strays.end() if strays is not None else 0
-        places = [*range(1, most + 1), *([len(self._echo)] if self._held.startswith(self._echo) else [])]
-        for at in places:
-            if self._check(at)[0] == len(self._held) or self._shape.is_whole(bytes(self._held[at:])):
-                return self._found(self._removed + at, len(self._held))
-        return None
+        for at in range(strays.end() + 1 if strays is not None else 1):
+            ends = self._frames_from(at)
+            if ends and not is_one_bit_off(self._held):
+                noise = [self._drop(at, "checksum", f"{at} bytes that are not a frame before a good one")] if at else []
+                return [*noise, *(self._take_readable(end - start) for start, end in pairwise((at, *ends)))]
+        return []
 
-    def _hunt(self) -> list[Adu | Noise] | None:
-        """Return the first whole frame at a later place, with the bytes before it as Noise; None if there is none yet.
+    def _frames_from(self, at: int) -> list[int]:
+        """Return the ends of frames with a good CRC that fill the held bytes from `at` on; nothing if none do."""
+        ways = [[end] for end in reversed(self._ends(at))]
+        tried = set()
+        while ways:
+            way = ways.pop()
+            if way[-1] == len(self._held):
+                return way
+            if way[-1] not in tried:  # each place once: there are at most 256 of them
+                tried.add(way[-1])
+                ways += [[*way, end] for end in reversed(self._ends(way[-1]))]
+        return []
+
+    def _ends(self, at: int) -> list[int]:
+        """Return where a frame that begins at `at` can end, by its CRC: where its count says so first."""
+        remainder, ends = INITIAL, list[int]()
+        if self._overlong:  # the bytes are the end of others, which were removed
+            return ends
+        for end, byte in enumerate(self._held[at : at + LONGEST], at + 1):
+            remainder = remainder >> 8 ^ TABLE[(remainder ^ byte) & 0xFF]
+            if remainder == 0 and self._shape.is_whole(bytes(self._held[at:end])):
+                ends.append(end)
+        counted = self._check(at)[0] if len(ends) > 1 else None
+        return sorted(ends, key=lambda end: end != counted)
+
+    def _take_readable(self, size: int) -> Adu | Noise:
+        """Remove and return a frame with a good CRC; as Noise if it is a request and the line is that of a client."""
+        unit, pdu = self._held[0], bytes(self._held[1 : size - 2])
+        if self.role != "client" or self._shape.measured(unit, pdu) == [None] or self._shape.reads(unit, pdu):
+            return self._take(size)
+        return self._drop(size, "checksum", f"{size} bytes that are not a response before a good one")
+
+    def _hunt(self) -> list[Adu | Noise]:
+        """Return the first whole frame at a later place, with the bytes before it as Noise; nothing if there is none
+        yet. Only for a listener: to others such a frame may be the data of a damaged one.
 
         Each place is checked when enough bytes have arrived to decide more about it, not with every byte.
         """
+        if self.role != "listener":
+            return []
         here, due = self._removed + len(self._held), []
         while self._places and self._places[0][0] <= here:
             due.append(heappop(self._places)[1])
@@ -294,7 +340,7 @@ class RtuLine:
             if (end := self._check_place(number)) is not None:
                 return self._found(number, end)
         self._hunted = here
-        return None
+        return []
 
     def _check_place(self, number: int) -> int | None:
         """Return the end of the frame that begins with this byte, or None, and then schedule the next check."""

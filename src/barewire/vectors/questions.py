@@ -24,7 +24,7 @@ DESCRIPTION = frozenset({"comment", "source", "printed", "why", "clause", "origi
 
 FRAMES = ("rtu-frame", "ascii-frame", "tcp-frame")
 TALKS = ("rtu-talk", "ascii-talk", "tcp-talk")
-_NOISE = {"rtu-frame": "FF 00 07", "ascii-frame": "\x00\xffzz"}
+_NOISE = {"rtu-frame": "FF 00", "ascii-frame": "\x00\xffzz"}
 """What stands before a frame in one of its deliveries. A stream of TCP has no noise."""
 
 

@@ -162,7 +162,7 @@ def test_a_late_answer_and_the_right_one_in_one_read() -> None:
         clock.play(bus.ask(1, ReadHoldingRegisters(10, 2)))
     late = slow.server.feed(b"", 0.0)
     assert late == []
-    glued = bytes.fromhex("01 03 04 00 0A 00 0B") + b"\x5b\xf6"
+    glued = bytes.fromhex("01 03 04 00 0A 00 0B 9B F6")
     right = slow.server.feed(RtuLine(TIMING).request(1, ReadHoldingRegisters(20, 1).encode()), clock.now)[0].data
 
     def peer(data: bytes, now: float) -> list[tuple[float, bytes]]:

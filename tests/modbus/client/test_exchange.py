@@ -80,17 +80,20 @@ def asked(*answers: Chunk, timeout: float = 1.0) -> tuple[ReadHoldingRegistersRe
     return play(Bus(rtu()).ask(1, READ, timeout=timeout), peer)
 
 
-OTHERS = [
+WHOLE = [
     pytest.param(rtu_frame(2, VALUE.encode()), id="another unit"),
     pytest.param(rtu_frame(1, unhex("04 06 022B 0000 0064")), id="another function"),
     pytest.param(rtu_frame(1, unhex("84 02")), id="another function's exception"),
     pytest.param(rtu_frame(1, unhex("03 02 022B")), id="another quantity"),
     pytest.param(rtu_frame(1, READ.encode()), id="the echo of the request"),
+]
+DAMAGED = [
     pytest.param(ANSWER[:-1] + b"\xff", id="a damaged one"),
     pytest.param(b"\xff\xfe\x00", id="noise"),
     pytest.param(ANSWER[:6], id="half an answer"),
     pytest.param(b"\x01\x41", id="a beginning without an end"),
 ]
+OTHERS = [*WHOLE, *DAMAGED]
 
 
 def test_the_answer_is_returned_when_it_arrives() -> None:
@@ -110,7 +113,14 @@ def test_other_bytes_before_the_answer_are_ignored(other: bytes) -> None:
     assert asked((other, 0.25), (ANSWER, 0.5)) == (VALUE, 0.5)
 
 
-@pytest.mark.parametrize("other", OTHERS)
+@pytest.mark.parametrize("damaged", DAMAGED)
+def test_nothing_is_taken_directly_behind_damaged_bytes(damaged: bytes) -> None:
+    """The answer may be data of the damaged frame. The error says what was received."""
+    with refused(NoAnswer, "unit 1 did not answer Read Holding Registers within 1 s; received instead: "):
+        asked((damaged + ANSWER, 0.25))
+
+
+@pytest.mark.parametrize("other", [*WHOLE, pytest.param(b"\xff\x00", id="stray bytes")])
 def test_other_bytes_and_the_answer_may_come_in_one_read(other: bytes) -> None:
     value, end = asked((other + ANSWER, 0.25))
     assert value == VALUE

@@ -79,13 +79,13 @@ class RtuLine:
         return events
 
     def close(self):
-        """Return what silence has ended: a frame, or noise with a frame at its end, or noise."""
+        """Return what silence has ended: a frame, or stray bytes and a frame, or noise."""
         whole, spoiled = self.held, self.spoiled
         self.held, self.spoiled = b"", False
         if spoiled:
             return [{"noise": whole, "reason": "silence"}]
-        for at in range(len(whole) - 3 if self.counts else 1):
-            if right(whole[at:]):
+        for at in range(5 if self.counts else 1):
+            if right(whole[at:]) and not whole[:at].strip(b"\x00\xff"):
                 return ([{"noise": whole[:at], "reason": "checksum"}] if at else []) + [open_rtu(whole[at:])]
         return [{"noise": whole, "reason": "short" if len(whole) < 4 else "checksum"}]
 

@@ -18,6 +18,14 @@ function attempt(decode) {
   }
 }
 
+const isGood = (bytes) => attempt(() => rtu.decode(bytes)).frame !== undefined;
+
+/** Whether bytes are a frame with one damaged bit. */
+function isOneBitOff(bytes) {
+  const flipped = (bit) => bytes.map((byte, at) => (at === bit >> 3 ? byte ^ (1 << (bit & 7)) : byte));
+  return [...Array(8 * bytes.length).keys()].some((bit) => isGood(flipped(bit)));
+}
+
 export class RtuReceiver {
   constructor({ role, baud, bits, patience = null, units = [] }) {
     const { character, t15, t35 } = silences(baud, bits);
@@ -52,48 +60,26 @@ export class RtuReceiver {
     return ['request', 'response'];
   }
 
-  /** The frame at this place whose length is known, complete and confirmed by the CRC; or whether more may come. */
-  frameAt(start) {
-    const bytes = this.held.slice(start);
-    let open = false;
-    for (const side of this.sides(bytes[0])) {
-      const length = lengthOf(side, bytes.slice(1));
-      if (length === null || length === undefined || length + 3 > bytes.length) open = true;
-      else {
-        const { frame } = attempt(() => rtu.decode(bytes.slice(0, length + 3)));
-        if (frame) return { frame, size: length + 3 };
-      }
+  /** The size of the frame that begins with the first byte, if its length is known, and confirmed by the CRC. */
+  size() {
+    for (const side of this.sides(this.held[0])) {
+      const length = lengthOf(side, this.held.slice(1));
+      const size = length + 3;
+      if (length && size <= this.held.length && isGood(this.held.slice(0, size))) return size;
     }
-    return { open };
+    return 0;
   }
 
-  /** Frames whose count is complete. Where it is and the CRC is wrong, a frame may begin at a later byte. */
+  /** Frames whose count is complete. Where it is and the CRC is wrong, nothing is a frame before the silence. */
   count() {
     const events = [];
-    while (this.held.length) {
-      const { frame, size, open } = this.frameAt(0);
-      if (frame) {
-        events.push(shown(frame));
-        this.held.splice(0, size);
-      } else if (open || !this.search(events, 'checksum')) break;
+    for (let size = this.held.length && this.size(); size; size = this.held.length && this.size()) {
+      events.push(shown(rtu.decode(this.held.splice(0, size))));
     }
     return events;
   }
 
-  /** Take the first frame that begins behind the first byte, and the noise before it. */
-  search(events, reason) {
-    for (let start = 1; start < this.held.length - 3; start += 1) {
-      const { frame, size } = this.frameAt(start);
-      if (frame) {
-        events.push({ noise: showBytes(this.held.splice(0, start)), reason }, shown(frame));
-        this.held.splice(0, size);
-        return true;
-      }
-    }
-    return false;
-  }
-
-  /** Silence: what is held is one frame, or it is noise, with frames in it if the receiver may search. */
+  /** Silence: what is held is one frame, or several behind stray bytes with nothing left over, or it is noise. */
   close() {
     const { frame, reason } = attempt(() => rtu.decode(this.held));
     const events = [];
@@ -102,12 +88,41 @@ export class RtuReceiver {
       events.push(shown(frame));
       this.held = [];
     } else if (frame) events.push(this.noise('short'));
-    else {
-      if (!this.strict && this.search(events, reason)) events.push(...this.count());
-      if (this.held.length) events.push(events.length ? this.close()[0] : this.noise(reason));
-    }
+    else events.push(...(this.strict ? [] : this.divide()));
+    if (this.held.length) events.push(this.noise(reason));
     this.spoiled = false;
     return events;
+  }
+
+  /** The frames behind up to four bytes 00 or FF. The data of one damaged frame can spell another: that is none. */
+  divide() {
+    if (isOneBitOff(this.held)) return [];
+    for (let strays = 0; strays <= 4 && this.held.slice(0, strays).every((byte) => byte === 0 || byte === 0xff); strays += 1) {
+      const sizes = this.sizesFrom(strays);
+      if (sizes) {
+        const noise = strays ? [{ noise: showBytes(this.held.splice(0, strays)), reason: 'checksum' }] : [];
+        return [...noise, ...sizes.map((size) => this.told(this.held.splice(0, size)))];
+      }
+    }
+    return [];
+  }
+
+  /** The sizes of frames with good CRCs that fill the bytes from here to the end; null if something is left over. */
+  sizesFrom(start) {
+    if (start === this.held.length) return [];
+    for (let size = 4; start + size <= this.held.length; size += 1) {
+      const rest = isGood(this.held.slice(start, start + size)) && this.sizesFrom(start + size);
+      if (rest) return [size, ...rest];
+    }
+    return null;
+  }
+
+  /** A frame as an event. A request is noise for a client: it is the echo of its own. */
+  told(bytes) {
+    const frame = rtu.decode(bytes);
+    const isKnown = lengthOf('response', frame.pdu) != null;
+    const isEcho = this.role === 'client' && isKnown && !!attempt(() => decodePdu('response', frame.pdu)).reason;
+    return isEcho ? { noise: showBytes(bytes), reason: 'checksum' } : shown(frame);
   }
 
   noise(reason) {
