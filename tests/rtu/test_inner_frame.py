@@ -56,3 +56,46 @@ def test_after_more_bytes_than_a_frame_has_nothing_is_taken_before_the_silence(r
     assert frames_of(events + silence(line)) == []
     later = line.feed(frame, 2.0)
     assert later == [Adu(1, frame[1:-2])]
+
+
+@pytest.mark.parametrize("role", ["server", "listener"])
+def test_functions_without_a_known_length_are_told_apart_by_their_crcs(role: Role) -> None:
+    """A request and its answer with 5 ms between them, which a patient line cannot be sure of."""
+    line, request, answer = line_of(role), encode(2, b"\x41\x07"), encode(2, b"\x41\x07\x09")
+    events = line.feed(request, 1.0) + line.feed(answer, 1.010)
+    assert events == []
+    assert silence(line) == [decode(request), decode(answer)]
+
+
+def test_a_server_hears_its_request_among_functions_without_a_known_length() -> None:
+    """Also if the line is never silent."""
+    line, other, now = line_of("server"), encode(2, b"\x41\x07"), 1.0
+    events = []
+    for _ in range(60):
+        for data in (other, WRITE):
+            now += 0.010
+            events += line.feed(data, now)
+    events += silence(line)
+    assert frames_of(events) == [decode(other), decode(WRITE)] * 60
+
+
+def test_the_echo_of_a_request_is_passed_over() -> None:
+    line = line_of("client")
+    echo = line.request(1, bytes.fromhex("03 0012 0001"))
+    events = line.feed(echo, 1.0) + line.feed(INNER, 1.01) + silence(line)
+    assert frames_of(events) == [decode(INNER)]
+
+
+def test_the_data_of_a_frame_cannot_pass_for_frames_behind_stray_bytes() -> None:
+    """Of a frame with one damaged bit. Its registers are made for that: the CRC before the inner frame is FFFF."""
+    head = next(
+        head
+        for number in range(1 << 16)
+        if crc16(head := bytes.fromhex("02 03 0A") + number.to_bytes(2, "big")) == 0xFFFF
+    )
+    frame = head + encode(1, b"\x06" + bytes(4))
+    assert crc16(frame) == 0, "the CRC of the inner frame is that of the outer one, too"
+    for bit in range(8 * len(frame)):
+        damaged = (int.from_bytes(frame, "big") ^ 1 << bit).to_bytes(len(frame), "big")
+        for line in (line_of("client"), line_of("server")):
+            assert frames_of(line.feed(damaged, 1.0) + silence(line)) == []

@@ -27,6 +27,9 @@ class Ticket:
         self.unit = unit
         self.is_over = False
 
+    def __repr__(self) -> str:
+        return f"<Ticket: unit {self.unit}{', over' if self.is_over else ''}>"
+
 
 class FairQueue:
     """Admits `places` requests at the same time: 1 on a serial line, up to 16 on TCP.
