@@ -28,12 +28,13 @@ from tests.canopen.sdo.sdo_bus import RefusingServer  # noqa: E402
 from tests.model.async_client import ON_RTU, ON_TCP, WITH_ECHO, tasks_scenario  # noqa: E402
 from tests.model.choices import Scenario, run_all, run_random  # noqa: E402
 from tests.model.lanes import MANY_LANES, Fate as LaneFate, LanesSetup, LanesTally, lanes_scenario  # noqa: E402
-from tests.model.one_line import Framing, Tally, scenario  # noqa: E402
+from tests.model.one_line import Tally, scenario  # noqa: E402
 from tests.model.peers import PEERS, package_version, peer_scenario  # noqa: E402
 from tests.model.sdo import SdoTally, Transfers, sdo_scenario  # noqa: E402
 from tests.model.sdo_peers import CLIENTS, LATE, SHARED, SdoFaults, SdoPeerTally, sdo_peer_scenario  # noqa: E402
 from tests.model.sdo_two import Mode, TwoClients, TwoTally, two_clients_scenario  # noqa: E402
 from tests.model.setups import DEEP, EVERYTHING, FEW_FAULTS, SERIAL, SMALL, WITH_OTHERS, for_framing  # noqa: E402
+from tests.model.units import Framing  # noqa: E402
 
 PAGE = ROOT / "docs" / "explanation" / "late-answers.md"
 BEGIN, END = "<!-- made by tools/late_answers.py -->\n", "<!-- end -->\n"

@@ -12,8 +12,9 @@ from barewire.conversation import Conversation
 from barewire.modbus import Bus, EchoLine, Request
 from barewire.rtu import RtuLine
 from tests.model.choices import Choices, run_all, run_random
-from tests.model.one_line import UNKNOWN_ECHO, WRITE, Fate, Framing, Setup, Tally, scenario
+from tests.model.one_line import Tally, scenario
 from tests.model.setups import EVERYTHING, SERIAL, SMALL, WITH_OTHERS, for_framing, traffic_of
+from tests.model.units import UNKNOWN_ECHO, WRITE, Fate, Framing, Setup
 
 pytestmark = pytest.mark.long
 
