@@ -331,7 +331,7 @@ def test_copies_of_a_frame_in_one_read_are_counted_and_settle_one_request(copies
     """Two requests are pending to which the frame fits."""
     bus = rtu_bus()
     for number in (b"\0\1", b"\0\2"):
-        bus.state.add_pending(PendingAnswer(1, Diagnostics(0, number), 60.0))
+        bus.state.pending.append(PendingAnswer(1, Diagnostics(0, number), 60.0))
     for round_ in (1, 2):
         bus.overhear(rtu_frame(1, b"\x88\x01") * copies, 1.0)
         assert (bus.counters.strays, bus.counters.late) == (round_ * copies, round_)

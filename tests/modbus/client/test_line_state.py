@@ -8,7 +8,6 @@ import pytest
 
 from barewire.modbus import (
     Adu,
-    Diagnostics,
     Noise,
     ReadCoils,
     ReadHoldingRegisters,
@@ -33,7 +32,7 @@ def state_of(*pending: tuple[int, Any], any_unit: bool = False, **options: Any) 
     """Return a state with these pending answers; the time of the first is over at 10.0, of the next at 11.0, ..."""
     state = LineState(**{"gap": 0.0, "gaps": None, "dead_after": None} | options, any_unit=any_unit)
     for place, (unit, request) in enumerate(pending):
-        state.add_pending(PendingAnswer(unit, request, 10.0 + place))
+        state.pending.append(PendingAnswer(unit, request, 10.0 + place))
     return state
 
 
@@ -116,7 +115,7 @@ def test_every_stray_is_reported_with_the_request_that_it_answers_late() -> None
 def test_the_latest_late_replies_are_kept() -> None:
     state = state_of()
     for address in range(20):
-        state.add_pending(PendingAnswer(1, ReadHoldingRegisters(address, 1), 10.0))
+        state.pending.append(PendingAnswer(1, ReadHoldingRegisters(address, 1), 10.0))
         state.stray(Adu(1, unhex("03 02 000A")), 5.0)
     assert state.counters.late == 20
     assert [late.request for late in state.counters.replies] == [ReadHoldingRegisters(at, 1) for at in range(4, 20)]
@@ -143,13 +142,6 @@ def test_a_pending_answer_cannot_come_from_the_end_of_its_window_on() -> None:
         assert len(state.pending) == count, now
 
 
-def test_the_latest_sixteen_probes_of_a_unit_are_pending() -> None:
-    probes = [Diagnostics(0, number.to_bytes(2, "big")) for number in range(20)]
-    state = state_of((1, READ), *((2, probe) for probe in probes[:3]), *((1, probe) for probe in probes))
-    assert [found.request for found in state.of_unit(1)] == [READ, *probes[4:]]
-    assert [found.request for found in state.of_unit(2)] == probes[:3]
-
-
 # Units -----------------------------------------------------------------------------------------------------------
 
 
@@ -162,7 +154,6 @@ def test_an_answer_settles_its_unit_and_restarts_the_count_of_unanswered_request
         assert unit.dead_until == NEVER
         state.answered(1, 2.0)
         assert (unit.silent, unit.settled, left(state)) == (0, True, [(2, 3)])
-    assert state.counters.answered == 2
     assert not state.units[2].settled
 
 

@@ -127,6 +127,7 @@ def bus_options(endpoint: Endpoint, gaps: Mapping[int, float] | None = None) -> 
     """Return the arguments of `Bus` that an endpoint has."""
     options: dict[str, Any] = {
         "recovery": endpoint.choice("recovery", "probe"),
+        "timeout": endpoint.timeout,
         "gap": endpoint.seconds("gap", 0.0),
         "gaps": gaps,
         "retries": endpoint.integer("retries", 0),

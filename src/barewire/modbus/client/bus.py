@@ -16,7 +16,11 @@ response (time-out, cancellation, damage), its answer stays *pending* until it i
     recovery = "wait"     no probe: listen until `late_window` after A was sent, then send B
 
 Exception 88 carries no number. While an earlier 08 is pending it could be the answer to that one, so it proves only
-what the answer to the earlier one would prove; then the echo with its number decides, or the window.
+what the answer to the earlier one would prove; then the echo with its number decides, or the window. Probes without an
+answer are pending too; when a unit has sixteen, the next request waits for the window instead.
+
+The bus records a request before it is sent, and the record is removed when the answer arrives. So an exception at any
+point of an exchange (Ctrl-C, a signal handler, no memory) does not lose a pending answer.
 
 A line whose responses are numbered (TCP) needs none of this, and an exchange without trouble costs nothing extra. The
 bus assumes that a unit answers requests in the order in which they were sent, each at most once and within
@@ -54,13 +58,18 @@ if TYPE_CHECKING:
 Recovery = Literal["probe", "wait"]
 _PROBE = 0x08  # the function code of a probe
 
+_MOST_PROBES = 16
+"""How many unanswered probes of a unit are pending at most. Of every other function it is one request."""
+
 
 class Bus:
     """A client's line. It runs one conversation at a time; a caller with several puts them in a `FairQueue`.
 
     line           the framing; after a reconnect it may be replaced between two requests, and answers stay pending
     recovery       how a pending answer is excluded: "probe" (default) or "wait", see above
-    late_window    seconds after a request was sent in which its answer may come (default: three time-outs)
+    late_window    seconds after a request was sent in which its answer may come (default: three times the longest
+                   time-out of a request on this bus so far, or of `timeout`, if that is longer)
+    timeout        the time-out that requests usually have, for the default of `late_window` (default 0)
     gap            seconds of pause between two exchanges with a unit (default 0)
     gaps           the same for single units: unit -> seconds
     retries        how often a read without a response is repeated, where a call gives no other number (default 0)
@@ -74,6 +83,7 @@ class Bus:
         *,
         recovery: Recovery = "probe",
         late_window: float | None = None,
+        timeout: float = 0.0,
         gap: float = 0.0,
         gaps: Mapping[int, float] | None = None,
         dead_after: int | None = None,
@@ -87,6 +97,10 @@ class Bus:
         self.state = LineState(gap=gap, gaps=gaps, dead_after=dead_after, any_unit=any_unit)
         self.counters = self.state.counters
         self._nonce = 0
+        # A slow unit is slow for every request: the window must not depend on the time-out of a single one.
+        self._longest_timeout = timeout
+        self._open: tuple[int, Request[Any]] | None = None  # the request that is sent, and not answered yet
+        self._sent_at: float | None = None  # when it was sent, if that is known
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.line!r}>"
@@ -94,7 +108,7 @@ class Bus:
     def sibling_bus(self, line: Line) -> Self:
         """Return a bus for another line to the same units, with the same state of the units and counters."""
         sibling = copy(self)
-        sibling.line = line
+        sibling.line, sibling._open = line, None
         return sibling
 
     def ask(
@@ -145,12 +159,16 @@ class Bus:
         line, unit_state = self.line, self.state.units.get(unit)
         if unit_state is None or unit_state.dead_until > NEVER or self.state.has_gaps or not line.numbered:
             return None
-        self.counters.asked += 1
-        return line.request(unit, request.encode())
+        if self._open is not None:
+            self._leave_pending(NEVER)
+        frame = line.request(unit, request.encode())
+        self._open, self.counters.asked = (unit, request), self.counters.asked + 1
+        return frame
 
     def answered(self, unit: int, now: float) -> None:
-        """Record that the response to the frame of `begin` arrived."""
+        """Record that the response to the open request arrived."""
         self.state.answered(unit, now)
+        self._open, self.counters.answered = None, self.counters.answered + 1
 
     def rest(self, unit: int, request: Request[R], timeout: float, sent_at: float) -> Conversation[bytes, R]:
         """Return the rest of the conversation `ask`, after the frame of `begin` was sent. It begins by listening."""
@@ -198,6 +216,8 @@ class Bus:
     def settle(self) -> Conversation[bytes, None]:
         """Listen until no pending answer can come any more, before the line is handed over to another user."""
         state = self.state
+        if self._open is not None:
+            self._pass_over((yield Listen(NEVER)))
         while state.pending:
             until = max(pending.until for pending in state.pending)
             heard = yield Listen(until)
@@ -232,14 +252,20 @@ class Bus:
         else:
             now = yield from self._clear(unit, request, timeout, may_probe)
         passed_over: list[str] = []
+        opened = self._open
         try:
-            # From here on a response may come, so however this exchange ends, the answer must be left pending.
             if sent_at is None:
-                self.counters.asked += 1
-                heard = yield Send(line.request(unit, request.encode()))
-                now = heard.now
+                self._leave_pending(now)  # of an exchange that was interrupted
+                frame = line.request(unit, request.encode())
+                if timeout > self._longest_timeout:
+                    self._longest_timeout = timeout
+                # From here on a response may come, so however this exchange ends, the answer must be left pending.
+                # Counted in the same statement, so that no exception comes between.
+                self._sent_at, opened = None, (unit, request)
+                self._open, self.counters.asked = opened, self.counters.asked + 1
+                heard = yield Send(frame)
+                self._sent_at = now = heard.now
                 line.sent(now)
-                sent_at = now
             until = now + timeout
             while now < until:
                 wake = line.deadline
@@ -250,13 +276,14 @@ class Bus:
                     return response
                 if line.broken is not None:
                     break
-        except (Abandoned, GeneratorExit, KeyboardInterrupt) as end:
-            # Abandoned while it was being sent, the request may leave a little later than `now`.
-            self._leave_pending(unit, request, now + timeout if sent_at is None else sent_at, timeout)
-            if request.writes and isinstance(end, Abandoned):
+        except Abandoned as end:
+            if request.writes:
                 raise no_answer(request, f"unit {unit}, {request.name}: {end}") from end
             raise
-        return self._unanswered(unit, request, timeout, sent_at, now, passed_over)
+        finally:
+            if self._open is opened:  # not the request of a later exchange, if this one is closed by the collector
+                self._leave_pending(now)
+        return self._unanswered(unit, request, timeout, now, passed_over)
 
     def _response_in(
         self, events: list[LineEvent], unit: int, request: Request[R], now: float, passed_over: list[str]
@@ -283,7 +310,7 @@ class Bus:
                             request, f"unit {unit} answered {request.name} with a wrong response: {why}"
                         )
                 if response is not None or failure is not None:
-                    self.state.answered(unit, now)
+                    self.answered(unit, now)
                     continue
             self.state.stray(event, now)
             note_stray(passed_over, why or describe_event(event))
@@ -301,12 +328,9 @@ class Bus:
             return False
         return self.line.numbered or (self.state.units[unit].settled and not self.state.of_unit(unit))
 
-    def _unanswered(
-        self, unit: int, request: Request[R], timeout: float, sent_at: float, now: float, passed_over: list[str]
-    ) -> R:
+    def _unanswered(self, unit: int, request: Request[R], timeout: float, now: float, passed_over: list[str]) -> R:
         """End an exchange without a response: raise the error, or return the result if the standard demands silence."""
         line, unit_state = self.line, self.state.units[unit]
-        self._leave_pending(unit, request, sent_at, timeout)
         if line.broken is not None:
             text = f"unit {unit} did not answer {request.name}: {line.broken}; nothing after it can be trusted"
         else:
@@ -322,13 +346,21 @@ class Bus:
             text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
         raise no_answer(request, text)
 
-    def _leave_pending(self, unit: int, request: Request[Any], sent_at: float, timeout: float) -> None:
-        self.counters.lost += 1
+    def _leave_pending(self, now: float) -> None:
+        """Leave the answer of the open request pending, if there is one: its exchange is over."""
+        if self._open is None:
+            return
+        pending = self.state.pending
         if not self.line.numbered:
-            window = 3 * timeout if self.late_window is None else self.late_window
-            self.state.add_pending(PendingAnswer(unit, request, sent_at + window))
+            window = 3 * self._longest_timeout if self.late_window is None else self.late_window
+            # Interrupted while it was being sent, the request may leave a little later than `now`.
+            sent_at = now + self._longest_timeout if self._sent_at is None else self._sent_at
+            pending = [*pending, PendingAnswer(*self._open, sent_at + window)]
+        # One statement: an exception in between would count the request twice, or not at all.
+        self.state.pending, self._open, self.counters.lost = pending, None, self.counters.lost + 1
 
     def _pass_over(self, heard: Heard[bytes]) -> float:
+        self._leave_pending(heard.now)  # no exchange is under way, so a request that is open was interrupted
         for event in self._received(heard):
             self.state.stray(event, heard.now)
         return heard.now
@@ -367,7 +399,11 @@ class Bus:
         if not confusable:
             return now
         # No probe before another 08, since their answers would be alike; nor for other units (if none are compared).
-        if may_probe and request.function_code != _PROBE and all(pending.unit == unit for pending in confusable):
+        # Sixteen at most, so that a unit that never answers them does not fill the memory.
+        may_probe = (
+            may_probe and request.function_code != _PROBE and len(state.of_function(unit, _PROBE)) < _MOST_PROBES
+        )
+        if may_probe and all(pending.unit == unit for pending in confusable):
             rest = max(pending.until for pending in confusable) - now
             now = yield from self._probe(unit, min(timeout, rest), now)
             state.expire(now)

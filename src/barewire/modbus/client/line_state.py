@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 _KEPT = 16
 """How many late replies are kept at most, so that a bad line does not fill the memory."""
 
-_PROBES_KEPT = 16
-"""How many unanswered probes of a unit are pending at most. Other requests cannot pile up: one of each function is."""
-
 _LONGEST_PAUSE = 30.0
 """The longest time, in seconds, for which no request is sent to a dead unit."""
 
@@ -130,7 +127,6 @@ class LineState:
     def answered(self, unit: int, now: float) -> None:
         """Record that the unit sent a response in time, which settles every earlier request to it."""
         unit_state = self.units[unit]
-        self.counters.answered += 1
         unit_state.settled = True
         if unit_state.silent:
             unit_state.silent = 0
@@ -147,13 +143,6 @@ class LineState:
         if self._dead_after is not None and unit_state.silent >= self._dead_after:
             unit_state.dead_until = now + min(2.0 ** (unit_state.silent - self._dead_after), _LONGEST_PAUSE)
 
-    def add_pending(self, pending: PendingAnswer) -> None:
-        """Expect a late answer. Of many unanswered probes the oldest is dropped: the later ones can come for longer."""
-        alike = self.confusable(pending.unit, pending.request)
-        if len(alike) >= _PROBES_KEPT:
-            self.pending.remove(alike[0])
-        self.pending.append(pending)
-
     def expire(self, now: float) -> None:
         """Drop the pending answers that cannot come any more because their time is over."""
         if self.pending:
@@ -164,7 +153,10 @@ class LineState:
 
         The same unit and function are enough, because an exception response contains no more.
         """
-        code = request.function_code
+        return self.of_function(unit, request.function_code)
+
+    def of_function(self, unit: int, code: int) -> list[PendingAnswer]:
+        """Return the pending answers that may come from this unit, to requests with this function code."""
         return [pending for pending in self.of_unit(unit) if pending.request.function_code == code]
 
     def of_unit(self, unit: int) -> list[PendingAnswer]:
