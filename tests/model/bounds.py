@@ -139,7 +139,8 @@ def main() -> None:
         setattr(builtins, f"__{name}__", function)
     sys.meta_path.insert(0, _Finder())
     from tests.model.choices import Choices
-    from tests.model.clients import CARRIERS, OTHER_CARRIERS, clients_scenario, default_options, every_option
+    from tests.model.client_setups import CARRIERS, OTHER_CARRIERS, default_options, every_option
+    from tests.model.clients import clients_scenario
     from tests.model.one_line import Tally
 
     dice = random.Random(1)

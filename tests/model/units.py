@@ -241,7 +241,7 @@ class UnitsOnLine:
             frame += frame
         if fate is Fate.IN_PIECES:
             self.coming.append(Arrival(at, frame[:5], None))
-            at, frame = at + 0.0015, frame[5:]
+            at, frame = at + self.duration(frame[5:]) + 0.0012, frame[5:]  # a pause between t1.5 and t3.5
         if at == echo.at:  # in one piece with the echo
             echo.data, echo.number = echo.data + frame, number
         else:
