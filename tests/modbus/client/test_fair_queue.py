@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
+import pytest
 from hypothesis import given, strategies as st
 
+from barewire.modbus.client import fair_queue
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
 from tests.helpers import modest
+from tests.interrupts import Interrupt, interrupt
+
+
+def join(queue: FairQueue, unit: int | None) -> Ticket:
+    """Join with a new ticket, and return it."""
+    ticket = Ticket(unit)
+    assert queue.join(ticket) == queue.place(ticket)
+    return ticket
 
 
 def order(queue: FairQueue, tickets: dict[Ticket, str]) -> str:
@@ -20,20 +32,20 @@ def order(queue: FairQueue, tickets: dict[Ticket, str]) -> str:
 
 def test_round_robin_by_unit_and_in_order_within_one() -> None:
     queue = FairQueue()
-    first = queue.join(9)
-    tickets = {queue.join(unit): name for unit, name in [(1, "a"), (1, "b"), (1, "c"), (1, "d"), (2, "e"), (3, "f")]}
-    tickets[queue.join(3)] = "g"
+    first = join(queue, 9)
+    tickets = {join(queue, unit): name for unit, name in [(1, "a"), (1, "b"), (1, "c"), (1, "d"), (2, "e"), (3, "f")]}
+    tickets[join(queue, 3)] = "g"
     queue.leave(first)
     assert order(queue, tickets) == "aefbgcd"
 
 
 def test_a_ticket_that_is_given_up_does_not_block_the_queue() -> None:
     queue = FairQueue()
-    holder, waiting, gone = queue.join(1), queue.join(2), queue.join(2)
+    holder, waiting, gone = join(queue, 1), join(queue, 2), join(queue, 2)
     queue.leave(gone)
     queue.leave(gone)  # the second call has no effect
     queue.leave(holder)
-    assert queue.has(waiting)
+    assert queue.place(waiting) == 0
     queue.leave(waiting)
     assert queue.holders == frozenset()
 
@@ -44,7 +56,7 @@ def test_never_more_than_places_are_admitted_and_every_ticket_is(
     places: int, units: list[int], data: st.DataObject
 ) -> None:
     queue = FairQueue(places)
-    waiting = [queue.join(unit) for unit in units]
+    waiting = [join(queue, unit) for unit in units]
     seen: set[Ticket] = set()
     while waiting:
         assert len(queue.holders) == min(places, len(waiting))
@@ -58,60 +70,49 @@ def test_never_more_than_places_are_admitted_and_every_ticket_is(
     assert not queue.holders
 
 
-def test_enter_does_not_overtake_waiting_tickets() -> None:
+def test_a_new_ticket_does_not_overtake_waiting_ones() -> None:
     queue = FairQueue()
-    assert queue.enter(1)
-    assert not queue.enter(1)
-    waiting = queue.join(1)
-    other = queue.join(2)
-    assert not queue.leave(queue.join(2))  # it waited, so no other ticket is admitted
-    assert not queue.enter(3)
-    assert queue.exit()
-    assert queue.has(other)  # unit 1 was admitted before, without a ticket
+    holder, waiting, other = join(queue, 1), join(queue, 1), join(queue, 2)
+    assert not queue.leave(join(queue, 2))  # it waited, so no other ticket is admitted
+    assert queue.place(join(queue, 3)) is None
+    assert queue.leave(holder)
+    assert queue.place(other) == 0  # unit 1 was admitted before
     assert queue.leave(other)
-    assert queue.has(waiting)
-    assert not queue.enter(2)
-    assert not queue.leave(waiting)
-    assert queue.enter(2)
+    assert queue.place(waiting) is None  # unit 3 was not admitted yet
 
 
-@modest
-@given(places=st.integers(1, 4), steps=st.lists(st.tuples(st.booleans(), st.integers(1, 3)), max_size=60))
-def test_enter_and_join_share_the_same_places(places: int, steps: list[tuple[bool, int]]) -> None:
-    queue = FairQueue(places)
-    entered, tickets = 0, list[Ticket]()
-    for arrives, unit in steps:
-        if arrives and queue.enter(unit):
-            entered += 1
-        elif arrives:
-            tickets.append(queue.join(unit))
-        elif entered:
-            queue.exit()
-            entered -= 1
-        elif tickets:
-            queue.leave(tickets.pop(0))
-        inside = entered + len(queue.holders)
-        assert inside == min(places, entered + len(tickets))
-        assert queue.holders <= set(tickets)
-
-
-def test_the_unit_admitted_longest_ago_is_next_whether_it_had_a_ticket_or_not() -> None:
-    for with_ticket in (False, True):
-        queue = FairQueue()
-        for unit in (1, 2, 3, 2, 1):
-            if with_ticket:
-                queue.leave(queue.join(unit))
-            else:
-                queue.enter(unit)
-                queue.exit()
-        holder = queue.join(9)
-        tickets = {queue.join(unit): str(unit) for unit in (1, 2, 3)}
-        queue.leave(holder)
-        assert order(queue, tickets) == "321"
+def test_the_unit_admitted_longest_ago_is_next() -> None:
+    queue = FairQueue()
+    for unit in (1, 2, 3, 2, 1):
+        queue.leave(join(queue, unit))
+    holder = join(queue, 9)
+    tickets = {join(queue, unit): str(unit) for unit in (1, 2, 3)}
+    queue.leave(holder)
+    assert order(queue, tickets) == "321"
 
 
 def test_every_place_that_is_given_back_can_be_taken_again() -> None:
     queue = FairQueue(2)
     for _ in range(2):
-        assert [queue.enter(unit) for unit in (1, 2, 3)] == [True, True, False]
-        assert [queue.exit() for _ in range(2)] == [False, False]
+        tickets = [join(queue, unit) for unit in (1, 2, 3)]
+        assert [queue.place(ticket) for ticket in tickets] == [0, 1, None]
+        assert [queue.leave(ticket) for ticket in (tickets[2], *tickets[:2])] == [False, False, False]
+
+
+@pytest.mark.parametrize("interrupted_at", range(60))
+def test_an_exception_at_any_line_loses_no_ticket_and_no_place(interrupted_at: int) -> None:
+    queue = FairQueue(2)
+    tickets = [Ticket(unit) for unit in (1, 1, 2, 3)]
+
+    def work() -> None:
+        for ticket in tickets:
+            queue.join(ticket)
+        for ticket in tickets[:3]:
+            queue.leave(ticket)
+
+    with suppress(Interrupt):
+        interrupt(work, interrupted_at, fair_queue.__file__)
+    for ticket in tickets:
+        queue.leave(ticket)
+    assert queue.holders == frozenset()
+    assert [queue.place(join(queue, unit)) for unit in (1, 2, 3)] == [0, 1, None]

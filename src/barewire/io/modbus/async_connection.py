@@ -14,12 +14,12 @@ any error that leaves it useless: the port failed, or the line cannot find the n
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from barewire.conversation import Conversation
-from barewire.errors import EncodeError, NoAnswer, PortError, shown
+from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError, shown
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.asyncio import exchange, run
 from barewire.io.engine.backoff import BackOff
@@ -33,7 +33,7 @@ from barewire.modbus.adu import BROADCAST
 from barewire.modbus.client.bus import Bus
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
 from barewire.modbus.exceptions import ModbusException
-from barewire.tcp import FanOut
+from barewire.tcp import FanOut, TcpLine
 
 if TYPE_CHECKING:
     from barewire.io.ports.base import AsyncLink
@@ -50,8 +50,6 @@ class Lane:
     def __init__(self, bus: Bus) -> None:
         self.bus = bus
         self.box: Mailbox | None = None
-        self.ticket: Ticket | None = None
-        """The ticket of the task that waited in the queue for this lane."""
 
 
 class AsyncConnection:
@@ -86,68 +84,68 @@ class AsyncConnection:
 
     def _new_queue(self) -> None:
         self._queue = FairQueue(len(self.lanes))
-        self._free = list(self.lanes)
         self._waiters: dict[Ticket, asyncio.Future[None]] = {}
         self._opening = asyncio.Lock()
 
-    async def run(self, make: Callable[[Bus], Conversation[bytes, T]], unit: int | None, patience: float) -> T:
+    def run(
+        self, make: Callable[[Bus], Conversation[bytes, T]], unit: int | None, patience: float
+    ) -> Coroutine[Any, Any, T]:
         """Carry out a conversation when it is this unit's turn, on a free lane."""
-        lane = self._enter(unit) or await self._wait(unit)
-        box = None
-        try:
-            box = self._open_box(lane) or await self.open(lane, patience)
-            return await run(make(lane.bus), box)
-        except BaseException as error:
-            self._failed(lane, box, error, unit)
-            raise
-        finally:
-            self._leave(lane)
+        return self._on_lane(unit, patience, lambda bus, box: run(make(bus), box))
 
-    async def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
+    def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> Coroutine[Any, Any, R]:
         """Do the same as `run` with `bus.ask`, on the fast path (`engine.fast_path`)."""
         if unit == BROADCAST and not self.lanes[0].bus.line.numbered:
             # Raises EncodeError: a broadcast has no answer.
-            return await self.run(lambda bus: bus.ask(unit, request), unit, patience)
-        lane = self._enter(unit) or await self._wait(unit)
-        box = None
+            return self.run(lambda bus: bus.ask(unit, request), unit, patience)
+        return self._on_lane(unit, patience, lambda bus, box: exchange(bus, unit, request, timeout, box), request)
+
+    async def _on_lane(
+        self,
+        unit: int | None,
+        patience: float,
+        act: Callable[[Bus, Mailbox], Coroutine[Any, Any, T]],
+        request: Request[Any] | None = None,
+    ) -> T:
+        """Wait until it is this unit's turn, and call `act` with a free lane, which no other task uses meanwhile.
+
+        An exception may come at any line, also in `finally`: hence the second one.
+        """
+        ticket = Ticket(unit)
+        lane = box = None
+        has_left = False
         try:
-            box = self._open_box(lane) or await self.open(lane, patience)
-            return await exchange(lane.bus, unit, request, timeout, box)
-        except BaseException as error:
-            self._failed(lane, box, error, unit, request)
-            raise
+            try:
+                place = self._queue.join(ticket)
+                lane = self.lanes[await self._turn(ticket) if place is None else place]
+                box = self._open_box(lane) or await self.open(lane, patience)
+                return await act(lane.bus, box)
+            except BaseException as error:
+                if lane is not None:
+                    self._failed(lane, box, error, unit, request)
+                raise
+            finally:
+                has_left = self._leave(ticket)
         finally:
-            self._leave(lane)
+            if not has_left:
+                self._leave(ticket)
 
-    def _enter(self, unit: int | None) -> Lane | None:
-        """Return a lane if one is free and no task waits."""
-        return self._free.pop() if self._queue.enter(unit) else None
+    async def _turn(self, ticket: Ticket) -> int:
+        """Wait until the ticket is admitted, and return its place."""
+        while (place := self._queue.place(ticket)) is None:
+            self._waiters[ticket] = asyncio.get_running_loop().create_future()
+            await self._waiters[ticket]
+        return place
 
-    async def _wait(self, unit: int | None) -> Lane:
-        """Return a lane when it is this unit's turn."""
-        ticket = self._queue.join(unit)
-        waiter = self._waiters[ticket] = asyncio.get_running_loop().create_future()
-        try:
-            await waiter
-        except BaseException:
-            self._pass_on(self._queue.leave(ticket))
-            raise
-        finally:
-            del self._waiters[ticket]
-        lane = self._free.pop()
-        lane.ticket = ticket
-        return lane
-
-    def _leave(self, lane: Lane) -> None:
-        self._free.append(lane)
-        ticket, lane.ticket = lane.ticket, None
-        self._pass_on(self._queue.exit() if ticket is None else self._queue.leave(ticket))
-
-    def _pass_on(self, has_next: bool) -> None:
-        if has_next:
+    def _leave(self, ticket: Ticket) -> bool:
+        """End a ticket, and wake the tasks whose turn it is. Returns True."""
+        self._queue.leave(ticket)
+        if self._waiters:
+            self._waiters.pop(ticket, None)
             for holder in self._queue.holders & self._waiters.keys():
                 if not self._waiters[holder].done():
                     self._waiters[holder].set_result(None)
+        return True
 
     def _failed(
         self,
@@ -162,7 +160,9 @@ class AsyncConnection:
         elif isinstance(error, NoAnswer):
             self._log.no_answer(unit, error)
         failed = isinstance(error, PortError) or isinstance(error.__cause__, PortError)
-        if box is not None and lane.box is box and (failed or lane.bus.line.broken):
+        # As in `Connection._failed`. A task is cancelled only where it waits, so no bytes are lost by that.
+        has_gap = isinstance(lane.bus.line, TcpLine) and not isinstance(error, (BarewireError, asyncio.CancelledError))
+        if box is not None and lane.box is box and (failed or has_gap or lane.bus.line.broken):
             self.drop(str(lane.bus.line.broken or box.lost or error))
 
     def _open_box(self, lane: Lane) -> Mailbox | None:
@@ -180,18 +180,33 @@ class AsyncConnection:
 
     async def open(self, lane: Lane, patience: float) -> Mailbox:
         """Return the lane's mailbox. It is connected again if necessary."""
-        async with self._opening:
-            now = asyncio.get_running_loop().time()
-            box = self._open_box(lane)
-            if box is not None:
-                return box
-            self.drop("the connection was given up")
-            if self._closed:
-                raise PortError(self._closed)
-            if (wait := self.back_off.wait(now)) > patience:
-                raise PortError(f"{self.back_off.why}; tried again in {wait:.1f} s")
-            await asyncio.sleep(wait)
-            return await self._connect(lane)
+        opening = False
+        try:
+            try:
+                opening = await self._opening.acquire()
+                now = asyncio.get_running_loop().time()
+                box = self._open_box(lane)
+                if box is not None:
+                    return box
+                self.drop("the connection was given up")
+                if self._closed:
+                    raise PortError(self._closed)
+                if (wait := self.back_off.wait(now)) > patience:
+                    raise PortError(f"{self.back_off.why}; tried again in {wait:.1f} s")
+                await asyncio.sleep(wait)
+                return await self._connect(lane)
+            finally:
+                if opening:
+                    opening = self._end_opening()
+        finally:  # as in `_on_lane`
+            if opening:
+                self._end_opening()
+
+    def _end_opening(self) -> bool:
+        """Let the next task open the connection. Returns False. A second call has no effect."""
+        if self._opening.locked():
+            self._opening.release()
+        return False
 
     def can_open(self, patience: float) -> bool:
         """Return whether the connection is closed and a request could open it again within `patience` seconds."""
@@ -230,8 +245,8 @@ class AsyncConnection:
         write = traced("sent", link.write if fan is None else link.write_together, watch)
         boxes += [Mailbox(self._endpoint.place, write, link.sent) for _ in lines]
         for other, box, line in zip(self.lanes, boxes, lines):
-            other.bus.line, other.box = line, box
             line.sent(clock())  # a client waits for a silence of the line before its first request
+            other.bus.line, other.box = line, box
         return boxes[self.lanes.index(lane)]
 
     def drop(self, why: str) -> None:

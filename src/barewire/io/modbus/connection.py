@@ -10,13 +10,12 @@ again, at once the first time, then after pauses that grow (`BackOff`).
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
 from barewire.io.engine.blocking import run
 from barewire.io.engine.fast_path import exchange
 from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
@@ -26,6 +25,7 @@ from barewire.modbus.adu import BROADCAST
 from barewire.modbus.client.bus import Bus
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
 from barewire.modbus.exceptions import ModbusException
+from barewire.tcp import TcpLine
 
 if TYPE_CHECKING:
     from barewire.conversation import Conversation
@@ -68,81 +68,81 @@ class Connection:
         self._new_queue()
 
     def _new_queue(self) -> None:
-        self._line = threading.Lock()  # held during an exchange
-        self._waiting = 0  # threads in the queue: above 0 the line is only taken in turn
+        # Held during an exchange. An RLock knows its owner as soon as it is acquired, whatever exception comes then.
+        self._line: Any = threading.RLock()  # Any: its `_is_owned`, which Condition uses too, has no type
+        self._tickets: set[Ticket] = (
+            set()
+        )  # of the threads in the queue: while there are any, the line is taken in turn
         self._queue = FairQueue()
-        self._queue_lock = threading.Lock()
+        self._queue_lock: Any = threading.RLock()
         self._changed = threading.Condition(self._queue_lock)
 
     def run(self, conversation: Conversation[bytes, T], unit: int | None, patience: float) -> T:
         """Carry out a conversation when it is this unit's turn, with the line to itself."""
-        ticket = None if not self._waiting and self._line.acquire(False) else self._wait(unit)
-        try:
-            return run(conversation, self.open(patience))
-        except BaseException as error:
-            self._failed(error, unit)
-            raise
-        finally:
-            self._line.release()
-            if ticket is not None:
-                self._leave(ticket)
+        return self._on_line(unit, lambda: run(conversation, self.open(patience)))
 
     def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
         """Do the same as `run` with `bus.ask`, on the fast path (`engine.fast_path`)."""
         if unit == BROADCAST and not self.bus.line.numbered:
             return self.run(self.bus.ask(unit, request, retries=0), unit, patience)  # raises: a broadcast has no answer
-        ticket = None if not self._waiting and self._line.acquire(False) else self._wait(unit)
-        try:
-            return exchange(self.bus, unit, request, timeout, self.open(patience))
-        except BaseException as error:
-            self._failed(error, unit, request)
-            raise
-        finally:
-            self._line.release()
-            if ticket is not None:
-                self._leave(ticket)
+        return self._on_line(unit, lambda: exchange(self.bus, unit, request, timeout, self.open(patience)), request)
 
-    def _wait(self, unit: int | None) -> Ticket:
-        """Wait in the queue until it is this unit's turn and the line is free. Raises EncodeError if that would be for
-        ever, because this thread has the line."""
-        if self._is_inside():
+    def _on_line(self, unit: int | None, act: Callable[[], T], request: Request[Any] | None = None) -> T:
+        """Call `act` when it is this unit's turn, with the line to itself. Raises EncodeError if that would never be,
+        because this thread has the line.
+
+        An exception may come at any line, also in `finally`: hence the second one.
+        """
+        if self._line._is_owned():
             text = "the client is used inside one of its own callbacks (watch=, a handler of its log, ...)"
             raise EncodeError(f"{text}, during a request: use it afterwards, or another client")
-        with self._queue_lock:
-            self._waiting += 1
-            ticket = self._queue.join(unit)
+        ticket = None
         try:
+            try:
+                if self._tickets or not self._line.acquire(False):
+                    ticket = Ticket(unit)
+                    self._wait(ticket)
+                return act()
+            except BaseException as error:
+                if self._line._is_owned():
+                    self._failed(error, unit, request)
+                raise
+            finally:
+                self._give_back(ticket)
+        finally:
+            if ticket is not None or self._line._is_owned():
+                self._give_back(ticket)
+
+    def _wait(self, ticket: Ticket) -> None:
+        """Wait in the queue until it is this ticket's turn and the line is free."""
+        with self._changed:
+            self._tickets.add(ticket)
+            self._queue.join(ticket)
+            self._changed.wait_for(lambda: self._queue.place(ticket) is not None)
+        self._line.acquire()
+
+    def _give_back(self, ticket: Ticket | None) -> None:
+        """Give back what this thread has of the line and of the queue. A second call has no effect."""
+        if self._line._is_owned():
+            self._line.release()
+        if ticket is not None:
             with self._changed:
-                self._changed.wait_for(lambda: self._queue.has(ticket))
-            self._line.acquire()
-        except BaseException:
-            self._leave(ticket)
-            raise
-        return ticket
-
-    def _is_inside(self) -> bool:
-        """Return whether this thread has the line: a caller of this call is `run`, `ask` or `open_now`, in which a
-        ticket, or None, means that the line was taken. So a request that does not wait has no owner to record."""
-        frame = sys._getframe(1)
-        holders = (Connection.run.__code__, Connection.ask.__code__, Connection.open_now.__code__)
-        while (caller := frame.f_back) is not None:
-            frame = caller
-            if frame.f_code in holders and frame.f_locals["self"] is self and "ticket" in frame.f_locals:
-                return True
-        return False
-
-    def _leave(self, ticket: Ticket) -> None:
-        with self._queue_lock:
-            self._waiting -= 1
-            if self._queue.leave(ticket):
+                self._tickets.discard(ticket)
+                self._queue.leave(ticket)
                 self._changed.notify_all()
+            while self._queue_lock._is_owned():  # an exception came as a `with` ended
+                self._queue_lock.release()
 
     def _failed(self, error: BaseException, unit: int | None, request: Request[Any] | None = None) -> None:
         if isinstance(error, ModbusException):
             error.add_place(unit, getattr(request, "address", None))
         elif isinstance(error, NoAnswer):
             self._log.no_answer(unit, error)
-        if isinstance(error, PortError) or isinstance(error.__cause__, PortError) or self.bus.line.broken:
+        failed = isinstance(error, PortError) or isinstance(error.__cause__, PortError)
+        # An exception that is not ours, such as Ctrl-C, may have lost bytes between the port and the line. The frames
+        # of a stream without a check sum cannot be found again then.
+        has_gap = isinstance(self.bus.line, TcpLine) and not isinstance(error, BarewireError)
+        if failed or has_gap or self.bus.line.broken:
             self.drop(str(self.bus.line.broken or error.__cause__ or error))
 
     def open(self, patience: float) -> Port[bytes]:
@@ -171,12 +171,13 @@ class Connection:
             self._log.not_connected(error, self.back_off.wait(time.monotonic()))
             raise
         watch = watch_both(self._watch, self._log.watch())
+        line = self._new_line()
+        line.sent(time.monotonic())  # a client waits for a silence of the line before its first request
+        self.bus.line = line  # before the port: bytes of the old connection must not stand before those of the new one
         self.port = port if watch is None else Trace(port, watch)
         end_after_fork(self)
         self.back_off.reset()
         self._log.connected()
-        self.bus.line = self._new_line()
-        self.bus.line.sent(time.monotonic())  # a client waits for a silence of the line before its first request
         return self.port
 
     def can_open(self, patience: float) -> bool:
@@ -185,14 +186,12 @@ class Connection:
 
     def open_now(self, patience: float) -> None:
         """Open the port if there is none, without a pause after earlier failures."""
-        ticket = None if not self._waiting and self._line.acquire(False) else self._wait(None)
-        try:
+
+        def open_at_once() -> None:
             self.back_off.reset()
             self.open(patience)
-        finally:
-            self._line.release()
-            if ticket is not None:
-                self._leave(ticket)
+
+        self._on_line(None, open_at_once)
 
     def drop(self, why: str) -> None:
         """Close a port that failed; the next request opens another one."""

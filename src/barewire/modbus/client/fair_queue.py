@@ -3,8 +3,12 @@
     waiting   unit 1: a b c d      unit 2: e      unit 3: f g
     order     a e f b g c d
 
-So a unit with a hundred requests does not keep the others waiting. While a place is free and nothing waits, a ticket is
-not needed: `enter` and `exit` are enough. The queue does not block: its callers wait, with a condition or with futures.
+So a unit with a hundred requests does not keep the others waiting. The queue does not block: its callers wait, with a
+condition or with futures.
+
+An exception may interrupt every method at any line (Ctrl-C, a signal handler). So the caller makes the ticket before it
+joins; a ticket is in `_places` before it is taken from those that wait, so that it is never in neither; and `leave` may
+be called again.
 
 Depends on: nothing. Used by: the Modbus clients of io.
 """
@@ -17,83 +21,73 @@ from collections import deque
 class Ticket:
     """A place in the queue of one unit. `unit` None is the queue of requests to no unit in particular."""
 
-    __slots__ = ("unit",)
+    __slots__ = ("is_over", "unit")
 
     def __init__(self, unit: int | None) -> None:
         self.unit = unit
+        self.is_over = False
 
 
 class FairQueue:
     """Admits `places` requests at the same time: 1 on a serial line, up to 16 on TCP.
 
     >>> queue = FairQueue()
-    >>> first, second, other = queue.join(1), queue.join(1), queue.join(2)
+    >>> first, second, other = Ticket(1), Ticket(1), Ticket(2)
+    >>> queue.join(first), queue.join(second), queue.join(other)
+    (0, None, None)
     >>> queue.leave(first)
     True
-    >>> queue.has(second), queue.has(other)
-    (False, True)
+    >>> queue.place(second), queue.place(other)
+    (None, 0)
     """
 
     def __init__(self, places: int = 1) -> None:
-        self._free = places
+        self._places: list[Ticket | None] = [None] * places
         self._waiting: dict[int | None, deque[Ticket]] = {}
         self._served: dict[int | None, int] = {}  # unit -> the number of its latest admission
         self._count = 0
-        self._holders: set[Ticket] = set()
 
     @property
     def holders(self) -> frozenset[Ticket]:
         """The tickets that are admitted."""
-        return frozenset(self._holders)
+        return frozenset(ticket for ticket in self._places if ticket is not None)
 
-    def has(self, ticket: Ticket) -> bool:
-        """Whether this ticket is admitted."""
-        return ticket in self._holders
+    def place(self, ticket: Ticket) -> int | None:
+        """Return the number of the place to which this ticket is admitted; None if it waits."""
+        return self._places.index(ticket) if ticket in self._places else None
 
-    def enter(self, unit: int | None) -> bool:
-        """Take a free place without a ticket. False if there is none, or tickets wait. `exit` gives it back."""
-        if not self._free or self._waiting:
-            return False
-        self._free -= 1
-        self._count += 1
-        self._served[unit] = self._count
-        return True
-
-    def exit(self) -> bool:
-        """Give back a place taken by `enter`. Returns whether another ticket was admitted."""
-        self._free += 1
-        return bool(self._waiting) and self._admit()
-
-    def join(self, unit: int | None) -> Ticket:
-        """Take a ticket, which is admitted or waits. `leave` gives it back in both cases."""
-        ticket = Ticket(unit)
-        if self.enter(unit):
-            self._holders.add(ticket)
-        else:
-            self._waiting.setdefault(unit, deque()).append(ticket)
-        return ticket
+    def join(self, ticket: Ticket) -> int | None:
+        """Admit a ticket, or let it wait, and return its place as `place` does. `leave` ends it in both cases."""
+        if self._waiting or None not in self._places:
+            self._waiting.setdefault(ticket.unit, deque()).append(ticket)
+            return None
+        return self._take_place(ticket)
 
     def leave(self, ticket: Ticket) -> bool:
-        """Give back a ticket whose request is done or given up. Returns whether another ticket was admitted."""
-        if ticket in self._holders:
-            self._holders.remove(ticket)
-            return self.exit()
-        queue = self._waiting.get(ticket.unit)
-        if queue is not None and ticket in queue:
-            queue.remove(ticket)
-            if not queue:
-                del self._waiting[ticket.unit]
-        return False
+        """End a ticket whose request is done or given up. Returns whether another ticket was admitted."""
+        ticket.is_over = True
+        if ticket in self._places:
+            self._places[self._places.index(ticket)] = None
+        return bool(self._waiting) and self._admit()
+
+    def _take_place(self, ticket: Ticket) -> int:
+        self._count += 1
+        self._served[ticket.unit] = self._count
+        place = self._places.index(None)
+        self._places[place] = ticket
+        return place
 
     def _admit(self) -> bool:
-        while self._free and self._waiting:
+        has_admitted = False
+        while self._waiting and None in self._places:
             # The unit admitted longest ago; among units never admitted, the one that joined first.
             unit = min(self._waiting, key=lambda unit: self._served.get(unit, 0))
             queue = self._waiting[unit]
-            self._holders.add(queue.popleft())
-            self._free -= 1
-            self._count += 1
-            self._served[unit] = self._count
             if not queue:
                 del self._waiting[unit]
-        return True
+                continue
+            if not queue[0].is_over and queue[0] not in self._places:
+                self._take_place(queue[0])
+                has_admitted = True
+            queue.popleft()
+        return has_admitted
