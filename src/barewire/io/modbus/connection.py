@@ -96,7 +96,7 @@ class Connection:
         if self._line._is_owned():
             text = "the client is used inside one of its own callbacks (watch=, a handler of its log, ...)"
             raise EncodeError(f"{text}, during a request: use it afterwards, or another client")
-        ticket = None
+        ticket, has_left = None, False
         try:
             try:
                 if self._tickets or not self._line.acquire(False):
@@ -108,9 +108,9 @@ class Connection:
                     self._failed(error, unit, request)
                 raise
             finally:
-                self._give_back(ticket)
+                has_left = self._give_back(ticket)
         finally:
-            if ticket is not None or self._line._is_owned():
+            if not has_left:
                 self._give_back(ticket)
 
     def _wait(self, ticket: Ticket) -> None:
@@ -121,8 +121,8 @@ class Connection:
             self._changed.wait_for(lambda: self._queue.place(ticket) is not None)
         self._line.acquire()
 
-    def _give_back(self, ticket: Ticket | None) -> None:
-        """Give back what this thread has of the line and of the queue. A second call has no effect."""
+    def _give_back(self, ticket: Ticket | None) -> bool:
+        """Give back what this thread has of the line and of the queue. Returns True. A second call has no effect."""
         if self._line._is_owned():
             self._line.release()
         if ticket is not None:
@@ -132,6 +132,7 @@ class Connection:
                 self._changed.notify_all()
             while self._queue_lock._is_owned():  # an exception came as a `with` ended
                 self._queue_lock.release()
+        return True
 
     def _failed(self, error: BaseException, unit: int | None, request: Request[Any] | None = None) -> None:
         if isinstance(error, ModbusException):
