@@ -60,6 +60,8 @@ class ClientLine(UnitsOnLine):
         self.arrived: set[int] = set()
         """The questions whose answers arrived."""
         self.sent_at = 0.0
+        self.is_transmitting = False
+        """Whether what is executed belongs to the units, and not to the client."""
         self.longest_timeout = TIMEOUT
         self.failures = 0
         """How often the connection failed."""
@@ -81,7 +83,9 @@ class ClientLine(UnitsOnLine):
         if not self.is_probe(data):
             self.longest_timeout = max(self.longest_timeout, ask.call.get("timeout", TIMEOUT))
         self.latest = self.now + self.duration(data) + self.window - 1e-6
+        self.is_transmitting = True
         super().transmit(data)
+        self.is_transmitting = False
         self.sent_at = self.now
 
     def deliver(self) -> bytes:

@@ -125,7 +125,7 @@ def _play_threads(line: ClientLine, shares: list[Iterator[Step]]) -> ModbusClien
             if step.fail_after is not None:
                 line.fails_at = line.now + step.fail_after
             try:
-                with error_at_line(step.lines_until_error, step.error, lambda: True):
+                with error_at_line(step.lines_until_error, step.error, lambda: not line.is_transmitting):
                     outcome = client.ask(step.question.make(step.number), unit=step.question.unit, **step.call)
             except BaseException as error:
                 outcome = error
@@ -189,7 +189,11 @@ def _play_tasks(line: ClientLine, shares: list[Iterator[Step]]) -> AsyncModbusCl
     async def ask_now(client: AsyncModbusClient, step: Ask) -> object:
         ASKING.set(step)
         me = asyncio.current_task()
-        with error_at_line(step.lines_until_error, Alarm, lambda: asyncio.current_task() is me):
+
+        def is_own() -> bool:
+            return asyncio.current_task() is me and not line.is_transmitting
+
+        with error_at_line(step.lines_until_error, Alarm, is_own):
             return await client.ask(step.question.make(step.number), unit=step.question.unit, **step.call)
 
     async def ask(client: AsyncModbusClient, step: Ask) -> None:

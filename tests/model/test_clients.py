@@ -52,8 +52,11 @@ def test_nor_with_any_option(carrier: str) -> None:
 
 
 def test_every_option_of_a_client_is_played() -> None:
-    in_urls = {option.partition("=")[0] for carrier in (CARRIERS | OTHER_CARRIERS).values()
-               for option in carrier.url.partition("?")[2].split("&")}
+    in_urls = {
+        option.partition("=")[0]
+        for carrier in (CARRIERS | OTHER_CARRIERS).values()
+        for option in carrier.url.partition("?")[2].split("&")
+    }
     played = {name for options in OPTIONS for name in options} | in_urls - {""}
     assert played - {"gaps"} == set(ModbusOptions.__annotations__) - NOT_PLAYED
 

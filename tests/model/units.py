@@ -240,8 +240,8 @@ class UnitsOnLine:
         if fate is Fate.DOUBLED_AT_ONCE:
             frame += frame
         if fate is Fate.IN_PIECES:
-            self.coming.append(Arrival(at, frame[:5], None))
-            at, frame = at + self.duration(frame[5:]) + 0.0012, frame[5:]  # a pause between t1.5 and t3.5
+            self.coming.append(Arrival(at, frame[:4], None))
+            at, frame = at + self.duration(frame[4:]) + 0.0012, frame[4:]  # a pause between t1.5 and t3.5
         if at == echo.at:  # in one piece with the echo
             echo.data, echo.number = echo.data + frame, number
         else:

@@ -49,7 +49,7 @@ class VirtualThreads:
         self._threads = [self.current]
         self._failure: BaseException | None = None
 
-    def Lock(self) -> VirtualLock:  # the name in `threading`
+    def RLock(self) -> VirtualLock:  # the name in `threading`
         """Return a new lock."""
         return VirtualLock(self)
 
@@ -150,30 +150,32 @@ class VirtualThreads:
 
 
 class VirtualLock:
-    """A lock of `VirtualThreads`."""
+    """A lock of `VirtualThreads`, which the thread that has it may take again."""
 
     def __init__(self, threads: VirtualThreads) -> None:
         self._threads = threads
-        self._held = False
+        self._owner: object = None
+        self._count = 0
 
     def acquire(self, blocking: bool = True) -> bool:
         """Take the lock, when it is free."""
-        while self._held:
+        while self._owner is not None and not self._is_owned():
             if not blocking:
                 return False
             self._threads.wait(FOREVER, lock=self)
-        self._held = True
+        self._owner, self._count = self._threads.current, self._count + 1
         return True
 
     def release(self) -> None:
         """Give the lock back."""
-        assert self._held, "a lock that nobody holds was released"
-        self._held = False
-        self._threads.released(self)
+        assert self._is_owned(), "a lock was released by a thread that does not have it"
+        self._count -= 1
+        if not self._count:
+            self._owner = None
+            self._threads.released(self)
 
-    def locked(self) -> bool:
-        """Whether a thread has the lock."""
-        return self._held
+    def _is_owned(self) -> bool:  # the name in `threading`
+        return self._owner is self._threads.current
 
     def __enter__(self) -> bool:
         return self.acquire()
