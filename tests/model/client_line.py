@@ -1,4 +1,7 @@
-"""The line of a public client: what its threads or tasks do on it, and what must be true of every question (`clients`)."""
+"""The line of a public client: what its threads or tasks do on it, and what must be true of every question.
+
+`clients` plays it.
+"""
 
 from __future__ import annotations
 

@@ -10,7 +10,6 @@ import pytest
 from barewire.io.modbus import async_connection, connection
 from barewire.io.modbus.options import ModbusOptions
 from barewire.modbus import EchoLine
-from barewire.rtu import RtuLine
 from tests.model.choices import Choices, run_random
 from tests.model.client_setups import (
     CARRIERS,
