@@ -55,7 +55,7 @@ PUBLIC = (
     "`ModbusClient` and `AsyncModbusClient` with their default options and a time-out of 0.3 s: only the port and the",
     "clock are replaced. A run has 48 questions of one or three threads or tasks. Answers are late by any time in the",
     "window, lost, damaged, doubled, in pieces, behind noise, or exceptions; registers hold the image of a frame;",
-    "questions begin shortly before a window ends; they are cancelled at any time (a task, or an exception in a thread),",
+    "questions begin shortly before a window ends; they are cancelled at any time (a task, an exception in a thread),",
     "seventeen or more in a row while the unit is busy; connections fail. The last rows have every option of a client",
     "and of its calls, or exceptions at any executed line of the package.",
 )

@@ -110,7 +110,7 @@ class ClientLine(UnitsOnLine):
             self.setup = {"trouble": setup.line, "dead": dead}.get(stretch, calm)
             count, same = 8, take(setup.line.questions)
             if stretch == "burst":
-                count = take(range(17, 21))
+                count = take(range(17, 25))
                 self.busy_until = self.now + take((0.5, 0.75))
             if take((False, False, False, True)):
                 self.allowed += longest

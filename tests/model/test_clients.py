@@ -7,15 +7,18 @@ from dataclasses import replace
 
 import pytest
 
+from barewire.conversation import Conversation
 from barewire.io.modbus import async_connection, connection
 from barewire.io.modbus.options import ModbusOptions
-from barewire.modbus import EchoLine
+from barewire.modbus import Bus, EchoLine
+from barewire.modbus.client import bus
 from tests.model.choices import Choices, run_random
 from tests.model.client_setups import (
     CARRIERS,
     OPTIONS,
     OTHER_CARRIERS,
     Clients,
+    Stretch,
     World,
     default_options,
     errors_at_lines,
@@ -24,6 +27,7 @@ from tests.model.client_setups import (
 from tests.model.clients import clients_scenario
 from tests.model.one_line import Tally
 from tests.model.test_one_line import Forgetful
+from tests.model.units import READ
 
 pytestmark = pytest.mark.long
 ALL_CARRIERS = [*CARRIERS, *OTHER_CARRIERS]
@@ -74,22 +78,71 @@ def test_an_exception_at_any_line_neither_loses_a_pending_answer_nor_the_turn_on
     assert min(tally.right, tally.cancelled) > 300
 
 
-def wrong_of(setup: Clients, runs: int) -> list[str]:
-    """Return the wrong answers of a client with a planted mistake."""
-    tally = Tally()
-    run_random(clients_scenario(setup, tally), runs)
-    return tally.wrong
+def finds(setup: Clients, planted: type[Bus], monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Return whether a client with a planted mistake gets a wrong answer within 200 runs."""
+    monkeypatch.setattr(connection, "Bus", planted)
+    monkeypatch.setattr(async_connection, "Bus", planted)
+    tally, dice = Tally(), random.Random(1)
+    play = clients_scenario(setup, tally)
+    for _ in range(200):
+        play(Choices(dice=dice))
+        if tally.wrong:
+            return True
+    return False
 
 
-@pytest.mark.parametrize("world", ["blocking", "asyncio"])
+def reads(carrier: str, world: World, *stretches: Stretch) -> Clients:
+    """The default alphabet with one kind of question, in which a mistake shows sooner."""
+    setup = default_options(carrier)
+    return replace(setup, worlds=(world,), line=replace(setup.line, questions=(READ,)), stretches=stretches)
+
+
+BOTH_WORLDS = pytest.mark.parametrize("world", ["blocking", "asyncio"])
+WITHOUT_NUMBERS = pytest.mark.parametrize("carrier", ["RTU", "ASCII", "RTU over TCP", "TCP, any_transaction"])
+
+
+@BOTH_WORLDS
 def test_the_checker_finds_a_client_whose_bus_remembers_nothing(monkeypatch: pytest.MonkeyPatch, world: World) -> None:
-    monkeypatch.setattr(connection, "Bus", Forgetful)
-    monkeypatch.setattr(async_connection, "Bus", Forgetful)
-    assert wrong_of(replace(default_options("RTU"), worlds=(world,)), 10)
+    assert finds(reads("RTU", world, "trouble"), Forgetful, monkeypatch)
+
+
+@BOTH_WORLDS
+@WITHOUT_NUMBERS
+def test_the_checker_finds_a_probe_whose_window_is_clipped_as_its_time_out_is(
+    carrier: str, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mistake of barewire before this checker played clients with default options."""
+
+    class Clips(Bus):
+        def _probe(self, unit: int, timeout: float, now: float) -> Conversation[bytes, float]:
+            longest, self._longest_timeout = self._longest_timeout, timeout
+            now = yield from super()._probe(unit, timeout, now)
+            self._longest_timeout = longest
+            return now
+
+    assert finds(reads(carrier, world, "trouble"), Clips, monkeypatch)
+
+
+@BOTH_WORLDS
+@WITHOUT_NUMBERS
+def test_the_checker_finds_a_bus_that_forgets_the_oldest_of_seventeen_probes(
+    carrier: str, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mistake of barewire before this checker played bursts of cancelled questions."""
+
+    class ForgetsOldest(Bus):
+        def _leave_pending(self, now: float) -> None:
+            super()._leave_pending(now)
+            probes = [pending for pending in self.state.pending if pending.request.function_code == 8]
+            if len(probes) > 16:
+                self.state.pending.remove(probes[0])
+
+    monkeypatch.setattr(bus, "_MOST_PROBES", 1000)
+    assert finds(reads(carrier, world, "burst", "calm"), ForgetsOldest, monkeypatch)
 
 
 def test_the_checker_finds_a_client_that_expects_the_echo_only_as_the_first_bytes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(EchoLine, "_is_echo", lambda line, event: False)
-    assert wrong_of(default_options("RTU, echo"), 200)
+    assert finds(default_options("RTU, echo"), Bus, monkeypatch)
