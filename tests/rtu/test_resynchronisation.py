@@ -1,4 +1,4 @@
-"""How an RTU line finds frames again: behind noise, damaged frames and wrong counts, in linear time."""
+"""How the line of a listener finds frames again: behind noise, damaged frames and wrong counts, in linear time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def damaged(frame: bytes) -> bytes:
 
 
 def test_a_good_frame_directly_behind_a_damaged_one_is_found_at_once() -> None:
-    line = line_of()
+    line = line_of("listener")
     events = line.feed(damaged(REPLY) + RESPONSES["exception"], 1.0)
     assert events == [
         Noise(damaged(REPLY), "checksum", f"{len(REPLY)} bytes that are not a frame before a good one"),
@@ -39,7 +39,7 @@ def test_a_damaged_frame_is_reported_with_the_expected_crc() -> None:
 def test_half_a_frame_and_then_a_whole_one(length: int) -> None:
     """With silence between them, and without (a unit that began its response again)."""
     for pause in (0.002, 2 * PATIENCE):
-        line = line_of()
+        line = line_of("listener")
         events = feed_all(line, [(REPLY[:length], 1.0), (REPLY, 1.0 + pause)]) + silence(line)
         assert frames_of(events) == [decode(REPLY)]
         assert b"".join(event.data for event in noise_of(events)) == REPLY[:length]
@@ -63,7 +63,7 @@ def test_behind_noise_and_a_good_frame_silence_ends_an_unknown_function() -> Non
 
 def test_a_frame_is_found_behind_more_noise_than_a_frame_is_long() -> None:
     for noise in (bytes(1000), b"\xff" * 1000, b"\x01\x41" * 500):
-        line = line_of()
+        line = line_of("listener")
         events = line.feed(noise, 1.0) + line.feed(REPLY, 1.001) + silence(line)
         assert frames_of(events) == [decode(REPLY)]
 
@@ -161,19 +161,21 @@ def test_a_strict_line_takes_two_frames_without_silence_between_them_for_noise()
 @pytest.mark.parametrize(("count", "at_once"), [(255, False), (256, True)])
 def test_no_frame_is_longer_than_256_bytes_so_a_full_line_is_searched(count: int, at_once: bool) -> None:
     """The first two bytes are a function without a known length, which otherwise only silence ends."""
-    line = line_of()
+    line = line_of("listener")
     data = unhex("01 41") + bytes(count - 2 - len(REPLY)) + REPLY
     assert frames_of(line.feed(data, 1.0)) == [decode(REPLY)] * at_once
     assert frames_of(silence(line)) == [decode(REPLY)] * (not at_once)
 
 
 def test_a_line_searches_as_soon_as_the_count_of_the_first_message_is_too_long() -> None:
-    """55 10 looks like a request to write registers, whose seventh byte is its byte count."""
+    """55 10 looks like a request to write registers, whose seventh byte is its byte count.
+
+    A listener waits for the eighth byte too, which would end a response."""
     inside = encode(0x10, b"\x07")
     data = b"\x55" + inside + b"\x00\xff\x00\x00"
-    line = line_of("server", units=(0x55,))
+    line = line_of("listener")
     found = [number for number in range(len(data)) if frames_of(line.feed(data[number : number + 1], 1.0))]
-    assert found == [6]
+    assert found == [7]
 
 
 def test_a_response_is_counted_even_if_as_a_request_it_would_be_too_long() -> None:

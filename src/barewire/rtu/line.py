@@ -17,8 +17,13 @@ frame makes it invalid [MB-SERIAL 2.5.1.1].
 Where both directions are received, the same bytes can be a whole request and a whole response, of different lengths:
 a response whose CRC ends with 00 has a good CRC without that byte too. `Shape.likeliest` decides between them.
 
-After a wrong CRC the line searches, byte by byte, for the next whole frame with a good CRC, and reports the bytes
-before it as one Noise.
+**After a wrong CRC** a client or server takes nothing until the silence (`gap`), because the data of a damaged frame
+can spell a whole frame with a good CRC. The only exception is one byte 00 or FF, which is read when a transmitter is
+turned on: a frame directly behind it that ends at the silence is taken, at the silence. It is no part of a frame with
+one damaged bit. No unit answers as 00 or FF, so that bit would be in the stray byte, and the rest would be as it was
+sent; then its CRC is good only if the CRC of the bytes before it is FFFF, which no single byte has. Several damages in
+one frame can still pass, as with every CRC. A listener executes nothing and shows everything: it searches, byte by
+byte, for the next whole frame with a good CRC, and reports the bytes before it as one Noise.
 """
 
 from __future__ import annotations
@@ -41,6 +46,9 @@ _ROUNDING = 1e-7
 
 _ENVELOPE = 3
 """Bytes of a frame around the PDU: unit and CRC."""
+
+_STRAY = b"\x00\xff"
+"""What a receiver reads when a transmitter on RS-485 is turned on."""
 
 _AT_SILENCE, _NEVER = 1 << 62, 1 << 63
 """When to check a place again if no number of bytes can decide about it: at the next silence; never."""
@@ -86,6 +94,7 @@ class RtuLine:
         self._last = float("-inf")  # end of the last byte, sent or received
         # Strict only: why the held bytes are not a frame, even if their CRC is right.
         self._spoiled: tuple[Reason, str] | None = None
+        self._overlong = False  # the beginning of the damaged bytes was removed: nothing is a frame before the silence
         self._removed = 0  # the number of bytes that were held and removed
         self._first_due = 0  # the number of bytes at which to check the first place again
         self._places: list[tuple[int, int]] = []  # a heap of (number of bytes at which to check again, place)
@@ -160,16 +169,17 @@ class RtuLine:
         """Remove and return every frame that is confirmed by its count and CRC."""
         events: list[Adu | Noise] = []
         while self._held:
-            end = self._check_first()
+            end = None if self._overlong else self._check_first()
             if end is not None:
                 events.append(self._take(end))
             elif self._first_due != _NEVER and len(self._held) < LONGEST:
                 break
-            elif (found := self._hunt()) is not None:
+            elif self.role == "listener" and (found := self._hunt()) is not None:
                 events += found
             else:
                 excess = len(self._held) - LONGEST
                 if excess > 0:
+                    self._overlong = self.role != "listener"
                     events.append(self._drop(excess, "long", f"more than {LONGEST} bytes and no frame in them"))
                 break
         return events
@@ -180,6 +190,9 @@ class RtuLine:
         if self._spoiled is not None:
             events.append(self._drop(len(self._held), *self._spoiled))
         self._spoiled = None
+        if self._overlong:
+            events.append(self._drop(len(self._held), "long", "the end of more bytes than a frame has"))
+        self._overlong = False
         while self._held:
             end = None if self.strict else self._check(0)[0]
             if end is None and self._shape.is_whole(bytes(self._held)):
@@ -187,7 +200,7 @@ class RtuLine:
                 end = len(self._held)
             if end is not None:
                 events.append(self._take(end))
-            elif not self.strict and (found := self._hunt()) is not None:
+            elif not self.strict and (found := self._hunt() if self.role == "listener" else self._behind_strays()):
                 events += found
             else:
                 events.append(self._drop(len(self._held), *self._diagnosis()))
@@ -242,6 +255,15 @@ class RtuLine:
         if whole and (size := self._shape.likeliest(self._held[at], pdu, sizes, whole, may_wait)) is not None:
             return at + size + _ENVELOPE, due
         return None, due if counted else _AT_SILENCE
+
+    def _behind_strays(self) -> list[Adu | Noise] | None:
+        """Return the frame that follows one stray byte and ends with the held bytes; None if there is none."""
+        end = len(self._held)
+        if self._held[0] not in _STRAY:
+            return None
+        if self._check(1)[0] != end and not self._shape.is_whole(bytes(self._held[1:])):
+            return None
+        return self._found(self._removed + 1, end)
 
     def _hunt(self) -> list[Adu | Noise] | None:
         """Return the first whole frame at a later place, with the bytes before it as Noise; None if there is none yet.

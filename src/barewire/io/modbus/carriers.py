@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from barewire.modbus.framing import Line
     from barewire.rtu.timing import Timing
 
-_Role = Literal["client", "server"]
+_Role = Literal["client", "server", "listener"]
 
 
 def modbus_endpoint(url: str, options: Mapping[str, object] | None = None) -> Endpoint:

@@ -59,8 +59,7 @@ def listen_with(
     if endpoint.framing not in ("rtu", "ascii"):
         text = "listening in needs a line, rtu:// or ascii://; record a network with tcpdump and give the file"
         raise EncodeError(f"endpoint {str(endpoint)!r}: {text}")
-    # The line of a server without units of its own reads requests and responses alike.
-    listener = listener_of(modbus_line(endpoint, "server"))
+    listener = listener_of(modbus_line(endpoint, "listener"))
     port = dialer(endpoint)()
     # The monotonic clock, counted from the time of day at the start.
     start = time.time() - time.monotonic()
