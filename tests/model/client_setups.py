@@ -109,7 +109,7 @@ class Clients:
 FATES = (
     *[Fate.ARRIVES] * 8,
     *[Fate.LOST, Fate.IS_AN_EXCEPTION, Fate.DAMAGED, Fate.DOUBLED_AT_ONCE] * 2,
-    *(Fate.IN_PIECES, Fate.FLOODED),
+    *(Fate.IN_PIECES, Fate.FLOODED, Fate.AFTER_STRAY),
 )
 TROUBLE = Setup(
     questions=(READ, READ, READ_INPUT, READ_OTHER_UNIT, WRITE, READ_IMAGE, DIAGNOSE),
@@ -128,7 +128,7 @@ def default_options(name: str) -> Clients:
     if carrier.any_unit:  # the assumption of this option
         line = replace(line, questions=tuple(question for question in line.questions if question.unit == 1))
     if line.framing == "tcp":  # TCP and UDP carry no damaged bytes, and a number tells late answers and copies apart
-        fates = tuple(fate for fate in FATES if fate is not Fate.DAMAGED)
+        fates = tuple(fate for fate in FATES if fate not in (Fate.DAMAGED, Fate.AFTER_STRAY))
         line = replace(line, fates=fates)
     if line.numbered:
         line = replace(line, fates=(*line.fates, Fate.DOUBLED_LATER, Fate.AFTER_ANOTHER_NUMBER), probing=("ignores",))

@@ -13,6 +13,7 @@ from barewire.io.modbus import async_connection, connection
 from barewire.io.modbus.options import ModbusOptions
 from barewire.modbus import Bus, EchoLine
 from barewire.modbus.client import bus
+from barewire.rtu import RtuLine
 from tests.model.choices import Choices, run_random
 from tests.model.client_setups import (
     CARRIERS,
@@ -28,7 +29,7 @@ from tests.model.client_setups import (
 from tests.model.clients import clients_scenario
 from tests.model.one_line import Tally
 from tests.model.test_one_line import Forgetful
-from tests.model.units import READ
+from tests.model.units import READ, READ_IMAGE
 
 pytestmark = pytest.mark.long
 ALL_CARRIERS = [*CARRIERS, *OTHER_CARRIERS]
@@ -143,6 +144,14 @@ def test_the_checker_finds_a_bus_that_forgets_the_oldest_of_seventeen_probes(
 
     monkeypatch.setattr(bus, "_MOST_PROBES", 1000)
     assert finds(reads(carrier, world, "burst", "calm"), ForgetsOldest, monkeypatch)
+
+
+def test_the_checker_finds_a_line_that_looks_for_frames_in_damaged_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mistake of barewire before this checker damaged any bit of an answer that holds the image of another."""
+    monkeypatch.setattr(RtuLine, "_behind_strays", RtuLine._hunt)
+    setup = default_options("RTU")
+    setup = replace(setup, line=replace(setup.line, questions=(READ, READ_IMAGE)), stretches=("trouble",))
+    assert finds(setup, Bus, monkeypatch)
 
 
 def test_the_checker_finds_a_client_that_expects_the_echo_only_as_the_first_bytes(

@@ -42,7 +42,8 @@ from tests.model.choices import Choices
 
 TIMING = Timing.of(19200)
 NEVER = float("-inf")
-FLOOD = b"\x55" * 600
+FLOODS = b"\x55" * 600, b"\x01\x03\xff" + b"\x55" * 600
+"""Noise longer than any frame; the second one begins like a frame that would be too long."""
 APART = 0.003
 """Seconds between two answers: more than t3.5."""
 
@@ -55,6 +56,7 @@ class Fate(Enum):
     REQUEST_LOST = "its request is lost"
     LOST = "is lost"
     DAMAGED = "is damaged"
+    AFTER_STRAY = "comes behind one byte, as when a transmitter is turned on"
     IN_PIECES = "comes in two pieces"
     FLOODED = "comes behind more noise than any frame is long"
     DOUBLED_AT_ONCE = "comes twice, in one piece"
@@ -234,7 +236,9 @@ class UnitsOnLine:
         if fate is Fate.DAMAGED:
             frame, number = self._damaged(frame), None
         if fate is Fate.FLOODED:
-            frame = FLOOD + frame
+            frame = self.choices.take(FLOODS) + frame
+        if fate is Fate.AFTER_STRAY:
+            frame = self.choices.take((b"\x00", b"\xff")) + frame
         if fate is Fate.AFTER_ANOTHER_NUMBER:
             self.coming.append(Arrival(at, self._frame(unit, answer, transaction ^ 0x100), None))
         if fate is Fate.DOUBLED_AT_ONCE:
