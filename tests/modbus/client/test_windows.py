@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from random import Random
 from typing import Any
 
 import pytest
@@ -99,6 +100,23 @@ def test_no_number_of_cancelled_requests_makes_the_bus_forget_one(cancelled: int
     assert none_wrong(values, addresses), values
     assert values[-1] == addresses[-1]
     assert probes == min(cancelled - 1, 16)
+
+
+@pytest.mark.parametrize("seed", [8, 39, 43, 51, 72, 85])
+def test_the_seventeenth_probe_of_a_slow_unit_displaces_none(seed: int) -> None:
+    """Reads cancelled quickly, and a unit whose answers are late by changing times, within the window."""
+    random = Random(seed)
+    function_08, cancelled = random.choice(("declined", "echoed")), random.choice((17, 18, 19))
+    pause, longest = random.choice((0.02, 0.01, 0.03)), random.choice((0.85, 0.6, 0.4))
+    delays = [
+        random.uniform(0.3, longest) if random.random() < 0.9 else random.choice((0.01, None)) for _ in range(200)
+    ]
+    bus, wire = rtu_bus(), Wire(InTime(delays, function_08=function_08))  # type: ignore[arg-type]
+    for _ in range(cancelled):
+        wire.play(abandoned(bus.ask(1, ReadHoldingRegisters(200, 1), timeout=0.3), wire.now + pause))
+    addresses = range(1, 20)
+    values = outcomes(bus, wire, addresses, timeout=0.3)
+    assert none_wrong(values, addresses), values
 
 
 def test_what_is_pending_is_bounded_by_units_and_functions() -> None:

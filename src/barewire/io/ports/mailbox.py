@@ -72,7 +72,8 @@ class Mailbox:
         """Set the timer of the task that waits. A timer that ends earlier stays, and is set again when it ends, so that
         it is not cancelled and set for each of a thousand requests that are answered in time."""
         self._until = until
-        if self._timer is None or self._timer.when() > until:
+        # One whose time is over was interrupted as it ended, and will not end again.
+        if self._timer is None or not self.loop.time() < self._timer.when() <= until:
             self._disarm()
             self._timer = self.loop.call_at(until, self._time_out)
 

@@ -19,9 +19,6 @@ Exception 88 carries no number. While an earlier 08 is pending it could be the a
 what the answer to the earlier one would prove; then the echo with its number decides, or the window. Probes without an
 answer are pending too; when a unit has sixteen, the next request waits for the window instead.
 
-The bus records a request before it is sent, and the record is removed when the answer arrives. So an exception at any
-point of an exchange (Ctrl-C, a signal handler, no memory) does not lose a pending answer.
-
 A line whose responses are numbered (TCP) needs none of this, and an exchange without trouble costs nothing extra. The
 bus assumes that a unit answers requests in the order in which they were sent, each at most once and within
 `late_window`, and that it is the line's only client; docs/explanation/late-answers.md states what follows from that.
@@ -48,7 +45,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus.adu import BROADCAST, Adu, describe_event
-from barewire.modbus.client.line_state import NEVER, LineState, NotSent, PendingAnswer, no_answer, note_stray
+from barewire.modbus.client.line_state import NEVER, LineState, NotSent, RequestRecord, no_answer, note_stray
 from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
@@ -62,7 +59,7 @@ _MOST_PROBES = 16
 """How many unanswered probes of a unit are pending at most. Of every other function it is one request."""
 
 
-class Bus:
+class Bus(RequestRecord):
     """A client's line. It runs one conversation at a time; a caller with several puts them in a `FairQueue`.
 
     line           the framing; after a reconnect it may be replaced between two requests, and answers stay pending
@@ -89,18 +86,12 @@ class Bus:
         dead_after: int | None = None,
         retries: int = 0,
     ) -> None:
-        self.line = line
+        any_unit = getattr(line, "any_unit", False) and not line.numbered
+        state = LineState(gap=gap, gaps=gaps, dead_after=dead_after, any_unit=any_unit)
+        super().__init__(line, state, late_window, timeout)
         self.retries = retries
         self.recovery: Recovery = recovery
-        self.late_window = late_window
-        any_unit = getattr(line, "any_unit", False) and not line.numbered
-        self.state = LineState(gap=gap, gaps=gaps, dead_after=dead_after, any_unit=any_unit)
-        self.counters = self.state.counters
         self._nonce = 0
-        # A slow unit is slow for every request: the window must not depend on the time-out of a single one.
-        self._longest_timeout = timeout
-        self._open: tuple[int, Request[Any]] | None = None  # the request that is sent, and not answered yet
-        self._sent_at: float | None = None  # when it was sent, if that is known
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.line!r}>"
@@ -150,25 +141,6 @@ class Bus:
                 if self.line.broken is not None:
                     raise
                 may_probe, attempts = True, attempts + 1
-
-    def begin(self, unit: int, request: Request[Any]) -> bytes | None:
-        """Return the frame of a request that may be sent at once; None if it may have to wait, so that `ask` is needed.
-
-        The caller that sends the frame must then call `answered` or run `rest`.
-        """
-        line, unit_state = self.line, self.state.units.get(unit)
-        if unit_state is None or unit_state.dead_until > NEVER or self.state.has_gaps or not line.numbered:
-            return None
-        if self._open is not None:
-            self._leave_pending(NEVER)
-        frame = line.request(unit, request.encode())
-        self._open, self.counters.asked = (unit, request), self.counters.asked + 1
-        return frame
-
-    def answered(self, unit: int, now: float) -> None:
-        """Record that the response to the open request arrived."""
-        self.state.answered(unit, now)
-        self._open, self.counters.answered = None, self.counters.answered + 1
 
     def rest(self, unit: int, request: Request[R], timeout: float, sent_at: float) -> Conversation[bytes, R]:
         """Return the rest of the conversation `ask`, after the frame of `begin` was sent. It begins by listening."""
@@ -345,19 +317,6 @@ class Bus:
             instead = f"; received instead: {'; '.join(passed_over)}" if passed_over else ""
             text = f"unit {unit} did not answer {request.name} within {timeout:g} s{instead}"
         raise no_answer(request, text)
-
-    def _leave_pending(self, now: float) -> None:
-        """Leave the answer of the open request pending, if there is one: its exchange is over."""
-        if self._open is None:
-            return
-        pending = self.state.pending
-        if not self.line.numbered:
-            window = 3 * self._longest_timeout if self.late_window is None else self.late_window
-            # Interrupted while it was being sent, the request may leave a little later than `now`.
-            sent_at = now + self._longest_timeout if self._sent_at is None else self._sent_at
-            pending = [*pending, PendingAnswer(*self._open, sent_at + window)]
-        # One statement: an exception in between would count the request twice, or not at all.
-        self.state.pending, self._open, self.counters.lost = pending, None, self.counters.lost + 1
 
     def _pass_over(self, heard: Heard[bytes]) -> float:
         self._leave_pending(heard.now)  # no exchange is under way, so a request that is open was interrupted
