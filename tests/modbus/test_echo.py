@@ -276,3 +276,13 @@ def test_a_response_to_a_detecting_function_never_has_the_bytes_of_its_request(c
     }
     requests, answers = lengths[code]
     assert not set(requests) & set(answers)
+
+
+def test_the_echo_of_the_first_of_many_requests_within_a_second_is_removed() -> None:
+    line = EchoLine(RtuLine(Timing.of(19200)))
+    first = line.request(1, bytes.fromhex("06 0007 0001"))
+    line.sent(0.01)
+    for number in range(2, 40):
+        line.request(number, bytes.fromhex("06 0007 0001"))
+        line.sent(0.02 * number)
+    assert [event for event in line.feed(first, 0.9) if isinstance(event, Adu)] == []

@@ -32,9 +32,6 @@ DETECTING = frozenset({0x03, 0x04, 0x07, 0x0B, 0x0C, 0x0F, 0x10, 0x11, 0x18})
 _ECHO_WITHIN = 1.0
 """Seconds after a request was sent in which its echo is expected. Adapters need up to 0.02."""
 
-_KEPT = 16
-"""How many requests without their echo are kept, so that a line which does not echo does not fill the memory."""
-
 
 class _Unseen:
     """A request whose echo has not arrived."""
@@ -64,7 +61,7 @@ class EchoLine:
         self._received = b""  # the part of the echo that has arrived
         self._is_sent = True  # the latest bytes were transmitted
         self._detects = 0  # the function of the latest request, if its response cannot have the same bytes
-        self._unseen: deque[_Unseen] = deque(maxlen=_KEPT)  # the requests without echo, the oldest first
+        self._unseen: deque[_Unseen] = deque()  # the requests without echo, the oldest first: of one second
         self._is_first = False  # the next event is the first one since the latest bytes
         self._last = 0.0
 

@@ -93,13 +93,14 @@ class Connection:
 
         An exception may come at any line, also in `finally`: hence the second one.
         """
-        if self._line._is_owned():
+        line = self._line
+        if line._is_owned():
             text = "the client is used inside one of its own callbacks (watch=, a handler of its log, ...)"
             raise EncodeError(f"{text}, during a request: use it afterwards, or another client")
         ticket, has_left = None, False
         try:
             try:
-                if self._tickets or not self._line.acquire(False):
+                if self._tickets or not line.acquire(False):
                     ticket = Ticket(unit)
                     self._wait(ticket)
                 return act()
@@ -108,10 +109,15 @@ class Connection:
                     self._failed(error, unit, request)
                 raise
             finally:
-                has_left = self._give_back(ticket)
+                if line._is_owned():
+                    line.release()
         finally:
-            if not has_left:
-                self._give_back(ticket)
+            if ticket is not None or line._is_owned():
+                try:
+                    has_left = self._give_back(ticket)
+                finally:
+                    if not has_left:
+                        self._give_back(ticket)
 
     def _wait(self, ticket: Ticket) -> None:
         """Wait in the queue until it is this ticket's turn and the line is free."""
