@@ -109,15 +109,13 @@ class Connection:
                     self._failed(error, unit, request)
                 raise
             finally:
-                if line._is_owned():
+                if ticket is not None:
+                    has_left = self._give_back(ticket)
+                elif line._is_owned():
                     line.release()
         finally:
-            if ticket is not None or line._is_owned():
-                try:
-                    has_left = self._give_back(ticket)
-                finally:
-                    if not has_left:
-                        self._give_back(ticket)
+            if not has_left and (ticket is not None or line._is_owned()):
+                self._give_back(ticket)
 
     def _wait(self, ticket: Ticket) -> None:
         """Wait in the queue until it is this ticket's turn and the line is free."""
