@@ -2,6 +2,9 @@
 
     exhaustive    every sequence of choices of a few small alphabets
     random        QUESTIONS questions (default 10,000,000) of a large alphabet
+    clients       a quarter of that on the public clients with default options, blocking with threads and asyncio with
+                  tasks, on every carrier; and fewer with every option, and with exceptions at any line.
+                  `--clients QUESTIONS` plays only these, and does not write the page
     peers         clients of other libraries on the same serial line (default 1,000,000 questions, or a tenth), and on
                   the same CAN bus (a hundredth)
 
@@ -15,9 +18,10 @@ import os
 import sys
 import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
-from itertools import repeat
+from dataclasses import replace
+from itertools import chain, repeat
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -25,18 +29,36 @@ sys.path.insert(0, str(ROOT))
 
 from barewire.canopen import SdoServer  # noqa: E402
 from tests.canopen.sdo.sdo_bus import RefusingServer  # noqa: E402
-from tests.model.async_client import ON_RTU, ON_TCP, WITH_ECHO, tasks_scenario  # noqa: E402
 from tests.model.choices import Scenario, run_all, run_random  # noqa: E402
+from tests.model.client_setups import (  # noqa: E402
+    CARRIERS,
+    OTHER_CARRIERS,
+    Clients,
+    World,
+    default_options,
+    errors_at_lines,
+    every_option,
+)
+from tests.model.clients import clients_scenario  # noqa: E402
 from tests.model.lanes import MANY_LANES, Fate as LaneFate, LanesSetup, LanesTally, lanes_scenario  # noqa: E402
-from tests.model.one_line import Framing, Tally, scenario  # noqa: E402
+from tests.model.one_line import Tally, scenario  # noqa: E402
 from tests.model.peers import PEERS, package_version, peer_scenario  # noqa: E402
 from tests.model.sdo import SdoTally, Transfers, sdo_scenario  # noqa: E402
 from tests.model.sdo_peers import CLIENTS, LATE, SHARED, SdoFaults, SdoPeerTally, sdo_peer_scenario  # noqa: E402
 from tests.model.sdo_two import Mode, TwoClients, TwoTally, two_clients_scenario  # noqa: E402
 from tests.model.setups import DEEP, EVERYTHING, FEW_FAULTS, SERIAL, SMALL, WITH_OTHERS, for_framing  # noqa: E402
+from tests.model.units import Framing  # noqa: E402
 
 PAGE = ROOT / "docs" / "explanation" / "late-answers.md"
 BEGIN, END = "<!-- made by tools/late_answers.py -->\n", "<!-- end -->\n"
+PUBLIC = (
+    "`ModbusClient` and `AsyncModbusClient` with their default options and a time-out of 0.3 s: only the port and the",
+    "clock are replaced. A run has 48 questions of one or three threads or tasks. Answers are late by any time in the",
+    "window, lost, damaged, doubled, in pieces, behind noise, or exceptions; registers hold the image of a frame;",
+    "questions begin shortly before a window ends; they are cancelled at any time (a task, an exception in a thread),",
+    "seventeen or more in a row while the unit is busy; connections fail. The last rows have every option of a client",
+    "and of its calls, or exceptions at any executed line of the package.",
+)
 COMPARISON = (
     "One unit that declines function 08, as most do; time-out 0.3 s; one read after the other, without retries. Of",
     "four answers one is lost; half of the others are prompt, a quarter comes after 0.35 s, a quarter after 0.8 s. The",
@@ -54,8 +76,16 @@ SDO_SHARED = (
 PARTS = 16
 """Random runs are divided into so many parts, each with a seed of its own."""
 
+ALPHABETS: dict[str, Callable[[str], Clients]] = {
+    "default options": default_options,
+    "every option": every_option,
+    "exceptions at any line": errors_at_lines,
+}
 Row = tuple[str, int, int, int, int, int]
 """What was played, and the numbers of runs, questions, right answers, errors, wrong answers."""
+ClientsRow = tuple[str, int, int, int, int, int, int]
+"""What was played, and the numbers of questions, right answers, exception responses, no answers, cancellations, wrong
+answers."""
 
 
 def exhaustive(name: str, framing: Framing) -> Row:
@@ -119,14 +149,44 @@ def random_two(questions: int, seed: int) -> Row:
     return "SDO: two clients on one channel, random", runs, *_sdo_counts(tally)
 
 
-TASKS = {"RTU": ON_RTU, "RTU with echo": WITH_ECHO, "TCP": ON_TCP}
+def random_clients(alphabet: str, carrier: str, world: World, questions: int, seed: int) -> ClientsRow:
+    """Run a public client with random threads or tasks, interrupts and trouble on its line."""
+    tally, setup = Tally(), replace(ALPHABETS[alphabet](carrier), worlds=(world,))
+    run_random(clients_scenario(setup, tally), -(-questions // setup.length), seed=seed)
+    for wrong in tally.wrong[:1]:
+        sys.stderr.write(f"{alphabet}, {carrier}, {world}, seed {seed}: {wrong}\n")
+    counts = tally.questions, tally.right, tally.exceptions, tally.no_answer, tally.cancelled, len(tally.wrong)
+    return f"{carrier}, {world}" if alphabet == "default options" else f"{carrier}: {alphabet}", *counts
 
 
-def random_tasks(name: str, questions: int, seed: int) -> Row:
-    """Run the asyncio client with random tasks and cancellations."""
-    tally, setup = Tally(), TASKS[name]
-    runs = run_random(tasks_scenario(setup, tally), questions // setup.line.length, seed=seed)
-    return f"{name}: tasks of the asyncio client, random", runs, *_counts(tally)
+def clients_parts(pool: ProcessPoolExecutor, questions: int) -> list[Iterable[ClientsRow]]:
+    """Start so many questions on the public clients with default options, a quarter of that with every option, and an
+    eighth with exceptions at any line. Returns the parts of each row."""
+    parts: list[Iterable[ClientsRow]] = []
+    for alphabet, share in zip(ALPHABETS, (1, 4, 8)):
+        carriers = CARRIERS | OTHER_CARRIERS if alphabet == "every option" else CARRIERS
+        each = questions // (share * 2 * len(carriers) * PARTS)
+
+        def part(carrier: str, world: World, name: str = alphabet, count: int = each) -> Iterable[ClientsRow]:
+            return pool.map(random_clients, *map(repeat, (name, carrier, world, count)), range(PARTS))
+
+        for carrier in carriers:
+            both = part(carrier, "blocking"), part(carrier, "asyncio")
+            parts += both if alphabet == "default options" else [chain(*both)]
+    return parts
+
+
+def clients_table(parts: list[Iterable[ClientsRow]]) -> tuple[list[str], bool]:
+    """Return the rows as a table of Markdown with their total, and whether no answer was wrong."""
+    rows = []
+    for part in parts:
+        names, *numbers = zip(*part)
+        rows.append((names[0], *map(sum, numbers)))
+    rows.append(("all", *(sum(numbers) for numbers in list(zip(*rows))[1:])))
+    columns = "questions", "right", "exceptions", "no answer", "cancelled", "**wrong**"
+    lines = [f"| client | {' | '.join(columns)} |", f"|---|{'---:|' * len(columns)}"]
+    lines += [f"| {row[0]} | {' | '.join(f'{number:,}' for number in row[1:])} |" for row in rows]
+    return [*lines, "", f"Seeds 0 to {PARTS - 1} for each row.", ""], rows[-1][-1] == 0
 
 
 def random_part(framing: Framing, questions: int, seed: int) -> Row:
@@ -204,13 +264,14 @@ def measure(questions: int) -> tuple[list[str], bool]:
     """Return the tables, and whether no answer of ours was wrong."""
     framings: tuple[Framing, ...] = ("rtu", "ascii", "tcp")
     modes: tuple[Mode, ...] = ("plain", "expedited", "segments", "blocks")
-    per_part, seeds = questions // (PARTS * 4), range(PARTS)
+    per_part, seeds = questions // (PARTS * 8), range(PARTS)
     peers = ["barewire", *(name for name, peer in PEERS.items() if peer.version())]
     missing = [f"{name} ({peer.needs})" for name, peer in PEERS.items() if not peer.version()]
     sdo_peers = [name for name in CLIENTS if name == "barewire" or package_version(name)]
     if len(sdo_peers) < len(CLIENTS):
         missing.append("canopen (pip install canopen)")
     with ProcessPoolExecutor(os.cpu_count()) as pool:
+        public = clients_parts(pool, questions // 4)
         small = [
             pool.submit(exhaustive, name, framing)
             for framing in framings
@@ -224,7 +285,6 @@ def measure(questions: int) -> tuple[list[str], bool]:
         large = [pool.map(random_part, repeat(framing), repeat(per_part), seeds) for framing in framings]
         large += [pool.map(random_with_others, repeat(way), repeat(per_part // 4), seeds) for way in framings[:2]]
         large.append(pool.map(random_lanes, repeat(per_part), seeds))
-        large += [pool.map(random_tasks, repeat(way), repeat(per_part // 10), seeds) for way in TASKS]
         large += [pool.map(part, repeat(per_part // 10), seeds) for part in (random_sdo, random_two)]
         others = [pool.map(peer_part, repeat(name), repeat(questions // 10 // PARTS), seeds) for name in peers]
         can = {
@@ -234,6 +294,7 @@ def measure(questions: int) -> tuple[list[str], bool]:
             ]
             for setup in (LATE, SHARED)
         }
+        clients, clients_right = clients_table(public)
         exhausted = [job.result() for job in small]
         randoms = [total(part) for part in large]
         compared = [total(part) for part in others]
@@ -241,6 +302,7 @@ def measure(questions: int) -> tuple[list[str], bool]:
     if missing:
         sys.stdout.write(f"Not installed, so not in the tables: {', '.join(missing)}.\n")
     lines = [
+        *("### The public clients", "", *PUBLIC, "", *clients),
         *("### Every sequence", "", *table("alphabet", exhausted)),
         *("### Random sequences", "", *table("alphabet", randoms)),
         "An error is an exception response, an abort, `NoAnswer`, or a cancellation: the alphabet is made of trouble.",
@@ -252,14 +314,21 @@ def measure(questions: int) -> tuple[list[str], bool]:
         f"CPython {sys.version.split()[0]}, {time.strftime('%Y-%m-%d')}.",
     ]
     ours = (*exhausted, *randoms, compared[0], late[0], shared[0])
-    return lines, all(row[-1] == 0 for row in ours)
+    return lines, clients_right and all(row[-1] == 0 for row in ours)
 
 
 def main() -> None:
     """Run everything and write the page."""
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("questions", nargs="?", type=int, default=10_000_000)
-    lines, right = measure(parser.parse_args().questions)
+    parser.add_argument("--clients", type=int, metavar="QUESTIONS", help="only the public clients; the page stays")
+    arguments = parser.parse_args()
+    if arguments.clients is not None:
+        with ProcessPoolExecutor(os.cpu_count()) as pool:
+            lines, right = clients_table(clients_parts(pool, arguments.clients))
+        sys.stdout.write("\n".join(lines))
+        sys.exit(0 if right else 1)
+    lines, right = measure(arguments.questions)
     text = "\n".join(lines) + "\n"
     sys.stdout.write(text)
     page = PAGE.read_text(encoding="utf-8")

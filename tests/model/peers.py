@@ -33,7 +33,8 @@ from typing import Any, NamedTuple, TypeAlias
 from unittest.mock import patch
 
 from tests.model.choices import Choices
-from tests.model.one_line import Setup, Tally, UnitsOnLine
+from tests.model.one_line import Tally
+from tests.model.units import Setup, UnitsOnLine
 from tests.model.virtual_loop import VirtualLoop, VirtualSelector
 
 Ask: TypeAlias = Callable[[], int | None]

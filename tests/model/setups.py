@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from barewire.modbus import ReadHoldingRegisters, ReadInputRegisters, WriteSingleRegister
-from tests.model.one_line import (
+from tests.model.units import (
     DIAGNOSE,
     ECHO,
     ECHO_TO_DETECT,

@@ -7,7 +7,7 @@ import selectors
 from collections.abc import Callable
 from typing import Any
 
-from tests.model.one_line import UnitsOnLine
+from tests.model.units import UnitsOnLine
 
 
 class VirtualSelector(selectors.SelectSelector):
@@ -23,9 +23,9 @@ class VirtualSelector(selectors.SelectSelector):
         line = self.line
         until = line.now + (float("inf") if timeout is None else max(timeout, 0.0))
         if line.coming and line.coming[0].at <= until:
-            line.now = max(line.now, line.coming[0].at)
-            self.received(line.coming.pop(0).data)
+            self.received(line.deliver())
         else:
+            assert until < float("inf"), "every task waits, and nothing will wake it"
             line.now = until
         return []
 

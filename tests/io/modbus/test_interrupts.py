@@ -80,10 +80,14 @@ class VirtualUnit:
     def receive(self, timeout: float) -> bytes | None:
         until = self.now + timeout
         if self.coming and self.coming[0].at <= until:
-            self.now = max(self.now, self.coming[0].at)
-            return self.coming.pop(0).data
+            return self.deliver()
         self.now = until
         return None
+
+    def deliver(self) -> bytes:
+        """Return the next bytes that arrive, at the time when they arrive."""
+        self.now = max(self.now, self.coming[0].at)
+        return self.coming.pop(0).data
 
     def pause(self, seconds: float) -> None:
         self.now += seconds

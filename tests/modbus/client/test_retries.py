@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from barewire.conversation import Abandoned, Heard
 from barewire.errors import NoAnswer
 from barewire.modbus import Bus, ReadHoldingRegisters, WriteOutcomeUnknown, WriteSingleRegister
 from barewire.tcp import TcpLine
@@ -86,3 +87,13 @@ def test_a_request_has_the_retries_of_the_bus_unless_it_is_given_others(
     with pytest.raises(NoAnswer):
         Clock(slow).play(bus.ask(1, ReadHoldingRegisters(9, 1), retries=given))
     assert len(slow.asked) == asked
+
+
+def test_a_write_that_is_abandoned_is_not_repeated() -> None:
+    bus = Bus(TcpLine(), dead_after=1)
+    asking = bus.ask(1, WriteSingleRegister(7, 7), retries=1, repeat_writes=True)
+    next(asking)
+    asking.send(Heard(None, 0.0))
+    with pytest.raises(WriteOutcomeUnknown):
+        asking.throw(Abandoned("cancelled"))
+    assert bus.counters.asked == 1

@@ -97,7 +97,7 @@ class Connection:
         if line._is_owned():
             text = "the client is used inside one of its own callbacks (watch=, a handler of its log, ...)"
             raise EncodeError(f"{text}, during a request: use it afterwards, or another client")
-        ticket = None
+        ticket, has_left = None, False
         try:
             try:
                 if self._tickets or not line.acquire(False):
@@ -109,14 +109,13 @@ class Connection:
                     self._failed(error, unit, request)
                 raise
             finally:
-                if line._is_owned():
+                if ticket is not None:
+                    has_left = self._give_back(ticket)
+                elif line._is_owned():
                     line.release()
         finally:
-            if ticket is not None or line._is_owned():
-                try:
-                    self._give_back(ticket)
-                finally:
-                    self._give_back(ticket)
+            if not has_left and (ticket is not None or line._is_owned()):
+                self._give_back(ticket)
 
     def _wait(self, ticket: Ticket) -> None:
         """Wait in the queue until it is this ticket's turn and the line is free."""
@@ -126,8 +125,8 @@ class Connection:
             self._changed.wait_for(lambda: self._queue.place(ticket) is not None)
         self._line.acquire()
 
-    def _give_back(self, ticket: Ticket | None) -> None:
-        """Give back what this thread has of the line and of the queue. A second call has no effect."""
+    def _give_back(self, ticket: Ticket | None) -> bool:
+        """Give back what this thread has of the line and of the queue. Returns True. A second call has no effect."""
         if self._line._is_owned():
             self._line.release()
         if ticket is not None:
@@ -137,6 +136,7 @@ class Connection:
                 self._changed.notify_all()
             while self._queue_lock._is_owned():  # an exception came as a `with` ended
                 self._queue_lock.release()
+        return True
 
     def _failed(self, error: BaseException, unit: int | None, request: Request[Any] | None = None) -> None:
         if isinstance(error, ModbusException):

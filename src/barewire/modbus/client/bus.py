@@ -138,7 +138,7 @@ class Bus(RequestRecord):
                 if attempts > retries:
                     error.add_context(f"{attempts} attempts")
                     raise
-                if self.line.broken is not None:
+                if self.line.broken is not None or isinstance(error.__cause__, Abandoned):
                     raise
                 may_probe, attempts = True, attempts + 1
 

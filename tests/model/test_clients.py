@@ -1,0 +1,161 @@
+"""The public clients in the model checker (`clients`): threads, tasks, every carrier and every option."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+from itertools import product
+
+import pytest
+
+from barewire.conversation import Conversation
+from barewire.io.modbus import async_connection, connection
+from barewire.io.modbus.options import ModbusOptions
+from barewire.modbus import Bus, EchoLine
+from barewire.modbus.client import bus
+from barewire.rtu import RtuLine
+from tests.model.choices import Choices, run_random
+from tests.model.client_setups import (
+    CARRIERS,
+    OPTIONS,
+    OTHER_CARRIERS,
+    Clients,
+    Stretch,
+    World,
+    default_options,
+    errors_at_lines,
+    every_option,
+)
+from tests.model.clients import clients_scenario
+from tests.model.one_line import Tally
+from tests.model.test_one_line import Forgetful
+from tests.model.units import READ, READ_IMAGE
+
+pytestmark = pytest.mark.long
+ALL_CARRIERS = [*CARRIERS, *OTHER_CARRIERS]
+NOT_PLAYED = {
+    *("parity", "stopbits", "bytesize", "rs485", "pace"),  # how a port sends its bits
+    *("cert", "key", "ca", "server_name", "roles", "client_cert"),  # TLS, which is inside the port
+    *("connections", "idle"),  # of servers
+}
+"""The options that do not reach anything between the port and the program."""
+
+
+@pytest.mark.parametrize("carrier", ALL_CARRIERS)
+def test_no_answer_is_delivered_to_another_question_with_default_options(carrier: str) -> None:
+    tally = Tally()
+    run_random(clients_scenario(default_options(carrier), tally), 40)
+    assert not tally.wrong, tally.wrong[0]
+    assert min(tally.right, tally.exceptions, tally.no_answer, tally.cancelled) > 20
+
+
+@pytest.mark.parametrize("carrier", ALL_CARRIERS)
+def test_nor_with_any_option(carrier: str) -> None:
+    tally = Tally()
+    run_random(clients_scenario(every_option(carrier), tally), 40)
+    assert not tally.wrong, tally.wrong[0]
+
+
+def test_every_option_of_a_client_is_played() -> None:
+    in_urls = {
+        option.partition("=")[0]
+        for carrier in (CARRIERS | OTHER_CARRIERS).values()
+        for option in carrier.url.partition("?")[2].split("&")
+    }
+    played = {name for options in OPTIONS for name in options} | in_urls - {""}
+    assert played - {"gaps"} == set(ModbusOptions.__annotations__) - NOT_PLAYED
+
+
+@pytest.mark.parametrize("world", ["blocking", "asyncio"])
+@pytest.mark.parametrize("carrier", ["RTU", "TCP", "TCP, any_transaction"])
+def test_an_exception_at_any_line_neither_loses_a_pending_answer_nor_the_turn_on_the_line(
+    carrier: str, world: World
+) -> None:
+    tally = Tally()
+    setup = replace(errors_at_lines(carrier), worlds=(world,), length=16, stretches=("trouble",))
+    for line in range(300):
+        play = clients_scenario(replace(setup, lines_until_error=(None, None, line)), tally)
+        play(Choices(dice=random.Random(line)))
+    assert not tally.wrong, tally.wrong[0]
+    assert min(tally.right, tally.cancelled) > 300
+
+
+def finds(setup: Clients, planted: type[Bus], monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Return whether a client with a planted mistake gets a wrong answer within 200 runs."""
+    monkeypatch.setattr(connection, "Bus", planted)
+    monkeypatch.setattr(async_connection, "Bus", planted)
+    tally, dice = Tally(), random.Random(1)
+    play = clients_scenario(setup, tally)
+    for _ in range(200):
+        play(Choices(dice=dice))
+        if tally.wrong:
+            return True
+    return False
+
+
+def reads(carrier: str, world: World, *stretches: Stretch) -> Clients:
+    """The default alphabet with one kind of question, in which a mistake shows sooner."""
+    setup = default_options(carrier)
+    return replace(setup, worlds=(world,), line=replace(setup.line, questions=(READ,)), stretches=stretches)
+
+
+BOTH_WORLDS = pytest.mark.parametrize("world", ["blocking", "asyncio"])
+WITHOUT_NUMBERS = pytest.mark.parametrize("carrier", ["RTU", "ASCII", "RTU over TCP", "TCP, any_transaction"])
+
+
+@BOTH_WORLDS
+def test_the_checker_finds_a_client_whose_bus_remembers_nothing(monkeypatch: pytest.MonkeyPatch, world: World) -> None:
+    assert finds(reads("RTU", world, "trouble"), Forgetful, monkeypatch)
+
+
+@BOTH_WORLDS
+@WITHOUT_NUMBERS
+def test_the_checker_finds_a_probe_whose_window_is_clipped_as_its_time_out_is(
+    carrier: str, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mistake of barewire before this checker played clients with default options."""
+
+    class Clips(Bus):
+        def _probe(self, unit: int, timeout: float, now: float) -> Conversation[bytes, float]:
+            longest, self._longest_timeout = self._longest_timeout, timeout
+            now = yield from super()._probe(unit, timeout, now)
+            self._longest_timeout = longest
+            return now
+
+    assert finds(reads(carrier, world, "trouble"), Clips, monkeypatch)
+
+
+@pytest.mark.parametrize(
+    ("carrier", "world"),
+    # The blocking client gives a TCP connection up when it is interrupted, so that no late answer comes.
+    [*product(["RTU", "ASCII", "RTU over TCP"], ["blocking", "asyncio"]), ("TCP, any_transaction", "asyncio")],
+)
+def test_the_checker_finds_a_bus_that_forgets_the_oldest_of_seventeen_probes(
+    carrier: str, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mistake of barewire before this checker played bursts of cancelled questions."""
+
+    class ForgetsOldest(Bus):
+        def _leave_pending(self, now: float) -> None:
+            super()._leave_pending(now)
+            probes = [pending for pending in self.state.pending if pending.request.function_code == 8]
+            if len(probes) > 16:
+                self.state.pending.remove(probes[0])
+
+    monkeypatch.setattr(bus, "_MOST_PROBES", 1000)
+    assert finds(reads(carrier, world, "burst", "calm"), ForgetsOldest, monkeypatch)
+
+
+def test_the_checker_finds_a_line_that_looks_for_frames_in_damaged_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mistake of barewire before this checker damaged any bit of an answer that holds the image of another."""
+    monkeypatch.setattr(RtuLine, "_behind_strays", RtuLine._hunt)
+    setup = default_options("RTU")
+    setup = replace(setup, line=replace(setup.line, questions=(READ, READ_IMAGE)), stretches=("trouble",))
+    assert finds(setup, Bus, monkeypatch)
+
+
+def test_the_checker_finds_a_client_that_expects_the_echo_only_as_the_first_bytes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(EchoLine, "_is_echo", lambda line, event: False)
+    assert finds(default_options("RTU, echo"), Bus, monkeypatch)
