@@ -84,7 +84,6 @@ def _ask(line: UnitsOnLine, bus: Bus, question: Question, setup: Setup, tally: T
         return f"question {number} ({question.name}) of {choices.script}"
 
     tally.questions += 1
-    line.last = None
     try:
         asking: Any = (
             bus.ask(question.unit, request, timeout=setup.timeout, retries=retries)
@@ -94,8 +93,8 @@ def _ask(line: UnitsOnLine, bus: Bus, question: Question, setup: Setup, tally: T
         response = run(line, asking, begin + cancel_after if cancel_after is not None else float("inf"))
     except ModbusException:
         tally.exceptions += 1
-        if line.last is None or line.last.number != number:
-            tally.wrong.append(f"{where()}: an exception that answers question {line.last and line.last.number}")
+        if line.answered() != number:
+            tally.wrong.append(f"{where()}: an exception that answers question {line.answered()}")
     except NoAnswer:
         tally.no_answer += 1
     except Abandoned:
@@ -104,8 +103,8 @@ def _ask(line: UnitsOnLine, bus: Bus, question: Question, setup: Setup, tally: T
         tally.right += 1
         if not question.unit:
             assert line.sent[number] == 1, where()
-        elif line.last is None or line.last.number != number:
-            tally.wrong.append(f"{where()}: the answer to question {line.last and line.last.number}")
+        elif line.answered() != number:
+            tally.wrong.append(f"{where()}: the answer to question {line.answered()}")
         elif isinstance(request, ReadHoldingRegisters | ReadInputRegisters) and response.registers != (number,):
             tally.wrong.append(f"{where()}: {response.registers} instead of ({number},)")
     most = 1 + (0 if request.writes else retries)

@@ -11,7 +11,7 @@ import pytest
 from barewire.conversation import Conversation
 from barewire.io.modbus import async_connection, connection
 from barewire.io.modbus.options import ModbusOptions
-from barewire.modbus import Bus, EchoLine
+from barewire.modbus import Adu, Bus, EchoLine, Noise
 from barewire.modbus.client import bus
 from barewire.rtu import RtuLine
 from tests.model.choices import Choices, run_random
@@ -146,9 +146,16 @@ def test_the_checker_finds_a_bus_that_forgets_the_oldest_of_seventeen_probes(
     assert finds(reads(carrier, world, "burst", "calm"), ForgetsOldest, monkeypatch)
 
 
+def hunt_as_a_listener(line: RtuLine) -> list[Adu | Noise]:
+    line.role, role = "listener", line.role
+    events = line._hunt()
+    line.role = role
+    return events
+
+
 def test_the_checker_finds_a_line_that_looks_for_frames_in_damaged_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     """A mistake of barewire before this checker damaged any bit of an answer that holds the image of another."""
-    monkeypatch.setattr(RtuLine, "_behind_strays", RtuLine._hunt)
+    monkeypatch.setattr(RtuLine, "_divide", hunt_as_a_listener)
     setup = default_options("RTU")
     setup = replace(setup, line=replace(setup.line, questions=(READ, READ_IMAGE)), stretches=("trouble",))
     assert finds(setup, Bus, monkeypatch)

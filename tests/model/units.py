@@ -37,6 +37,7 @@ from barewire.modbus import (
 )
 from barewire.rtu import RtuLine, Timing, encode as encode_rtu
 from barewire.rtu.crc import crc16
+from barewire.rtu.line import PATIENCE
 from barewire.tcp import TcpLine, encode as encode_tcp
 from tests.model.choices import Choices
 
@@ -171,6 +172,8 @@ class Arrival:
     number: int | None = field(compare=False)
     """The question that these bytes answer; None for a probe, or for damaged bytes."""
     value: int | None = field(compare=False, default=None)
+    is_echo: bool = field(compare=False, default=False)
+    """They are a request, which an adapter repeats, and nothing else."""
 
 
 class UnitsOnLine:
@@ -189,6 +192,8 @@ class UnitsOnLine:
         """How often each question was sent."""
         self.last: Arrival | None = None
         """The last bytes that the client received."""
+        self.unbroken: list[Arrival] = []
+        """The bytes of the present question that the client received without a silence between them."""
         self.busy_until = NEVER
         """No unit answers before this time."""
         self.latest = float("inf")
@@ -197,9 +202,23 @@ class UnitsOnLine:
         """What passed on the line, one text for each message."""
         self._answered_at: dict[int, float] = {}  # unit -> time of its last answer
 
+    def answered(self) -> int | None:
+        """Return the question that the client has taken an answer to, as a number.
+
+        It is that of the last bytes. Only where a silence has divided the bytes, others may follow the answer: then it
+        is the first copy of its bytes, so that an older answer that looks the same is not taken for it.
+        """
+        if self.last is None or self.last.number == self.number:
+            return None if self.last is None else self.last.number
+        own = [arrival.data for arrival in self.unbroken if arrival.number == self.number]
+        copies = [arrival.number for arrival in self.unbroken if arrival.data in own and not arrival.is_echo]
+        return copies[0] if copies else self.last.number
+
     def begin(self, number: int) -> None:
         """Begin a question: others may send during it."""
         self.number = number
+        self.last = None
+        self.unbroken.clear()
         self.now += self.choices.take(self.setup.pauses)
         for after, unit, pdu in self.choices.take(self.setup.traffic) if self.setup.traffic else ():
             self.coming.append(Arrival(self.now + after, self._frame(unit, pdu, 0), None))
@@ -212,7 +231,7 @@ class UnitsOnLine:
         self.log.append(f"{self.now:7.3f}  -> {data.hex(' ')}  {'probe' if is_probe else f'question {self.number}'}")
         if not is_probe:
             self.sent[self.number] = self.sent.get(self.number, 0) + 1
-        echo = Arrival(NEVER, data, None)
+        echo = Arrival(NEVER, data, None, is_echo=True)
         if self.adapter.echo_after is not None:
             echo.at = self.now + self.adapter.echo_after
             self.coming.append(echo)
@@ -247,7 +266,7 @@ class UnitsOnLine:
             self.coming.append(Arrival(at, frame[:4], None))
             at, frame = at + self.duration(frame[4:]) + 0.0012, frame[4:]  # a pause between t1.5 and t3.5
         if at == echo.at:  # in one piece with the echo
-            echo.data, echo.number = echo.data + frame, number
+            echo.data, echo.number, echo.is_echo = echo.data + frame, number, False
         else:
             self.coming.append(Arrival(at, frame, number))
         if fate is Fate.DOUBLED_LATER:
@@ -331,7 +350,11 @@ class UnitsOnLine:
 
     def deliver(self) -> bytes:
         """Return the next bytes that arrive, at the time when they arrive."""
-        last = self.last = self.coming.pop(0)
+        last = self.coming.pop(0)
+        if self.last is not None and last.at - TIMING.duration(len(last.data)) - self.last.at > PATIENCE:
+            self.unbroken.clear()
+        self.last = last
+        self.unbroken.append(last)
         self.now = max(self.now, last.at)
         self.log.append(f"{self.now:7.3f}  <- {last.data.hex(' ')}  answers {last.number or 'no question'}")
         return last.data
