@@ -14,7 +14,8 @@ import linecache
 import re
 import sys
 from collections.abc import Callable
-from types import FrameType
+from functools import cache
+from types import CodeType, FrameType
 from typing import Any
 
 import barewire
@@ -30,11 +31,12 @@ _RELEASE = re.compile(r"\s*\w+\._?reading\.release\(\)")
 _WITH_LOCK = re.compile(r"\s*with \w+\.(_locking|_changing|_sending|_lock|reading)\b")
 
 
-def leaves_lock(frame: FrameType) -> bool:
+@cache
+def leaves_lock(code: CodeType, instruction: int, line_number: int) -> bool:
     """Return whether the line is the end of a `with` on a lock of `threading`, the release of one in `finally`, or a
     `try`, which does nothing."""
-    operation = dis.opname[frame.f_code.co_code[frame.f_lasti]]
-    line = linecache.getline(frame.f_code.co_filename, frame.f_lineno)
+    operation = dis.opname[code.co_code[instruction]]
+    line = linecache.getline(code.co_filename, line_number)
     at_end = operation != "LOAD_FAST"  # which the beginning has
     return operation == "NOP" or bool(_RELEASE.match(line)) or (at_end and bool(_WITH_LOCK.match(line)))
 

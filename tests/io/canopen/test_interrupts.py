@@ -1,23 +1,23 @@
 """An exception at any line of an SDO transfer: no wrong value follows, and no lock stays.
 
 A signal handler, Ctrl-C and a lack of memory raise anywhere. Here an exception is raised before each line of barewire
-that a transfer executes, one after the other (`tests.interrupts`), in virtual time. Then three further transfers are
-made with a server that answers late and in order; from another thread, which would hang if a lock were kept.
+that a transfer executes, at its first and at its last execution (`tests.interrupts`), in virtual time. Then three
+further transfers are made with a server that answers late and in order; from another thread, which would hang if a
+lock were kept.
 """
 
 from __future__ import annotations
 
-import asyncio
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from types import FrameType
 from typing import Any
 
 import pytest
 
-from barewire import AsyncCanopenClient, CanopenClient
+from barewire import CanopenClient
 from barewire.errors import BarewireError
-from barewire.io.canopen.bus.shared_bus import CanBus
 from tests.interrupts import interrupt, leaves_lock
 from tests.io.canopen.virtual_can import NumberedStore, VirtualCan, value_of
 
@@ -49,7 +49,7 @@ class Transfers:
         self.can.delay(*self._delays)
 
     def begin(self, sdo: Any, index: int) -> tuple[Any, Callable[[Any], None]]:
-        """Begin a transfer. Return its result, or the coroutine of it, and its check."""
+        """Begin a transfer. Return what starts it, and its check."""
         if self.verb == "upload":
             before = self.store.reads
 
@@ -70,11 +70,6 @@ class Transfers:
         """Make one transfer with the blocking client."""
         start, check = self.begin(client.node().sdo, index)
         check(start())
-
-    async def make_in_task(self, client: AsyncCanopenClient, index: int) -> None:
-        """Make one transfer with the asyncio client."""
-        start, check = self.begin(client.node().sdo, index)
-        check(await start())
 
 
 def in_a_thread(work: Callable[[], None]) -> None:
@@ -104,7 +99,7 @@ def blocking_run(transfers: Transfers, at: int | None, error: type[BaseException
 
     def interrupted() -> None:
         nonlocal lines
-        lines = interrupt(lambda: quietly(lambda: transfers.make(client, X)), at, error=error, skips=leaves_lock)
+        lines = interrupt(lambda: quietly(lambda: transfers.make(client, X)), at, error=error, skips=is_left_out)
 
     with suppress(error):
         interrupted()
@@ -113,10 +108,12 @@ def blocking_run(transfers: Transfers, at: int | None, error: type[BaseException
         for index in AFTERWARDS:
             quietly(lambda index=index: transfers.make(client, index))  # type: ignore[misc]
         transfers.can.delay()
-        transfers.make(client, X)
+        if client.bus.failure is None:  # an Exception while it reads the port ends the bus, with a message
+            transfers.make(client, X)
 
     in_a_thread(use_on)
-    transfers.make(client, Y)
+    if client.bus.failure is None:
+        transfers.make(client, Y)
     client.close()
     return lines
 
@@ -127,66 +124,44 @@ def quietly(make: Callable[[], None]) -> None:
         make()
 
 
-def asyncio_run(transfers: Transfers, at: int | None, error: type[BaseException]) -> int:
-    """The same with an asyncio client: an exception leaves the task, or the event loop, which then runs on."""
-    loop = transfers.can.loop()
-    client = AsyncCanopenClient(CanBus(transfers.can, lazy=True), node=5, timeout=TIMEOUT)  # closed without a thread
-
-    async def prepare() -> None:
-        await transfers.make_in_task(client, X)
-        transfers.late()
-
-    async def make(index: int) -> None:
-        with suppress(BarewireError):
-            await transfers.make_in_task(client, index)
-
-    async def use_on() -> None:
-        for task in asyncio.all_tasks() - {asyncio.current_task()}:
-            task.cancel()
-            with suppress(asyncio.CancelledError, error):
-                await task
-        for index in AFTERWARDS:
-            await asyncio.wait_for(make(index), 60)
-        transfers.can.delay()
-        await asyncio.wait_for(transfers.make_in_task(client, X), 60)
-        await client.close()
-        client.bus.close()
-
-    lines = 0
-    try:
-        loop.run_until_complete(prepare())
-        with suppress(error):
-            lines = interrupt(lambda: loop.run_until_complete(make(X)), at, error=error, skips=leaves_lock)
-        loop.run_until_complete(use_on())
-    finally:
-        loop.close()
-    return lines
+EXECUTED: list[tuple[str, int]] = []
+"""The lines of the last interrupted transfer."""
 
 
-RUNS = {"blocking": blocking_run, "asyncio": asyncio_run}
+def is_left_out(frame: FrameType) -> bool:
+    """Return whether no exception is raised at this line, see `leaves_lock`. Otherwise note the line."""
+    code = frame.f_code
+    if leaves_lock(code, frame.f_lasti, frame.f_lineno):
+        return True
+    EXECUTED.append((code.co_filename, frame.f_lineno))
+    return False
 
 
-# An event loop reports an Exception of a callback and goes on, but Ctrl-C leaves it.
-@pytest.mark.parametrize(
-    ("world", "error"), [("blocking", KeyboardInterrupt), ("blocking", MemoryError), ("asyncio", KeyboardInterrupt)]
-)
+def chosen_lines(run: Callable[[None], int]) -> list[int]:
+    """Return the numbers of the first and of the last execution of every line of a transfer."""
+    EXECUTED.clear()
+    run(None)
+    first = {line: number for number, line in reversed(list(enumerate(EXECUTED)))}
+    latest = {line: number for number, line in enumerate(EXECUTED)}
+    return sorted({*first.values(), *latest.values()})
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("delays", DELAYS)
 @pytest.mark.parametrize("mode", LENGTHS)
 @pytest.mark.parametrize("verb", ["upload", "download"])
-def test_an_exception_at_any_line(
-    world: str, verb: str, mode: str, delays: str, error: type[BaseException], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_exception_at_any_line(verb: str, mode: str, delays: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def run(at: int | None) -> int:
         with monkeypatch.context() as patch:
-            return RUNS[world](Transfers(verb, mode, DELAYS[delays], patch), at, error)
+            return blocking_run(Transfers(verb, mode, DELAYS[delays], patch), at, KeyboardInterrupt)
 
     run(None)  # imports what is loaded when it is needed
-    lines = run(None)
-    assert lines > 50
     failures: dict[int, str] = {}
-    for at in range(lines):
+    chosen = chosen_lines(run)
+    assert len(chosen) > 50
+    for at in chosen:
         try:
             run(at)
         except Exception as failure:
             failures[at] = repr(failure)[:200]
-    assert not failures, (len(failures), lines, failures)
+    assert not failures, (len(failures), len(chosen), failures)

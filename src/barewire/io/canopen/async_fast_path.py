@@ -198,8 +198,8 @@ def _send(bus: CanBus, port: AsyncChannelSubscriber, plain: PlainExchange[T], re
         waits = bus.loop_reader is not None and bus.has_frames is not None and bus.has_frames()
         if not waits and bus.try_send(request, port):
             return port.loop.time()
-    except BaseException:
+    except PortError:
         plain.cancel()
-        raise
+        raise  # after any other exception the request may have been sent: see `PlainExchange.be_interrupted`
     plain.cancel()
     return None
