@@ -2,13 +2,20 @@
 
 count = interrupt(work, None, "src/barewire")        how many lines `work` executes in files below that path
 interrupt(work, 17, "src/barewire")                  raises before the eighteenth of them
+
+A tracer can raise where no signal handler runs: CPython runs them at the end of calls, at the start of functions and in
+loops, so never between the last call inside `with lock:` and the release of that lock. `leaves_lock` tells these lines.
 """
 
 from __future__ import annotations
 
+import dis
+import linecache
+import re
 import sys
 from collections.abc import Callable
-from types import FrameType
+from functools import cache
+from types import CodeType, FrameType
 from typing import Any
 
 import barewire
@@ -20,18 +27,35 @@ class Interrupt(BaseException):
     """An exception that nothing in barewire expects."""
 
 
+_RELEASE = re.compile(r"\s*\w+\._?reading\.release\(\)")
+_WITH_LOCK = re.compile(r"\s*with \w+\.(_locking|_changing|_sending|_lock|reading)\b")
+
+
+@cache
+def leaves_lock(code: CodeType, instruction: int, line_number: int) -> bool:
+    """Return whether the line is the end of a `with` on a lock of `threading`, the release of one in `finally`, or a
+    `try`, which does nothing."""
+    operation = dis.opname[code.co_code[instruction]]
+    line = linecache.getline(code.co_filename, line_number)
+    at_end = operation != "LOAD_FAST"  # which the beginning has
+    return operation == "NOP" or bool(_RELEASE.match(line)) or (at_end and bool(_WITH_LOCK.match(line)))
+
+
 def interrupt(
     work: Callable[[], object],
     at: int | None,
     below: str = BAREWIRE,
     error: Callable[[], BaseException] = Interrupt,
+    *,
+    skips: Callable[[FrameType], bool] = lambda frame: False,
 ) -> int:
-    """Run `work`, and raise `error` before its executed line with the number `at`. Return the number of lines."""
+    """Run `work`, and raise `error` before its executed line with the number `at`. Return the number of lines.
+    Lines that `skips` are not counted."""
     lines = 0
 
     def on_line(frame: FrameType, event: str, _: Any) -> Any:
         nonlocal lines
-        if event == "line":
+        if event == "line" and not skips(frame):
             lines += 1
             if at is not None and lines == at + 1:
                 sys.settrace(None)

@@ -103,11 +103,9 @@ class ChannelLocks:
         return True
 
     def release(self, lock: ChannelLock) -> None:
-        """Remove a request, granted or waiting, and grant the requests that waited only for it."""
+        """Remove a request, granted or waiting, and grant the requests that waited only for it. A second call completes
+        one that an exception ended."""
         self._queue.pop(lock, None)
-        lock.granted = False
-        if not self._queue:
-            return
         taken: set[Hashable] = set()
         for waiting in self._queue:
             keys = waiting.keys
@@ -115,5 +113,6 @@ class ChannelLocks:
                 waiting.granted = True
                 waiting.wake()
             if keys is None:
-                return  # all later requests wait for a request for everything
+                break  # all later requests wait for a request for everything
             taken |= keys
+        lock.granted = False

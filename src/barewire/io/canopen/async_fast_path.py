@@ -143,8 +143,12 @@ class AsyncFastPath(ChannelMemory[AsyncChannelSubscriber]):
             if bus.lock_if_free(lock, task):
                 return await self._exchange(bus, known, plain)
         finally:
-            if lock.granted and lock.owner is task:
-                bus.release_lock(lock)
+            try:
+                if lock.granted and lock.owner is task:
+                    bus.release_lock(lock)
+            finally:  # an exception may have come before it was released
+                if lock.granted and lock.owner is task:
+                    bus.release_lock(lock)
         return await self._carry_out(whole_transfer(plain))
 
     async def _exchange(self, bus: CanBus, known: KnownChannel[AsyncChannelSubscriber], plain: PlainExchange[T]) -> T:
@@ -172,8 +176,12 @@ class AsyncFastPath(ChannelMemory[AsyncChannelSubscriber]):
             next(rest)
             return await self._run(channel, rest, port, Heard(frame, port.loop.time()))
         finally:
-            if channel.busy:
-                plain.be_interrupted(asyncio.get_running_loop().time())
+            try:
+                if channel.busy:
+                    plain.be_interrupted(asyncio.get_running_loop().time())
+            finally:
+                if channel.busy:
+                    plain.be_interrupted(asyncio.get_running_loop().time())
 
     def _subscriber(self, bus: CanBus, known: KnownChannel[AsyncChannelSubscriber]) -> AsyncChannelSubscriber:
         subscriber = known.subscriber
@@ -190,8 +198,8 @@ def _send(bus: CanBus, port: AsyncChannelSubscriber, plain: PlainExchange[T], re
         waits = bus.loop_reader is not None and bus.has_frames is not None and bus.has_frames()
         if not waits and bus.try_send(request, port):
             return port.loop.time()
-    except BaseException:
+    except PortError:
         plain.cancel()
-        raise
+        raise  # after any other exception the request may have been sent: see `PlainExchange.be_interrupted`
     plain.cancel()
     return None

@@ -177,4 +177,7 @@ def channels_locked(bus: CanBus, keys: LockKeys | None) -> Iterator[None]:
             is_free.acquire()
         yield
     finally:
-        bus.release_lock(lock)
+        try:
+            bus.release_lock(lock)
+        finally:  # an exception may have come before it was released; a second time has no effect
+            bus.release_lock(lock)

@@ -250,7 +250,7 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
 
     def channel(self, node: int | None = None) -> Channel:
         """Return the channel to the default SDO server of a node."""
-        return self.bus.channel(self._number(node), self.dialect)
+        return self.bus.channel(self._number(node), self.dialect, self.timeout)
 
     def _number(self, node: int | None, device: Device | None = None) -> int:
         """Return the given node-ID, or that of the URL, or the device's own, or 1."""

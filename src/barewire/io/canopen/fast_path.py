@@ -168,8 +168,12 @@ class FastPath(ChannelMemory[ChannelSubscriber]):
             if bus.lock_if_free(lock, thread):
                 return self._exchange(bus, known, plain)
         finally:
-            if lock.granted and lock.owner == thread:
-                bus.release_lock(lock)
+            try:
+                if lock.granted and lock.owner == thread:
+                    bus.release_lock(lock)
+            finally:  # an exception may have come before it was released
+                if lock.granted and lock.owner == thread:
+                    bus.release_lock(lock)
         return self._carry_out(whole_transfer(plain))
 
     def _exchange(self, bus: CanBus, known: KnownChannel[ChannelSubscriber], plain: PlainExchange[T]) -> T:
@@ -177,15 +181,22 @@ class FastPath(ChannelMemory[ChannelSubscriber]):
             port = known.direct
             if port is None:
                 port = known.direct = DirectPort(bus, bus.reading, known.keys)
-            if not bus.begin_direct(port, plain.timeout):
-                return self._exchange_on(self._subscriber(bus, known), plain)
             try:
-                return self._exchange_on(port, plain)
+                if bus.begin_direct(port, plain.timeout):
+                    return self._exchange_on(port, plain)
             finally:
-                port.close()
+                try:
+                    port.close()
+                finally:  # an exception may have come before it was closed
+                    port.close()
+            return self._exchange_on(self._subscriber(bus, known), plain)
         finally:
-            if plain.channel.busy:
-                plain.be_interrupted(time.monotonic())
+            try:
+                if plain.channel.busy:
+                    plain.be_interrupted(time.monotonic())
+            finally:
+                if plain.channel.busy:
+                    plain.be_interrupted(time.monotonic())
 
     def _exchange_on(self, port: DirectPort | ChannelSubscriber, plain: PlainExchange[T]) -> T:
         request = plain.begin()

@@ -123,7 +123,7 @@ class Channel:
         self._mark: TrafficMark | None = None
         self.blocks = True  # False after the server has refused blocks: `block="auto"` does not request them again
         self.timeout = 0.0
-        """The time-out of the clients of the channel. A call with a shorter one makes no response come sooner."""
+        """The longest time-out that clients give the node. A call with a shorter one makes no response come sooner."""
         self.probes = False
         """Whether the next transfer sends a probe, because segments of a block may still come."""
         self.quiet_until: float | None = None

@@ -39,10 +39,12 @@ def _find(default: Channel, server: int, timeout: float) -> Conversation[CanFram
         cob_ids.append(CobEntry.unpack(int.from_bytes(word[:4], "little")))
     if any(entry.bit31 for entry in cob_ids):
         raise EncodeError(f"SDO server {server} of node {default.node} is not in use: {index:04X}h has bit 31 set")
-    return Channel(
+    channel = Channel(
         default.node,
         default.dialect,
         cob_ids=(cob_ids[0], cob_ids[1]),
         node_monitor=default.node_monitor,
         own_frames=default.own_frames,
     )
+    channel.timeout = default.timeout
+    return channel

@@ -69,6 +69,7 @@ class ClientTransfer:
         "in_blocks",
         "index",
         "now",
+        "pending",
         "requests_blocks",
         "sent_at",
         "sub",
@@ -90,6 +91,8 @@ class ClientTransfer:
         self.sent_at = sent_at
         self.now = 0.0 if sent_at is None else sent_at
         self.until: float | None = None if sent_at is None else sent_at + timeout
+        self.pending = sent_at is not None
+        """Whether a request was sent, and the channel does not know yet that its response may be late."""
         self.in_blocks = False
         """Whether the server sends segments of blocks."""
         self.requests_blocks = False
@@ -109,16 +112,20 @@ class ClientTransfer:
             if self.sent_at is None:
                 channel.begin()
                 self.now = yield from channel.settle(self.timeout, self.index, self.sub)
-            return (yield from body)
+            result = yield from body
+            self.pending = False
+            return result
         except OtherClient as other:
             outcome = "nothing was sent"
             if self.until is not None:
                 self.channel.be_quiet(self._last_response(), None, None)
+                self.pending = False
                 outcome = f"whether the {self.verb} of {self} was carried out is unknown"
             raise NoAnswer(f"{other}, and a response may be the one to it: {outcome}") from None
         except SdoAbort as refusal:
             if refusal.code in _OUT_OF_STEP:
                 self.stay_quiet()
+            self.pending = False
             raise
         except ProtocolViolation as breach:
             if self.until is not None:
@@ -130,6 +137,7 @@ class ClientTransfer:
                 raise NoAnswer(self._explain()) from None
             raise SdoAbort(breach.code, self.index, self.sub, why=breach.why, node=channel.node) from None
         except GeneratorExit:
+            self.pending = False
             raise  # the conversation is closed: nothing can be sent any more
         except BaseException:
             # Abandoned, or the caller's data or sink failed (also by Ctrl-C). The server must not be left waiting.
@@ -138,11 +146,23 @@ class ClientTransfer:
             yield from self._abort(AbortCode.GENERAL)
             raise
         finally:
-            channel.busy = False
+            try:
+                self._end()
+            except BaseException:
+                self._end()
+                raise
+
+    def _end(self) -> None:
+        """Give the channel back. An exception may have come at any line, also here: then
+        nothing above has recorded that a response may be late."""
+        if self.pending:
+            self.stay_quiet()
+        self.channel.busy = False
 
     def stay_quiet(self) -> None:
         """Make the channel quiet: the last request and its response may each be late by one time-out."""
         self.channel.be_quiet(self._last_response(), None, (self.index, self.sub))
+        self.pending = False
 
     def _leave(self) -> None:
         """Make the channel quiet after a transfer that was abandoned while everything was in order.
@@ -154,6 +174,7 @@ class ClientTransfer:
         named = None if self.in_blocks else () if self._begun else (place,)
         self.channel.be_quiet(self._last_response(), named, place, self.now)
         self.channel.probes = self.in_blocks
+        self.pending = False
 
     def _last_response(self) -> float:
         """Return when the last response may arrive at the latest."""
@@ -184,6 +205,7 @@ class ClientTransfer:
     def send_request(self, data: bytes) -> Conversation[CanFrame, None]:
         """Send a request; its time-out starts when it is sent. It is pending before: an exception may come between."""
         self.until = self.now + self.timeout
+        self.pending = True
         sent: Heard[CanFrame] = yield self.send(data)
         self.now = sent.now
         self.until = sent.now + self.timeout

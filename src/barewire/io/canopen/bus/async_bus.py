@@ -211,7 +211,10 @@ async def channels_locked(bus: CanBus, keys: LockKeys | None) -> AsyncIterator[N
             await waiter
         yield
     finally:
-        bus.release_lock(lock)
+        try:
+            bus.release_lock(lock)
+        finally:  # an exception may have come before it was released; a second time has no effect
+            bus.release_lock(lock)
 
 
 class AsyncStream(StreamBase[E]):

@@ -22,7 +22,7 @@ from typing import Protocol
 
 from barewire.canopen.frame import CanFrame
 from barewire.errors import BarewireError, PortError
-from barewire.io.canopen.bus.subscriber import BusItem, FrameBus, Key, Subscriber, send_each
+from barewire.io.canopen.bus.subscriber import SUBSCRIBER_ROOM, BusItem, FrameBus, Key, Subscriber, send_each
 
 _SLICE = 0.05
 """Seconds of one read, after which it is checked whether the bus was closed, or a second listener came."""
@@ -63,7 +63,7 @@ class DirectPort:
     def __init__(self, bus: ReadableBus, reading: threading.Lock, keys: frozenset[Key] | None) -> None:
         """`reading`: the lock of whoever reads; this port holds it only inside `receive`, since between two calls the
         caller's functions may take long."""
-        self.inbox: deque[CanFrame] = deque()
+        self.inbox: deque[CanFrame] = deque(maxlen=SUBSCRIBER_ROOM)
         self._bus = bus
         self._reading = reading
         self._keys = keys

@@ -158,14 +158,16 @@ class CanBus(ReceivingBus):
             if self._alone is subscriber:
                 self._alone = None
 
-    def channel(self, node: int, dialect: SdoDialect) -> Channel:
-        """Return the default SDO channel to a node, the same for all clients of the bus."""
+    def channel(self, node: int, dialect: SdoDialect, timeout: float = 0.0) -> Channel:
+        """Return the default SDO channel to a node, the same for all clients of the bus. `timeout`: the seconds that
+        this client gives the node for a response."""
         with self._locking:
             channel = self._channels.get((node, dialect))
             if channel is None:
                 own = False if leaves_out_own_frames(self.port) else getattr(self.port, "own_frames", None)
                 channel = Channel(node, dialect, node_monitor=self.monitor, own_frames=own)
                 self._channels[node, dialect] = channel
+            channel.timeout = max(channel.timeout, timeout)
             return channel
 
     def request_lock(self, lock: ChannelLock) -> None:

@@ -47,8 +47,7 @@ class SdoMethods(Methods[R]):
         """The channel of these transfers. The bus keeps it, to recognize late responses of earlier transfers."""
         channel = self._channel
         if channel is None:
-            channel = self._channel = self.runner.bus.channel(self.node, self.dialect)
-            channel.timeout = max(channel.timeout, self.runner.timeout)
+            channel = self._channel = self.runner.bus.channel(self.node, self.dialect, self.timeout)
         return channel
 
     def over(self, channel: Channel) -> SdoMethods[R]:
