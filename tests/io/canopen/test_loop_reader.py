@@ -20,9 +20,7 @@ from barewire.io.canopen.bus.async_bus import AsyncSubscriber
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import BusDown, BusUp, FramesLost, Subscriber
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports.can.memory import MemoryPort
 from barewire.io.ports.can.socketcan import SocketCanPort
-from tests.helpers import PATIENCE
 
 PLACE = "socketcan/loop"
 VALUE = bytes.fromhex("92010200")
@@ -240,28 +238,6 @@ def test_closing_the_bus_from_another_thread_ends_what_waits(wire: Wire) -> None
             with pytest.raises(PortError, match="the bus was closed"):
                 await read
         assert descriptors() == before - 1
-
-    asyncio.run(main())
-
-
-def test_a_frame_that_arrives_while_another_holds_the_port_is_not_left_until_the_next_one() -> None:
-    """A port without a descriptor tells the loop once. A stream that was closed in another thread may still read."""
-
-    async def main() -> None:
-        ours, other = (MemoryPort(Endpoint.parse("can://memory/held")) for _ in range(2))
-        async with AsyncCanopenClient(ours) as client:
-            with client.frames() as stream:
-                reader = client.bus.loop_reader
-                assert reader is not None
-                with client.bus.reading:
-                    other.send(CanFrame(0x80))
-                    reader.read()
-                    await asyncio.sleep(0)
-                    await asyncio.sleep(0)
-                    assert await stream.get(0.0) is None
-                assert await stream.get(PATIENCE) == CanFrame(0x80)
-                assert not [thread for thread in threading.enumerate() if thread.name == "reader of memory/held"]
-        other.close()
 
     asyncio.run(main())
 
