@@ -2,12 +2,13 @@
 
 A signal handler, Ctrl-C and a lack of memory raise anywhere. Here an exception is raised before each line of barewire
 that a transfer executes, at its first and at its last execution (`tests.interrupts`), in virtual time. Then three
-further transfers are made with a server that answers late and in order; from another thread, which would hang if a
-lock were kept.
+further transfers are made with a server that answers late and in order; of the blocking client from another thread,
+which would hang if a lock were kept.
 """
 
 from __future__ import annotations
 
+import asyncio
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -16,10 +17,12 @@ from typing import Any
 
 import pytest
 
-from barewire import CanopenClient
+from barewire import AsyncCanopenClient, CanopenClient
+from barewire.canopen import CanFrame
 from barewire.errors import BarewireError
-from tests.interrupts import interrupt, leaves_lock
-from tests.io.canopen.virtual_can import NumberedStore, VirtualCan, value_of
+from barewire.io.canopen.bus.async_bus import AsyncStream
+from tests.interrupts import Interrupt, interrupt, leaves_lock
+from tests.io.canopen.virtual_can import Coming, NumberedStore, VirtualCan, value_of
 
 TIMEOUT = 0.3
 X, Y = 0x2100, 0x2101
@@ -118,6 +121,53 @@ def blocking_run(transfers: Transfers, at: int | None, error: type[BaseException
     return lines
 
 
+def asyncio_run(transfers: Transfers, at: int | None, error: type[BaseException]) -> int:
+    """The same with an asyncio client: an exception ends the task, a callback or the event loop, which then runs on."""
+
+    async def make(client: AsyncCanopenClient, index: int) -> None:
+        start, check = transfers.begin(client.node().sdo, index)
+        with suppress(BarewireError):
+            check(await start())
+
+    async def use_on(client: AsyncCanopenClient) -> None:
+        for task in asyncio.all_tasks() - {asyncio.current_task()}:
+            task.cancel()
+            with suppress(asyncio.CancelledError, error):
+                await task
+        for index in AFTERWARDS:
+            await asyncio.wait_for(make(client, index), 60)
+        transfers.can.delay()
+        if client.bus.failure is None:
+            start, check = transfers.begin(client.node().sdo, Y)
+            check(await asyncio.wait_for(start(), 60))
+
+    async def new_client() -> AsyncCanopenClient:
+        client = AsyncCanopenClient(transfers.can, node=5, timeout=TIMEOUT)
+        await make(client, X)
+        return client
+
+    loop, lines = transfers.can.loop(), 0
+    try:
+        client = loop.run_until_complete(new_client())
+        transfers.late()
+
+        def transfer() -> None:
+            task = loop.create_task(make(client, X))
+            loop.run_until_complete(asyncio.wait({task}, timeout=60))
+
+        def interrupted() -> None:
+            nonlocal lines
+            lines = interrupt(transfer, at, error=error, skips=is_left_out)
+
+        with suppress(error):
+            interrupted()
+        loop.run_until_complete(use_on(client))
+        client.bus.close()
+    finally:
+        loop.close()
+    return lines
+
+
 def quietly(make: Callable[[], None]) -> None:
     """Make a transfer that may fail."""
     with suppress(BarewireError):
@@ -137,13 +187,27 @@ def is_left_out(frame: FrameType) -> bool:
     return False
 
 
-def chosen_lines(run: Callable[[None], int]) -> list[int]:
+def chosen_lines(run: Callable[[int | None], int]) -> list[int]:
     """Return the numbers of the first and of the last execution of every line of a transfer."""
     EXECUTED.clear()
     run(None)
     first = {line: number for number, line in reversed(list(enumerate(EXECUTED)))}
     latest = {line: number for number, line in enumerate(EXECUTED)}
     return sorted({*first.values(), *latest.values()})
+
+
+def check_every_line(run: Callable[[int | None], int], *, lines: int = 50) -> None:
+    """Play a run with an exception at each of the chosen lines, more than `lines`, and report all that fail."""
+    run(None)  # imports what is loaded when it is needed
+    failures: dict[int, str] = {}
+    chosen = chosen_lines(run)
+    assert len(chosen) > lines
+    for at in chosen:
+        try:
+            run(at)
+        except Exception as failure:
+            failures[at] = repr(failure)[:200]
+    assert not failures, (len(failures), len(chosen), failures)
 
 
 @pytest.mark.long
@@ -155,13 +219,58 @@ def test_an_exception_at_any_line(verb: str, mode: str, delays: str, monkeypatch
         with monkeypatch.context() as patch:
             return blocking_run(Transfers(verb, mode, DELAYS[delays], patch), at, KeyboardInterrupt)
 
-    run(None)  # imports what is loaded when it is needed
-    failures: dict[int, str] = {}
-    chosen = chosen_lines(run)
-    assert len(chosen) > 50
-    for at in chosen:
-        try:
-            run(at)
-        except Exception as failure:
-            failures[at] = repr(failure)[:200]
-    assert not failures, (len(failures), len(chosen), failures)
+    check_every_line(run)
+
+
+# An event loop reports an Exception of a callback and goes on, but Ctrl-C leaves it. Both may come before an `await`.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
+@pytest.mark.parametrize("delays", DELAYS)
+@pytest.mark.parametrize(
+    "mode", ["expedited", *(pytest.param(mode, marks=pytest.mark.long) for mode in ("segments", "blocks"))]
+)
+@pytest.mark.parametrize("verb", ["upload", "download"])
+def test_an_exception_at_any_line_of_asyncio(
+    verb: str, mode: str, delays: str, error: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(at: int | None) -> int:
+        with monkeypatch.context() as patch:
+            return asyncio_run(Transfers(verb, mode, DELAYS[delays], patch), at, error)
+
+    check_every_line(run)
+
+
+def test_a_stream_of_asyncio_goes_on_after_an_exception_while_a_frame_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No later frame waits for a time-out: the port tells the event loop of it again."""
+
+    def run(at: int | None) -> int:
+        can = VirtualCan(NumberedStore(4))
+        with monkeypatch.context() as patch:
+            can.set_clocks(patch)
+            loop, lines = can.loop(), 0
+
+            async def frames() -> AsyncStream[CanFrame]:
+                return AsyncCanopenClient(can).frames()
+
+            def arrive(number: int) -> None:
+                can.coming.append(Coming(can.now + 0.1, CanFrame(0x185, bytes((number,)))))
+
+            def interrupted() -> None:
+                nonlocal lines
+                lines = interrupt(lambda: loop.run_until_complete(asyncio.sleep(0.2)), at, skips=is_left_out)
+
+            try:
+                stream = loop.run_until_complete(frames())
+                arrive(1)
+                with suppress(Interrupt):
+                    interrupted()
+                arrive(2)
+                until = can.now + 0.2
+                while loop.run_until_complete(stream.get(60.0)) != CanFrame(0x185, b"\2"):
+                    assert can.now < until
+                assert can.now < until, "it was found at the time-out"
+            finally:
+                loop.close()
+        return lines
+
+    check_every_line(run, lines=20)

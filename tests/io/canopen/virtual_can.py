@@ -133,6 +133,11 @@ class VirtualCan:
         """Call a function when a frame has arrived."""
         self._call = call
 
+    def deliver(self) -> CanFrame:
+        """Return the next frame that arrives, at the time when it arrives."""
+        self.now = max(self.now, self.coming[0].at)
+        return self.coming.pop(0).data
+
     def arrived(self, frame: CanFrame) -> None:
         """Let the event loop read: a frame has arrived."""
         received = self._arrive(frame)

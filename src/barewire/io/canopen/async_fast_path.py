@@ -81,6 +81,8 @@ class AsyncChannelSubscriber(AsyncSubscriber):
                     await waiter
             finally:
                 self._waiter = None
+            if not self._frames:  # the time is over; see `_take_unread`
+                self.bus.read_in_loop(self.loop)
         return self._next()
 
     def _next(self) -> CanFrame | None:

@@ -88,7 +88,7 @@ class AsyncSubscriber(Subscriber):
         if arrived is not None:
             return arrived
         if timeout <= 0:
-            return self.take() if self.bus.read_in_loop(self.loop) else None
+            return self._take_unread()
         waiter = self._waiter = self.loop.create_future()
         timer = self.loop.call_later(min(timeout, LONGEST_PULL), self.wake)
         try:
@@ -96,7 +96,12 @@ class AsyncSubscriber(Subscriber):
         finally:
             timer.cancel()
             self._waiter = None
-        return self.take()
+        return self.take() or self._take_unread()
+
+    def _take_unread(self) -> Arrived | None:
+        """Return an item that waits in the port although the loop was not told: an exception of a signal handler ended
+        what tells it. Left there, it would be taken for the response to the next request of the same object."""
+        return self.take() if self.bus.read_in_loop(self.loop) else None
 
     async def receive(self, timeout: float) -> CanFrame | None:  # type: ignore[override]  # the other engine's port
         """Return the next frame, or None after `timeout` seconds. A conversation calls it."""

@@ -89,17 +89,28 @@ class LoopReader:
         """Let the loop read: called by a port that has no descriptor, in any thread."""
         if self._is_rung:
             return
-        self._is_rung = True
-        if threading.get_ident() == self._thread:
-            self.loop.call_soon(self.read)
-            return
-        with suppress(RuntimeError):  # the loop is closed
-            self.loop.call_soon_threadsafe(self.read)
+        try:
+            self._is_rung = True
+            if threading.get_ident() == self._thread:
+                self.loop.call_soon(self.read)
+                return
+            with suppress(RuntimeError):  # the loop is closed
+                self.loop.call_soon_threadsafe(self.read)
+        except BaseException:  # of a signal handler: the next frame tells the loop again
+            self._is_rung = False
+            raise
 
     def read(self) -> None:
         """Deliver the frames that have arrived."""
-        self._is_rung = False
-        bus = self._bus
+        try:
+            self._is_rung = False
+            self._read()
+        except BaseException:
+            self._is_rung = False
+            raise
+
+    def _read(self) -> None:
+        bus, count, why = self._bus, 0, None
         if bus.loop_reader is not self:
             return  # the reader thread has begun
         if not bus.reading.acquire(blocking=False):
@@ -109,7 +120,6 @@ class LoopReader:
                 self._is_rung = True
                 self.loop.call_later(_RETRY_AFTER, self.read)
             return
-        count, why = 0, None
         try:
             while count < _BURST and (item := bus.read_now(0.0)) is not None:
                 count += 1
