@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import partial
 
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import given, strategies as st
 
 from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, LockKeys
 from barewire.errors import EncodeError
+from tests.interrupts import Interrupt, interrupt
 
 FIVE, SIX = frozenset({5}), frozenset({6})
 
@@ -75,3 +77,27 @@ def test_in_any_order_every_request_is_granted_and_never_two_on_one_key(
         queue.remove(ended)
         locks.release(ended)
     assert len(locks) == 0
+
+
+def test_a_release_completed_after_an_exception_at_any_line_wakes_who_waits() -> None:
+    def run(at: int | None) -> int:
+        locks, lines = ChannelLocks(), 0
+        woken: list[str] = []
+        first, everything = locks.request(FIVE), locks.request(None, wake=partial(woken.append, "everything"))
+
+        def interrupted() -> None:
+            nonlocal lines
+            lines = interrupt(lambda: locks.release(first), at)
+
+        with suppress(Interrupt):
+            interrupted()
+        locks.release(first)
+        assert everything.granted
+        assert not first.granted
+        assert "everything" in woken, at
+        return lines
+
+    lines = run(None)
+    assert lines > 5
+    for at in range(lines):
+        run(at)

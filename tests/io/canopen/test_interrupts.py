@@ -19,8 +19,10 @@ import pytest
 
 from barewire import AsyncCanopenClient, CanopenClient
 from barewire.canopen import CanFrame
+from barewire.canopen.bus.channel_locks import ChannelLock
 from barewire.errors import BarewireError
 from barewire.io.canopen.bus.async_bus import AsyncStream
+from barewire.io.canopen.client import channels_locked
 from tests.interrupts import Interrupt, interrupt, leaves_lock
 from tests.io.canopen.virtual_can import Coming, NumberedStore, VirtualCan, value_of
 
@@ -274,3 +276,20 @@ def test_a_stream_of_asyncio_goes_on_after_an_exception_while_a_frame_is_read(mo
         return lines
 
     check_every_line(run, lines=20)
+
+
+class TwiceWaking:
+    """The locks of a bus whose lock is free at once; an exception came after the first wake."""
+
+    def request_lock(self, lock: ChannelLock) -> None:
+        """Wake who waits, as a release does that is completed after an exception."""
+        lock.wake()
+        lock.wake()
+
+    def release_lock(self, lock: ChannelLock) -> None:
+        """Do nothing."""
+
+
+def test_a_thread_that_waits_for_a_channel_may_be_woken_twice() -> None:
+    with channels_locked(TwiceWaking(), None):  # type: ignore[arg-type]
+        pass

@@ -26,7 +26,8 @@ def _ignore() -> None:
 
 
 class ChannelLock:
-    """One request in the queue. `keys` None locks everything; `wake` is called when a waiting lock is granted."""
+    """One request in the queue. `keys` None locks everything; `wake` is called when a waiting lock is granted, twice
+    if an exception ended the release."""
 
     __slots__ = ("granted", "keys", "owner", "wake")
 
@@ -110,8 +111,8 @@ class ChannelLocks:
         for waiting in self._queue:
             keys = waiting.keys
             if not waiting.granted and (not taken if keys is None else taken.isdisjoint(keys)):
+                waiting.wake()  # before it counts as granted: a second call wakes it if an exception comes between
                 waiting.granted = True
-                waiting.wake()
             if keys is None:
                 break  # all later requests wait for a request for everything
             taken |= keys

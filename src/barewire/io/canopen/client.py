@@ -170,7 +170,12 @@ def channels_locked(bus: CanBus, keys: LockKeys | None) -> Iterator[None]:
     """Wait until these channels are free, and hold their locks. None means the whole bus."""
     is_free = threading.Lock()  # made sooner than an event: most channels are free
     is_free.acquire()
-    lock = ChannelLock(keys, threading.get_ident(), is_free.release)
+
+    def wake() -> None:
+        with contextlib.suppress(RuntimeError):  # it was woken already
+            is_free.release()
+
+    lock = ChannelLock(keys, threading.get_ident(), wake)
     try:
         bus.request_lock(lock)
         if not lock.granted:
