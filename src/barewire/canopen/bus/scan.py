@@ -23,10 +23,12 @@ from barewire.canopen.emcy.message import Emergency
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.canopen.sdo import Abort, ExpeditedUpload, InitiateUpload, decode_sdo_response
+from barewire.canopen.sdo.client.channel import Channel
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError
 
 _DEVICE_TYPE = 0x1000
+_OBJECT = (_DEVICE_TYPE, 0)
 
 
 @dataclass(slots=True)
@@ -86,6 +88,7 @@ def scan(
     listen: float = 0.0,
     ask: bool = True,
     progress: Callable[[int, ScanResult], None] | None = None,
+    channels: Callable[[int], Channel] | None = None,
 ) -> Conversation[CanFrame, ScanResult]:
     """Read the device type of `nodes`, and collect evidence of all nodes meanwhile.
 
@@ -97,6 +100,8 @@ def scan(
                       stopped nodes are found too
         ask           False: send nothing, listen only
         progress      called with the node and the result so far, before each request
+        channels      returns the SDO channel to a node. However the scan ends, the channels to nodes without an answer
+                      then expect a late response, so that no later upload of 1000h takes it for its own
 
     >>> from barewire.conversation import play
     >>> def bus(frame, now):
@@ -107,28 +112,37 @@ def scan(
     """
     result = ScanResult()
     pending: dict[int, float] = {}  # node -> time of the request
+    asked: dict[int, float] = {}  # the same of all requests
     unasked = [check_node(node) for node in nodes] if ask else []
     unasked.reverse()
     heard: Heard[CanFrame] = yield Listen(float("-inf"))
     quiet_until = heard.now + listen
     ready = quiet_until  # when the next request may be sent
-    while True:
-        if heard.item is not None:
-            abort = _evaluate(result, heard.item, pending, heard.now)
-            if abort is not None:
-                yield Send(abort)
-        pending = {node: sent_at for node, sent_at in pending.items() if heard.now < sent_at + timeout}
-        if unasked and heard.now >= ready and len(pending) < outstanding:
-            node = unasked.pop()
-            if progress is not None:
-                progress(node, result)
-            sent: Heard[CanFrame] = yield Send(CanFrame(cob_id("SDO request", node), _REQUEST))
-            pending[node] = sent.now
-            ready = sent.now + gap
-        if not unasked and not pending and heard.now >= quiet_until:
-            break
-        first_timeout = min((sent_at + timeout for sent_at in pending.values()), default=quiet_until)
-        heard = yield Listen(ready if unasked and len(pending) < outstanding else max(first_timeout, heard.now))
+    try:
+        while True:
+            if heard.item is not None:
+                abort = _evaluate(result, heard.item, pending, heard.now)
+                if abort is not None:
+                    yield Send(abort)
+            pending = {node: sent_at for node, sent_at in pending.items() if heard.now < sent_at + timeout}
+            if unasked and heard.now >= ready and len(pending) < outstanding:
+                node = unasked.pop()
+                if progress is not None:
+                    progress(node, result)
+                asked[node] = heard.now  # before it is sent: the scan may be abandoned then
+                sent: Heard[CanFrame] = yield Send(CanFrame(cob_id("SDO request", node), _REQUEST))
+                pending[node] = asked[node] = sent.now
+                ready = sent.now + gap
+            if not unasked and not pending and heard.now >= quiet_until:
+                break
+            first_timeout = min((sent_at + timeout for sent_at in pending.values()), default=quiet_until)
+            heard = yield Listen(ready if unasked and len(pending) < outstanding else max(first_timeout, heard.now))
+    finally:
+        if channels is not None:
+            answered = {node for node, found in result.nodes.items() if found.answered_after is not None}
+            for node in asked.keys() - answered:
+                channel, sent_at = channels(node), asked[node]
+                channel.be_quiet(sent_at + 2 * max(timeout, channel.timeout), (_OBJECT,), _OBJECT, sent_at)
     result.nodes = dict(sorted(result.nodes.items()))
     return result
 
@@ -171,7 +185,7 @@ def _evaluate_response(
     response = decode_sdo_response(frame.data)
     found = _entry(result, node)
     address = (getattr(response, "index", None), getattr(response, "sub", None))
-    if node not in pending or address != (_DEVICE_TYPE, 0):
+    if node not in pending or address != _OBJECT:
         found.add_evidence("SDO response to another client")
         return None
     found.answered_after = now - pending.pop(node)

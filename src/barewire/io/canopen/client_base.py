@@ -306,7 +306,8 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
             one = f"; one node is scan([{nodes}])" if isinstance(nodes, int) else ""
             raise EncodeError(f"scan({shown(nodes)}): expected several node-IDs{one}")
         locks = frozenset(("SDO", 0x580 + check_node_id(node), False) for node in nodes)
-        return BusOperation(canopen.scan(nodes, listen=listen, timeout=timeout, progress=progress), locks, None)
+        survey = canopen.scan(nodes, listen=listen, timeout=timeout, progress=progress, channels=self.channel)
+        return BusOperation(survey, locks, None)
 
     @subscription
     def emergencies(self, cob_ids: Mapping[Key, int] | None = None) -> Subscription[canopen.EmcyEvent]:
