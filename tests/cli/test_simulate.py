@@ -11,7 +11,7 @@ from barewire import CanopenClient, CanopenServer, ModbusServer
 from barewire.devices.sim import Az3, MachineUnits, simulator
 from barewire.io.fault_injection.targets import KINDS
 from tests.cli.helpers import error_of, output_of, run_command, simulated, simulated_at
-from tests.helpers import free_port
+from tests.helpers import PATIENCE, free_port
 
 
 def test_one_machine_at_two_endpoints(tmp_path: Path) -> None:
@@ -129,10 +129,10 @@ def test_a_wrong_fault_is_wrong_usage(fault: str, endpoint: str, text: str) -> N
 
 def test_faults_of_selected_responses() -> None:
     chosen = ("--fault", "exception=04@20,drop@input:30,paced=0.001@40")
-    with simulated("table", "tcp://127.0.0.1:0", *chosen, client_option="timeout=0.5") as (url,):
+    with simulated("table", "tcp://127.0.0.1:0", *chosen, client_option=f"timeout={PATIENCE}") as (url,):
         assert "exception 04" in error_of("read", url, "raw", "holding:20")
         assert output_of("read", url, "raw", "holding:21", "holding:40") == "holding:21 = 0\nholding:40 = 0\n"
-        assert "within" in error_of("read", url, "raw", "input:30")
+        assert "within" in error_of("read", url.replace(f"{PATIENCE}", "0.5"), "raw", "input:30")
 
 
 def test_the_help_names_every_fault_and_every_carrier() -> None:

@@ -36,7 +36,7 @@ URL = f"can://virtual/conform?node={NODE}"
 @pytest.fixture
 def device() -> Iterator[str]:
     with CanopenServer(URL, device=plain()):
-        yield f"{URL}&timeout=1"
+        yield f"{URL}&timeout=2"
 
 
 def held(**which: Any) -> list[NodeCaseResult]:
@@ -46,7 +46,7 @@ def held(**which: Any) -> list[NodeCaseResult]:
         with CanopenServer(URL, device=plain()):
             return list(conform_can(Endpoint.parse(f"{URL}&timeout={patience}"), **which))
 
-    return again(run, "0.1", "1")
+    return again(run, "0.1", "5")
 
 
 def test_our_device_passes() -> None:
@@ -76,7 +76,7 @@ def test_a_device_that_an_interrupted_run_left_stopped_is_tested(device: str) ->
     assert "without --gentle it is switched to PRE-OPERATIONAL" in run_gently.stderr
     with pytest.raises(NoAnswer):
         list(conform_can(Endpoint.parse(f"{URL}&timeout=0.1"), only=("SDO-01",), gentle=True))
-    stopped = Endpoint.parse(f"{URL}&timeout=0.3")
+    stopped = Endpoint.parse(f"{URL}&timeout=2")
     results = list(conform_can(stopped, only=("SDO-01",), on_stopped=lambda: woken.append("stopped")))
     assert [(result.failure, result.left_out) for result in results] == [(None, "")]
     assert woken == ["stopped"]
@@ -113,7 +113,7 @@ def test_application_objects_are_written_only_when_that_is_asked_for() -> None:
     def run(**options: Any) -> dict[str, str]:
         with CanopenServer(URL, device=made):
             found = conform_can(
-                Endpoint.parse(f"{URL}&timeout=1"), only=("OD-RANGE-2000", "RND-06"), eds=RIGHT, **options
+                Endpoint.parse(f"{URL}&timeout=2"), only=("OD-RANGE-2000", "RND-06"), eds=RIGHT, **options
             )
             results = list(found)
         assert [result.failure for result in results if result.failure] == []
@@ -145,7 +145,7 @@ def test_the_power_cycle_is_asked_for() -> None:
             timer.start()
             stack.callback(timer.join)
 
-        results = list(conform_can(Endpoint.parse(f"{URL}&timeout=1"), only=("STO-08",), on_power_cycle=switch))
+        results = list(conform_can(Endpoint.parse(f"{URL}&timeout=2"), only=("STO-08",), on_power_cycle=switch))
     assert [(result.failure, result.left_out) for result in results] == [(None, "")]
 
 
@@ -168,7 +168,7 @@ def test_cases_with_remote_frames_are_left_out_on_socketcand() -> None:
 
 def test_the_command() -> None:
     with simulated_at("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5", client_option="") as url:
-        done = run_command("conform", f"{url}&timeout=1", "--only", "sdo-0,sdo-31,sdo-47,seg-01")
+        done = run_command("conform", f"{url}&timeout=2", "--only", "sdo-0,sdo-31,sdo-47,seg-01")
         assert done.stdout.splitlines()[0] == "ok      SDO-01  upload of 1000h:00, device type"
         assert "FAILED  SDO-47  four bytes to an object of two: after 605#23171000" in done.stdout
         assert "-       SDO-31  a remote frame is not answered (needs remote frames, which socketcand" in done.stdout
@@ -228,7 +228,7 @@ def test_the_command_with_an_eds(tmp_path: Path) -> None:
     file = tmp_path / "az3.eds"
     file.write_text(run_command("eds", "export", "az3").stdout)
     with simulated_at("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5", client_option="") as url:
-        done = run_command("conform", f"{url}&timeout=1", "--eds", str(file), "--gentle", "--only", "OD-READ-10,OD-DEF")
+        done = run_command("conform", f"{url}&timeout=2", "--eds", str(file), "--gentle", "--only", "OD-READ-10,OD-DEF")
     lines = done.stdout.splitlines()
     assert lines[0] == "ok      OD-READ-1000:00  1000h:00 Device type: ro, u32, of 4 bytes"
     assert [line for line in lines if line.startswith("FAILED")] == []
@@ -241,7 +241,7 @@ def collect(
     only: str, results: list[NodeCaseResult], count: int = 0, change: Callable[[], None] = lambda: None
 ) -> None:
     """Collect the results of the cases that are not left out; call `change` after `count` of them."""
-    for result in conform_can(Endpoint.parse(f"{URL}&timeout=0.1"), only=(only,)):
+    for result in conform_can(Endpoint.parse(f"{URL}&timeout=2"), only=(only,)):
         if result.outcome is not None:
             results.append(result)
             if len(results) == count:
@@ -287,7 +287,7 @@ def test_two_devices_with_one_node_id(serials: tuple[int, int], capsys: pytest.C
             made = plain_device(address=ADDRESS._replace(serial=serial))
             stack.enter_context(CanopenClient(URL)).start(made)
         for options in ((), ("--gentle",), ("--json",)):
-            assert run_command_line(["conform", f"{URL}&timeout=1", "--only", "SDO-0", *options]) == 3
+            assert run_command_line(["conform", f"{URL}&timeout=2", "--only", "SDO-0", *options]) == 3
             out, err = capsys.readouterr()
             assert err.startswith(f"barewire: two devices answer as node {NODE}: one request got 585#43181004")
             assert len(err.splitlines()) == 1
@@ -310,7 +310,7 @@ def test_a_case_that_fails_is_repeated(refusals: int, verdict: str) -> None:
     made = plain()
     made.objects.replace(Entry(0x1001, 0, "error register", "u8", "ro", 0, on_read=read))
     with CanopenServer(URL, device=made):
-        results = conform_can(Endpoint.parse(f"{URL}&timeout=1"), only=("SDO-01", "SDO-02"))
+        results = conform_can(Endpoint.parse(f"{URL}&timeout=2"), only=("SDO-01", "SDO-02"))
         assert next(results).case.name == "SDO-01"
         left[0] = refusals
         result = next(results)

@@ -151,7 +151,7 @@ def stubborn(connection: socket.socket) -> None:
 def test_a_server_that_always_answers_the_same_fails() -> None:
     with peer(stubborn) as port:
         failures = {}
-        for result in conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=1")):
+        for result in conform(Endpoint.parse(f"tcp://127.0.0.1:{port}?timeout=2")):
             failures[result.case.name] = result.failure
             if result.case.name == "five requests in one segment":
                 break
@@ -188,7 +188,7 @@ def test_the_conform_command() -> None:
     assert done.stdout.splitlines()[0] == "ok      MB-APP 6.3          03 with quantity 0"
     assert done.stdout.splitlines()[-1] == f"{len(CASES_TCP)} of {len(CASES_TCP)} passed"
     with peer(stubborn) as port:
-        done = run_command("conform", f"tcp://127.0.0.1:{port}?timeout=0.5", "--json")
+        done = run_command("conform", f"tcp://127.0.0.1:{port}?timeout=2", "--json")
     assert done.returncode == 1
     first = json.loads(done.stdout.splitlines()[0])
     assert (first["ok"], first["clause"], first["received"]) == (False, "MB-APP 6.3", ["03 02 00 00"])
@@ -244,7 +244,7 @@ class RefusesFirstRead(Table):
 
 def test_the_conform_command_names_the_cases_that_are_not_judged() -> None:
     with ModbusServer(OURS["tcp"], units={1: Table(0)}) as host:
-        runs = at_once(lambda option: run_command("conform", f"{host.url}?timeout=0.5", *option), [(), ("--json",)])
+        runs = at_once(lambda option: run_command("conform", f"{host.url}?timeout=2", *option), [(), ("--json",)])
     done, objects = runs[()], [json.loads(line) for line in runs["--json",].stdout.splitlines()]
     *_, total, hint = done.stdout.splitlines()
     judged = [item["ok"] for item in objects if item["ok"] is not None]
@@ -258,7 +258,7 @@ def test_the_conform_command_names_the_cases_that_are_not_judged() -> None:
 
 def test_a_refusal_is_a_failure_if_a_valid_request_is_carried_out() -> None:
     with ModbusServer(OURS["tcp"], units={1: RefusesFirstRead(100)}) as host:
-        results = list(conform(Endpoint.parse(f"{host.url}?timeout=0.5")))
+        results = list(conform(Endpoint.parse(f"{host.url}?timeout=2")))
     assert [result.not_judged for result in results if result.not_judged] == []
     (failed,) = [result for result in results if result.failure]
     assert [answer_text(answer) for answer in failed.received].count("83 02") == 1
@@ -282,11 +282,13 @@ def held_by_endless_servers() -> dict[tuple[str, Callable[[socket.socket], None]
     """The results of servers that do not stop sending."""
 
     def run(key: tuple[str, Callable[[socket.socket], None]]) -> list[CaseResult]:
-        results = []
-        with peer(key[1]) as port, refused(NoAnswer, "never stops sending"):
-            for result in conform(Endpoint.parse(f"{key[0]}://127.0.0.1:{port}?timeout=0.1")):
-                results.append(result)
-        return results
+        for patience in (0.1, 3.0):  # as `again`: on a busy machine the server itself may pause for a short time-out
+            results: list[CaseResult] = []
+            with peer(key[1]) as port, pytest.raises(NoAnswer) as caught:
+                collect(f"{key[0]}://127.0.0.1:{port}?timeout={patience}", results)
+            if "never stops sending" in str(caught.value):
+                return results
+        raise caught.value
 
     return at_once(run, ENDLESS)
 
@@ -335,7 +337,7 @@ def test_a_server_that_dies_during_the_run_ends_it(monkeypatch: pytest.MonkeyPat
     results: list[CaseResult] = []
     raises = pytest.raises(Unfinished, match=words)
     with ModbusServer(f"{scheme}://127.0.0.1:0", units={1: Table(100)}) as host, raises as caught:
-        collect(f"{host.url}?timeout=0.3", results, 5, host.close)
+        collect(f"{host.url}?timeout=2", results, 5, host.close)
     assert len(results) >= 5
     assert len(results) + caught.value.not_run == len(CASES_TCP)
 

@@ -23,7 +23,7 @@ from barewire import (
 )
 from barewire.io.endpoint import CARRIERS, Endpoint
 from barewire.modbus import ReadHoldingRegisters, WriteOutcomeUnknown
-from tests.helpers import free_port, refused
+from tests.helpers import PATIENCE, free_port, refused
 from tests.io.peers import honest, peer, read_exactly
 from tests.io.schemes import EVERY_SCHEME_WITHOUT_TLS, SERIAL
 
@@ -56,11 +56,12 @@ def test_a_line_that_loses_answers_can_be_read_from(scheme: str) -> None:
     """Each method reads, with both clients, although a third of the answers are missing: the seed is one that drops
     the answer of at least one of the first requests."""
     place = "pty" if scheme in SERIAL else "127.0.0.1:0"
-    # Sending takes no time on this line, so that a time-out can be short.
+    # Sending takes no time on this line, so that a time-out can be short: a slow machine needs more of them.
+    retries = int(PATIENCE / 0.1)
     url = f"{scheme}://{place}{'?pace=0' if scheme in SERIAL else ''}"
     dropped: list[str] = []
     with ModbusServer(url, units={1: Table()}, faults={"drop": 0.3}, fault_seed=7, on_fault=dropped.append) as server:
-        with ModbusClient(server.url, timeout=0.1, retries=12) as client:
+        with ModbusClient(server.url, timeout=0.1, retries=retries) as client:
             for _ in range(3):
                 assert client.read_holding_registers(0, 2) == (0, 0)
                 assert client.at(unit=1).ask(ReadHoldingRegisters(0, 1)).registers == (0,)
@@ -68,7 +69,7 @@ def test_a_line_that_loses_answers_can_be_read_from(scheme: str) -> None:
             assert client.read_device_identification().objects[0] == b"barewire"
 
         async def main() -> None:
-            async with AsyncModbusClient(server.url, timeout=0.1, retries=12) as client:
+            async with AsyncModbusClient(server.url, timeout=0.1, retries=retries) as client:
                 for _ in range(2):
                     assert await client.read_holding_registers(0, 2) == (0, 0)
                     assert (await client.read("adxl", "Status"))[0].value == 0

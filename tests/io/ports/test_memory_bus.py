@@ -15,6 +15,7 @@ from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.interfaces import can_endpoint, can_port
 from barewire.io.ports.can.memory import MemoryPort, _buses
+from tests.helpers import PATIENCE
 
 
 def ports(name: str, count: int) -> list[MemoryPort]:
@@ -146,3 +147,25 @@ with barewire.CanopenClient("can://memory/x") as client:
 assert "can" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def test_a_frame_that_arrives_while_another_holds_the_port_is_not_left_until_the_next_one() -> None:
+    """A port without a descriptor tells the loop once. A stream that was closed in another thread may still read."""
+
+    async def main() -> None:
+        ours, other = ports("held", 2)
+        async with barewire.AsyncCanopenClient(ours) as client:
+            with client.frames() as stream:
+                reader = client.bus.loop_reader
+                assert reader is not None
+                with client.bus.reading:
+                    other.send(CanFrame(0x80))
+                    reader.read()
+                    await asyncio.sleep(0)
+                    await asyncio.sleep(0)
+                    assert await stream.get(0.0) is None
+                assert await stream.get(PATIENCE) == CanFrame(0x80)
+                assert not [thread for thread in threading.enumerate() if thread.name == "reader of memory/held"]
+        other.close()
+
+    asyncio.run(main())

@@ -31,6 +31,8 @@ from barewire.io.ports.base import Port
 _ASK_AFTER = 8
 _BURST = 64
 """Frames that are read at once; then other tasks run."""
+_RETRY_AFTER = 0.001
+"""Seconds until the next attempt to read a port that another thread reads now, for 0.05 s at most."""
 
 
 class LoopReadableBus(Protocol):
@@ -98,8 +100,15 @@ class LoopReader:
         """Deliver the frames that have arrived."""
         self._is_rung = False
         bus = self._bus
-        if bus.loop_reader is not self or not bus.reading.acquire(blocking=False):
+        if bus.loop_reader is not self:
             return  # the reader thread has begun
+        if not bus.reading.acquire(blocking=False):
+            # A listener that ends in another thread still reads. What comes after its last read is left to this loop,
+            # which a port without a descriptor tells only once.
+            if self._notify is not None:
+                self._is_rung = True
+                self.loop.call_later(_RETRY_AFTER, self.read)
+            return
         count, why = 0, None
         try:
             while count < _BURST and (item := bus.read_now(0.0)) is not None:
