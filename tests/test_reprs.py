@@ -140,7 +140,7 @@ def test_an_object_is_one_short_line_in_a_prompt(number: int) -> None:
 
 # Machines inside a node, a line or a session, and base classes: Python's own repr, one line with the name.
 PARTS = {
-    *("Message", "Request", "Response", "EchoLine", "FairQueue", "Ticket", "SerialCounters", "Notices"),
+    *("Message", "Request", "Response", "EchoLine", "FairQueue", "SerialCounters", "Notices"),
     *("NmtSlave", "HeartbeatProducer", "HeartbeatConsumer", "GuardingMaster", "GuardedNode", "LssSlave", "PdoEngine"),
     *("EmcyProducer", "EmcyConsumer", "SyncProducer", "SyncMonitor", "TimeProducer", "TimeConsumer", "PdoConsumer"),
     "StoredParameters",
