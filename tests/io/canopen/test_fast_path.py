@@ -137,7 +137,7 @@ def test_whatever_is_irregular_ends_as_in_the_conversation(direct: bool, verb: s
         port, sent = KeepingPort({READ: frames, WRITE: frames}), list[CanFrame]()
         with client_on(port, direct=direct) as client:
             client.bus._watch = partial(note_sent, sent)
-            sdo = client.node(timeout=0.08).sdo
+            sdo = client.node(timeout=0.08 if second == "nothing" else 1.0).sdo
             transfer = (
                 partial(sdo.upload, 0x1000) if verb == "upload" else partial(sdo.download, 0x1000, 0, b"\x0f\x00")
             )
