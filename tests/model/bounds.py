@@ -1,4 +1,4 @@
-"""The bounds in the source of the Modbus client, and whether the runs of the model cross each of them.
+"""The bounds in the source of the Modbus and SDO clients, and whether the runs of the model cross each of them.
 
     min(timeout, rest)              each argument is the smallest one in some run
     len(alike) >= _PROBES_KEPT      true in some run, false in another: comparisons with a constant or with the time
@@ -24,7 +24,7 @@ from types import CodeType
 from typing import Any
 
 SOURCE = Path(__file__).parent.parent.parent / "src" / "barewire"
-ROOMS = ("modbus/client", "rtu", "ascii", "tcp", "io/modbus")
+ROOMS = ("modbus/client", "rtu", "ascii", "tcp", "io/modbus", "canopen/sdo/client")
 _CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
 
 
@@ -71,6 +71,7 @@ class Noting(ast.NodeTransformer):
         original = ast.parse(ast.unparse(node), mode="eval").body
         self.generic_visit(node)
         names = [child.id for child in ast.walk(original) if isinstance(child, ast.Name)]
+        names += [child.attr for child in ast.walk(original) if isinstance(child, ast.Attribute)]  # heard.now
         numbers = [child.value for child in ast.walk(original) if isinstance(child, ast.Constant)]
         is_order = any(isinstance(kind, ast.Lt | ast.LtE | ast.Gt | ast.GtE) for kind in node.ops)
         has_constant = any(_CONSTANT.fullmatch(name) for name in names)
@@ -138,10 +139,12 @@ def main() -> None:
     for name, function in {"note": _note, "note_smallest": _note_smallest, "note_deque": _note_deque}.items():
         setattr(builtins, f"__{name}__", function)
     sys.meta_path.insert(0, _Finder())
-    from tests.model.choices import Choices
+    from tests.model.choices import Choices, run_random
     from tests.model.client_setups import CARRIERS, OTHER_CARRIERS, default_options, every_option
     from tests.model.clients import clients_scenario
     from tests.model.one_line import Tally
+    from tests.model.sdo import DEFAULT_OPTIONS, SdoTally, sdo_scenario
+    from tests.model.sdo_two import TwoClients, TwoTally, two_clients_scenario
 
     dice = random.Random(1)
     for carrier in CARRIERS | OTHER_CARRIERS:
@@ -150,6 +153,8 @@ def main() -> None:
             play = clients_scenario(setup, tally)
             for _ in range(int(sys.argv[1])):
                 play(Choices(dice=dice))
+    run_random(sdo_scenario(DEFAULT_OPTIONS, SdoTally()), 5 * int(sys.argv[1]))
+    run_random(two_clients_scenario(TwoClients(transfers=4), TwoTally()), 5 * int(sys.argv[1]))
     sys.stdout.write(json.dumps({name: sorted(outcomes) for name, outcomes in _crossed.items()}))
 
 

@@ -19,14 +19,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib import import_module
 from types import SimpleNamespace
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 from unittest.mock import patch
 
-from barewire.canopen import CanFrame, Channel, SdoAbort, SdoServer, download, upload
+from barewire.canopen import CanFrame, SdoAbort, SdoServer
 from barewire.errors import NoAnswer
 from tests.canopen.sdo.sdo_bus import Bus
 from tests.model.choices import Choices
-from tests.model.sdo_two import RecordingStore, value_of
+from tests.model.sdo import Mode, PublicClient, RecordingStore, value_of
 
 TIMEOUT = 0.3
 """The default of the `canopen` library, in seconds."""
@@ -69,13 +69,12 @@ class SdoPeerTally:
 
 def barewire(bus: Bus, patches: ExitStack) -> Transfer:
     """Our client."""
-    channel = Channel(5, own_frames=False)
+    client = PublicClient(False, timeout=TIMEOUT)
+    bus.nodes = (*bus.nodes, client)
 
     def transfer(verb: str, index: int, data: bytes) -> bytes | None:
-        conversation: Any = upload(channel, index, timeout=TIMEOUT)
-        if verb == "download":
-            conversation = download(channel, index, 0, data, timeout=TIMEOUT)
-        result: bytes | None = bus.run(conversation)
+        mode: Mode = "plain" if len(data) == 4 else "segments"
+        result: bytes | None = bus.run(client.transfer(verb, mode, index, data))
         return result
 
     return transfer

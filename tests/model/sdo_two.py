@@ -23,21 +23,14 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
-from barewire.canopen import CanFrame, Channel, SdoAbort, SdoServer, download, upload
-from barewire.canopen.sdo.client.plain import PlainDownload, PlainUpload
+from barewire.canopen import CanFrame, SdoAbort, SdoServer
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import NoAnswer
-from tests.canopen.sdo.sdo_bus import FRAME_TIME, Store, plainly
+from tests.canopen.sdo.sdo_bus import FRAME_TIME
 from tests.model.choices import Choices
-
-TIMEOUT = 0.2
-REQUEST = 0x605
-SIZES = {"plain": 4, "expedited": 4, "segments": 10, "blocks": 20}
-
-Verb = Literal["upload", "download"]
-Mode = Literal["plain", "expedited", "segments", "blocks"]  # plain: expedited, as far as possible without conversation
+from tests.model.sdo import REQUEST, SIZES, Mode, PublicClient, RecordingStore, Verb, value_of
 
 
 @dataclass(frozen=True)
@@ -68,37 +61,6 @@ class TwoTally:
     wrong: list[str] = field(default_factory=list)
 
 
-class RecordingStore(Store):
-    """Objects whose value is another one at each read; it records what was read and written."""
-
-    def __init__(self, objects: tuple[int, ...]) -> None:
-        super().__init__()
-        self.objects = {(index, 0): b"" for index in objects}
-        self.length = 4
-        self.done: list[tuple[str, int, bytes]] = []
-
-    def read(self, index: int, sub: int) -> bytes:
-        """Return the next value."""
-        self.done.append(("upload", index, value_of(index, len(self.done), self.length)))
-        return self.done[-1][2]
-
-    def size(self, index: int, sub: int) -> int | None:
-        """Return None: the size is unknown."""
-        return None
-
-    def may_write(self, index: int, sub: int, size: int | None) -> None:
-        """Accept any value."""
-
-    def write(self, index: int, sub: int, data: bytes) -> None:
-        """Record the value."""
-        self.done.append(("download", index, data))
-
-
-def value_of(index: int, number: int, length: int) -> bytes:
-    """A value in which every two bytes name the object and the number of the value."""
-    return bytes((index & 0xFF, number & 0xFF)) * (length // 2)
-
-
 class Station:
     """A station on the bus: the frames it has to send."""
 
@@ -111,7 +73,7 @@ class ClientStation(Station):
 
     def __init__(self, own_frames: bool | None) -> None:
         super().__init__()
-        self.channel = Channel(5, own_frames=own_frames)
+        self.public = PublicClient(own_frames)
         self.inbox: deque[CanFrame] = deque()
         self.conversation: Conversation[CanFrame, Any] | None = None
         self.step: Any = None
@@ -127,7 +89,7 @@ class TwoOnOneChannel:
         self.choices, self.setup, self.tally = choices, setup, tally
         self.now = 0.0
         self.store = RecordingStore(setup.objects)
-        self.server = setup.server(5, self.store, timeout=TIMEOUT, blksize=2)
+        self.server = setup.server(5, self.store, blksize=2)
         self.server_station = Station()
         self.clients = (ClientStation(setup.own_frames), ClientStation(setup.own_frames))
         self.sent: set[tuple[int, bytes]] = set()
@@ -141,18 +103,11 @@ class TwoOnOneChannel:
         client.begun += 1
         self.tally.transfers += 1
         number = 100 + 10 * client.begun + self.clients.index(client)
-        written, blocks = value_of(index, number, SIZES[mode]), mode == "blocks"
+        written = value_of(index, number, SIZES[mode])
         begun_at = len(self.store.done)
         if verb == "download":
             self.sent.add((index, written))
-        if mode == "plain" and verb == "upload":
-            client.conversation = plainly(PlainUpload(client.channel, index, 0, TIMEOUT, None, None))
-        elif mode == "plain":
-            client.conversation = plainly(PlainDownload(client.channel, index, 0, TIMEOUT, written))
-        elif verb == "upload":
-            client.conversation = upload(client.channel, index, timeout=TIMEOUT, block=blocks)
-        else:
-            client.conversation = download(client.channel, index, 0, written, timeout=TIMEOUT, block=blocks)
+        client.conversation = client.public.transfer(verb, mode, index, written)
 
         def check(result: bytes | None) -> None:
             value = written if verb == "download" else result
@@ -200,6 +155,7 @@ class TwoOnOneChannel:
         for client in self.clients:
             if client is station or (not self.setup.hears and frame.id == REQUEST):
                 continue
+            client.public.bus.monitor.feed(frame, self.now)
             client.inbox.append(frame)
             if client.conversation is not None:
                 self._run(client, Heard(client.inbox.popleft(), self.now))

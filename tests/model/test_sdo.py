@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import Channel, SdoServer
+from barewire.canopen.sdo.client.transfer import ClientTransfer
 from tests.canopen.sdo.sdo_bus import RefusingServer
 from tests.model.choices import run_all, run_random
-from tests.model.sdo import SdoTally, Transfers, sdo_scenario
-from tests.model.sdo_two import Mode, TwoClients, TwoTally, two_clients_scenario
+from tests.model.sdo import DEFAULT_OPTIONS, Mode, SdoTally, Transfers, sdo_scenario
+from tests.model.sdo_two import TwoClients, TwoTally, two_clients_scenario
 
 pytestmark = pytest.mark.long
 
@@ -20,7 +21,6 @@ pytestmark = pytest.mark.long
         Transfers(length=1, faults=2),
         Transfers(length=3, modes=("expedited",)),
         Transfers(modes=("plain", "segments", "blocks")),
-        Transfers(length=3, modes=("plain",)),
         Transfers(length=3, modes=("plain", "expedited")),
     ],
     ids=[
@@ -28,7 +28,6 @@ pytestmark = pytest.mark.long
         "one transfer, two faults",
         "three expedited transfers, one fault",
         "two transfers, also plain",
-        "three plain exchanges",
         "three transfers, plain or expedited",
     ],
 )
@@ -43,16 +42,14 @@ def test_no_value_is_delivered_to_another_transfer_in_any_order_of_faults(setup:
 @pytest.mark.parametrize(
     "setup",
     [
-        Transfers(cancelled=(2, 3, 4), outcomes=("arrives", "is lost", "is late")),
-        Transfers(length=3, cancelled=(2,), modes=("expedited",), outcomes=("arrives", "is lost", "is late")),
-        Transfers(length=3, cancelled=(2, 3), faults=0),
-        Transfers(length=3, cancelled=(2, 3), modes=("plain",), outcomes=("arrives", "is lost", "is late")),
-        Transfers(length=3, cancelled=(2, 3), faults=0, modes=("plain", "segments", "blocks")),
+        Transfers(cancelled=(5,), outcomes=("arrives", "is lost", "is late")),
+        Transfers(length=3, cancelled=(3,), modes=("expedited",), outcomes=("arrives", "is lost", "is late")),
+        Transfers(length=3, cancelled=(3, 5), modes=("plain",), outcomes=("arrives", "is lost", "is late")),
+        Transfers(length=3, cancelled=(3,), faults=0, modes=("plain", "segments", "blocks")),
     ],
     ids=[
         "two transfers, one fault",
         "three expedited transfers, one fault",
-        "three transfers, no fault",
         "three plain exchanges, one fault",
         "three transfers, also plain, no fault",
     ],
@@ -65,35 +62,48 @@ def test_no_value_is_delivered_to_the_transfer_after_a_cancelled_one(setup: Tran
     assert min(tally.right, tally.errors) > 20
 
 
-def test_the_checker_finds_a_channel_that_does_not_wait_after_a_cancelled_transfer(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(Channel, "be_quiet", lambda *args: None)
+def test_the_public_client_with_default_options_delivers_no_value_to_another_transfer() -> None:
     tally = SdoTally()
-    run_all(
-        sdo_scenario(Transfers(length=3, cancelled=(2,), modes=("expedited",), outcomes=("arrives", "is late")), tally)
-    )
-    assert tally.wrong
-
-
-def test_no_value_is_delivered_to_another_transfer_with_many_faults() -> None:
-    tally = SdoTally()
-    run_random(sdo_scenario(Transfers(length=6, faults=8, outcomes=("arrives", "is lost", "is late")), tally), 400)
+    run_random(sdo_scenario(DEFAULT_OPTIONS, tally), 60)
     assert not tally.wrong, tally.wrong[0]
     assert not tally.stuck, tally.stuck[0]
-    assert min(tally.right, tally.errors) > 100
+    assert min(tally.right, tally.errors) > 500
+
+
+@pytest.mark.parametrize(
+    ("owner", "name", "value"),
+    [
+        (Channel, "timeout", property(lambda channel: 0.0, lambda channel, timeout: None)),
+        (Channel, "be_quiet", lambda *arguments: None),
+        (ClientTransfer, "stay_quiet", lambda transfer: None),
+        (ClientTransfer, "in_blocks", property(lambda transfer: False, lambda transfer, in_blocks: None)),
+    ],
+    ids=[
+        "the window is that of the call",
+        "what is still to come is forgotten",
+        "a time-out is forgotten",
+        "segments of blocks are forgotten",
+    ],
+)
+def test_the_checker_finds_a_channel_that_forgets_what_is_still_to_come(
+    monkeypatch: pytest.MonkeyPatch, owner: type, name: str, value: object
+) -> None:
+    monkeypatch.setattr(owner, name, value)
+    tally = SdoTally()
+    run_random(sdo_scenario(DEFAULT_OPTIONS, tally), 30)
+    assert tally.wrong
 
 
 def test_the_checker_finds_a_plain_exchange_on_a_channel_that_should_be_quiet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Channel, "begin_plain", lambda channel: True)
     tally = SdoTally()
-    run_all(sdo_scenario(Transfers(length=3, cancelled=(2,), modes=("plain",), outcomes=("arrives", "is late")), tally))
+    run_all(sdo_scenario(Transfers(length=3, cancelled=(3,), modes=("plain",), outcomes=("arrives", "is late")), tally))
     assert tally.wrong
 
 
 def test_the_checker_finds_frames_that_are_late_by_more_than_the_channel_waits() -> None:
     tally = SdoTally()
-    run_all(sdo_scenario(Transfers(modes=("expedited",), delays=(0.55,)), tally))
+    run_all(sdo_scenario(Transfers(modes=("expedited",), delays=(2.75,)), tally))
     assert tally.wrong
 
 

@@ -161,12 +161,10 @@ def plainly(plain: PlainExchange[Any]) -> Conversation[CanFrame, Any]:
         return (yield from plain.whole())
     try:
         heard: Heard[CanFrame] = yield Listen(float("-inf"))
-        if heard.item is None:
-            heard = yield Send(request)
     except BaseException:
         plain.cancel()
         raise
-    sent_at, channel = heard.now, plain.channel
+    sent_at, channel = heard.now, plain.channel  # before it is sent: an exception may come between
     if heard.item is not None:  # a bus only looks whether a frame waits: the node monitor has not counted it yet
         counted = channel._mark
         plain.cancel()
@@ -175,6 +173,7 @@ def plainly(plain: PlainExchange[Any]) -> Conversation[CanFrame, Any]:
         channel._mark = counted
         return (yield from _going_on(whole, heard))
     try:
+        yield Send(request)
         heard = yield Listen(sent_at + plain.timeout)
         while heard.item is not None and heard.item.id not in (channel.request_id, channel.response_id):
             heard = yield Listen(sent_at + plain.timeout)

@@ -134,10 +134,15 @@ def test_other_frames_and_late_responses_are_counted_and_ignored() -> None:
     assert heard.state.name == "operational"
 
 
-def test_a_write_is_not_confirmed_by_the_confirmation_of_another() -> None:
-    script = Script(("605#2B4060000F000000", "585#6041600000000000"))
-    with pytest.raises(NoAnswer, match="1 response to another request"):
-        play(download(5, 0x6040, 0, b"\x0f\0"), script)
+def test_the_response_about_another_object_is_not_taken() -> None:
+    late = ("585#4301200701020304", "585#6001200000000000")
+    script = Script(("605#4000210000000000", *late, "585#4300210005060708"))
+    assert play(upload(5, 0x2100), script)[0] == bytes.fromhex("05060708")
+    script = Script(("605#2F00210001000000", *late, "585#6000210000000000"))
+    assert play(download(5, 0x2100, 0, b"\1"), script) == (None, 0.003)
+    for conversation in (upload(5, 0x2100), download(5, 0x2100, 0, b"\1")):
+        with pytest.raises(NoAnswer, match="2 responses to another request"):
+            play(conversation, lambda frame, now: [(now, CanFrame.parse(text)) for text in late])
 
 
 def no_answer(conversation: Conversation[CanFrame, object], *answers: str) -> tuple[str, list[str]]:

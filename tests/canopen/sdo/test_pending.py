@@ -88,6 +88,44 @@ def test_a_server_that_ignores_the_probe_costs_two_time_outs() -> None:
     assert 1.9 < bus.now - began < 2.3
 
 
+def test_only_the_abort_that_answers_the_probe_ends_the_wait() -> None:
+    channel = Channel(5)
+    after = _probing(channel, 1.0, 0.0)
+    assert after.send(Heard(None, 0.0)) == Listen(2.0)
+    for text in ("4300000000000000", "4B00000000000000", "8000000001000405", "8000000000000405", "8000210000000206"):
+        assert after.send(Heard(CanFrame.parse(f"585#{text}"), 0.5)) == Listen(2.0)
+    after.send(Heard(CanFrame.parse("585#8000000000000206"), 0.5))
+    assert isinstance(after.send(Heard(None, 0.5)), Send)
+    assert channel.quiet_until is None
+
+
+def test_the_answer_to_the_probe_of_a_shorter_call_may_be_as_late_as_any_of_the_client() -> None:
+    channel = Channel(5)
+    channel.timeout = 1.0
+    assert _probing(channel, 0.02, 0.5).send(Heard(None, 0.5)) == Listen(2.5)
+
+
+def test_a_probe_that_is_interrupted_while_it_is_sent_may_have_been_sent() -> None:
+    channel = Channel(5)
+    abort_frames(_probing(channel, 1.0, 1.5))
+    assert next(upload(channel, Y)) == Listen(3.5)
+
+
+def _probing(channel: Channel, timeout: float, at: float) -> Conversation[CanFrame, Any]:
+    """Abandon an upload in blocks at time 0; return the next one, which sends its probe at `at`."""
+    left = upload(channel, X, timeout=1.0, block=True)
+    next(left)
+    for item in (None, None, CanFrame.parse("585#C6002100EA010000"), None):
+        left.send(Heard(item, 0.0))
+    abort_frames(left)
+    conversation = upload(channel, Y, timeout=timeout)
+    step = next(conversation)
+    while isinstance(step, Listen):
+        step = conversation.send(Heard(None, at))
+    assert step == Send(CanFrame.parse("605#4000000000000000"))
+    return conversation
+
+
 def _abandoned(conversation: Conversation[CanFrame, Any], waits: int) -> Conversation[CanFrame, None]:
     """Abandon a conversation at one of its waits."""
     step = next(conversation)

@@ -61,6 +61,9 @@ _LAST_FRAMES = b"\x80\xa1"  # the commands of a client that no response follows:
 _ENDING = (Abort, ExpeditedUpload)
 """The responses to a first request after which the server has no transfer."""
 
+OUT_OF_STEP = frozenset({AbortCode.COMMAND, AbortCode.TOGGLE, AbortCode.SEQUENCE_NUMBER, AbortCode.TIMED_OUT})
+"""A server that aborts with one of these was not in the state that the client assumed."""
+
 
 class OtherClient(NoAnswer):
     """Another client sent a request on the channel, so a response may be the one to its request."""
@@ -243,6 +246,10 @@ class Channel:
         text = monitor.explain_silence(self.node, self.response_id, self._mark, now, responses=count)
         return ", ".join([text, *self.counters.oddities()])
 
+    def latest(self, timeout: float) -> float:
+        """Return by how many seconds a frame may be late in a call with this time-out."""
+        return max(timeout, self.timeout)
+
     def be_quiet(
         self, until: float, places: Iterable[tuple[int, int]] | None, left: tuple[int, int] | None, now: float = 0.0
     ) -> None:
@@ -258,7 +265,7 @@ class Channel:
     def be_interrupted(self, now: float, timeout: float, left: tuple[int, int]) -> None:
         """End an exchange without a conversation that an exception ended where nothing could record its state."""
         self.restart_counters()
-        self.be_quiet(now + 2 * max(timeout, self.timeout), None, left, now)
+        self.be_quiet(now + 2 * self.latest(timeout), None, left, now)
         self.busy = False
 
     def be_settled(self) -> None:
@@ -285,11 +292,7 @@ class Channel:
             if self.quiet_for is not None and self._was_answered(place):
                 quiet = _PAST
                 self._note_answer(place)
-        probed = self.probes and quiet > _PAST
-        if probed:
-            self.probes = False  # if this transfer is abandoned too, an answer to the probe may still come
-            sent: Heard[CanFrame] = yield self.send(_PROBE)
-            quiet = self.quiet_until = max(quiet, sent.now + 2 * timeout)
+        probe_waits, probed = self.probes, False
         asked = None
         if self.node_monitor is not None and not self.own_frames:
             asked = self.node_monitor.unanswered(self.request_id, self.response_id)
@@ -298,7 +301,7 @@ class Channel:
         taken = _PAST if asked is None else asked + timeout  # until then the other client may get its response
         end = give_up = 0.0
         while True:
-            heard: Heard[CanFrame] = yield Listen(max(quiet, taken))
+            heard: Heard[CanFrame] = yield Listen(_PAST if probe_waits else max(quiet, taken))
             if not end:
                 end = max(quiet, heard.now + _BACKLOG)
                 give_up = max(end, heard.now + 2 * timeout)
@@ -322,10 +325,17 @@ class Channel:
                 if about == place and self.quiet_for is not None:
                     quiet, end = _PAST, min(end, heard.now + _BACKLOG)
                     self._note_answer(place)
-                elif probed and about == (0, 0):
+                elif probed and isinstance(named, Abort) and about == (0, 0) and named.code not in OUT_OF_STEP:
                     quiet, end = _PAST, min(end, heard.now + _BACKLOG)
                     self.be_settled()
-            if heard.now >= taken and ((heard.item is None and heard.now >= quiet) or heard.now >= end):
+            if probe_waits:
+                window = 2 * self.latest(timeout)
+                self.quiet_until = max(quiet, heard.now + window)  # before it is sent: an exception may come between
+                probe_waits, probed, self.probes = False, True, False
+                sent: Heard[CanFrame] = yield self.send(_PROBE)
+                quiet = self.quiet_until = max(quiet, sent.now + window)
+                end = max(end, quiet)
+            elif heard.now >= taken and ((heard.item is None and heard.now >= quiet) or heard.now >= end):
                 break
         if self.quiet_until is not None and heard.now >= self.quiet_until:
             self.be_settled()

@@ -43,7 +43,7 @@ from typing import TypeVar
 
 from barewire.canopen.abort_codes import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.client.channel import Channel, OtherClient
+from barewire.canopen.sdo.client.channel import OUT_OF_STEP, Channel, OtherClient
 from barewire.canopen.sdo.messages.codec import M, SdoMessage
 from barewire.canopen.sdo.messages.initiate import Abort
 from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
@@ -53,8 +53,6 @@ _Result = TypeVar("_Result")
 
 ABORT = 0x80
 _NO_OBJECT = (0, 0)
-# A server that aborts with one of these was not in the state that the client assumed.
-_OUT_OF_STEP = frozenset({AbortCode.COMMAND, AbortCode.TOGGLE, AbortCode.SEQUENCE_NUMBER, AbortCode.TIMED_OUT})
 
 
 class ClientTransfer:
@@ -123,7 +121,7 @@ class ClientTransfer:
                 outcome = f"whether the {self.verb} of {self} was carried out is unknown"
             raise NoAnswer(f"{other}, and a response may be the one to it: {outcome}") from None
         except SdoAbort as refusal:
-            if refusal.code in _OUT_OF_STEP:
+            if refusal.code in OUT_OF_STEP:
                 self.stay_quiet()
             self.pending = False
             raise
@@ -178,7 +176,7 @@ class ClientTransfer:
 
     def _last_response(self) -> float:
         """Return when the last response may arrive at the latest."""
-        late = max(self.timeout, self.channel.timeout)
+        late = self.channel.latest(self.timeout)
         sent_at = self.now if self.until is None else self.until - self.timeout
         return max(self.now + late, sent_at + 2 * late)
 
@@ -276,6 +274,6 @@ class ClientTransfer:
         """Return whether an abort that comes before the first response is the answer to the first request."""
         if code == AbortCode.COMMAND and self.requests_blocks and named in ((self.index, self.sub), _NO_OBJECT):
             return True
-        if code in _OUT_OF_STEP:
+        if code in OUT_OF_STEP:
             return named == (self.index, self.sub) and self.channel.quiet_until is None
         return named in ((self.index, self.sub), _NO_OBJECT)
