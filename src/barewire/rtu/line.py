@@ -27,7 +27,9 @@ one ends at the silence. So frames of functions without a known length are told 
 the answer. Up to four bytes 00 or FF may come before each frame: a receiver reads them when a transmitter on RS-485 is
 turned on.
 Bytes that are one damaged bit away from a single frame are not divided, whatever its data spell. Several damages in one
-frame can still pass, as with every CRC.
+frame can still pass, as with every CRC. So can an image with which the received bytes begin: the first bytes are lost,
+a damaged function code gives a shorter frame, or a gap above `patience` precedes it. Its count and CRC end it at once;
+waiting for the silence would cost each frame 30 ms.
 
 A listener executes nothing and shows everything: where the bytes cannot be divided, it searches, byte by byte, for the
 next whole frame with a good CRC, and reports the bytes before it as one Noise.
