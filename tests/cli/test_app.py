@@ -183,7 +183,15 @@ def test_an_unknown_command_is_reported_with_the_nearest_one(name: str, end: str
 
 
 @pytest.mark.parametrize(
-    "command", [("--version",), ("devices",), ("devices", "adxl", "--json"), ("explain", "rtu", "01 03")], ids=" ".join
+    "command",
+    [
+        ("--version",),
+        ("devices",),
+        ("devices", "adxl", "--json"),
+        ("explain", "rtu", "01 03"),
+        ("diagnose", "docs/pictures/line.log"),  # its status is 1 by its findings
+    ],
+    ids=" ".join,
 )
 def test_a_closed_stdout_is_one_line(command: tuple[str, ...]) -> None:
     shell = ["sh", "-c", '"$@" >&-', "sh", *COMMAND, *command]

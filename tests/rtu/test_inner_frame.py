@@ -45,6 +45,16 @@ def test_a_frame_behind_one_stray_byte_is_taken_at_the_silence(role: Role, stray
     assert frames_of(silence(line)) == [decode(frame)]
 
 
+@pytest.mark.parametrize("stray", [b"\x00", b"\xff", b"\xff\x00"], ids=["00", "FF", "FF 00"])
+def test_a_request_is_taken_where_stray_bytes_come_before_several_frames(stray: bytes) -> None:
+    """A master with pauses shorter than `patience`: two stations are turned on before the silence."""
+    line = line_of("server")
+    others = encode(2, bytes.fromhex("03 0000 0001")), encode(2, bytes.fromhex("03 02 0005"))
+    events = [event for at, frame in enumerate((*others, WRITE)) for event in line.feed(stray + frame, 1.0 + at / 100)]
+    assert frames_of(events) == []
+    assert frames_of(silence(line)) == [decode(frame) for frame in (*others, WRITE)]
+
+
 def test_no_single_byte_has_the_crc_with_which_a_frame_behind_it_is_good() -> None:
     assert all(crc16(bytes([byte])) != 0xFFFF for byte in range(256))
 

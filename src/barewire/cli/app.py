@@ -142,11 +142,24 @@ def _usage_text(error: click.ClickException, arguments: list[str]) -> str:
     return text
 
 
+class _Discarded(io.TextIOWrapper):
+    """A stdout that is written to nowhere, and knows whether anything was."""
+
+    has_lost = False
+
+    def write(self, text: str) -> int:
+        self.has_lost = True
+        return super().write(text)
+
+
 def _run_without_output(arguments: list[str], loaded: Callable[[], None] | None) -> int:
-    """Run a command whose stdout is closed: what it prints is lost, which is an error at its end."""
-    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
+    """Run a command whose stdout is closed. What it prints is lost, which is an error at its end, also if the command
+    has failed: the status of `diagnose` says that something is wrong, and what was printed."""
+    with Path(os.devnull).open("wb") as nowhere, redirect_stdout(_Discarded(nowhere, encoding="utf-8")) as stdout:
         status = run_command_line(arguments, loaded)
-    return status or _print_error("output: stdout is closed, what the command printed is lost", 1)
+    if not stdout.has_lost:
+        return status
+    return _print_error("output: stdout is closed, what the command printed is lost", status or 1)
 
 
 def _is_wrong_usage(error: BarewireError) -> bool:

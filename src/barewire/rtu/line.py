@@ -24,9 +24,12 @@ can spell a whole frame with a good CRC:
 
 At the silence the held bytes are divided into frames only if nothing is left over: each has a good CRC, and the last
 one ends at the silence. So frames of functions without a known length are told apart, and the echo of a request from
-the answer. Up to four bytes 00 or FF may come first: a receiver reads them when a transmitter on RS-485 is turned on.
+the answer. Up to four bytes 00 or FF may come before each frame: a receiver reads them when a transmitter on RS-485 is
+turned on.
 Bytes that are one damaged bit away from a single frame are not divided, whatever its data spell. Several damages in one
-frame can still pass, as with every CRC.
+frame can still pass, as with every CRC. So can an image with which the received bytes begin: the first bytes are lost,
+a damaged function code gives a shorter frame, or a gap above `patience` precedes it. Its count and CRC end it at once;
+waiting for the silence would cost each frame 30 ms.
 
 A listener executes nothing and shows everything: where the bytes cannot be divided, it searches, byte by byte, for the
 next whole frame with a good CRC, and reports the bytes before it as one Noise.
@@ -37,7 +40,6 @@ from __future__ import annotations
 import re
 from collections.abc import Container
 from heapq import heappop, heappush
-from itertools import pairwise
 
 from barewire.errors import DecodeError, EncodeError, Reason
 from barewire.modbus.adu import Adu, Noise, received_adu
@@ -277,26 +279,36 @@ class RtuLine:
         return None, due if counted else _AT_SILENCE
 
     def _divide(self) -> list[Adu | Noise]:
-        """Return the frames that fill the held bytes up to the silence, behind stray bytes; nothing if they do not."""
-        strays = _STRAYS.match(self._held)
-        for at in range(strays.end() + 1 if strays is not None else 1):
-            ends = self._frames_from(at)
-            if ends and not is_one_bit_off(self._held):
-                noise = [self._drop(at, "checksum", f"{at} bytes that are not a frame before a good one")] if at else []
-                return [*noise, *(self._take_readable(end - start) for start, end in pairwise((at, *ends)))]
-        return []
+        """Return the frames that fill the held bytes up to the silence, each behind stray bytes; nothing if they do
+        not."""
+        frames = self._frames()
+        if not frames or is_one_bit_off(self._held):
+            return []
+        events: list[Adu | Noise] = []
+        before = 0
+        for start, end in frames:
+            if count := start - before:
+                events.append(self._drop(count, "checksum", f"{count} bytes that are not a frame before a good one"))
+            events.append(self._take_readable(end - start))
+            before = end
+        return events
 
-    def _frames_from(self, at: int) -> list[int]:
-        """Return the ends of frames with a good CRC that fill the held bytes from `at` on; nothing if none do."""
-        ways = [[end] for end in reversed(self._ends(at))]
+    def _frames(self) -> list[tuple[int, int]]:
+        """Return where frames with a good CRC, each behind stray bytes, begin and end that fill the held bytes; nothing
+        if none do."""
+        ways: list[list[tuple[int, int]]] = [[]]
         tried = set()
         while ways:
             way = ways.pop()
-            if way[-1] == len(self._held):
+            at = way[-1][1] if way else 0
+            if at == len(self._held):
                 return way
-            if way[-1] not in tried:  # each place once: there are at most 256 of them
-                tried.add(way[-1])
-                ways += [[*way, end] for end in reversed(self._ends(way[-1]))]
+            if at not in tried:  # each place once: there are at most 256 of them
+                tried.add(at)
+                strays = _STRAYS.match(self._held, at)
+                starts = range(at, strays.end() + 1 if strays is not None else at + 1)
+                following = [(start, end) for start in starts for end in self._ends(start)]
+                ways += [[*way, frame] for frame in reversed(following)]
         return []
 
     def _ends(self, at: int) -> list[int]:
