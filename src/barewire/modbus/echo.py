@@ -81,6 +81,11 @@ class EchoLine:
         return self.line.quiet_at
 
     @property
+    def delay(self) -> float:
+        """That of the inner line, which gets the beginning of an echo only after the pause."""
+        return getattr(self.line, "delay", 0.0) + self._pause
+
+    @property
     def broken(self) -> DecodeError | None:
         """That of the inner line."""
         return self.line.broken

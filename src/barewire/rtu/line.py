@@ -119,6 +119,11 @@ class RtuLine:
     # Sending
 
     @property
+    def delay(self) -> float:
+        """How much later than its last byte a frame may be returned: after the silence that ends it."""
+        return self.gap
+
+    @property
     def quiet_at(self) -> float:
         """t3.5 after the last byte on the line, sent or received. `patience` does not change it."""
         return self._last + self.timing.t35

@@ -52,7 +52,7 @@ def test_a_late_exception_is_not_taken_for_the_next_answer() -> None:
 @pytest.mark.parametrize(
     ("pauses", "costs"),
     [
-        ((0, 0, 0, 0), (1, 1, 2, 1)),  # in the third, the window ends with the probe, and the request follows
+        ((0, 0, 0.05, 0), (1, 1, 2, 1)),  # in the third, the window ends with the probe, and the request follows
         ((0, 1.5, 0), (1, 1.5, 1)),  # half a second before the end of the window
         ((0, 10, 10), (1, 1, 1)),
     ],
@@ -183,7 +183,7 @@ def test_an_abandoned_request_leaves_a_pending_answer() -> None:
     conversation.send(heard)
     with pytest.raises(Abandoned):
         conversation.throw(Abandoned())
-    assert bus.state.pending == [PendingAnswer(1, ReadHoldingRegisters(10, 1), 3.0)]
+    assert bus.state.pending == [PendingAnswer(1, ReadHoldingRegisters(10, 1), 3.03)]
     assert clock.play(read(bus, 20)) == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
     assert bus.counters.late == 1
 

@@ -25,7 +25,7 @@ def two_pending() -> Bus:
     for start, request in ((0.0, ReadHoldingRegisters(10, 1)), (2.0, ReadInputRegisters(10, 1))):
         with pytest.raises(NoAnswer):
             play(bus.ask(1, request, timeout=0.5), answering(), start=start)
-    assert [pending.until for pending in bus.state.pending] == [4.0, 6.0]
+    assert [pending.until for pending in bus.state.pending] == [4.03, 6.03]
     return bus
 
 
@@ -40,12 +40,12 @@ def test_a_bus_without_pending_answers_is_settled_at_once() -> None:
 def test_settling_listens_until_the_last_pending_answer_cannot_come() -> None:
     bus = two_pending()
     settling = bus.settle()
-    assert next(settling) == Listen(6.0)
-    assert settling.send(Heard(LATE, 3.0)) == Listen(6.0)
+    assert next(settling) == Listen(6.03)
+    assert settling.send(Heard(LATE, 3.0)) == Listen(6.03)
     assert len(bus.state.pending) == 1
     assert bus.counters.replies[0].at == 3.0
     with pytest.raises(StopIteration):
-        settling.send(Heard(None, 6.0))
+        settling.send(Heard(None, 6.03))
     assert bus.state.pending == []
 
 
@@ -53,7 +53,7 @@ def test_a_bus_is_settled_as_soon_as_every_late_answer_has_come() -> None:
     bus = two_pending()
     settling = bus.settle()
     next(settling)
-    assert settling.send(Heard(LATE, 3.0)) == Listen(6.0)
+    assert settling.send(Heard(LATE, 3.0)) == Listen(6.03)
     with pytest.raises(StopIteration):
         settling.send(Heard(encode(1, b"\x04\x02\x00\x0a"), 3.5))
     assert bus.counters.late == 2
