@@ -13,6 +13,7 @@ import dis
 import linecache
 import re
 import sys
+import threading
 from collections.abc import Callable
 from functools import cache
 from types import CodeType, FrameType
@@ -72,3 +73,21 @@ def interrupt(
     finally:
         sys.settrace(before)
     return lines
+
+
+def in_a_thread(work: Callable[[], None], seconds: float, kept: str) -> None:
+    """Run `work` in another thread, and raise its error. It fails after so many seconds: `kept` is not given back."""
+    errors: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            work()
+        except BaseException as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(seconds)
+    assert not thread.is_alive(), f"{kept} is not given back"
+    if errors:
+        raise errors[0]

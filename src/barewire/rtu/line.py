@@ -26,6 +26,7 @@ At the silence the held bytes are divided into frames only if nothing is left ov
 one ends at the silence. So frames of functions without a known length are told apart, and the echo of a request from
 the answer. Up to four bytes 00 or FF may come before each frame: a receiver reads them when a transmitter on RS-485 is
 turned on.
+
 Bytes that are one damaged bit away from a single frame are not divided, whatever its data spell. Several damages in one
 frame can still pass, as with every CRC. So can an image with which the received bytes begin: the first bytes are lost,
 a damaged function code gives a shorter frame, or a gap above `patience` precedes it. Its count and CRC end it at once;

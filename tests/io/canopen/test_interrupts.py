@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import threading
 from collections.abc import Callable
 from contextlib import suppress
 from types import FrameType
@@ -24,7 +23,7 @@ from barewire.canopen.bus.channel_locks import ChannelLock
 from barewire.errors import BarewireError
 from barewire.io.canopen.bus.async_bus import AsyncStream
 from barewire.io.canopen.client import channels_locked
-from tests.interrupts import Interrupt, interrupt, leaves_lock
+from tests.interrupts import Interrupt, in_a_thread, interrupt, leaves_lock
 from tests.io.canopen.virtual_can import Coming, NumberedStore, VirtualCan, value_of
 
 TIMEOUT = 0.3
@@ -78,24 +77,6 @@ class Transfers:
         check(start())
 
 
-def in_a_thread(work: Callable[[], None]) -> None:
-    """Run `work` in another thread, and raise its error."""
-    errors: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            work()
-        except BaseException as error:
-            errors.append(error)
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    thread.join(10)
-    assert not thread.is_alive(), "the channel is not given back"
-    if errors:
-        raise errors[0]
-
-
 def blocking_run(transfers: Transfers, at: int | None, error: type[BaseException]) -> int:
     """Play one run, with an exception before the line with the number `at`. Return how many lines there were."""
     client = CanopenClient(transfers.can, node=5, timeout=TIMEOUT)
@@ -117,7 +98,7 @@ def blocking_run(transfers: Transfers, at: int | None, error: type[BaseException
         if client.bus.failure is None:  # an Exception while it reads the port ends the bus, with a message
             transfers.make(client, X)
 
-    in_a_thread(use_on)
+    in_a_thread(use_on, 10, "the channel")
     if client.bus.failure is None:
         transfers.make(client, Y)
     client.close()

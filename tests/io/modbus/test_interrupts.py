@@ -8,7 +8,6 @@ unit that answers everything late and in order; from another thread, which would
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from types import SimpleNamespace
@@ -24,7 +23,7 @@ from barewire.io.modbus import async_connection, client as client_module, connec
 from barewire.modbus import Line
 from barewire.rtu import RtuLine
 from barewire.tcp import TcpLine
-from tests.interrupts import interrupt
+from tests.interrupts import in_a_thread, interrupt
 from tests.modbus.client.slow import TIMING, InTime
 from tests.model.virtual_loop import VirtualLoop, VirtualSelector
 
@@ -104,24 +103,6 @@ def read_register(client: ModbusClient, address: int) -> None:
         assert client.read_holding_registers(address, 1) == (address,)
 
 
-def in_a_thread(work: Callable[[], None]) -> None:
-    """Run `work` in another thread, and raise its error."""
-    errors: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            work()
-        except BaseException as error:
-            errors.append(error)
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    thread.join(60)
-    assert not thread.is_alive(), "the line is not given back"
-    if errors:
-        raise errors[0]
-
-
 def check_counters(client: ModbusClient | AsyncModbusClient) -> None:
     counters = client.bus.counters
     assert counters.asked == counters.answered + counters.lost, counters
@@ -156,7 +137,7 @@ def blocking_run(
         unit._unit.delays = iter(())  # prompt again
         assert client.read_holding_registers(30, 1) == (30,)
 
-    in_a_thread(use_on)
+    in_a_thread(use_on, 60, "the line")
     check_counters(client)
     read_register(client, 31)  # this thread does not have the line either
     client.close()
