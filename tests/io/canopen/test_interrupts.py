@@ -26,6 +26,9 @@ from barewire.io.canopen.client import channels_locked
 from tests.interrupts import Interrupt, in_a_thread, interrupt, leaves_lock
 from tests.io.canopen.virtual_can import Coming, NumberedStore, VirtualCan, value_of
 
+# An exception raised while a generator is freed is only reported.
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+
 TIMEOUT = 0.3
 X, Y = 0x2100, 0x2101
 LENGTHS = {"expedited": 4, "segments": 20, "blocks": 20}
@@ -206,8 +209,7 @@ def test_an_exception_at_any_line(verb: str, mode: str, delays: str, monkeypatch
     check_every_line(run)
 
 
-# An event loop reports an Exception of a callback and goes on, but Ctrl-C leaves it. Both may come before an `await`.
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+# An event loop reports an Exception of a callback and goes on, but Ctrl-C leaves it.
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
 @pytest.mark.parametrize("delays", DELAYS)
 @pytest.mark.parametrize(
@@ -222,7 +224,7 @@ def test_an_exception_at_any_line_of_asyncio(
             return asyncio_run(Transfers(verb, mode, DELAYS[delays], patch), at, error)
 
     check_every_line(run)
-    gc.collect()  # what was not awaited is reported here, not in the next test
+    gc.collect()  # a coroutine that was not awaited is reported here, not in the next test
 
 
 def test_a_stream_of_asyncio_goes_on_after_an_exception_while_a_frame_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
