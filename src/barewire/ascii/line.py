@@ -55,6 +55,11 @@ class AsciiLine:
         return 0.0
 
     @property
+    def delay(self) -> float:
+        """0: a frame is returned with its delimiter."""
+        return 0.0
+
+    @property
     def deadline(self) -> float | None:
         """When the pause inside a frame becomes too long; None between frames."""
         return self._last + self._timeout if self._held else None

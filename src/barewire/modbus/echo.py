@@ -83,7 +83,7 @@ class EchoLine:
     @property
     def delay(self) -> float:
         """That of the inner line, which gets the beginning of an echo only after the pause."""
-        return getattr(self.line, "delay", 0.0) + self._pause
+        return self.line.delay + self._pause
 
     @property
     def broken(self) -> DecodeError | None:

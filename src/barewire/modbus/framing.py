@@ -35,6 +35,10 @@ class Line(Protocol):
         """The earliest time to send: on RTU t3.5 after the last byte, elsewhere a time that is always past."""
 
     @property
+    def delay(self) -> float:
+        """How much later than its last byte a frame may be returned: on RTU after the silence that ends it."""
+
+    @property
     def deadline(self) -> float | None:
         """When to feed None if nothing arrived; None if there is nothing to wait for."""
 

@@ -53,6 +53,11 @@ class TcpLine:
         return 0.0
 
     @property
+    def delay(self) -> float:
+        """0: a frame is returned with its last byte."""
+        return 0.0
+
+    @property
     def deadline(self) -> float | None:
         """None: TCP has no limit for gaps."""
         return None

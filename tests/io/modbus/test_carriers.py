@@ -13,6 +13,7 @@ import pytest
 from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusServer
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.endpoint import CARRIERS, Endpoint
+from barewire.io.modbus import async_connection, carriers
 from barewire.io.modbus.carriers import timing_in_words
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import ReadHoldingRegisters, Table, WriteSingleRegister
@@ -176,6 +177,31 @@ def test_answers_in_any_order_are_matched_to_their_requests() -> None:
 
     with peer(backwards) as port:
         asyncio.run(exchange(port))
+
+
+@pytest.mark.parametrize("in_flight", [1, 4])
+def test_bytes_that_arrive_with_the_last_ones_of_a_handshake(
+    in_flight: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """They arrive before the task that connects runs again; they answer nothing, and are counted or logged."""
+
+    caplog.set_level("INFO", "barewire")
+
+    async def connect_to_a_talker(
+        endpoint: Endpoint, receive: Callable[[bytes], None], lose: Callable[[str], None]
+    ) -> Any:
+        link = await carriers.connect(endpoint, receive, lose)
+        receive(bytes.fromhex("0BAD 0000 0005 01 03 02 00 63"))
+        return link
+
+    async def main(port: int) -> None:
+        async with AsyncModbusClient(f"tcp://127.0.0.1:{port}", in_flight=in_flight) as client:
+            assert [await client.read_holding_registers(0, 1) for _ in range(3)] == [(0,)] * 3
+            assert client.bus.counters.strays == 1 or "0B AD 00 00" in caplog.text
+
+    monkeypatch.setattr(async_connection, "connect", connect_to_a_talker)
+    with ModbusServer("tcp://127.0.0.1:0", {1: Table()}) as server:
+        asyncio.run(main(int(server.url.rpartition(":")[2])))
 
 
 def test_a_wrong_header_fails_all_pending_requests_and_the_next_request_works() -> None:

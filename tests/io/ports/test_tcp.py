@@ -118,7 +118,7 @@ def test_data_for_a_cancelled_task_is_received_by_the_next_task() -> None:
     """Also when both happen in the same round of the loop, in either order."""
 
     async def main(cancelled_first: bool) -> None:
-        box = Mailbox("somewhere", lambda data: None)
+        box = Mailbox("somewhere")
         waiting = asyncio.ensure_future(box.receive(LONG))
         await asyncio.sleep(0)
         if cancelled_first:
@@ -137,7 +137,7 @@ def test_data_for_a_cancelled_task_is_received_by_the_next_task() -> None:
 
 def test_data_before_the_end_of_a_connection_is_received_first() -> None:
     async def main() -> None:
-        box = Mailbox("somewhere", lambda data: None)
+        box = Mailbox("somewhere")
         waiting = asyncio.ensure_future(box.receive(LONG))
         await asyncio.sleep(0)
         box.put(b"one")

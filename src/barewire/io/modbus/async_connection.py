@@ -221,7 +221,8 @@ class AsyncConnection:
         lines = [modbus_line(self._endpoint, "client")] if fan is None else fan.lines
         if fan is not None:
             fan.on_stray = self._log.foreign
-        boxes: list[Mailbox] = []
+        # Before the connection: a side that sends at once, with the last bytes of a TLS handshake, is heard.
+        boxes = [Mailbox(self._endpoint.place) for _ in lines]
 
         def deliver(data: bytes) -> None:
             assert fan is not None
@@ -243,8 +244,8 @@ class AsyncConnection:
         self.back_off.reset()
         self._log.connected()
         write = traced("sent", link.write if fan is None else link.write_together, watch)
-        boxes += [Mailbox(self._endpoint.place, write, link.sent) for _ in lines]
         for other, box, line in zip(self.lanes, boxes, lines):
+            box.connected(write, link.sent)
             line.sent(clock())  # a client waits for a silence of the line before its first request
             other.bus.line, other.box = line, box
         return boxes[self.lanes.index(lane)]

@@ -20,20 +20,13 @@ _LIMIT = 0x10000
 class Mailbox:
     """An `AsyncPort` over a connection, which calls `put` with received bytes, and `fail` when it ends.
 
-    `write` sends bytes; `sent` returns an awaitable that ends when they are on the wire, or None.
+    It receives from the first byte on, and sends after `connected`.
     """
 
-    def __init__(
-        self,
-        name: str,
-        write: Callable[[bytes], None],
-        sent: Callable[[], Awaitable[float | None] | None] = lambda: None,
-    ) -> None:
+    def __init__(self, name: str) -> None:
         self.name = name
         self.lost: str | None = None
         """Why the connection ended, or None."""
-        self.sent = sent
-        self._write = write
         self.chunks: deque[bytes] = deque()
         """The bytes that were received and not taken yet."""
         self._waiting = 0
@@ -41,6 +34,13 @@ class Mailbox:
         self._until = 0.0  # when the waiter gives up
         self._timer: asyncio.TimerHandle | None = None
         self.loop = asyncio.get_running_loop()
+
+    def connected(
+        self, write: Callable[[bytes], None], sent: Callable[[], Awaitable[float | None] | None] = lambda: None
+    ) -> None:
+        """Send with `write` from now on; `sent` returns an awaitable that ends when bytes are on the wire, or None."""
+        self._write = write
+        self.sent = sent
 
     def put(self, data: bytes) -> None:
         """Add received bytes. The connection ends if they are far more than are taken, so that memory is limited."""

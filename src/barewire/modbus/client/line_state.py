@@ -235,6 +235,6 @@ class RequestRecord:
             # Interrupted while it was being sent, the request may leave a little later than `now`.
             sent_at = now + self._longest_timeout if self._sent_at is None else self._sent_at
             # A line may know only at a silence that bytes are a frame, so an answer is recognised that much later.
-            pending = [*pending, PendingAnswer(*self._open, sent_at + window + getattr(self.line, "delay", 0.0))]
+            pending = [*pending, PendingAnswer(*self._open, sent_at + window + self.line.delay)]
         # One statement: an exception in between would count the request twice, or not at all.
         self.state.pending, self._open, self.counters.lost = pending, None, self.counters.lost + 1

@@ -114,6 +114,11 @@ class TrackedLine:
         return self.line.quiet_at
 
     @property
+    def delay(self) -> float:
+        """How much later than its last byte a frame may be returned."""
+        return self.line.delay
+
+    @property
     def deadline(self) -> float | None:
         """When to feed None if nothing arrived."""
         return self.line.deadline
