@@ -116,6 +116,32 @@ def read_with_asyncio(closing: ExitStack, place: Place) -> Work:
     return Awaited(closing, place, lambda node: node.sdo.upload(0x1000))
 
 
+def read_by_hand_with_asyncio(closing: ExitStack, place: Place) -> Work:
+    """The least that asyncio takes: a reader that stays registered, a future and a time-out for each request."""
+    port, loop = closing.enter_context(place.raw()), closing.enter_context(asyncio.Runner()).get_loop()
+    port.setblocking(False)
+    request = frame_of(REQUEST, bytes.fromhex("4000100000000000"))
+    head, answer = frame_of(REQUEST - 0x80, bytes(8))[:8], bytes.fromhex("43001000")
+    waiting: list[asyncio.Future[bytes]] = []
+
+    def receive() -> None:
+        frame = port.recv(16)
+        if waiting and frame[:8] == head and frame[8:12] == answer:
+            waiting.pop().set_result(frame[12:])
+
+    async def read(count: int) -> bytes:
+        for _ in range(count):
+            waiting.append(loop.create_future())
+            port.send(request)
+            async with asyncio.timeout(TIMEOUT):
+                value = await waiting[0]
+        return value
+
+    loop.add_reader(port.fileno(), receive)
+    closing.callback(loop.remove_reader, port.fileno())
+    return Many(lambda count: loop.run_until_complete(read(count)))
+
+
 def _their_client(closing: ExitStack, place: Place) -> Any:
     network = canopen.Network()
     network.bus = place.python_can()

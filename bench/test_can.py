@@ -45,6 +45,7 @@ def reads(place: str) -> Race:
         makers = {"by hand": clients.read_by_hand_on_python_can}
     makers |= {"barewire": clients.read_by_us, "barewire, asyncio": clients.read_with_asyncio}
     if place in SOCKETS:
+        makers |= {"by hand, asyncio": clients.read_by_hand_with_asyncio}
         makers |= {"barewire, python-can": clients.read_by_us_over_python_can}
     makers |= {"canopen": clients.read_by_canopen}
     return race("expedited read", 4, place, makers, EXPEDITED, rounds=61, turn=0.01)
