@@ -21,7 +21,7 @@ demo: $(VENV)/installed-all ## watch it work: three devices, two protocols, no h
 	@$(BIN)/barewire demo
 
 check: style types ## what to run while you work, in less than a minute: format, lint, types, the tests that do not wait
-	$(BIN)/pytest -rs -n auto --dist loadfile -m "not long" --ignore=tests/io --ignore=tests/cli --ignore=tests/interop $(ARGS)
+	$(BIN)/pytest -rs -n auto --dist loadfile -m "not long" --ignore=tests/io --ignore=tests/workbench/cli --ignore=tests/interop $(ARGS)
 
 test: style types suite ## everything a change must pass: format, lint, types, then all tests
 
@@ -87,13 +87,13 @@ format: $(VENV)/installed-dev ## put the code in its form
 	$(BIN)/ruff check --fix .
 
 clean: ## remove what was built or installed here
-	rm -rf .venv .venv-* build dist mutants src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .benchmarks
-	find src tests bench -name __pycache__ -prune -exec rm -rf {} +
+	rm -rf .venv .venv-* build dist mutants src/*.egg-info workbench/build workbench/src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .benchmarks
+	find src workbench tests bench -name __pycache__ -prune -exec rm -rf {} +
 
 # One stamp file for each extra: $(VENV)/installed-dev says that barewire[dev] is installed there.
-$(VENV)/installed-%: pyproject.toml | $(VENV)/bin/pip
-	@echo "installing barewire[$*] into $(VENV)"
-	@$(BIN)/python -m pip install -qq --editable '.[$*]'
+$(VENV)/installed-%: pyproject.toml workbench/pyproject.toml | $(VENV)/bin/pip
+	@echo "installing barewire[$*] and barewire-workbench into $(VENV)"
+	@$(BIN)/python -m pip install -qq --editable '.[$*]' --editable ./workbench
 	@touch $@
 
 $(VENV)/bin/pip:

@@ -1,6 +1,6 @@
 """Runs every example of the documentation.
 
-In docstrings of src/barewire: each `>>>`, by doctest. In README.md, docs/ and the other Markdown files: each fenced
+In docstrings of both packages: each `>>>`, by doctest. In README.md, docs/ and the other Markdown files: each fenced
 block, according to the word behind its three backticks.
 
     python    run as it is; with `>>>` in it, as a doctest. One namespace for the whole file, from top to bottom.
@@ -36,12 +36,18 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from tools import rooms
+
 pytestmark = pytest.mark.long
 
 ROOT = Path(__file__).parent.parent
-SRC = ROOT / "src"
-MODULES = [file for file in sorted((SRC / "barewire").rglob("*.py")) if ">>> " in file.read_text(encoding="utf-8")]
-PAGES = [*ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "vectors").glob("*.md"))]
+MODULES = {name: file for name, file in rooms.files().items() if ">>> " in file.read_text(encoding="utf-8")}
+PAGES = [
+    *ROOT.glob("*.md"),
+    *ROOT.glob("workbench/*.md"),
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "vectors").glob("*.md")),
+]
 BAREWIRE = Path(sys.executable).with_name("barewire")
 
 
@@ -52,15 +58,14 @@ def named(file: Path) -> str:
 # Docstrings ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("file", MODULES, ids=named)
-def test_docstring_examples_run(file: Path) -> None:
-    name = ".".join(file.relative_to(SRC).with_suffix("").parts).removesuffix(".__init__")
+@pytest.mark.parametrize("name", MODULES)
+def test_docstring_examples_run(name: str) -> None:
     module = importlib.import_module(name)
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
     output: list[str] = []
     for example in doctest.DocTestFinder(exclude_empty=True).find(module, name):
         runner.run(example, out=output.append)
-    assert runner.tries, f"{named(file)}: contains >>> but no docstring that doctest can find"
+    assert runner.tries, f"{named(MODULES[name])}: contains >>> but no docstring that doctest can find"
     assert not runner.failures, "\n" + "".join(output)
 
 

@@ -10,12 +10,19 @@ from pathlib import Path
 
 import pytest
 
-SRC = Path(__file__).parent.parent / "src"
-DOORS = [file for file in sorted((SRC / "barewire").rglob("__init__.py")) if "lazy(" in file.read_text("utf-8")]
+from tools.rooms import HOUSES
+
+DOORS = [
+    file
+    for package, folder in HOUSES.items()
+    for file in sorted((folder / package).rglob("__init__.py"))
+    if "lazy(" in file.read_text("utf-8")
+]
 
 
 def room(door: Path) -> str:
-    return ".".join(door.parent.relative_to(SRC).parts)
+    folder = next(folder for folder in HOUSES.values() if door.is_relative_to(folder))
+    return ".".join(door.parent.relative_to(folder).parts)
 
 
 def lists(door: Path) -> tuple[dict[str, set[str]], dict[str, set[str]]]:
@@ -64,7 +71,7 @@ def test_every_name_is_in_the_file_that_the_door_names(door: Path) -> None:
     """In a fresh interpreter: `import *` asks for all, and each name is found in its file."""
     _, files = lists(door)
     look = (
-        f"import sys; sys.path.insert(0, {str(SRC)!r})\nfrom {room(door)} import *\n"
+        f"import sys; sys.path[:0] = {[*map(str, HOUSES.values())]}\nfrom {room(door)} import *\n"
         f"for file_, names_ in { {file: sorted(names) for file, names in files.items()}!r}.items():\n"
         f"    module_ = sys.modules['{room(door)}.' + file_]\n"
         f"    for name_ in names_: assert globals()[name_] is getattr(module_, name_), name_\n"
@@ -83,6 +90,7 @@ def test_these_rooms_have_lazy_doors() -> None:
             "barewire.canopen.sdo",
         ),
         *("barewire", "barewire.devices", "barewire.io", "barewire.rtu"),
+        "barewire_workbench",
     }
 
 

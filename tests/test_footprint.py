@@ -8,17 +8,17 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from barewire import ModbusServer
 from barewire.errors import REASONS
 from barewire.modbus import Table
+from tools.rooms import HOUSES
 
 pytestmark = pytest.mark.long
 
-SRC = Path(__file__).parent.parent / "src"
+SRC = HOUSES["barewire"]
 
 DOOR = {"barewire", "barewire._lazy"}
 ENVELOPE = {*DOOR, "barewire.errors", "barewire.modbus", "barewire.modbus.adu"}
@@ -29,7 +29,7 @@ HEAVY = {"asyncio", "dataclasses", "inspect", "ast", "ssl", "socket", "logging",
 
 def loaded(statement: str) -> set[str]:
     """Return the modules that a statement adds. With `-I -S` nothing of the environment is loaded before it."""
-    look = f"import sys; sys.path.insert(0, {str(SRC)!r}); there = set(sys.modules); {statement}; "
+    look = f"import sys; sys.path[:0] = {[*map(str, HOUSES.values())]}; there = set(sys.modules); {statement}; "
     look += "print(*(set(sys.modules) - there))"
     run = subprocess.run([sys.executable, "-I", "-S", "-c", look], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
@@ -63,7 +63,7 @@ NO_CLIENT_NEEDS |= {"urllib.parse", "ipaddress"}
 BLOCKING = "from barewire import ModbusClient; import barewire.io.ports.tcp"
 MESSAGE = "from barewire.modbus import ReadHoldingRegisters"
 CLIENT_FILES = {"adu", "client", "client.bus", "client.fair_queue", "client.line_state", "messages", "exceptions"}
-OTHER_ROOMS = ("barewire.canopen", "barewire.devices", "barewire.explain", "barewire.ascii", "barewire.rtu")
+OTHER_ROOMS = ("barewire.canopen", "barewire.devices", "barewire_workbench", "barewire.ascii", "barewire.rtu")
 
 
 def files(found: set[str], room: str) -> set[str]:
@@ -138,7 +138,9 @@ def test_the_canopen_client_loads_what_carries_an_object_and_no_other_service() 
         "difflib",
         "logging",
     }
-    assert not [name for name in found if name.startswith(("barewire.devices", "barewire.modbus", "barewire.explain"))]
+    assert not [
+        name for name in found if name.startswith(("barewire.devices", "barewire.modbus", "barewire_workbench"))
+    ]
     sdo, others = files(found, "barewire.canopen.sdo"), files(found, "barewire.canopen")
     assert sdo >= SDO
     assert not [name for name in sdo if name.startswith("server") or name == "client.find_channel"]
@@ -156,7 +158,7 @@ def test_a_canopen_method_loads_its_file_when_it_is_called() -> None:
     assert not found & {"bus.scan", "emcy.message", "nmt.node_guarding"}
 
 
-@pytest.mark.parametrize("statement", ["from barewire import *", "import barewire.cli"])
+@pytest.mark.parametrize("statement", ["from barewire import *", "import barewire_workbench.cli"])
 def test_nothing_but_its_own_command_loads_the_vectors(statement: str) -> None:
     found = loaded(statement)
     assert not [name for name in found if "vectors" in name or name == "zipfile"]

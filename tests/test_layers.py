@@ -1,7 +1,8 @@
-"""Which room may import which, checked against every import in src/barewire, and the size of files and folders.
+"""Which room may import which, checked against every import of both packages.
 
-An import counts wherever it stands: at the top, inside a function, under `TYPE_CHECKING`, or as a string given to
-`import_module`. To allow a new arrow, change ALLOWED and give the reason in docs/explanation/decisions.md.
+`barewire`, the stack, imports nothing of `barewire_workbench`. An import counts wherever it stands: at the top, inside
+a function, under `TYPE_CHECKING`, or as a string given to `import_module`. To allow a new arrow, change STACK or
+WORKBENCH and give the reason in docs/explanation/decisions.md.
 """
 
 from __future__ import annotations
@@ -9,27 +10,22 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Iterator
 from fnmatch import fnmatch
-from pathlib import Path
 
 import pytest
 
 import barewire
 from tools import rooms
 
-ROOT = Path(__file__).parent.parent
-SRC = ROOT / "src"
-HOME = SRC / "barewire"
-FILES = sorted(HOME.rglob("*.py"))
+SRC = rooms.HOUSES["barewire"]
 
 BASE = {"errors", "conversation", "codecs", "_callbacks", "_lazy", "_html"}
 PROTOCOLS = {"modbus", "rtu", "ascii", "tcp", "canopen"}
 MEANING = BASE | PROTOCOLS | {"devices"}
 
 # room -> what it may import besides itself. "modbus.adu" means that module only, "modbus" the whole room.
-ALLOWED: dict[str, set[str]] = {
+STACK: dict[str, set[str]] = {
     "errors": set(),
     "_lazy": set(),
     "_html": set(),
@@ -42,17 +38,38 @@ ALLOWED: dict[str, set[str]] = {
     "ascii": BASE | {"modbus.adu", "modbus.framing"},
     "tcp": BASE | {"modbus.adu", "modbus.framing"},
     "devices": BASE | {"modbus", "canopen"},
-    "explain": MEANING,
-    "vectors": MEANING | {"explain"},
-    "io": MEANING | {"explain", "vectors"},
-    "cli": MEANING
-    | {"explain", "vectors", "io", *barewire.__all__},  # what the front door offers, a command may take there
+    "io": MEANING,
     "__init__": MEANING | {"io"},  # the front door: names of all rooms, each loaded when it is first used
-    "__main__": {"cli"},
+    "__main__": set(),  # it finds the command by its name among the installed ones
 }
+FROM_STACK = {f"barewire.{room}" for room in MEANING}
+# what the front door offers, a command may take there
+FROM_STACK_AND_PORTS = FROM_STACK | {"barewire.io", *(f"barewire.{name}" for name in barewire.__all__)}
+WORKBENCH: dict[str, set[str]] = {
+    "frames": set(),
+    "wire": set(),
+    "conform": set(),
+    "recordings": {"frames"},
+    "steps": {"frames", "wire"},
+    "monitor": {"frames", "recordings"},
+    "diagnosis": {"frames", "monitor", "recordings", "wire"},
+    "pictures": {"frames", "monitor", "recordings", "steps", "wire"},
+    "replay": {"frames", "monitor", "recordings"},
+    "vectors": {"conform", "recordings"},
+    "api": {"diagnosis", "frames", "recordings"},
+    "live": {"conform", "vectors"},
+    "__init__": {"api", "frames"},
+}
+OFFERED = {"explain", "explain_exchange", "explain_text", "Explanation", "FrameRole"}  # by the door of the workbench
+WORKBENCH["cli"] = OFFERED | set(WORKBENCH) - {"__init__"}
+
+ALLOWED = {f"barewire.{room}": {f"barewire.{other}" for other in below} for room, below in STACK.items()}
+for room, below in WORKBENCH.items():
+    stack = FROM_STACK_AND_PORTS if room in ("live", "cli") else FROM_STACK
+    ALLOWED[f"barewire_workbench.{room}"] = stack | {f"barewire_workbench.{other}" for other in below}
 
 # Rooms that may use clocks and sockets. Below them, time is an argument and bytes are passed in.
-OUTSIDE = {"io", "cli", "__main__"}
+OUTSIDE = {"barewire.io", "barewire_workbench.live", "barewire_workbench.cli"}
 CLOCKS_AND_SOCKETS = {
     *("time", "sched", "random", "secrets", "logging", "signal"),
     *("socket", "socketserver", "select", "selectors", "ssl", "serial", "can"),
@@ -61,14 +78,14 @@ CLOCKS_AND_SOCKETS = {
 
 # The only third-party packages, and the files that may import them.
 THIRD_PARTY = {
-    "serial": "io/ports/*serial*.py",
-    "can": "io/*.py",
-    "click": "cli/*.py",
-    "rich": "cli/*.py",
-    "matplotlib": "cli/plot.py",
+    "serial": "barewire/io/ports/*serial*.py",
+    "can": "barewire/io/*.py",
+    "click": "barewire_workbench/cli/*.py",
+    "rich": "barewire_workbench/cli/*.py",
+    "matplotlib": "barewire_workbench/cli/plot.py",
 }
 
-# Libraries that do what barewire is written to do. Tests and bench compare with them; src must not use them.
+# Libraries that do what barewire is written to do. Tests and bench compare with them; the packages must not use them.
 FIELDBUS_LIBRARIES = {
     *("pymodbus", "minimalmodbus", "umodbus", "modbus_tk", "pyModbusTCP", "tmodbus", "async_modbus", "modbus"),
     *("canopen", "canmatrix", "cantools", "eds_utils", "crcmod", "crcmodplus", "fastcrc", "crc", "crccheck"),
@@ -97,24 +114,24 @@ def within(name: str, allowed: set[str]) -> bool:
 
 
 def broken_rules(source: str, path: str) -> list[str]:
-    """Return what the file `path` (relative to src/barewire) must not import, each with the rule that it breaks."""
-    parts = ("barewire", *path.removesuffix(".py").split("/"))
+    """Return what the file `path`, such as barewire/rtu/crc.py, must not import, each with the rule that it breaks."""
+    parts = path.removesuffix(".py").split("/")
     is_package = parts[-1] == "__init__"
     module = ".".join(parts[:-1] if is_package else parts)
-    room = "explain" if parts[1].startswith("explain") else parts[1]
+    room = ".".join(parts[:2])
     if room not in ALLOWED:
-        return [f"{path}:1: the room {room!r} is not in ALLOWED of tests/test_layers.py"]
+        return [f"{path}:1: the room {room!r} is not in STACK or WORKBENCH of tests/test_layers.py"]
     found = []
     for line, name in sorted(imports(source, module, is_package)):
-        top, _, rest = name.partition(".")
+        top = name.partition(".")[0]
         rule = ""
-        if top == "barewire":
-            if not within(rest, {room, *ALLOWED[room]} - {"__init__"}):
-                rule = f"{room} may import {', '.join(sorted(ALLOWED[room])) or 'nothing of barewire'}"
+        if top in rooms.HOUSES:
+            if not within(name, {room, *ALLOWED[room]}):
+                rule = f"{room} may import {', '.join(sorted(ALLOWED[room])) or 'nothing of ours'}"
         elif top in FIELDBUS_LIBRARIES:
-            rule = "no fieldbus or checksum library in src"
+            rule = "no fieldbus or checksum library in the packages"
         elif room not in OUTSIDE and top in CLOCKS_AND_SOCKETS:
-            rule = "clocks, sockets, threads, random numbers and logs are for io and cli only"
+            rule = "clocks, sockets, threads, random numbers and logs are for io, live and cli only"
         elif top in THIRD_PARTY:
             if not fnmatch(path, THIRD_PARTY[top]):
                 rule = f"{top} belongs in {THIRD_PARTY[top]}"
@@ -127,43 +144,11 @@ def broken_rules(source: str, path: str) -> list[str]:
 
 def test_every_import_is_allowed() -> None:
     found: list[str] = []
-    for file in FILES:
-        found += broken_rules(file.read_text(encoding="utf-8"), file.relative_to(HOME).as_posix())
-    assert not found, "src/barewire/" + "\nsrc/barewire/".join(found)
-
-
-def oversized(root: Path) -> list[str]:
-    """Return the Python files with more than 400 lines, and the folders of `src` with more than 16 of them."""
-    found = []
-    for top in ("src", "tests", "tools", "bench"):
-        files = sorted((root / top).rglob("*.py"))
-        for file in files:
-            lines = len(file.read_text(encoding="utf-8").splitlines())
-            if lines > 400:
-                found.append(f"{file.relative_to(root).as_posix()}: {lines} lines, at most 400")
-        for folder, count in Counter(file.parent for file in files).items():
-            if top == "src" and count > 16:
-                found.append(f"{folder.relative_to(root).as_posix()}: {count} files, at most 16")
-    return found
-
-
-def test_files_have_at_most_400_lines_and_folders_of_src_16_files() -> None:
-    assert oversized(ROOT) == []
-
-
-def test_a_long_file_and_a_full_folder_are_found(tmp_path: Path) -> None:
-    for top in ("src", "tests", "tools", "bench"):
-        folder = tmp_path / top / "room"
-        folder.mkdir(parents=True)
-        (folder / "whole.py").write_text("\n" * 400)
-        (folder / "long.py").write_text("\n" * 401)
-        for number in range(14):
-            (folder / f"file_{number}.py").touch()
-    long = [f"{top}/room/long.py: 401 lines, at most 400" for top in ("src", "tests", "tools", "bench")]
-    assert oversized(tmp_path) == long
-    for top in ("src", "tests"):
-        (tmp_path / top / "room" / "one_more.py").touch()
-    assert oversized(tmp_path) == [long[0], "src/room: 17 files, at most 16", *long[1:]]
+    for module, file in rooms.files().items():
+        path = file.relative_to(rooms.HOUSES[module.partition(".")[0]])
+        if len(path.parts) > 1:
+            found += broken_rules(file.read_text(encoding="utf-8"), path.as_posix())
+    assert not found, "\n".join(found)
 
 
 HEAVY = [
@@ -195,7 +180,8 @@ def test_no_files_import_each_other() -> None:
 
 
 def test_no_rooms_import_each_other() -> None:
-    assert [rooms.circles(rooms.rooms(room)) for room in ("", *rooms.INSIDE)] == [[]] * (1 + len(rooms.INSIDE))
+    drawn = [*rooms.INSIDE, *(f"{package}.{room}" for package, inside in rooms.INSIDE.items() for room in inside)]
+    assert {package: rooms.circles(rooms.rooms(package)) for package in drawn} == {package: [] for package in drawn}
 
 
 def test_the_drawing_in_architecture_is_up_to_date() -> None:
@@ -210,55 +196,61 @@ def test_circles_are_found() -> None:
 # Every rule is seen to fail -------------------------------------------------------------------------------------------
 
 REFUSED = {
-    "errors import nothing": ("errors.py", "from barewire import codecs"),
-    "codecs import no protocol": ("codecs/order.py", "from barewire.modbus.adu import Adu"),
-    "codecs import no conversations": ("codecs/order.py", "import barewire.conversation"),
-    "modbus imports no framing": ("modbus/client/bus.py", "from barewire.rtu import frame"),
-    "modbus imports no framing, relative": ("modbus/client/bus.py", "from ...tcp.line import TcpLine"),
-    "modbus imports no canopen": ("modbus/client/bus.py", "from ...canopen.frame import CanFrame"),
-    "canopen imports no modbus": ("canopen/sdo/client/upload.py", "from ....modbus import Bus"),
-    "a framing imports no other": ("ascii/line.py", "from ..rtu import crc"),
+    "errors import nothing": ("barewire/errors.py", "from barewire import codecs"),
+    "codecs import no protocol": ("barewire/codecs/order.py", "from barewire.modbus.adu import Adu"),
+    "codecs import no conversations": ("barewire/codecs/order.py", "import barewire.conversation"),
+    "modbus imports no framing": ("barewire/modbus/client/bus.py", "from barewire.rtu import frame"),
+    "modbus imports no framing, relative": ("barewire/modbus/client/bus.py", "from ...tcp.line import TcpLine"),
+    "modbus imports no canopen": ("barewire/modbus/client/bus.py", "from ...canopen.frame import CanFrame"),
+    "canopen imports no modbus": ("barewire/canopen/sdo/client/upload.py", "from ....modbus import Bus"),
+    "a framing imports no other": ("barewire/ascii/line.py", "from ..rtu import crc"),
     "a framing imports no server": (
-        "rtu/line.py",
+        "barewire/rtu/line.py",
         "from barewire.modbus.server.server import Server",
     ),
-    "a framing imports no whole room": ("rtu/line.py", "from barewire.modbus import Adu"),
-    "only rtu imports messages": ("tcp/line.py", "from barewire.modbus.messages import registry"),
-    "devices import no framing": ("devices/plan.py", "from barewire.rtu.line import RtuLine"),
-    "devices import no io": ("devices/sim/az3/machine.py", "from barewire.io.engine import blocking"),
-    "explain imports no io": ("explain/api.py", "from ..io import endpoint"),
-    "explain imports no cli": ("explain/modbus/frames.py", "from ...cli import table"),
-    "io imports no cli": ("io/engine/blocking.py", "from barewire.cli import main"),
-    "the front door offers no command": ("__init__.py", "from .cli import main"),
-    "an unknown room": ("profinet/frame.py", "import struct"),
-    "no clock": ("modbus/client/bus.py", "import time"),
-    "no clock, from": ("canopen/nmt/heartbeat.py", "from time import monotonic"),
-    "no asyncio, inside a function": ("rtu/timing.py", "def now():\n    import asyncio"),
-    "no logging, for types only": ("devices/description/load.py", "if TYPE_CHECKING:\n    from logging import Logger"),
-    "no socket, as a string": ("tcp/frame.py", "import importlib\nimportlib.import_module('socket')"),
-    "no threads, as a submodule": ("devices/description/load.py", "import concurrent.futures"),
-    "pyserial in its file only": ("io/engine/blocking.py", "import serial"),
-    "pyserial in its file only, cli": ("cli/read.py", "from serial.tools import list_ports"),
-    "python-can in io only": ("cli/scan.py", "import can"),
-    "click in cli only": ("io/ports/trace.py", "import click"),
-    "rich in cli only": ("explain/api.py", "from rich.table import Table"),
-    "no other third party": ("io/engine/asyncio.py", "import trio"),
-    "no fieldbus library": ("io/gateway.py", "from pymodbus.client import ModbusTcpClient"),
-    "no canopen of PyPI": ("io/ports/can/python_can.py", "import canopen"),
-    "no checksum library": ("rtu/crc.py", "import crcmod.predefined"),
+    "a framing imports no whole room": ("barewire/rtu/line.py", "from barewire.modbus import Adu"),
+    "only rtu imports messages": ("barewire/tcp/line.py", "from barewire.modbus.messages import registry"),
+    "devices import no framing": ("barewire/devices/plan.py", "from barewire.rtu.line import RtuLine"),
+    "devices import no io": ("barewire/devices/sim/az3/machine.py", "from barewire.io.engine import blocking"),
+    "the workbench has no ports": ("barewire_workbench/api.py", "from barewire.io import endpoint"),
+    "frames import no cli": ("barewire_workbench/frames/modbus/frames.py", "from ...cli import table"),
+    "the stack does not know the workbench": (
+        "barewire/io/engine/blocking.py",
+        "from barewire_workbench.cli import main",
+    ),
+    "the front door offers no command": ("barewire/__init__.py", "from barewire_workbench.cli import main"),
+    "an unknown room": ("barewire/profinet/frame.py", "import struct"),
+    "no clock": ("barewire/modbus/client/bus.py", "import time"),
+    "no clock, from": ("barewire/canopen/nmt/heartbeat.py", "from time import monotonic"),
+    "no asyncio, inside a function": ("barewire/rtu/timing.py", "def now():\n    import asyncio"),
+    "no logging, for types only": (
+        "barewire/devices/description/load.py",
+        "if TYPE_CHECKING:\n    from logging import Logger",
+    ),
+    "no socket, as a string": ("barewire/tcp/frame.py", "import importlib\nimportlib.import_module('socket')"),
+    "no threads, as a submodule": ("barewire/devices/description/load.py", "import concurrent.futures"),
+    "pyserial in its file only": ("barewire/io/engine/blocking.py", "import serial"),
+    "pyserial in its file only, cli": ("barewire_workbench/cli/read.py", "from serial.tools import list_ports"),
+    "python-can in io only": ("barewire_workbench/cli/scan.py", "import can"),
+    "click in cli only": ("barewire/io/ports/trace.py", "import click"),
+    "rich in cli only": ("barewire_workbench/api.py", "from rich.table import Table"),
+    "no other third party": ("barewire/io/engine/asyncio.py", "import trio"),
+    "no fieldbus library": ("barewire/io/gateway.py", "from pymodbus.client import ModbusTcpClient"),
+    "no canopen of PyPI": ("barewire/io/ports/can/python_can.py", "import canopen"),
+    "no checksum library": ("barewire/rtu/crc.py", "import crcmod.predefined"),
 }
 
 ACCEPTED = {
-    "the standard library": ("codecs/layout.py", "from __future__ import annotations\nimport struct, re, enum"),
-    "its own room": ("rtu/line.py", "from barewire.rtu.frame import decode\nfrom .crc import crc16"),
-    "its own door": ("canopen/sdo/__init__.py", "from .messages import X\nfrom .client import upload"),
-    "errors for all": ("tcp/frame.py", "from barewire.errors import DecodeError\nfrom .. import errors"),
-    "adu and framing for a framing": ("ascii/line.py", "from ..modbus.adu import Adu\nfrom ..modbus import framing"),
-    "messages for rtu": ("rtu/line.py", "from barewire.modbus.messages.registry import length"),
-    "ports for io": ("io/ports/serial.py", "import serial\nimport time\nfrom serial.tools import list_ports"),
-    "click and rich for commands": ("cli/read.py", "import click\nfrom rich.table import Table\nfrom ..io import x"),
-    "everything below for io": ("io/gateway.py", "from barewire import rtu, canopen, devices\nimport can"),
-    "the command": ("__main__.py", "from barewire.cli import main"),
+    "the standard library": ("barewire/codecs/layout.py", "from __future__ import annotations\nimport re, enum"),
+    "its own room": ("barewire/rtu/line.py", "from barewire.rtu.frame import decode\nfrom .crc import crc16"),
+    "its own door": ("barewire/canopen/sdo/__init__.py", "from .messages import X\nfrom .client import upload"),
+    "errors for all": ("barewire/tcp/frame.py", "from barewire.errors import DecodeError\nfrom .. import errors"),
+    "messages for a framing": ("barewire/tcp/line.py", "from ..modbus.adu import A\nfrom ..modbus import framing"),
+    "messages for rtu": ("barewire/rtu/line.py", "from barewire.modbus.messages.registry import length"),
+    "ports for io": ("barewire/io/ports/serial.py", "import serial\nimport time\nfrom serial.tools import list_ports"),
+    "click for commands": ("barewire_workbench/cli/read.py", "import click, rich.table\nfrom barewire.io import X"),
+    "everything below for io": ("barewire/io/gateway.py", "from barewire import rtu, canopen, devices\nimport can"),
+    "ports for live": ("barewire_workbench/live/scan.py", "from barewire.io.endpoint import Endpoint\nimport time"),
 }  # fmt: skip
 
 

@@ -1,7 +1,8 @@
 """The generated pages are up to date and complete: conformance cases of CANopen, devices, interoperability, mutation.
 
-The marks of interop tests are compared with the services that were exchanged. `tests/vectors/test_files.py` and
-`tests/test_layers.py` compare what their tools write; `tests/io/modbus/test_conformance.py` compares the page conform.
+The marks of interop tests are compared with the services that were exchanged. `tests/test_layers.py` and, in
+`tests/workbench`, `vectors/test_files.py` compare what their tools write; `live/test_modbus_conformance.py` there
+compares the page conform.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from typing import Any
 import pytest
 
 from barewire.devices import load, names
-from barewire.io.canopen.conformance import NODE_KIND, case_names, cases
-from barewire.vectors.files import load_vectors
-from tests.canopen.conformance.described import OBJECTS
+from barewire_workbench.live.canopen_conformance import NODE_KIND, case_names, cases
+from barewire_workbench.vectors.files import load_vectors
 from tests.interop.conftest import pytest_runtest_call
 from tests.interop.services import PUBLIC
+from tests.workbench.conform.canopen.described import OBJECTS
 from tools import cia_cases, conform_can, devices, interop, mutants
 
 pytestmark = pytest.mark.long

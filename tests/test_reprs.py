@@ -29,17 +29,17 @@ from barewire.devices import CanopenAccess, Drive, ModbusAccess, Reading, load, 
 from barewire.devices.description.export_eds import export
 from barewire.devices.drive.report import DriveStatus
 from barewire.devices.sim import MachineUnits, simulator
-from barewire.explain import explain
 from barewire.io import CanBus
 from barewire.io.canopen.node import ObjectReading, ObjectReadings
 from barewire.modbus import Authorization, Bus, DeviceIdentification, Identity, ReadHoldingRegisters, Server
 from barewire.modbus.sniffer import Sniffer
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import DatagramLine, FanOut, TcpLine
+from barewire_workbench import explain
 
 ROOMS = [
     *("barewire", "barewire.modbus", "barewire.canopen", "barewire.canopen.sdo", "barewire.canopen.eds"),
-    *("barewire.canopen.gateway", "barewire.devices", "barewire.devices.sim", "barewire.explain", "barewire.rtu"),
+    *("barewire.canopen.gateway", "barewire.devices", "barewire.devices.sim", "barewire_workbench", "barewire.rtu"),
     *("barewire.ascii", "barewire.tcp", "barewire.codecs", "barewire.io"),
 ]
 AZ3 = load("az3")

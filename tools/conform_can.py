@@ -8,9 +8,9 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
-from barewire.canopen.conformance.model import Subject  # noqa: E402
-from barewire.io.canopen.conformance import cases, why_left_out  # noqa: E402
-from tests.canopen.conformance.devices import LARGE, az3, bus_with, failures, plain, subject_of  # noqa: E402
+from barewire_workbench.conform.canopen.model import Subject  # noqa: E402
+from barewire_workbench.live.canopen_conformance import cases, why_left_out  # noqa: E402
+from tests.workbench.conform.canopen.devices import LARGE, az3, bus_with, failures, plain, subject_of  # noqa: E402
 from tools.cia_cases import table  # noqa: E402
 
 PAGE = ROOT / "docs" / "reference" / "conform-canopen.md"
@@ -98,10 +98,10 @@ with the cases that do not start or stop it:
 
 ```python
 from barewire.canopen import LocalNode, ObjectDictionary, standard_objects
-from barewire.canopen.conformance.battery import prepare, run_case
-from barewire.canopen.conformance.probe import probe
+from barewire_workbench.conform.canopen.battery import prepare, run_case
+from barewire_workbench.conform.canopen.probe import probe
 from barewire.conversation import play
-from barewire.io.canopen.conformance import cases
+from barewire_workbench.live.canopen_conformance import cases
 
 device = LocalNode(5, ObjectDictionary(standard_objects()))
 device.start(0.0)
@@ -208,8 +208,8 @@ on. Bit 0 of ObjFlags leaves out more: an object that is a command and reads oth
 each case the objects have the values that they had, unless the run is interrupted. A refusal because of the state of
 the device or of other objects (0800002x, 06040043, 06040047, 06090036) is not a failure.
 
-From Python: `conform_can(endpoint, eds=parse(data))` of `barewire.io.canopen.conformance`, and in virtual time
-`probe(5, objects=eds.objects)` and `cases(subject, eds.objects, eds.dummies)` in the example above.
+From Python: `conform_can(endpoint, eds=parse(data))` of `barewire_workbench.live.canopen_conformance`, and in virtual
+time `probe(5, objects=eds.objects)` and `cases(subject, eds.objects, eds.dummies)` in the example above.
 
 ## The cases
 

@@ -3,7 +3,7 @@
     own.json       frames of the manuals, each with one damage    one row for each
     threads.json   bytes that people posted in issue threads      one row for each thread: right if all its forms are
 
-Both are in tests/explain/diagnosis/broken/. A row is right if the first finding has a code that a reader expects. The
+Both are in tests/workbench/diagnosis/broken/. A row is right if the first finding has a code that a reader expects. The
 expectations were written before the answers were seen. A test compares the page with the answers of today.
 """
 
@@ -21,8 +21,8 @@ sys.path.insert(0, str(ROOT))
 
 from barewire.devices import load  # noqa: E402
 from barewire.errors import BarewireError  # noqa: E402
-from barewire.explain import explain_exchange, explain_text  # noqa: E402
-from tests.cli.helpers import run_here  # noqa: E402
+from barewire_workbench import explain_exchange, explain_text  # noqa: E402
+from tests.workbench.cli.helpers import run_here  # noqa: E402
 
 BROKEN = ROOT / "tests" / "explain" / "diagnosis" / "broken"
 PAGE = ROOT / "docs" / "reference" / "diagnosis-table.md"

@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from barewire.errors import PortError
-from barewire.io.vector_adapter import VectorAdapter
-from barewire.vectors.files import Vectors
-from barewire.vectors.questions import Question
-from barewire.vectors.run import CheckedCase, run_cases
+from barewire_workbench.live.vector_adapter import VectorAdapter
+from barewire_workbench.vectors.files import Vectors
+from barewire_workbench.vectors.questions import Question
+from barewire_workbench.vectors.run import CheckedCase, run_cases
 
 ROOT = Path(__file__).parent.parent
 ADAPTERS = ROOT / "vectors" / "adapters"

@@ -12,7 +12,7 @@ from contextlib import chdir, redirect_stdout
 from io import StringIO
 from pathlib import Path
 
-from barewire.cli.app import run_command_line
+from barewire_workbench.cli.app import run_command_line
 
 ROOT = Path(__file__).parent.parent
 FOLDER = ROOT / "docs" / "pictures"

@@ -1,8 +1,8 @@
 """Draws the imports between rooms into ARCHITECTURE.md: run `python tools/rooms.py`.
 
-A room is a package; in the drawing of the inside of a room, the files beside its packages are rooms too. A room is
-drawn above every room that it imports, so all arrows point down. `tests/test_layers.py` uses the same
-functions: it fails on a circle of files, and when the drawing in ARCHITECTURE.md is out of date.
+There is one drawing for each distribution. A room is a package; in the drawing of the inside of a room, the files
+beside its packages are rooms too. A room is drawn above every room that it imports, so all arrows point down.
+`tests/test_layers.py` uses the same functions: it fails on a circle of files, and when the drawing is out of date.
 """
 
 from __future__ import annotations
@@ -13,34 +13,38 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-SRC = ROOT / "src"
+HOUSES = {"barewire": ROOT / "src", "barewire_workbench": ROOT / "workbench" / "src"}
+"""The package of each distribution, and the folder that holds it."""
 PAGE = ROOT / "ARCHITECTURE.md"
 BEGIN, END = "<!-- drawn by tools/rooms.py -->\n", "<!-- end of the drawing -->\n"
-INSIDE = ("modbus", "canopen", "canopen.sdo", "devices", "explain", "io")
-"""The rooms whose inside is drawn, too."""
+INSIDE = {
+    "barewire": ("modbus", "canopen", "canopen.sdo", "devices", "io"),
+    "barewire_workbench": (),
+}
+"""The rooms of each package whose inside is drawn, too."""
 
 Graph = dict[str, set[str]]
 
 
 @cache
 def files() -> dict[str, Path]:
-    """Return every module of src/barewire by its dotted name without `barewire.`; the top one is ''."""
+    """Return every module of both packages by its dotted name."""
     found = {}
-    for path in sorted((SRC / "barewire").rglob("*.py")):
-        parts = path.relative_to(SRC / "barewire").with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    for package, folder in HOUSES.items():
+        for path in sorted((folder / package).rglob("*.py")):
+            parts = path.relative_to(folder).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
 
 def imports(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield every (module, name) of barewire that the file imports, wherever in the file: functions and type checking
-    too."""
+    """Yield every (module, name) of our packages that the file imports, wherever in the file: functions and type
+    checking too."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "barewire":
-            yield from ((node.module.removeprefix("barewire").removeprefix("."), alias.name) for alias in node.names)
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in HOUSES:
+            yield from ((node.module, alias.name) for alias in node.names)
         elif isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names if alias.name.split(".")[0] == "barewire"]
-            yield from ((name.removeprefix("barewire").removeprefix("."), "") for name in names)
+            yield from ((alias.name, "") for alias in node.names if alias.name.split(".")[0] in HOUSES)
 
 
 @cache
@@ -97,14 +101,12 @@ def circles(graph: Mapping[str, Iterable[str]]) -> list[list[str]]:
     return found
 
 
-def rooms(within: str = "") -> Graph:
-    """Return the rooms directly inside `within`, each with the others of them that it imports."""
-    start = f"{within}." if within else ""
+def rooms(within: str) -> Graph:
+    """Return the rooms directly inside the package `within`, each with the others of them that it imports."""
+    start = f"{within}."
 
     def room(module: str) -> str | None:
-        if not module.startswith(start) or module in ("", within):
-            return None
-        return module.removeprefix(start).partition(".")[0]
+        return module.removeprefix(start).partition(".")[0] if module.startswith(start) else None
 
     graph: Graph = {}
     for module, targets in file_imports().items():
@@ -128,8 +130,8 @@ def floors(graph: Graph) -> list[list[str]]:
     return [sorted(room for room in graph if height[room] == floor) for floor in range(max(height.values()) + 1)]
 
 
-def drawing(within: str = "") -> str:
-    """Return the floors of one room as text, the highest first: a row for each room, with what it imports."""
+def drawing(within: str) -> str:
+    """Return the floors of one package as text, the highest first: a row for each room, with what it imports."""
     graph = rooms(within)
     width = max(map(len, graph))
     rows = []
@@ -145,9 +147,11 @@ def page() -> str:
     """ARCHITECTURE.md with the drawings up to date."""
     before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     _, _, after = rest.partition(END)
-    parts = [f"```\n{drawing()}\n```\n"]
-    parts += [f"\nInside `{room}`:\n\n```\n{drawing(room)}\n```\n" for room in INSIDE]
-    return f"{before}{BEGIN}\n{''.join(parts)}\n{END}{after}"
+    parts = []
+    for package, inside in INSIDE.items():
+        parts.append(f"`{package}`:\n\n```\n{drawing(package)}\n```\n")
+        parts += [f"Inside `{package}.{room}`:\n\n```\n{drawing(f'{package}.{room}')}\n```\n" for room in inside]
+    return f"{before}{BEGIN}\n{chr(10).join(parts)}\n{END}{after}"
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
 from barewire.errors import PortError  # noqa: E402
-from barewire.vectors.files import load_vectors  # noqa: E402
+from barewire_workbench.vectors.files import load_vectors  # noqa: E402
 from tools import vectors as files  # noqa: E402
 from tools.peers import PEERS, PeerRun, confirms, run  # noqa: E402
 

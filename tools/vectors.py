@@ -16,7 +16,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from barewire.vectors.files import digest
+from barewire_workbench.vectors.files import digest
 
 VECTORS = Path(__file__).parent.parent / "vectors"
 WIDTH = 120

@@ -30,9 +30,9 @@ from pathlib import Path
 from types import CodeType, FrameType, ModuleType
 from typing import Any, NamedTuple, TypeAlias
 
-from barewire.vectors.files import load_vectors
-from barewire.vectors.judge import Verdict, judge, verdict_of_case
-from barewire.vectors.questions import Case, Question
+from barewire_workbench.vectors.files import load_vectors
+from barewire_workbench.vectors.judge import Verdict, judge, verdict_of_case
+from barewire_workbench.vectors.questions import Case, Question
 from tools import vectors
 from tools.vectors_changes import Mutant, Row, mutants
 

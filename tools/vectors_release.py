@@ -27,8 +27,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from barewire.vectors.files import load_vectors
-from barewire.vectors.questions import DESCRIPTION
+from barewire_workbench.vectors.files import load_vectors
+from barewire_workbench.vectors.questions import DESCRIPTION
 
 ROOT = Path(__file__).parent.parent
 VECTORS = ROOT / "vectors"

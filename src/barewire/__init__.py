@@ -22,9 +22,7 @@ The options of a URL and keyword arguments are the same options. Behind this doo
     barewire.rtu, barewire.ascii, barewire.tcp     the three kinds of frame that carry a Modbus message
     barewire.canopen    CAN frames, SDO, PDO, NMT, EMCY, SYNC, LSS, EDS
     barewire.devices    names, units and places of the values of a device; drives; simulators
-    barewire.explain    any frame or recording, field by field, in words
     barewire.io         the only room with clocks and sockets: ports, clients, servers
-    barewire.cli        the command `barewire`
 
 `import barewire` loads none of them: a name loads its file when it is first used.
 """

@@ -1,5 +1,16 @@
-"""`python -m barewire`, the same as `barewire`."""
+"""`python -m barewire`, the same as the command `barewire`, which another distribution installs."""
 
-from barewire.cli import main
+import sys
+from importlib.metadata import entry_points
+
+
+def main() -> None:
+    """Run the command. If it is not installed, print one line that says how to install it, and end with status 1."""
+    for command in entry_points(group="console_scripts", name="barewire"):
+        command.load()()
+        return
+    print("barewire: the command is not installed: pip install 'barewire[cli]'", file=sys.stderr)  # noqa: T201
+    sys.exit(1)
+
 
 main()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import subprocess
 from pathlib import Path
 
-from barewire.explain import explain
 from barewire.modbus.messages.identification import OBJECT_NAMES
 from barewire.tcp import encode as tcp_frame
+from barewire_workbench import explain
 
 UNIT = 17
 

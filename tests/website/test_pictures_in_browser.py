@@ -8,15 +8,15 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from barewire.canopen import CanFrame
-from barewire.explain import explain, explain_text
-from barewire.explain.pictures.fields import FieldsPicture
-from barewire.explain.pictures.frames import frame_pictures
-from barewire.explain.pictures.picture import Picture, as_html, as_svg
-from barewire.explain.pictures.recordings import recording_picture
-from barewire.explain.pictures.registers import RegistersPicture
-from barewire.explain.pictures.states import DriveWord, StatesPicture
 from barewire.rtu import encode
-from tests.explain.pictures.test_sequence import BUS, LINE
+from barewire_workbench import explain, explain_text
+from barewire_workbench.pictures.fields import FieldsPicture
+from barewire_workbench.pictures.frames import frame_pictures
+from barewire_workbench.pictures.picture import Picture, as_html, as_svg
+from barewire_workbench.pictures.recordings import recording_picture
+from barewire_workbench.pictures.registers import RegistersPicture
+from barewire_workbench.pictures.states import DriveWord, StatesPicture
+from tests.workbench.pictures.test_sequence import BUS, LINE
 from tools.website.browser import chromium
 
 pytestmark = [pytest.mark.needs("chromium"), pytest.mark.long]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.cli.teach.labs.faulty_line import RECORDINGS, recording_text
-from tests.explain.pictures.checks import assert_self_contained
+from barewire_workbench.cli.teach.labs.faulty_line import RECORDINGS, recording_text
+from tests.workbench.pictures.checks import assert_self_contained
 from tools import pictures
 
 

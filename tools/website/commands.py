@@ -30,7 +30,7 @@ Made by the commands themselves: `barewire COMMAND --help` prints the same. Opti
 
 def commands() -> Iterator[tuple[str, click.Command, click.Context]]:
     """Yield every command below `barewire`, by its words, in the order of the help."""
-    from barewire.cli.app import barewire_command
+    from barewire_workbench.cli.app import barewire_command
 
     yield from _below("barewire", barewire_command, None)
 

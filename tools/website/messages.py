@@ -159,7 +159,7 @@ def _messages_of(module: Module) -> list[Thing]:
 
 def _explained(protocol: str, data: str, side: str | None) -> Iterator[str]:
     from barewire import rtu
-    from barewire.explain import explain_text
+    from barewire_workbench import explain_text
 
     text = rtu.encode(1, bytes.fromhex(data)).hex(" ").upper() if protocol == "rtu" else data
     explanation = explain_text(protocol, text, side)

@@ -9,7 +9,7 @@ import json
 import sys
 
 import barewire
-from barewire.vectors.answers.table import ANSWERS, own_answer
+from barewire_workbench.vectors.answers.table import ANSWERS, own_answer
 
 KINDS = {kind: list(row) for kind, row in ANSWERS.items()}
 

@@ -23,12 +23,12 @@ from barewire.devices.modbus_access import read_modbus, write_modbus
 from barewire.devices.parameter import Reading
 from barewire.devices.sim import MachineUnits, Simulator, simulator
 from barewire.errors import DecodeError, EncodeError
-from barewire.explain import explain
-from barewire.explain.canopen.frame import explain_can
-from barewire.explain.pictures.picture import html_fragment
-from barewire.explain.pictures.states import DriveWord, StatesPicture, WordKind
 from barewire.modbus import Bus, Server
 from barewire.tcp import TcpLine
+from barewire_workbench import explain
+from barewire_workbench.frames.canopen.frame import explain_can
+from barewire_workbench.pictures.picture import html_fragment
+from barewire_workbench.pictures.states import DriveWord, StatesPicture, WordKind
 
 _FRAMES_KEPT = 200
 _WORDS_KEPT = 60

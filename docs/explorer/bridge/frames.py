@@ -8,16 +8,16 @@ from barewire.ascii import encode as encode_ascii
 from barewire.canopen.frame import AnyFrame, CanFrame
 from barewire.devices import Device, load
 from barewire.errors import EncodeError
-from barewire.explain import Explanation, explain_text
-from barewire.explain.api import explain_exchange
-from barewire.explain.can_monitor.pdos import PdoTracker
-from barewire.explain.canopen.known_node import of_device
-from barewire.explain.capture.can_text import parse_any_can
-from barewire.explain.diagnosis.can import explain_diagnosed_can
-from barewire.explain.input.text import parse_ascii, parse_hex
-from barewire.explain.pictures.frames import frame_pictures
-from barewire.explain.pictures.picture import html_fragment, page_style
 from barewire.rtu import encode as encode_rtu
+from barewire_workbench import Explanation, explain_text
+from barewire_workbench.api import explain_exchange
+from barewire_workbench.diagnosis.can import explain_diagnosed_can
+from barewire_workbench.frames.canopen.known_node import of_device
+from barewire_workbench.frames.input.text import parse_ascii, parse_hex
+from barewire_workbench.monitor.pdos import PdoTracker
+from barewire_workbench.pictures.frames import frame_pictures
+from barewire_workbench.pictures.picture import html_fragment, page_style
+from barewire_workbench.recordings.can_text import parse_any_can
 
 _LONGEST = 4096
 """The longest text of a frame, in characters: 256 bytes in any notation are shorter."""

@@ -7,17 +7,17 @@ from itertools import islice
 from typing import Any
 
 from barewire.errors import EncodeError
-from barewire.explain.can_monitor import event_line, is_repeated
-from barewire.explain.can_monitor.recording import BusMonitors, is_can_recording, read_recording
-from barewire.explain.capture.modbus_log import read_modbus_log
-from barewire.explain.capture.modbus_replay import replay_log
-from barewire.explain.capture.model import Unread
-from barewire.explain.diagnosis.logs.can_log import CanLogDiagnosis
-from barewire.explain.diagnosis.logs.modbus_log import ModbusLogDiagnosis
-from barewire.explain.diagnosis.logs.verdict import LogFinding
-from barewire.explain.modbus.exchange_text import ExchangeLines
-from barewire.explain.pictures.picture import html_fragment
-from barewire.explain.pictures.recordings import recording_picture
+from barewire_workbench.diagnosis.logs.can_log import CanLogDiagnosis
+from barewire_workbench.diagnosis.logs.modbus_log import ModbusLogDiagnosis
+from barewire_workbench.diagnosis.logs.verdict import LogFinding
+from barewire_workbench.frames.modbus.exchange_text import ExchangeLines
+from barewire_workbench.monitor import event_line, is_repeated
+from barewire_workbench.monitor.recording import BusMonitors, is_can_recording, read_recording
+from barewire_workbench.pictures.picture import html_fragment
+from barewire_workbench.pictures.recordings import recording_picture
+from barewire_workbench.recordings.modbus_log import read_modbus_log
+from barewire_workbench.recordings.modbus_replay import replay_log
+from barewire_workbench.recordings.model import Unread
 
 _LONGEST = 200_000
 """The longest log in characters: a page that shows more is no longer read."""

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 from barewire.codecs import ORDERS
 from barewire.errors import EncodeError
-from barewire.explain.capture.can_text import parse_can
-from barewire.explain.input.text import parse_hex
-from barewire.explain.steps import (
+from barewire_workbench.frames.input.text import parse_hex
+from barewire_workbench.recordings.can_text import parse_can
+from barewire_workbench.steps import (
     CRC_VIEWS,
     NUMBER_TYPES,
     Steps,
@@ -24,7 +24,7 @@ from barewire.explain.steps import (
     status_word_steps,
     timing_steps,
 )
-from barewire.explain.wire.uart import CharacterFormat
+from barewire_workbench.wire.uart import CharacterFormat
 
 
 class Input(NamedTuple):

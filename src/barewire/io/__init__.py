@@ -3,12 +3,11 @@
     endpoint, url      URLs and their options
     engine/            carries out a conversation or an exchange: blocking, asyncio, and the fast path
     ports/             TCP, UDP, TLS, serial ports, pseudo-terminals, CAN buses
-    modbus/            ModbusClient, AsyncModbusClient, listening in, the conformance battery
+    modbus/            ModbusClient, AsyncModbusClient, listening in
     canopen/           CanopenClient, AsyncCanopenClient, shared buses, captures, the gateway of CiA 309-3
     log                what is logged, and the limit of lines
     machine            a machine by name, on Modbus or CANopen; `named_values`: its values; `drive`: its motion
     fault_injection/   faults in the answers of a server
-    vector_adapter     a program that answers the questions of the vectors
     server/            ModbusServer, AsyncModbusServer, CanopenServer; connection limits
 
 `barewire` itself exports the clients, servers and machines; this package exports the rest.

@@ -12,7 +12,6 @@ In reading order:
     client/         bus (what is remembered between requests), line_state, fair_queue, read_identification
     server/         server, serial_counters, authorization, identity; ready units: table, handlers
     sniffer         pairs the requests and responses of other stations
-    conformance/    the behaviour that every server must show, as data
 
 Each name below loads only the file that defines it, so a line that needs `Adu` loads no messages. The message classes
 are listed in `messages/__init__.py`.

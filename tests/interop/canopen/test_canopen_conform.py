@@ -9,8 +9,8 @@ from typing import Any
 import canopen
 import pytest
 
-from barewire.io.canopen.conformance import conform_can
 from barewire.io.endpoint import Endpoint
+from barewire_workbench.live.canopen_conformance import conform_can
 from tests.interop.canopen.can_bench import NODE, dictionary_of_theirs
 
 URL = f"can://virtual/their-node?node={NODE}&timeout=0.15"

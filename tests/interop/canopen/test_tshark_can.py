@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 
 from barewire.canopen import CanFrame
-from barewire.explain import Explanation, explain
-from barewire.explain.can_monitor.recording import CanRecordingWriter, read_recording
-from barewire.explain.capture.model import Recorded
-from tests.explain.can_monitor.recorded_run import recorded
+from barewire_workbench import Explanation, explain
+from barewire_workbench.monitor.recording import CanRecordingWriter, read_recording
+from barewire_workbench.recordings.model import Recorded
 from tests.interop.canopen.can_frames import FRAMES
+from tests.workbench.monitor.recorded_run import recorded
 
 pytestmark = pytest.mark.needs("tshark")
 

@@ -18,8 +18,8 @@ from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusS
 from barewire.errors import PortError
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import Table
-from tests.cli.helpers import error_of
 from tests.helpers import refused
+from tests.workbench.cli.helpers import error_of
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the device numbers of /dev/pts on Linux")
 

@@ -6,7 +6,6 @@
     dcf_node        one node with its configuration: bus.node(5, dcf="pump.dcf")
     fast_path, async_fast_path             expedited transfers without a conversation
     client_base, client, async_client      CanopenClient, AsyncCanopenClient
-    conformance     runs the conformance cases against a device
     gateway_server  the text gateway of CiA 309-3
     socketcand      a bus between processes
 

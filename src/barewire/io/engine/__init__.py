@@ -5,7 +5,6 @@
     methods         a blocking and an asyncio method of one definition
     backoff         pauses between attempts to connect  locking         one thread at a time in a machine
     forking         a child process does not use the connections of its parent
-    conformance     the error of a conformance run that ended early
 
 Depends on: `ports`.  Used by: clients and servers of both protocols.
 """

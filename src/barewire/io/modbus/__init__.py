@@ -1,4 +1,4 @@
-"""Modbus on real ports: clients, listening in, and the conformance cases.
+"""Modbus on real ports: clients, and listening in.
 
     options                         the types of the options of clients and servers
     carriers                        the framing state and the port of an endpoint
@@ -7,7 +7,6 @@
     connection, client              the blocking client
     async_connection, async_client  the asyncio client
     sniff                           listens in on a serial line
-    conformance                     runs the conformance cases against a server
 
 Depends on: `endpoint`, `ports`, `engine`.  Used by: `barewire`, servers (`carriers`), the commands.
 """

@@ -9,7 +9,6 @@ import pytest
 from barewire.devices.sim.recorded.learn import learn_line
 from barewire.devices.sim.recorded.replay import ReplayedUnit
 from barewire.devices.sim.recorded.toml import from_toml, to_toml
-from barewire.explain.capture.modbus_replay import replay
 from barewire.modbus import (
     MaskWriteRegister,
     ModbusException,
@@ -29,6 +28,7 @@ from barewire.modbus.messages.registry import AnyRequest
 from barewire.modbus.sniffer import RequestSeen, ResponseMissing, ResponseSeen
 from barewire.rtu import encode
 from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
+from barewire_workbench.recordings.modbus_replay import replay
 
 UNITS = (1, 7)
 

@@ -1,0 +1,118 @@
+"""Run the command `barewire` in a process of its own, and simulated devices in others, on real ports."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from io import BytesIO, TextIOWrapper
+from unittest.mock import patch
+
+from barewire_workbench.cli.app import run_command_line
+
+COMMAND = [sys.executable, "-m", "barewire"]
+ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+ENVIRONMENT |= {"COLUMNS": "200", "NO_COLOR": "1"}
+"""Without the settings of Python that a user does not have: with PYTHONUNBUFFERED no buffer fails at the end."""
+
+
+def run_command(*arguments: str, timeout: float = 60) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *arguments], capture_output=True, text=True, timeout=timeout, env=ENVIRONMENT, check=False
+    )
+
+
+def output_of(*arguments: str) -> str:
+    """Return the output of a command that must succeed.
+
+    A command without an endpoint, which needs no other process, is run in this one, which is ten times as fast."""
+    done = (run_command if any("://" in word for word in arguments) else run_here)(*arguments)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def error_of(*arguments: str, status: int = 1) -> str:
+    """Return the one line on stderr of a command that must fail, and print nothing else.
+
+    Wrong usage (status 2) is refused before anything begins, so it is run in this process."""
+    done = (run_here if status == 2 else run_command)(*arguments)
+    assert done.returncode == status, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert done.stdout == ""
+    return done.stderr
+
+
+def run_here(*arguments: str, timeout: int = 60) -> subprocess.CompletedProcess[str]:
+    """Run a command in this process; SIGALRM ends it after the time-out."""
+
+    def late(number: int, frame: object) -> None:
+        raise TimeoutError(f"barewire {' '.join(arguments)}: not done after {timeout} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(timeout)
+    out, err = (TextIOWrapper(BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
+    try:
+        with redirect_stdout(out), redirect_stderr(err), patch.dict(os.environ, ENVIRONMENT):
+            status = run_command_line([*arguments])
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+    out.seek(0)
+    err.seek(0)
+    return subprocess.CompletedProcess(arguments, status, out.read(), err.read())
+
+
+@contextmanager
+def simulated(*arguments: str, client_option: str = "timeout=30") -> Iterator[list[str]]:
+    """Simulate a device in a process of its own; yield the URL of each endpoint, with an option for the client added.
+
+    The long time-out is for a computer that stands still for more than the usual second."""
+    command = [*COMMAND, "simulate", *arguments]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        urls = []
+        try:
+            for argument in arguments:
+                if "://" in argument:
+                    line = process.stdout.readline()
+                    assert line.startswith("ready "), process.stderr.read()
+                    urls.append(with_option(line.split()[1], client_option))
+            yield urls
+        finally:
+            process.send_signal(signal.SIGTERM)
+        assert process.wait(30) == 0
+        assert process.stderr.read() == ""
+
+
+@contextmanager
+def simulated_at(device: str, endpoint: str, client_option: str = "timeout=30") -> Iterator[str]:
+    """Simulate a device at one endpoint; yield its URL."""
+    with simulated(device, endpoint, client_option=client_option) as (url,):
+        yield url
+
+
+def with_option(url: str, option: str) -> str:
+    """Return the URL with one more option; unchanged if the option is empty."""
+    return f"{url}{'&' if '?' in url else '?'}{option}" if option else url
+
+
+def read_until(endpoint: str, device: str, name: str, expected: str, *write: str) -> str:
+    """Repeat `read` until its output contains the expected text, and return that; another process changes the value.
+
+    The command `write` is repeated before each reading."""
+    give_up = time.monotonic() + 20
+    if write:
+        output_of(*write)
+    while expected not in (text := output_of("read", endpoint, device, name)):
+        assert time.monotonic() < give_up, f"{text.strip()}: never {expected!r}"
+        if write:
+            output_of(*write)
+    return text

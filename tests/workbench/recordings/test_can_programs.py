@@ -1,0 +1,94 @@
+"""Recordings as python-can and PCAN-View write them: text of the Printer, CSV, and trace files. Those of python-can are
+written here by python-can; the older trace files are as the documentation of PEAK has them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+from can.io import CSVWriter, Printer, TRCWriter
+from hypothesis import given, strategies as st
+
+from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
+from barewire_workbench.monitor.recording import is_can_recording, is_timed, read_recording
+from barewire_workbench.recordings.model import Recorded, Unread
+from tests.helpers import modest
+
+BEGAN = 1_700_000_000.5
+FRAMES = ["605#4041600000000000", "585#4B41600037060000", "705#R1", "18FF0001#0102", "080#"]
+
+
+def written(writer: Any, file: Path, *, remote: bool = True) -> bytes:
+    output = writer(str(file))
+    for place, text in enumerate(FRAMES):
+        frame = CanFrame.parse(text)
+        if frame.remote and not remote:
+            continue
+        output(can.Message(timestamp=BEGAN + place / 1000, arbitration_id=frame.id, is_extended_id=frame.extended,
+                           data=frame.data, is_remote_frame=frame.remote, dlc=frame.dlc, channel="can0",
+                           is_rx=place > 0))  # fmt: skip
+    output.stop()
+    return file.read_bytes()
+
+
+@pytest.mark.parametrize(("writer", "ending"), [(Printer, "txt"), (CSVWriter, "csv"), (TRCWriter, "trc")])
+def test_what_python_can_writes(writer: Any, ending: str, tmp_path: Path) -> None:
+    data = written(writer, tmp_path / f"bus.{ending}", remote=ending != "trc")  # its trace files have no remote frames
+    assert is_can_recording(data)
+    assert is_timed(data)
+    items = [item for item in read_recording(data) if isinstance(item, Recorded)]
+    expected = [text for text in FRAMES if ending != "trc" or "#R" not in text]
+    assert [str(item.frame) for item in items] == expected
+    assert [round(item.at - BEGAN, 4) for item in items] == [FRAMES.index(text) / 1000 for text in expected]
+    assert items[0].sent is (None if ending == "csv" else True)
+    assert items[-1].sent is (None if ending == "csv" else False)
+
+
+@pytest.mark.parametrize(
+    ("line", "frame", "at"),
+    [
+        ("     1)      1841 0605  8  40 41 60 00 00 00 00 00", "605#4041600000000000", 1.841),
+        ("     1)      1059.9  Rx         0605  8  40 41 60 00 00 00 00 00", "605#4041600000000000", 1.0599),
+        ("     1)      1059.9 1  Tx        0605 -  8  40 41 60 00 00 00 00 00", "605#4041600000000000", 1.0599),
+        ("     1)      1059.9  Rx     18FF0001  2  01 02", "18FF0001#0102", 1.0599),
+        ("     1)      1059.9  Rx         0705  1  RTR", "705#R1", 1.0599),
+    ],
+)
+def test_older_trace_files(line: str, frame: str, at: float) -> None:
+    items = list(read_recording(f";\n;   Message Number\n;\n{line}\n".encode()))
+    assert [(str(item.frame), round(item.at, 6)) for item in items if isinstance(item, Recorded)] == [(frame, at)]
+
+
+def test_kinds_of_trace_lines() -> None:
+    text = (
+        ";$FILEVERSION=2.1\n;$STARTTIME=25569.0\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
+        "  1  10.000 RR  1  0705 Rx -  1\n"
+        "  2  20.000 FD  1  0123 Rx -  2  AA BB\n"
+        "  3  30.000 ER  1     - Rx -  5  04 00 02 00 00\n"
+        "  4  40.000 ST  1     - Rx -  4  00 00 00 08\n"
+        "  5  50.000 DT  1  0705 Rx -  2  05\n"
+        "nonsense\n"
+    )
+    items = list(read_recording(text.encode()))
+    frames = [item.frame for item in items if isinstance(item, Recorded)]
+    assert [type(frame) for frame in frames] == [CanFrame, FdFrame, ErrorFrame]
+    assert [item.line for item in items if isinstance(item, Unread)] == [8, 9]
+
+
+def test_lines_of_the_printer_that_cannot_be_read() -> None:
+    good = "Timestamp: 1.500000    ID:      705    S Rx                DL:  1    05     Channel: can0"
+    items = list(read_recording(f"{good}\nrubbish\n{good.replace('DL:  1', 'DL:  2')}\n".encode()))
+    assert [type(item) for item in items] == [Recorded, Unread, Unread]
+
+
+@modest
+@given(st.lists(st.text(alphabet=" 0123456789abRxTDS,=#:)(;$.-", max_size=50), max_size=4))
+def test_any_lines(lines: list[str]) -> None:
+    for head in (
+        ";$FILEVERSION=2.1\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n",
+        "timestamp,arbitration_id,extended,remote,error,dlc,data\n",
+    ):
+        for item in read_recording((head + "\n".join(lines)).encode()):
+            assert item.at >= 0

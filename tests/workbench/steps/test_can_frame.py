@@ -1,0 +1,95 @@
+"""The steps of a CAN frame agree with `wire.can_bits`, which has the CRC and the stuff bits by another way."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from barewire.canopen import CanFrame
+from barewire.errors import EncodeError
+from barewire_workbench.steps import Steps, can_frame_steps
+from barewire_workbench.wire.can_bits import arbitrate, can_bits, longest_can_frame
+
+thorough = settings(max_examples=40, deadline=None, derandomize=True, database=None)
+
+FRAMES = st.one_of(
+    st.builds(lambda id, data: CanFrame(id, data), st.integers(0, 0x7FF), st.binary(max_size=8)),
+    st.builds(lambda id, data: CanFrame(id, data, True), st.integers(0, 0x1FFF_FFFF), st.binary(max_size=8)),
+    st.builds(lambda id, size: CanFrame(id, b"", False, True, size), st.integers(0, 0x7FF), st.integers(0, 8)),
+    st.builds(
+        lambda id, data: CanFrame(id, data),
+        st.sampled_from([0, 0x7FF, 0x78]),
+        st.sampled_from([bytes(8), b"\xff" * 8, b"\xe1" * 8]),
+    ),
+)
+
+
+def steps_of(*texts: str, bitrate: int = 125_000) -> Steps:
+    return can_frame_steps([CanFrame.parse(text) for text in texts], bitrate)
+
+
+@given(FRAMES)
+@thorough
+def test_crc_stuff_bits_and_length_are_those_of_the_wire(frame: CanFrame) -> None:
+    steps, sent = can_frame_steps([frame]), can_bits(frame)
+    fields, crc, stuffing, length = steps.tables
+    assert [row[3].replace(" ", "") for row in fields.rows] == [field.levels for field in sent.fields]
+    assert crc.rows[-1][-1] == f"{sent.crc:04X}h"
+    assert int(crc.rows[-1][4].replace(" ", ""), 2) == sent.crc
+    on_the_bus = "".join(re.sub(r"[][]", "", row[1]) for row in stuffing.rows)
+    assert on_the_bus == sent.levels[:-10]
+    assert sum(row[1].count("[") for row in stuffing.rows) == sent.stuff_count
+    counts = {row[0]: int(row[1]) for row in length.rows}
+    assert counts["this frame"] == len(sent.bits) == counts["fields"] + counts["stuff bits"]
+    assert counts["at worst, with the silence"] == longest_can_frame(len(frame.data), extended=frame.extended) + 3
+    assert steps.values["levels"] == sent.levels
+
+
+def test_the_example_of_the_issue() -> None:
+    steps = steps_of("605#4041600000000000", bitrate=500_000)
+    assert steps.result == "605#4041600000000000 has 121 bits, 13 of them stuff bits: 242 us at 500000 bit/s"
+    assert steps.tables[3].rows[-1] == ("at worst, with the silence", "135", "270 us")
+
+
+@given(st.lists(FRAMES, min_size=2, max_size=4))
+@thorough
+def test_arbitration_is_told_bit_by_bit(frames: list[CanFrame]) -> None:
+    steps = can_frame_steps(frames)
+    outcome = arbitrate([can_bits(frame) for frame in frames])
+    (table,) = steps.tables
+    for row in table.rows:
+        levels = [cell for cell in row[2:-2] if cell != "-"]
+        assert row[-2] == min(levels)
+    lost = {at for at in outcome.lost_at if at is not None}
+    assert {int(row[0]) for row in table.rows if "lose" in row[-1]} == lost
+    assert steps.values["winner"] == (None if outcome.winner is None else str(frames[outcome.winner]))
+    if outcome.winner is None:
+        assert table.rows[-1][0] == str(outcome.collision)
+        assert "bit error" in table.rows[-1][-1]
+
+
+def test_three_nodes() -> None:
+    steps = steps_of("705#05", "605#40", "685#40")
+    assert [row[-1] for row in steps.tables[0].rows] == ["", "", "", "705#05 loses", "685#40 loses"]
+    assert steps.result == "605#40 wins and is sent without delay"
+
+
+def test_the_same_identifier_twice() -> None:
+    assert steps_of("123#00", "123#01").result.startswith(
+        "No frame wins: behind the arbitration field they differ at bit 28"
+    )
+    assert steps_of("123#00", "123#00").result.startswith("The frames are equal")
+
+
+def test_what_cannot_be_sent_is_refused() -> None:
+    frame = CanFrame(1)
+    for frames in ([], [frame] * 9):
+        with pytest.raises(EncodeError, match=r"frames: expected 1\.\.8"):
+            can_frame_steps(frames)
+    for bitrate in (0, 1_000_001):
+        with pytest.raises(EncodeError, match="bit/s"):
+            can_frame_steps([frame], bitrate)
+    with pytest.raises(EncodeError, match="identifier"):
+        can_frame_steps([CanFrame(0x800)])

@@ -1,0 +1,129 @@
+"""The rules for the files of vectors/: the schema, unique ids, an answer of barewire for each kind, the reasons of
+barewire, and files and README as `tools/vectors.py` formats them."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from barewire.errors import REASONS
+from barewire_workbench.vectors.answers.table import ANSWERS
+from tools import vectors
+
+ROOT = Path(__file__).parents[3]
+VECTORS = ROOT / "vectors"
+FILES = sorted(VECTORS.glob("*/*.json"))
+SCHEMA = json.loads((VECTORS / "schema.json").read_text(encoding="utf-8"))
+README = (VECTORS / "README.md").read_text(encoding="utf-8")
+DOCUMENTS: dict[Path, dict[str, Any]] = {file: json.loads(file.read_text(encoding="utf-8")) for file in FILES}
+CASES = [(document["kind"], case) for document in DOCUMENTS.values() for case in document["cases"]]
+
+
+def named(file: Path) -> str:
+    return file.relative_to(VECTORS).as_posix()
+
+
+# The files -------------------------------------------------------------------------------------------------------
+
+validator = jsonschema.Draft202012Validator(SCHEMA)
+
+
+def test_the_schema_is_a_valid_json_schema() -> None:
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+
+
+@pytest.mark.parametrize("file", FILES, ids=named)
+def test_a_file_follows_the_schema_and_the_rules(file: Path) -> None:
+    document = DOCUMENTS[file]
+    wrong = [f"{error.json_path}: {error.message}" for error in validator.iter_errors(document)]
+    assert not wrong, "\n".join(wrong)
+    assert document["kind"] in ANSWERS, "a kind without an answer"
+    assert len(document["cases"]) < 100, "one subject, under a hundred cases"
+    for case in document["cases"]:
+        assert re.fullmatch(rf"{re.escape(file.stem)}-[1-9]\d*", case["id"]), case["id"]
+
+
+def test_every_kind_has_answers_vectors_operations_and_a_section_of_the_readme() -> None:
+    assert set(ANSWERS) == {document["kind"] for document in DOCUMENTS.values()}
+    assert set(ANSWERS) == set(SCHEMA["properties"]["kind"]["enum"])
+    kinds = json.loads((VECTORS / "kinds.json").read_text(encoding="utf-8"))
+    assert {kind: set(row) for kind, row in kinds.items()} == {kind: set(row) for kind, row in ANSWERS.items()}
+    assert [kind for kind in ANSWERS if f"### {kind}" not in README] == []
+
+
+def test_ids_are_unique() -> None:
+    ids = [case["id"] for _, case in CASES]
+    assert sorted(ids) == sorted(set(ids))
+
+
+def test_reasons_are_those_of_the_library() -> None:
+    assert set(SCHEMA["$defs"]["reason"]["enum"]) == set(REASONS)
+    assert [reason for reason in REASONS if f"| `{reason}` |" not in README] == []
+    assert {case["reason"] for _, case in CASES if "reason" in case} <= set(REASONS)
+
+
+def test_flags_are_explained() -> None:
+    flags = SCHEMA["$defs"]["flags"]["items"]["enum"]
+    assert [flag for flag in flags if f"| `{flag}` |" not in README] == []
+    assert set(flags) == {flag for _, case in CASES for flag in case.get("flags", ())}
+
+
+def test_the_printed_lrc_f5_is_in_an_invalid_and_a_valid_case() -> None:
+    """The ADXL manual's LRC of 01 04 00 00 08: F3 is right, the printed F5 belongs to 01 04 00 00 06."""
+    found = {(case["bytes"], case["lrc"]): case["result"] for kind, case in CASES if kind == "lrc"}
+    assert found["01 04 00 00 08", "F3"] == "valid"
+    assert found["01 04 00 00 08", "F5"] == "invalid"
+    assert found["01 04 00 00 06", "F5"] == "valid"
+
+
+HALVES: dict[str, list[tuple[str, ...]]] = {
+    "crc16": [("bytes",)],
+    "lrc": [("bytes",)],
+    "number": [("type", "order", "value"), ("type", "order", "bytes")],
+    "bits": [("bits",), ("bytes",)],
+    "register-part": [("register", "part")],
+    "rtu-timing": [("baud", "bits")],
+    "parameter": [("parameter", "registers"), ("parameter", "value")],
+    "drive-state": [("word",), ("state",)],
+    "drive-command": [("word",), ("command",)],
+}
+"""By kind: the fields that are one half of a comparison."""
+
+
+@pytest.mark.parametrize("file", FILES, ids=named)
+def test_a_wrong_pair_shares_one_half_with_a_valid_case(file: Path) -> None:
+    """A pair that does not match proves little alone: any typing error makes one. So one half of it is in a valid case
+    of the same file, with the matching other half."""
+    cases, kind = DOCUMENTS[file]["cases"], DOCUMENTS[file]["kind"]
+    right = [case for case in cases if case["result"] == "valid"]
+    for case in cases:
+        if case.get("fails") == "compare":
+            halves = [[case.get(key) for key in given] for given in HALVES[kind]]
+            known = [[valid.get(key) for key in given] for given in HALVES[kind] for valid in right]
+            assert any(half in known for half in halves), case["id"]
+
+
+# The tool --------------------------------------------------------------------------------------------------------
+
+
+def test_every_file_is_in_the_table() -> None:
+    assert sorted(vectors.files()) == FILES
+
+
+@pytest.mark.parametrize("file", FILES, ids=named)
+def test_a_file_is_formatted(file: Path) -> None:
+    text = file.read_text(encoding="utf-8")
+    assert vectors.form(DOCUMENTS[file]) == text, "run python tools/vectors.py"
+
+
+def test_the_index_is_up_to_date() -> None:
+    assert vectors.index() == (VECTORS / "index.json").read_text(encoding="utf-8"), "run python tools/vectors.py"
+
+
+def test_the_table_of_the_readme_is_up_to_date() -> None:
+    assert vectors.with_counts(README) == README, "run python tools/vectors.py"

@@ -1,0 +1,229 @@
+"""A release of the vectors: released cases keep their meaning, and the archives are complete and always the same."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import io
+import json
+import re
+import subprocess
+import tarfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from barewire_workbench.vectors.files import load_vectors
+from tools import vectors_release as release
+
+pytestmark = pytest.mark.long
+
+ROOT = Path(__file__).parents[3]
+VECTORS = load_vectors(ROOT / "vectors")
+CHANGELOG = (ROOT / "vectors" / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_every_released_case_keeps_its_meaning() -> None:
+    wrong = release.problems(release.meanings(), release.released(), CHANGELOG, release.version())
+    assert not wrong, "\n" + "\n".join(wrong)
+
+
+def test_every_case_has_a_meaning() -> None:
+    assert {*release.meanings()} == {*VECTORS.digests}
+
+
+# What the test above would notice ---------------------------------------------------------------------------------
+
+NOW = {"lrc-1": "a", "lrc-2": "b"}
+RELEASED = {"1.0.0": {"lrc-1": "a"}, "1.1.0": {"lrc-2": "b"}}
+LOG = "# Changelog\n\n## 1.2.0\n\nNot released yet.\n{}\n## 1.1.0\n\n- corrected `lrc-1`: it was another one\n"
+
+
+@pytest.mark.parametrize(
+    ("now", "line", "version", "noticed"),
+    [
+        (NOW, "", "1.2.0", ""),
+        ({**NOW, "lrc-3": "c"}, "", "1.2.0", ""),
+        ({**NOW, "lrc-2": "x"}, "- corrected `lrc-2`: the sum\n", "1.2.0", ""),
+        ({"lrc-1": "a"}, "", "1.2.0", "lrc-2 was released and is not there any more"),
+        ({"lrc-1": "a"}, "- corrected `lrc-2`: gone\n", "1.2.0", "lrc-2 was released and is not there any more"),
+        ({**NOW, "lrc-1": "x"}, "", "1.2.0", "lrc-1 was released with another meaning"),
+        ({**NOW, "lrc-1": "x"}, "- corrected `lrc-2`: the sum\n", "1.2.0", "lrc-1 was released with another meaning"),
+        (NOW, "- corrected `lrc-2`: the sum\n", "1.2.0", "lrc-2 is listed as corrected"),
+        (NOW, "- corrected `lrc-9`: the sum\n", "1.2.0", "lrc-9 is listed as corrected"),
+        (NOW, "", "1.3.0", "CHANGELOG.md has no section ## 1.3.0"),
+        (NOW, "", "1.1.0", ""),
+        ({**NOW, "lrc-3": "c"}, "", "1.1.0", "VERSION is 1.1.0, but 1.1.0 is released"),
+        ({**NOW, "lrc-1": "x"}, "", "1.1.0", "lrc-1 was released with another meaning"),
+    ],
+)
+def test_a_change_of_released_cases_is_noticed(now: dict[str, str], line: str, version: str, noticed: str) -> None:
+    found = release.problems(now, RELEASED, LOG.format(line), version)
+    assert noticed in "\n".join(found)
+    assert bool(found) is bool(noticed)
+
+
+def test_the_changelog_by_id_has_every_version() -> None:
+    log = LOG.format("- corrected `lrc-2`: the sum\n  of all bytes\n- more\n")
+    assert release.changes({**NOW, "lrc-3": "c"}, RELEASED, log, "1.2.0") == {
+        "1.2.0": {"added": ["lrc-3"], "corrected": {"lrc-2": "the sum\n  of all bytes"}},
+        "1.1.0": {"added": ["lrc-2"], "corrected": {"lrc-1": "it was another one"}},
+        "1.0.0": {"added": ["lrc-1"], "corrected": {}},
+    }
+
+
+def test_a_recorded_release_has_the_new_meanings() -> None:
+    now = {"lrc-1": "x", "lrc-2": "b", "lrc-3": "c"}
+    assert json.loads(release.recorded(now, RELEASED, "1.2.0")) == {
+        "1.0.0": {"lrc-1": "x"},
+        "1.1.0": {"lrc-2": "b"},
+        "1.2.0": {"lrc-3": "c"},
+    }
+
+
+DESCRIPTIONS = ("id", "comment", "source", "flags", "confirmed_by", "unconfirmed")
+
+
+def test_the_meaning_is_in_every_field_that_an_answer_needs() -> None:
+    kind, case = "pdu", next(case for file in VECTORS.files for case in file.cases if case["id"] == "lrc-2")
+    whole = release.meaning(kind, case)
+    for field in case:
+        other: dict[str, Any] = copy.deepcopy(dict(case))
+        del other[field]
+        assert (release.meaning(kind, other) == whole) is (field in DESCRIPTIONS), field
+    assert release.meaning("lrc", case) != whole
+    assert release.meaning(kind, {**case, "flags": ["tolerant"]}) != whole
+    assert release.meaning(kind, {**case, "flags": ["limit"], "clause": "x", "confirmed_by": []}) == whole
+
+
+# The archive ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def archive() -> zipfile.ZipFile:
+    return zipfile.ZipFile(io.BytesIO(release.archive()))
+
+
+TOP = f"barewire-vectors-{release.version()}/"
+
+
+def test_the_archive_and_the_package_are_the_same_bytes_every_time() -> None:
+    assert release.archive() == release.archive()
+    assert release.npm() == release.npm()
+
+
+def test_the_archive_has_all_files_and_their_checksums(archive: zipfile.ZipFile) -> None:
+    names = {name.removeprefix(TOP) for name in archive.namelist()}
+    assert all(name.startswith(TOP) for name in archive.namelist())
+    assert names >= {f"{file.name}.json" for file in VECTORS.files}
+    assert names >= {"README.md", "CHANGELOG.md", "LICENSE", "VERSION", "SHA256SUMS", "adapters/own.py"}
+    assert names >= {"kinds.json", "schema.json", "index.json", "released.json", "changes.json", "questions.jsonl"}
+    rows = [line.split("  ") for line in archive.read(f"{TOP}SHA256SUMS").decode().splitlines()]
+    assert {name for _, name in rows} == names - {"SHA256SUMS"}
+    assert all(hashlib.sha256(archive.read(TOP + name)).hexdigest() == digest for digest, name in rows)
+
+
+def test_the_archive_is_a_folder_of_vectors(archive: zipfile.ZipFile, tmp_path: Path) -> None:
+    archive.extractall(tmp_path)
+    assert load_vectors(tmp_path / TOP) == VECTORS
+
+
+def test_no_page_of_the_archive_has_a_link_out_of_it(archive: zipfile.ZipFile) -> None:
+    for page in ("README.md", "CHANGELOG.md"):
+        links = re.findall(r"\]\(([^)#\s]+)", archive.read(TOP + page).decode())
+        inside = [link for link in links if "://" not in link]
+        names = [name.removeprefix(TOP) for name in archive.namelist()]
+        assert [link for link in inside if not any(name.startswith(link) for name in names)] == []
+
+
+def test_the_changelog_of_the_archive_has_every_id(archive: zipfile.ZipFile) -> None:
+    rows = json.loads(archive.read(f"{TOP}changes.json"))
+    ids = [case_id for row in rows.values() for case_id in row["added"]]
+    assert sorted(ids) == sorted(VECTORS.digests)
+
+
+def test_the_archive_has_every_question_as_an_adapter_reads_it(archive: zipfile.ZipFile) -> None:
+    rows = [json.loads(line) for line in archive.read(f"{TOP}questions.jsonl").splitlines()]
+    asked = {row["question"]["id"]: row for row in rows}
+    wanted = {
+        question.id: (question, case)
+        for file in VECTORS.files
+        for case in file.cases
+        for question in VECTORS.questions(file, case)
+    }
+    assert len(asked) == len(rows)
+    assert asked.keys() == wanted.keys()
+    for case_id, (question, case) in wanted.items():
+        row = asked[case_id]
+        assert (row["question"], row["expected"]) == (question.as_json(), question.expected)
+        assert row["case"] == case["id"]
+        assert [row.get(name) for name in JUDGED] == [case.get(name) for name in JUDGED]
+
+
+JUDGED = ("result", "fails", "reason", "flags")
+
+
+def test_the_command_builds_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", ["vectors_release", "--to", str(tmp_path / "dist")])
+    assert release.main() == 0
+    assert {file.suffix for file in (tmp_path / "dist").iterdir()} == {".zip", ".tgz"}
+
+
+# The npm package --------------------------------------------------------------------------------------------------
+
+COUNT = """
+const { version, kinds, files, cases, index, schema, changes, questions } = require('barewire-vectors');
+const find = (id) => cases.find((one) => one.id === id);
+console.log(JSON.stringify({
+  version, files: files.length, cases: cases.length, kinds: Object.keys(kinds).length, schema: schema.title,
+  lrc: find('lrc-1'), digests: Object.keys(index).length, versions: Object.keys(changes),
+  asked: questions().filter((one) => one.case === 'lrc-1'),
+}));
+"""
+
+
+@pytest.fixture
+def installed(tmp_path: Path) -> Path:
+    """A folder with the package below node_modules, as `npm install` puts it there."""
+    top = tmp_path / "node_modules" / "barewire-vectors"
+    with tarfile.open(fileobj=io.BytesIO(release.npm())) as package:
+        for row in package:
+            file, content = top / row.name.removeprefix("package/"), package.extractfile(row)
+            assert content is not None
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(content.read())
+    return tmp_path
+
+
+@pytest.mark.needs("node")
+def test_the_package_has_files_and_cases(installed: Path) -> None:
+    run = subprocess.run(["node", "-e", COUNT], cwd=installed, capture_output=True, text=True, check=True, timeout=60)
+    found = json.loads(run.stdout)
+    _, case = VECTORS.find("lrc-1")
+    assert found == {
+        "version": release.version(),
+        "files": len(VECTORS.files),
+        "cases": len(VECTORS.digests),
+        "kinds": len(VECTORS.kinds),
+        "schema": "barewire-vectors/1",
+        "lrc": {"id": "lrc-1", "kind": "lrc", "file": "ascii/lrc", "case": dict(case)},
+        "digests": len(VECTORS.digests),
+        "asked": [
+            {
+                "case": "lrc-1",
+                **{name: case[name] for name in JUDGED if name in case},
+                "question": {"id": "lrc-1.encode", "kind": "lrc", "do": "encode", "bytes": case["bytes"]},
+                "expected": {"lrc": "F3"},
+            }
+        ],
+        "versions": [*reversed({**release.released(), release.version(): 0})],
+    }
+
+
+@pytest.mark.needs("node")
+def test_a_module_imports_the_package(installed: Path) -> None:
+    (installed / "main.mjs").write_text("import { cases } from 'barewire-vectors'; console.log(cases.length)\n")
+    run = subprocess.run(["node", "main.mjs"], cwd=installed, capture_output=True, text=True, check=True, timeout=60)
+    assert int(run.stdout) == len(VECTORS.digests)

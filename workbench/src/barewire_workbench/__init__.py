@@ -1,0 +1,61 @@
+"""Explains, records, diagnoses and tests Modbus and CANopen: what is built on `barewire`, and the command `barewire`.
+
+    >>> from barewire_workbench import explain_text
+    >>> print(*explain_text("rtu", "01 04 0F B1 00 02 22 F8").lines(), sep="\n")
+    0  01     unit           1             unit 1
+    1  04     function code  4             04 Read Input Registers
+    2  0F B1  address        0FB1h (4017)  0-based; number 4018 in 1-based tables
+    4  00 02  quantity       2             input registers
+    6  22 F8  CRC                          CRC ok
+    valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok
+
+The rooms in reading order. Only `live` and `cli` use clocks and ports; the others work on bytes and recordings.
+
+    frames/      any frame field by field: every byte is in exactly one field, however broken the frame is
+    recordings/  pcapng, candump, ASC, BLF, logs of programs; Modbus and CAN in them
+    monitor/     a monitor for CANopen buses: transfers, states, broken rules
+    wire/        the levels of characters and CAN frames, and a receiver with other settings
+    steps/       checksums, times, values and words, worked out step by step
+    diagnosis/   what is wrong with a frame or a recording, proved by trials
+    pictures/    frames, levels, exchanges, drives and values as text, SVG and HTML
+    replay/      a recording played against a device or a client, and compared; the values in it
+    conform/     the behaviour that every server and every CANopen device must show, as data
+    vectors/     the reference vectors, their questions, the judgement of answers
+    live/        both batteries, and the questions of vectors, on real ports
+    cli/         the command `barewire`, one file per command
+    api          `explain` and `explain_text`
+
+A name loads its file when it is first used.
+
+Depends on: `barewire`, the stack, which does not know this package; click, rich and matplotlib in `cli` only.
+"""
+
+from typing import TYPE_CHECKING
+
+from barewire._lazy import lazy
+
+if TYPE_CHECKING:
+    from barewire_workbench.api import (
+        explain as explain,
+        explain_exchange as explain_exchange,
+        explain_text as explain_text,
+    )
+    from barewire_workbench.frames.findings import DiagnosisCode as DiagnosisCode, Finding as Finding
+    from barewire_workbench.frames.result import (
+        ExplainedField as ExplainedField,
+        Explanation as Explanation,
+        FrameRole as FrameRole,
+        Problem as Problem,
+        ProtocolName as ProtocolName,
+    )
+
+__version__ = "0.1.0"
+
+__getattr__, __dir__, __all__ = lazy(
+    __name__,
+    {
+        "api": "explain explain_text explain_exchange",
+        "frames.result": "Explanation ExplainedField Problem ProtocolName FrameRole",
+        "frames.findings": "Finding DiagnosisCode",
+    },
+)

@@ -1,0 +1,172 @@
+"""The functions of this package: `explain` for a frame in bytes, `explain_text` for a frame as text, and
+`explain_exchange` for a response with its request.
+
+Depends on: the rooms for Modbus, CANopen and input. Used by: `barewire_workbench`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import get_args
+
+from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
+from barewire.devices import Device
+from barewire.errors import DecodeError, EncodeError
+from barewire_workbench.diagnosis.can import explain_diagnosed_can
+from barewire_workbench.diagnosis.modbus.exchange import ExpectedValue, cannot_answer, decoded, diagnose_exchange
+from barewire_workbench.diagnosis.modbus.expected import addresses_of_table, expected_values, float_values
+from barewire_workbench.diagnosis.modbus.frame import with_diagnosis
+from barewire_workbench.diagnosis.modbus.good import good_ascii
+from barewire_workbench.frames.canopen.frame import explain_can
+from barewire_workbench.frames.input.text import parse_ascii, parse_hex
+from barewire_workbench.frames.modbus.frames import explain_ascii, explain_rtu, explain_tcp
+from barewire_workbench.frames.result import Explanation, FrameRole, ProtocolName
+from barewire_workbench.recordings.can_text import parse_any_can
+
+_PROTOCOLS: tuple[ProtocolName, ...] = get_args(ProtocolName)
+_ROLES: tuple[FrameRole, ...] = get_args(FrameRole)
+
+
+def explain(protocol: str, data: bytes | AnyFrame, role: str | None = None) -> Explanation:
+    """Explain one frame, field by field. There is an explanation for any bytes.
+
+    >>> explain("rtu", bytes.fromhex("01040FB1000222F8")).verdict
+    'valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok'
+
+    `protocol` is "rtu", "ascii", "tcp" or "can", `role` is "request" or "response"; without a role it is guessed from
+    the shape of the frame. Raises EncodeError for another protocol or role, and for bytes instead of a `CanFrame` or
+    the reverse.
+    """
+    checked = _checked(protocol, role)
+    if isinstance(data, bytes | bytearray) == (protocol == "can"):
+        raise EncodeError(f"{protocol}: expected {'a CanFrame' if protocol == 'can' else 'bytes'}, not {data!r}")
+    if isinstance(data, CanFrame | FdFrame | ErrorFrame):
+        return explain_diagnosed_can(data)
+    explainers: dict[str, Callable[[bytes, FrameRole | None], Explanation]] = {
+        "rtu": explain_rtu,
+        "ascii": explain_ascii,
+        "tcp": explain_tcp,
+    }
+    return with_diagnosis(explainers[protocol](data, checked), data, checked)
+
+
+def explain_text(protocol: str, text: str, role: str | None = None) -> Explanation:
+    """Explain a frame that was typed or pasted; `explain.input.text` and `explain.capture.can_text` show the forms.
+
+    >>> explain_text("can", "can0  705   [1]  05").verdict
+    'valid: error control from node 5: operational'
+
+    Raises DecodeError, with the place in the text, if the text is not in one of the forms. An ASCII frame may lack its
+    CR LF, as lines copied from a screen do.
+    """
+    checked = _checked(protocol, role)
+    if protocol == "can":
+        return explain_diagnosed_can(parse_any_can(text))
+    characters = parse_ascii(text)
+    if protocol == "ascii":
+        return _typed_ascii(text, characters, checked)
+    if good_ascii(characters) is not None:
+        return _with_hint(explain(protocol, characters, checked), text, checked)
+    try:
+        return _with_hint(explain(protocol, parse_hex(text), checked), text, checked)
+    except DecodeError as error:
+        other = _other(protocol, text, checked)
+        raise DecodeError(error.reason, error.data, error.at, error.text + other) if other else error from None
+
+
+def explain_exchange(
+    protocol: str, request: str, response: str, *, device: Device | None = None, floats: str | None = None
+) -> Explanation:
+    """Explain a pasted response to a pasted request: its diagnosis says what does not fit the request.
+
+    >>> explain_exchange("rtu", "01 03 00 00 00 01 84 0A", "02 03 02 00 07 BD 86").diagnosis[0].text
+    'unit 2 answers, and unit 1 was asked'
+
+    With the `device` its addresses are known, and the orders in which it sends 32-bit values. `floats` is "f32" or
+    "f64": all registers of the response are floats of that type.
+
+    Raises DecodeError for a text that cannot be read, EncodeError for the protocol can.
+    """
+    if protocol == "can":
+        raise EncodeError("a request and its response: expected rtu, ascii or tcp, not can", "protocol")
+    explanation = explain_text(protocol, response, "response")
+    framing = explanation.protocol
+    sent, answered = _typed_bytes(protocol, request), _typed_bytes(protocol, response)
+    values, known = list[ExpectedValue](), frozenset[int]()
+    try:
+        pdu = decoded(framing, sent).pdu
+    except DecodeError:
+        pdu = b""
+    if floats is not None:
+        values = float_values(floats, pdu)
+    elif device is not None and pdu:
+        values, known = expected_values(device, pdu), addresses_of_table(device, pdu)
+    found = diagnose_exchange(framing, sent, answered, values, known)
+    diagnosis = (*found, *explanation.diagnosis)
+    return replace(explanation, diagnosis=diagnosis or tuple(cannot_answer(framing, sent, answered)))
+
+
+def _typed_bytes(protocol: str, text: str) -> bytes:
+    characters = parse_ascii(text)
+    return characters if protocol == "ascii" or characters.startswith(b":") else parse_hex(text)
+
+
+def _typed_ascii(text: str, characters: bytes, role: FrameRole | None) -> Explanation:
+    """Explain a text as an ASCII frame. If it is none, it may be the codes of other bytes: of an RTU frame, perhaps."""
+    explanation = with_diagnosis(explain_ascii(characters, role, typed=True), characters, role)
+    if characters.startswith(b":"):
+        return explanation
+    if not explanation.diagnosis:
+        try:
+            codes = parse_hex(text)
+        except DecodeError:
+            codes = b""
+        found = with_diagnosis(explain_ascii(codes, role, typed=True), codes, role)
+        explanation = found if found.diagnosis else explanation
+    return _with_hint(explanation, text, role)
+
+
+def _with_hint(explanation: Explanation, text: str, role: FrameRole | None = None) -> Explanation:
+    """Return the explanation. If its framing is broken and another protocol fits the text, the error names that one.
+
+    >>> explain_text("tcp", "01 04 0F B1 00 02 22 F8").verdict.partition("; ")[2]
+    'as rtu it is a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok (byte 2)'
+    """
+    intact = any(field.name == "CRC" and field.meaning == "CRC ok" for field in explanation.fields)
+    error = explanation.error
+    without_crc = error is not None and error.text.startswith("no CRC") and not text.lstrip().startswith(":")
+    if error is None or intact or without_crc:
+        return explanation
+    other = _other(explanation.protocol, text, role)
+    return replace(explanation, error=error._replace(text=error.text + other)) if other else explanation
+
+
+def _other(protocol: str, text: str, role: FrameRole | None) -> str:
+    """Return the reading in another protocol, '; as tcp it is ...', or '' if none fits."""
+    for name in ("tcp", "rtu", "ascii", "can"):
+        try:
+            if name == protocol or (name == "can") != ("#" in text):
+                continue
+            if name == "can":
+                explanation = explain_can(parse_any_can(text))
+            elif name == "ascii":
+                explanation = explain_ascii(parse_ascii(text), role, typed=True)
+            else:
+                explanation = (explain_rtu if name == "rtu" else explain_tcp)(parse_hex(text), role)
+        except DecodeError:
+            continue
+        if explanation.error is None:
+            return f"; as {name} it is {explanation.summary}"
+        if name in ("rtu", "ascii") and explanation.error.text.startswith("no "):
+            return f"; as {name}: {explanation.error.text}"
+    return ""
+
+
+def _checked(protocol: str, role: str | None) -> FrameRole | None:
+    """Check protocol and role: both come from a command line as plain text."""
+    if protocol not in _PROTOCOLS:
+        raise EncodeError(f"protocol {protocol!r}: expected {', '.join(_PROTOCOLS)}", "protocol")
+    if role is not None and role not in _ROLES:
+        raise EncodeError(f"role {role!r}: expected {', '.join(_ROLES)}", "role")
+    return role

@@ -1,0 +1,62 @@
+"""The command `barewire`. Files in reading order:
+
+    app               the main command: loads a command when it is used; errors and exit statuses
+    arguments         arguments, options, output and signals that several commands share
+    demo              `demo`: simulated machines read and written on every wire (a folder)
+    devices           `devices`: the catalogue, and every parameter of a device
+    simulate          `simulate`: a machine or a table on real ports
+    read_write        `read`, `write`: named values
+    watch, plot       `watch`: named values periodically, as a table, lines, JSON, CSV or a plot
+    drive             `drive`: enable, move and stop a drive
+    explain, sniff    `explain`: frames and recordings; `sniff`: traffic of a line or bus
+    teach             `send`: a frame typed by hand, its answer explained; `steps`: calculations
+                      step by step; `lab`: the labs of the course (a folder)
+    recordings        `diagnose`: what is wrong in a recording, or on a line; `record`: traffic of a line -> a file that
+                      `simulate` serves; `replay`: a recording of a CAN bus against a device (a folder)
+    conform           `conform`: a server or a CANopen device against the standard
+    canopen           `canopen`: a device compared with its DCF, and configured
+    canopen_gateway   `canopen-gateway`: a CANopen network as text over TCP
+    eds               `eds`: export and check electronic data sheets
+    vectors           `vectors`: the reference vectors, listed, shown, run against any implementation (a folder)
+
+Exit status: 0 done, 1 failed, 2 wrong usage, 128 + n ended by signal n.
+
+Depends on: every other room, click and rich.  Used by: nothing; what a command does, a program can do without it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+
+def main() -> None:
+    """Run the command. Without click or rich, print one line that says how to get them."""
+    _end_at_interrupt(True)
+    try:
+        import click  # noqa: F401
+        import rich  # noqa: F401
+    except ModuleNotFoundError:
+        print("barewire: the command needs click and rich: pip install 'barewire[cli]'", file=sys.stderr)
+        sys.exit(1)
+    from barewire_workbench.cli.app import run_command_line
+
+    status = run_command_line(sys.argv[1:], loaded=lambda: _end_at_interrupt(False))
+    _end_at_interrupt(True)
+    sys.exit(status)
+
+
+def _end_at_interrupt(at_once: bool) -> None:
+    """Let Ctrl-C end the process `at_once`, or raise KeyboardInterrupt again.
+
+    While modules are loaded, KeyboardInterrupt would be printed as a traceback: Python does not let it pass everywhere.
+    A signal that is ignored, as in background jobs of a shell, stays ignored.
+    """
+    handlers = signal.default_int_handler, _end
+    if signal.getsignal(signal.SIGINT) is handlers[not at_once]:
+        signal.signal(signal.SIGINT, handlers[at_once])
+
+
+def _end(number: int, frame: object) -> None:
+    os._exit(128 + number)

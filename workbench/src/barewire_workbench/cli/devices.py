@@ -1,0 +1,179 @@
+"""`barewire devices`: the devices of the catalogue, or the parameters of one."""
+
+from __future__ import annotations
+
+import shutil
+import textwrap
+from collections.abc import Iterator
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from barewire.devices import Device, Parameter, UnknownName, load, names
+from barewire.devices.device import fold
+from barewire.devices.parameter import show
+from barewire.devices.tables import range_text
+from barewire.errors import shown
+from barewire_workbench.cli.arguments import json_option, print_json
+
+
+@click.command("devices")
+@click.argument("name", required=False)
+@click.argument("words", nargs=-1, metavar="[WORD]...")
+@click.option("--long", "is_long", is_flag=True, help="Print also defaults, values, bits and notes.")
+@json_option
+def devices_command(name: str | None, words: tuple[str, ...], is_long: bool, as_json: bool) -> None:
+    """List the devices, or all parameters of one.
+
+    NAME is one of the listed devices, or the directory of your own description. With WORD, only those parameters are
+    listed that have it in their name, their group or their place.
+
+    \b
+    barewire devices
+    barewire devices az3
+    barewire devices az3 brake --long
+    barewire devices az3 6040h
+    """
+    if name is None:
+        if as_json:
+            _print_list_as_json()
+        else:
+            _print_list()
+        return
+    device = load(name)
+    wanted = _selected(device, " ".join(words))
+    if as_json:
+        for parameter in wanted:
+            print_json(parameter.as_dict())
+        return
+    count = len(device.parameters)
+    print(f"{device.title}: {count if len(wanted) == count else f'{len(wanted)} of {count}'} parameters")
+    if is_long:
+        _print_long(wanted)
+    elif wanted:
+        _print_table(wanted)
+
+
+def _selected(device: Device, text: str) -> list[Parameter]:
+    """Return the parameters with this text in their name, group or place. Raises UnknownName if there is none."""
+    found = [
+        parameter
+        for parameter in device.parameters
+        if any(fold(text) in fold(field) for field in (parameter.name, parameter.group, *parameter.places))
+    ]
+    if text and not found:
+        raise UnknownName(f"{device.name} has no parameter with {shown(text)} in its name, group or place")
+    return found
+
+
+def _print_list_as_json() -> None:
+    for name in names():
+        device = load(name)
+        count = len(device.parameters)
+        print_json({"name": name, "title": device.title, "parameters": count, "protocols": _protocols(device)})
+
+
+def _print_list() -> None:
+    table = Table(
+        "name", "device", "parameters", "protocols", "described in", box=None, header_style="bold", pad_edge=False
+    )
+    for name in names():
+        device = load(name)
+        count, documents = str(len(device.parameters)), "; ".join(device.documents)
+        table.add_row(name, device.title, count, ", ".join(_protocols(device)), documents)
+    Console().print(table)
+
+
+def _protocols(device: Device) -> list[str]:
+    return [name for name, side in (("Modbus", device.modbus), ("CANopen", device.canopen)) if side]
+
+
+def _print_table(parameters: list[Parameter]) -> None:
+    """Print a line for each parameter below a heading for each group; plain text, for grep.
+
+    On a narrow terminal columns are left out, and a name that is too long has a line of its own."""
+    rows = [_columns(parameter) for parameter in parameters]
+    titles = ("name", "access", "type", "range and unit", "Modbus", "CANopen")
+    # A few long entries push the columns behind them to the right: a table of 80 lines is not widened for one of them.
+    widths = [max(len(title), *map(len, column)) for title, column in zip(titles, zip(*rows))]
+    widths[3] = min(widths[3], _RANGE_WIDTH)
+    used = [any(column) for column in zip(*rows)]
+    columns = shutil.get_terminal_size(fallback=(10_000, 24)).columns  # into a pipe: as wide as it is
+
+    def room() -> int:  # for the names
+        return columns - 2 - sum(width + 2 for width, is_used in zip(widths[1:], used[1:]) if is_used)
+
+    left_out = []
+    for place in _LEFT_OUT:
+        if room() < min(widths[0], _NARROWEST_NAME):
+            used[place] = False
+            left_out.append(titles[place])
+    widths[0] = min(widths[0], max(room(), _NARROWEST_NAME))
+
+    def line(cells: tuple[str, ...]) -> str:
+        if len(cells[0]) > widths[0]:
+            return f"  {cells[0]}\n{line(('', *cells[1:]))}"
+        shown = [f"{cell:<{width}}" for cell, width, is_used in zip(cells, widths, used) if is_used]
+        return ("  " + "  ".join(shown)).rstrip()
+
+    print(line(titles))
+    group = ""  # rows before the first heading have none
+    for parameter, row in zip(parameters, rows):
+        if parameter.group != group:
+            group = parameter.group
+            print(f"\n{group}")
+        print(line(row))
+    print("\nAddresses are those on the wire, from 0. Defaults, values and notes: --long")
+    if left_out:
+        print(f"Left out on this narrow terminal, see --long: {', '.join(left_out)}")
+
+
+_RANGE_WIDTH = 40
+_LEFT_OUT = (3, 2, 1)
+"""The columns that are left out on a narrow terminal, in this order."""
+_NARROWEST_NAME = 34
+
+
+def _columns(parameter: Parameter) -> tuple[str, ...]:
+    scale = "" if parameter.scale == 1 else f" x {parameter.scale}"
+    limits = " ".join(filter(None, (range_text(parameter), parameter.unit)))
+    return (parameter.name, parameter.access, parameter.type + scale, limits, *parameter.places)
+
+
+def _print_long(parameters: list[Parameter]) -> None:
+    """Print a line for each parameter, its name first, and its other fields below; plain text, for grep."""
+    width = max((len(parameter.name) for parameter in parameters), default=0)
+    for parameter in parameters:
+        print(f"{parameter.name:<{width}}  {'  '.join(filter(None, _main_fields(parameter)))}")
+        for line in _other_fields(parameter):
+            print(textwrap.fill(line, 110, initial_indent="    ", subsequent_indent="      ", break_on_hyphens=False))
+
+
+def _main_fields(parameter: Parameter) -> Iterator[str]:
+    yield f"{parameter.access} {parameter.type}" + ("" if parameter.scale == 1 else f" x {parameter.scale}")
+    yield parameter.unit
+    yield range_text(parameter)
+    yield "" if parameter.default is None else f"default {show(parameter.default)}"
+    yield _modbus_address(parameter)
+    yield parameter.places[1]
+    yield f"firmware {parameter.firmware}" if parameter.firmware else ""
+    yield "storable" if parameter.storable else ""
+
+
+def _other_fields(parameter: Parameter) -> Iterator[str]:
+    yield from (f"{number}: {meaning}" for number, meaning in parameter.values.items())
+    yield from (f"bit {bit}: {meaning}" for bit, meaning in parameter.bits.items())
+    if parameter.note:
+        yield parameter.note
+    yield from (f"the manual prints for {key}: {printed}" for key, printed in parameter.printed.items())
+
+
+def _modbus_address(parameter: Parameter) -> str:
+    """Return the address on the wire, such as 'holding 4017 (0FB1h) +1', 'input 24 (0018h) H', 'coil 81 (0051h)'."""
+    place = parameter.modbus
+    if place is None:
+        return ""
+    words = f" +{place.words - 1}" if place.words > 1 else ""
+    part = f" {place.half}" if place.half else f" bit {place.bit}" if place.bit is not None else ""
+    return f"{place.table} {place.address} ({place.address:04X}h){words}{part}"

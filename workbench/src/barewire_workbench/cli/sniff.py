@@ -1,0 +1,378 @@
+"""`barewire sniff`: decode the traffic of a serial line or a CAN bus, or a recording of one."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+import click
+
+from barewire.devices import load
+from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
+from barewire.io.canopen.bus.capture import listen_can
+from barewire.io.endpoint import Endpoint
+from barewire.io.modbus.sniff import listen
+from barewire.modbus.sniffer import (
+    WINDOW,
+    AmbiguousFrame,
+    NoiseSeen,
+    RecordingEnds,
+    RequestSeen,
+    ResponseMissing,
+    SnifferEvent,
+)
+from barewire.rtu import encode as rtu_frame
+from barewire.tcp import encode as tcp_frame
+from barewire_workbench.cli.arguments import (
+    Choice,
+    Seconds,
+    check_not_overwritten,
+    file_content,
+    format_option,
+    json_option,
+    known_nodes,
+    known_units,
+    nodes_option,
+    output_form,
+    ports_option,
+    print_json,
+    protocol_option,
+    units_option,
+)
+from barewire_workbench.cli.recordings.recording_file import RecordingFile, check_ending
+from barewire_workbench.frames.modbus.exchange_text import ExchangeLines, exchange_as_dict
+from barewire_workbench.frames.modbus.named_registers import UnitNames
+from barewire_workbench.monitor import event_as_dict, event_kind, event_line, is_repeated
+from barewire_workbench.monitor.event_text import EVENT_KINDS
+from barewire_workbench.monitor.events import MonitorEvent
+from barewire_workbench.monitor.recording import (
+    BUSES_MAX,
+    BusMonitors,
+    CanRecordingWriter,
+    is_can_recording,
+    read_recording,
+)
+from barewire_workbench.pictures.picture import rendered
+from barewire_workbench.pictures.recordings import RecordingOptions, recording_picture
+from barewire_workbench.recordings.modbus_log import ModbusLog
+from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS, PacketBuilder
+from barewire_workbench.recordings.modbus_replay import Replayed, SerialProtocol, replay_log
+from barewire_workbench.recordings.model import Recorded, RecordedItem, Unread
+from barewire_workbench.recordings.pcapng import file_header, packet_block
+
+_FORMATS = "a recording: pcapng, pcap, candump, ASC, BLF, a log of a Modbus program, or lines of bytes in hexadecimal"
+_LIVE_BUS = "can0"
+
+seconds_option = click.option(
+    "--seconds", type=Seconds(), metavar="S", help="Stop after this time; without it, at Ctrl-C."
+)
+window_option = click.option(
+    "--window",
+    type=Seconds(),
+    metavar="S",
+    help=f"Modbus: longest time from a request to its response, in seconds; by default {WINDOW:g}.",
+)
+
+
+@click.command("sniff")
+@click.argument("source", metavar="ENDPOINT|FILE|-")
+@json_option
+@click.option(
+    "--write", type=click.Path(dir_okay=False), metavar="FILE", help="Write every frame to a .pcapng (CAN: or .log)."
+)
+@seconds_option
+@window_option
+@protocol_option
+@ports_option
+@click.option(
+    "--device",
+    "devices",
+    multiple=True,
+    metavar="NAME|EDS",
+    help="The device of a node or unit, for names, units and scaled values.",
+)
+@nodes_option
+@units_option
+@click.option("--bus", help="CAN: only this bus of a recording that has several.")
+@click.option("--only", multiple=True, metavar="KIND", help="CAN: only events such as sdo, pdo, violation, gap.")
+@click.option("--complete", is_flag=True, help="CAN: no frame is missing in the recording: a gap is a violation.")
+@click.option("--all", "everything", is_flag=True, help="CAN: also every heartbeat, SYNC and unchanged PDO.")
+@format_option
+@click.option("--picture", type=Choice(["sequence", "states"]), help="Of a FILE: its messages, or a drive's states.")
+def sniff_command(
+    source: str,
+    as_json: bool,
+    write: str | None,
+    seconds: float | None,
+    window: float | None,
+    protocol: SerialProtocol | None,
+    ports: tuple[int, ...],
+    devices: tuple[str, ...],
+    nodes: tuple[int, ...],
+    units: tuple[int, ...],
+    bus: str | None,
+    only: tuple[str, ...],
+    complete: bool,
+    everything: bool,
+    form: str | None,
+    picture: str | None,
+) -> None:
+    """Decode the traffic of a line or bus; send nothing.
+
+    Requests without a response and other things that are missing are reported. A FILE (- is standard input) is a
+    pcapng or pcap capture, an export of Wireshark, the log of a program (pymodbus, libmodbus, mbpoll -v, Modbus Poll
+    and others), lines such as "12.345678 01 03 00 00 ...", or a hex dump; of a CAN bus the output or log of candump,
+    an ASC or BLF file of Vector, a capture, or the log of CiA's conformance test tool.
+
+    The command ends with status 1 when the line or bus fails, also when a socketcand server ends: it does not connect
+    again, as clients do. The file of --write keeps all frames before.
+
+    \b
+    barewire sniff "rtu:///dev/ttyUSB0?baudrate=9600" --write bus.pcapng
+    wireshark -o mbrtu.udp.port:5020 bus.pcapng
+    barewire sniff bus.pcapng --json
+    barewire sniff poll.log --device adxl --unit 1
+    barewire sniff can://socketcan/can0 --device az3 --node 5 --write can.log
+    barewire sniff bus.pcapng --format svg > exchange.svg
+    """
+    form = output_form(form, as_json=as_json)
+    as_json, is_drawn = form == "json", picture is not None or form in ("html", "svg")
+    if is_drawn and ("://" in source or write is not None):
+        drawn = f"--picture {picture}" if picture is not None else f"--format {form}"
+        raise EncodeError(f"{drawn} draws a recording: {'--write is for frames' if write else f'{source} is none'}")
+    endpoint = Endpoint.parse(source) if "://" in source else None
+    for kind in only:
+        if kind not in EVENT_KINDS.values():
+            from barewire.devices.device import suggest  # only errors need it
+
+            hint = suggest(kind, EVENT_KINDS.values())
+            raise EncodeError(f"--only {kind}: expected one of {', '.join(EVENT_KINDS.values())}{hint}")
+    if write is not None:
+        check_not_overwritten("--write", write, source, *devices)
+    data = b"" if endpoint is not None else recording_content(source, seconds)
+    is_can = (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data)
+    for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol, "--unit": units}
+    for_can: dict[str, object] = {"--node": nodes, "--bus": bus, "--only": only}
+    for_can |= {"--complete": complete, "--all": everything}
+    refuse_for_other(source, for_modbus if is_can else for_can, "Modbus" if is_can else "a CAN bus")
+    if endpoint is not None:
+        refuse_for_line(source, ports, protocol)
+    if write is not None:
+        check_ending(write, is_can)
+    if is_drawn:
+        known, number = known_nodes(devices, nodes) if is_can else [], next(iter(nodes if is_can else units), None)
+        device = load(devices[0]) if devices and not is_can else None
+        names = None if is_can else known_units(devices, units)
+        options = RecordingOptions(bus, window or WINDOW, MODBUS_PORTS | set(ports), protocol)
+        try:
+            name = "standard input" if source == "-" else Path(source).name
+            drawing = recording_picture(
+                name, data, picture, options, known=known, device=device, number=number, names=names
+            )
+        except DecodeError as error:
+            raise BarewireError(f"{source}: {error.text}; expected {_FORMATS}") from None
+        print(rendered(form, drawing), end="")
+        return
+    with ExitStack() as stack:
+        if is_can:
+            known = known_nodes(devices, nodes)
+            for name, found in list(zip(devices, known))[len(nodes) :]:
+                click.echo(
+                    f"barewire: --device {name}: names are those of node {found.node}; --node gives another", err=True
+                )
+            items = read_recording(data) if endpoint is None else live_frames(endpoint, seconds)
+            file = None if write is None else stack.enter_context(RecordingFile(write))
+            monitors = BusMonitors(known, bus, complete=complete)
+            events = _can_events(items, monitors, bus, file, write or "")
+            _print_can_events(events, as_json=as_json, everything=everything, only=only)
+            return
+        names = known_units(devices, units)
+        window = WINDOW if window is None else window
+        timed = True
+        if endpoint is None:
+            log, exchanges = replayed(source, data, window, ports, protocol)
+            timed = log.timed
+            _print_unread(log, as_json)
+        else:
+            exchanges = listen(endpoint, threading.Event(), seconds=seconds, window=window)
+        file = None if write is None else stack.enter_context(RecordingFile(write))
+        _print_exchanges(exchanges, file, as_json, timed=timed, names=names)
+
+
+def refuse_for_other(source: str, options: Mapping[str, object], kind: str) -> None:
+    """Raise EncodeError for the first option that is given, because it is for the other kind of line or bus."""
+    for option, given in options.items():
+        if given:
+            raise EncodeError(f"{option} is for {kind}, which {source} is not")
+
+
+def refuse_for_line(source: str, ports: tuple[int, ...], protocol: SerialProtocol | None) -> None:
+    """Raise EncodeError for the options that only a recording has: a line has no ports, and its URL the protocol."""
+    for option, given in (("--port", ports), ("--protocol", protocol)):
+        if given:
+            raise EncodeError(f"{option} is for a recording, which {source} is not")
+
+
+def _standard_input() -> bytes:
+    if sys.stdin is None:  # `<&-`
+        raise PortError("-: standard input is closed")
+    try:
+        return sys.stdin.buffer.read()
+    except OSError as error:
+        raise PortError(f"-: {error.strerror or error}") from None
+
+
+def recording_content(source: str, seconds: float | None) -> bytes:
+    """Return the bytes of a recording, of standard input for `-`. Raise BarewireError for an empty one, EncodeError for
+    `--seconds`."""
+    if seconds is not None:
+        raise EncodeError("--seconds is for a line; a recording ends by itself")
+    data = _standard_input() if source == "-" else file_content(source)
+    if not data:
+        raise BarewireError(f"{source}: the {'input' if source == '-' else 'file'} is empty; expected {_FORMATS}")
+    return data
+
+
+# Modbus
+
+
+def replayed(
+    source: str, data: bytes, window: float, ports: tuple[int, ...], protocol: SerialProtocol | None
+) -> Replayed:
+    """Return the log and the events of a recording of Modbus. Raise BarewireError if it is none."""
+    try:
+        return replay_log(data, window=window, ports=MODBUS_PORTS | set(ports), protocol=protocol)
+    except DecodeError as error:
+        raise BarewireError(f"{source}: {error.text}; expected {_FORMATS}") from None
+
+
+def _print_unread(log: ModbusLog, as_json: bool) -> None:
+    """Print the lines that hold no frame, as objects or in short on stderr, and the notes about the log."""
+    left = [item for item in log.items if isinstance(item, Unread)]
+    for note in log.notes:
+        click.echo(f"barewire: {note}", err=True)
+    if as_json:
+        for item in left:
+            print_json({"event": "unread", "line": item.line, "text": item.text, "why": item.why})
+        return
+    if left:
+        lines = "1 line holds" if len(left) == 1 else f"{len(left)} lines hold"
+        click.echo(f"barewire: {lines} no bytes of a frame, the first is line {left[0].line}: {left[0].text}", err=True)
+
+
+def _print_exchanges(
+    events: Iterator[SnifferEvent],
+    file: RecordingFile | None,
+    as_json: bool,
+    *,
+    timed: bool = True,
+    names: UnitNames | None = None,
+) -> None:
+    """Print each event, and write its frame to the file. Ctrl-C ends it."""
+    packets, lines = PacketBuilder(), ExchangeLines(timed=timed, names=names)
+    if file is not None:
+        file.write(file_header(), frame=False)
+    with suppress(KeyboardInterrupt):
+        for event in events:
+            packet = None if file is None else _packet(packets, event)
+            if file is not None and packet is not None:
+                file.write(packet_block(event.at, packet))
+            if as_json:
+                print_json(exchange_as_dict(event, timed=timed, names=names))
+            else:
+                _print_lines(lines.feed(event))
+    if not as_json:
+        _print_lines(lines.end())
+
+
+def _print_lines(lines: list[str]) -> None:
+    for line in lines:
+        print(line, flush=True)
+
+
+def _packet(packets: PacketBuilder, event: SnifferEvent) -> bytes | None:
+    """Return the frame of an event as a packet; noise becomes a datagram, a missing response nothing."""
+    if isinstance(event, ResponseMissing | RecordingEnds):
+        return None
+    if isinstance(event, NoiseSeen):
+        return packets.rtu(event.noise.data, from_client=True)
+    from_client = isinstance(event, RequestSeen | AmbiguousFrame)
+    number = None if isinstance(event, AmbiguousFrame) else event.transaction
+    if number is None:
+        return packets.rtu(rtu_frame(event.unit, event.pdu), from_client=from_client)
+    return packets.tcp(tcp_frame(event.unit, event.pdu, number), from_client=from_client)
+
+
+# CAN
+
+
+def live_frames(endpoint: Endpoint, seconds: float | None) -> Iterator[Recorded | float]:
+    """Yield frames from a bus until Ctrl-C; a time alone when no frame was received."""
+    stop = threading.Event()
+    with stopped_by_interrupt(stop):
+        for now, frame in listen_can(endpoint, stop, seconds=seconds):
+            yield now if frame is None else Recorded(now, _LIVE_BUS, frame)
+
+
+@contextmanager
+def stopped_by_interrupt(stop: threading.Event) -> Iterator[None]:
+    """Let the first Ctrl-C end the reception, so that the summary is printed; the second one ends the program."""
+
+    def end_reception(number: int, frame: object) -> None:
+        stop.set()
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.getsignal(signal.SIGINT)
+    signal.signal(signal.SIGINT, end_reception)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _can_events(
+    items: Iterable[RecordedItem | float],
+    monitors: BusMonitors,
+    bus: str | None,
+    file: RecordingFile | None,
+    name: str,
+) -> Iterator[tuple[str, MonitorEvent]]:
+    """Yield the events of the frames, each with its bus. The file gets each frame in the format that its `name`
+    selects."""
+    writer, buses = CanRecordingWriter(name), dict[str, None]()
+    if file is not None:
+        file.write(writer.start, frame=False)
+    for item in items:
+        if isinstance(item, float):
+            # Nothing was received up to now: a message that is due is missing.
+            for bus_name, monitor in monitors.monitors.items():
+                for event in monitor.feed(None, item):
+                    yield bus_name, event
+            continue
+        if file is not None and isinstance(item, Recorded) and bus in (None, item.bus):
+            file.write(writer.put(item.at, item.bus, item.frame))
+        if not isinstance(item, Unread) and len(buses) < BUSES_MAX:
+            buses[item.bus] = None
+        yield from monitors.feed(item)
+    yield from monitors.end()
+    if bus is not None and buses and bus not in buses:
+        raise BarewireError(f"--bus {bus}: no frames on it; there are frames on {', '.join(buses)}")
+
+
+def _print_can_events(
+    events: Iterable[tuple[str, MonitorEvent]], *, as_json: bool, everything: bool, only: tuple[str, ...]
+) -> None:
+    """Print a line for each event that is not a repetition; with `everything` for all events."""
+    buses: set[str] = set()
+    for bus, event in events:
+        buses.add(bus)
+        if (only and event_kind(event) not in only) or (is_repeated(event) and not everything):
+            continue
+        if as_json:
+            print_json(event_as_dict(event) | ({"bus": bus} if bus else {}))
+        else:
+            print(f"{bus}  {event_line(event)}" if len(buses - {""}) > 1 else event_line(event), flush=True)

@@ -1,0 +1,169 @@
+"""The conformance battery of CANopen devices: all cases in their order, and how one is run.   [CiA 301, CiA 305]
+
+    all_cases     all cases for one device: those of the vectors, in random order, and those of an EDS
+    prepare       resets the communication of the device, before and after a case that changes it, and enters
+                  PRE-OPERATIONAL; undoes what the case before has written
+    run_case      sends the steps of a case, compares received frames with the accepted patterns, stops at a difference
+
+Frames that a case does not listen for (heartbeats, process data of other nodes) are ignored.
+
+Depends on: the model, script, the files with further cases.  Used by: `io.canopen.conformance`, the answers of the
+vectors.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+
+from barewire.canopen.eds.model import EdsObject
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.nmt.messages import NmtCommand
+from barewire.conversation import Conversation, Listen, Send
+from barewire_workbench.conform.canopen.application import application_cases
+from barewire_workbench.conform.canopen.eds_objects import object_cases
+from barewire_workbench.conform.canopen.lss_pause import with_lss_pauses
+from barewire_workbench.conform.canopen.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, NodeStep, Subject
+from barewire_workbench.conform.canopen.placeholders import Placeholders
+from barewire_workbench.conform.canopen.random_order import random_cases
+from barewire_workbench.conform.canopen.restore import restore_values
+from barewire_workbench.conform.canopen.script import CaseFields, applies, read_node_case
+
+_SETTLE = 0.01
+"""Seconds of silence after the last response of a case, in which a repeated one is noticed."""
+FLOOD = 500
+"""A step ends after this many frames: the longest accepted response, a block, has 128."""
+_SHOWN = 8
+"""The text of a difference shows at most this many received frames."""
+
+
+def all_cases(
+    subject: Subject,
+    scripts: Iterable[CaseFields],
+    objects: Mapping[int, EdsObject] | None = None,
+    dummies: Iterable[int] = (),
+) -> tuple[NodeCase, ...]:
+    """Return all cases for one device, in order. A case that needs something the device lacks names it in `lacks`.
+
+    `scripts` are the cases of the vectors. `objects` and `dummies` are those of the EDS of the device, which add the
+    cases of `eds_objects`. They come first, while all objects have the values that they have after a reset; those of
+    `application` come last.
+    """
+    device = Placeholders(subject)
+    return (
+        *(() if objects is None else object_cases(subject, objects, dummies)),
+        *(read_node_case(fields, device) for fields in scripts if applies(fields, device)),
+        *random_cases(subject),
+        *(() if objects is None else application_cases(subject, objects)),
+    )
+
+
+def needs_reset(case: NodeCase, previous: NodeOutcome | None) -> bool:
+    """Return whether the device must be reset before this case: this case changes it, or the previous one did."""
+    return case.effect not in ("reads", "tries") or (previous is not None and may_have_changed(previous))
+
+
+def may_have_changed(outcome: NodeOutcome) -> bool:
+    """Return whether a case may have left the device with other values or in another state."""
+    effect = outcome.case.effect
+    return effect not in ("reads", "tries") or (effect == "tries" and outcome.failure is not None)
+
+
+def prepare(
+    subject: Subject,
+    *,
+    after: NodeCase | None = None,
+    command: NmtCommand = NmtCommand.RESET_COMMUNICATION,
+    boot: float = BOOT,
+    timeout: float = NODE_ANSWER_TIMEOUT,
+) -> Conversation[CanFrame, bool]:
+    """Reset the communication of the device, enter PRE-OPERATIONAL, and undo what the case `after` wrote.
+
+        000#8205  ->            reset communication
+                  <-  705#00    its boot-up message, within `boot` seconds
+        000#8005  ->            enter pre-operational: for a device that starts itself, or sends no boot-up message
+        605#...   <->           objects that keep the value that `after` wrote are written
+
+    `command` may be RESET_NODE, which restores 2000h to 9FFFh as well. Return whether the boot-up message was received.
+    """
+    heard = yield Send(CanFrame(0, bytes([command, subject.node])))
+    until, booted = heard.now + boot, False
+    while heard.now < until:
+        heard = yield Listen(until)
+        frame = heard.item
+        if not booted and frame is not None and frame.key == (0x700 + subject.node, False) and frame.data == b"\0":
+            booted, until = True, heard.now + _SETTLE  # a device that starts itself may do so a moment later
+    yield Send(CanFrame(0, bytes([NmtCommand.ENTER_PRE_OPERATIONAL, subject.node])))
+    if after is not None:
+        yield from restore_values(subject, after, timeout=timeout)
+    return booted
+
+
+def run_case(case: NodeCase, *, timeout: float = NODE_ANSWER_TIMEOUT) -> Conversation[CanFrame, NodeOutcome]:
+    """Send the steps of a case and compare the responses with the accepted patterns. `timeout` is in seconds."""
+    return with_lss_pauses(_run_steps(case, timeout))
+
+
+def _run_steps(case: NodeCase, timeout: float) -> Conversation[CanFrame, NodeOutcome]:
+    received: list[tuple[str, ...]] = []
+    for number, step in enumerate(case.steps):
+        heard = None
+        for text in step.sends:
+            heard = yield Send(CanFrame.parse(text))
+        if heard is None:
+            heard = yield Listen(float("-inf"))  # returns at once, with the time
+        frames: list[str] = []
+        if heard.item is not None and str(heard.item).startswith(case.listens):
+            frames.append(str(heard.item))
+        until = heard.now + (timeout if step.wait is None else step.wait)
+        while heard.now < until:
+            if frames and not step.full_wait and _fits(step, frames):
+                if number + 1 < len(case.steps):
+                    break
+                until = min(until, heard.now + _SETTLE)
+            if len(frames) >= FLOOD:
+                return NodeOutcome(case, (*received, tuple(frames)), _difference(step, frames))
+            heard = yield Listen(until)
+            if heard.item is not None and str(heard.item).startswith(case.listens):
+                frames.append(str(heard.item))
+        received.append(tuple(frames))
+        if any(_matches(pattern, frames) for pattern in step.ends):
+            break
+        if not any(_matches(pattern, frames) for pattern in step.accepts):
+            return NodeOutcome(case, tuple(received), _difference(step, frames))
+    return NodeOutcome(case, tuple(received), None)
+
+
+def _fits(step: NodeStep, frames: list[str]) -> bool:
+    return any(_matches(pattern, frames) for pattern in (*step.accepts, *step.ends))
+
+
+def _matches(pattern: str, frames: list[str]) -> bool:
+    """Return whether the received frames match this pattern.
+
+    >>> _matches("705#7F{1,3}, 585#43....", ["705#7F", "705#7F", "585#4318"])
+    False
+    >>> _matches("705#7F{1,3}, 585#43....|585#60....", ["705#7F", "585#600017"])
+    True
+    """
+    regex = "".join(map(_regex, _split(pattern)))
+    return re.fullmatch(regex, "".join(f"{frame} " for frame in frames)) is not None
+
+
+def _split(pattern: str) -> Iterator[str]:
+    """Return the parts between commas, but not at the comma in {1,3}."""
+    return (part.strip() for part in re.split(r",(?![0-9]+\})", pattern) if part.strip())
+
+
+def _regex(part: str) -> str:
+    frame, brace, count = part.partition("{")
+    return f"(?:(?:{frame.replace('.', '[0-9A-F]')}) ){brace}{count}"
+
+
+def _difference(step: NodeStep, frames: list[str]) -> str:
+    sent = ", ".join(step.sends) or "a while"
+    expected = " or ".join(pattern or "silence" for pattern in dict.fromkeys((*step.accepts, *step.ends)))
+    responses = ", ".join(frames[:_SHOWN]) or "silence"
+    if len(frames) > _SHOWN:
+        responses += f" ... {len(frames)} frames{' and more' if len(frames) >= FLOOD else ''}"
+    return f"after {sent}: {responses}, expected {expected}"

@@ -1,0 +1,153 @@
+"""Reads which objects a device has, so that the battery contains only cases that can be run.
+
+Depends on: SDO uploads, LSS identification, the objects of an EDS.
+Used by: `io.canopen.conformance`, before the first case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
+from barewire.canopen.cob_ids import check_node
+from barewire.canopen.eds.model import EdsItem, EdsObject, every_item
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.lss.master import identify_slaves, switch_global, switch_selective
+from barewire.canopen.lss.messages import LssAddress, LssState
+from barewire.canopen.sdo.client.channel import Channel
+from barewire.canopen.sdo.client.upload import upload
+from barewire.conversation import Conversation, Listen, Send
+from barewire_workbench.conform.canopen.lss_pause import with_lss_pauses
+from barewire_workbench.conform.canopen.model import NODE_ANSWER_TIMEOUT, Subject
+
+_SINGLES = (0x1000, 0x1001, 0x1002, 0x1005, 0x1006, 0x1007, 0x1008, 0x1009, 0x100A, 0x100C, 0x100D, 0x1012, 0x1014,
+            0x1015, 0x1017, 0x1019, 0x1F80)  # fmt: skip
+_RECORDS = (0x1003, 0x1010, 0x1011, 0x1016, 0x1018, 0x1020, 0x1029, 0x1200, 0x1201, 0x1280)
+_PDOS = (0x1400, 0x1600, 0x1800, 0x1A00)
+
+_FURTHER_CHANNELS = (0x1202, 0x1281)
+"""SDO servers 1202h to 127Fh, and clients 1281h to 12FFh: those after the first ones of `_RECORDS`."""
+
+_DIFFERENT = ((0x1018, 4), (0x1000, 0), (0x1018, 1))
+_SECOND = 0.1
+"""Seconds in which the second of two devices answers the same request."""
+
+STANDARD_OBJECTS = (*_SINGLES, *_RECORDS, *(first + number for first in _PDOS for number in range(4)))
+"""The communication objects that are looked for in every device."""
+
+
+def probe(
+    node: int,
+    *,
+    timeout: float = NODE_ANSWER_TIMEOUT,
+    large: tuple[int, int] | None = None,
+    objects: Mapping[int, EdsObject] | None = None,
+) -> Conversation[CanFrame, Subject]:
+    """Read the communication objects of a device, and whether it supports LSS. Raise NoAnswer if there is no node.
+
+    An object whose upload is refused counts as missing. No value is changed. With `objects`, those of its EDS, what
+    they describe as readable is read as well, except domains, which may be long.
+    """
+    channel = Channel(check_node(node))
+    values: dict[tuple[int, int], bytes] = {}
+    for index in _SINGLES:
+        yield from _read(channel, index, 0, values, timeout)
+    for index in STANDARD_OBJECTS[len(_SINGLES) :]:
+        yield from _read(channel, index, 0, values, timeout)
+        highest = 6 if index & 0xFC00 == 0x1400 or 0x1800 <= index < 0x1A00 else 8
+        if 0x1600 <= index < 0x1800 or index >= 0x1A00:
+            highest = 8  # the number of mapped entries is not the number of possible ones
+        elif index == 0x1003:
+            highest = 0  # the history changes
+        elif (index, 0) in values:
+            highest = min(highest, values[index, 0][0])
+        for sub in range(1, highest + 1 if (index, 0) in values else 1):
+            yield from _read(channel, index, sub, values, timeout)
+    for first in _FURTHER_CHANNELS:
+        # They are numbered without gaps: the first that is missing is the end.
+        index = first
+        while index & 0x7F and (index - 1, 0) in values:
+            for sub in range(4):
+                yield from _read(channel, index, sub, values, timeout)
+            index += 1
+    for described, item in every_item((objects or {}).values()):
+        unread = (described.index, item.sub) not in values and described.index not in _SINGLES
+        if unread and may_be_read(item) and item.type != "domain":
+            yield from _read(channel, described.index, item.sub, values, timeout)
+    subject = Subject(node, values, large)
+    if not all(subject.has(0x1018, sub) for sub in (1, 2, 3, 4)):
+        return subject
+    address = LssAddress(*(subject.number(0x1018, sub) for sub in (1, 2, 3, 4)))
+    found = yield from with_lss_pauses(
+        identify_slaves(
+            address.vendor, address.product, (address.revision,) * 2, (address.serial,) * 2, timeout=timeout
+        )
+    )
+    if found:
+        return subject._replace(lss=address)
+    # A device may have LSS without the service identify remote slave.
+    selected = yield from with_lss_pauses(switch_selective(address, timeout=timeout))
+    if selected:
+        yield from switch_global(LssState.WAITING)
+    return subject._replace(lss=address if selected else None, identifies=False)
+
+
+def second_answer(
+    node: int, *, timeout: float = NODE_ANSWER_TIMEOUT
+) -> Conversation[CanFrame, tuple[CanFrame, CanFrame] | None]:
+    """Return two answers to one request if two devices have the node-ID, or None.
+
+        605#4018100400000000  ->           serial number: the objects in which two devices of one type differ come first
+                              <-  585#4318100407000000
+                              <-  585#4318100408000000    within `_SECOND` seconds
+
+    An answer to an earlier run may come late, so it must happen with two requests of three.
+    """
+    answered_twice: list[tuple[CanFrame, CanFrame]] = []
+    for place in _DIFFERENT:
+        data = b"\x40" + place[0].to_bytes(2, "little") + bytes((place[1], 0, 0, 0, 0))
+        heard = yield Send(CanFrame(0x600 + check_node(node), data))
+        until, answers = heard.now + timeout, list[CanFrame]()
+        while heard.now < until:
+            heard = yield Listen(until)
+            frame = heard.item
+            if frame is None or frame.key != (0x580 + node, False) or frame.data[1:4] != data[1:4]:
+                continue
+            if not answers:
+                until = min(until, heard.now + _SECOND)
+            answers.append(frame)
+        if len(answers) > 1:
+            answered_twice.append((answers[0], answers[1]))
+    return answered_twice[0] if len(answered_twice) > 1 else None
+
+
+def may_be_read(item: EdsItem) -> bool:
+    """Return whether the EDS allows to read an item: it is not write-only, and bit 1 of its ObjFlags is 0."""
+    return item.access != "wo" and not item.flags & 2
+
+
+def _read(
+    channel: Channel, index: int, sub: int, values: dict[tuple[int, int], bytes], timeout: float
+) -> Conversation[CanFrame, None]:
+    try:
+        values[index, sub] = yield from upload(channel, index, sub, timeout=timeout)
+    except SdoAbort:
+        return
+
+
+def is_there(node: int, index: int, sub: int, *, timeout: float = NODE_ANSWER_TIMEOUT) -> Conversation[CanFrame, bool]:
+    """Return whether a device has an object: its upload is requested and aborted at once, since it may be long."""
+    place = bytes((index & 0xFF, index >> 8, sub))
+    heard = yield Send(CanFrame(0x600 + check_node(node), b"\x40" + place + bytes(4)))
+    until = heard.now + timeout
+    while heard.now < until:
+        heard = yield Listen(until)
+        frame = heard.item
+        if frame is None or frame.key != (0x580 + node, False) or frame.data[1:4] != place:
+            continue
+        if frame.data[0] == 0x80:
+            return int.from_bytes(frame.data[4:], "little") not in (AbortCode.NO_OBJECT, AbortCode.NO_SUB)
+        if not frame.data[0] & 2:
+            yield Send(CanFrame(0x600 + node, b"\x80" + place + AbortCode.GENERAL.to_bytes(4, "little")))
+        return True
+    return False

@@ -1,0 +1,356 @@
+"""Diagnosis of a CAN bus, recorded or live: findings on the events of the monitor, and verdicts.
+
+        frame --> CanMonitor --> transfers, states, broken rules --+
+              --> diagnose_can: the frame alone -------------------+--> findings
+              --> BusCounts: answers, silences, error frames ------+--> verdicts, at the end
+
+What a gap in the recording explains as well is no finding: the monitor reports it as a `Gap`. Reserved bits that a
+device accepts are none either, since a receiver ignores them; a read request with such bits that is refused is one.
+
+Depends on: diagnosis.can, can_verdict, explain.can_monitor. Used by: cli.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from barewire.canopen.abort_codes import AbortCode, abort_text
+from barewire.canopen.cob_ids import classify
+from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame
+from barewire.canopen.nmt.messages import NmtState
+from barewire.canopen.sdo.messages.initiate import InitiateUpload
+from barewire_workbench.diagnosis.can import diagnose_can
+from barewire_workbench.diagnosis.logs.can_verdict import ERROR_PASSIVE, PROVES, BusCounts
+from barewire_workbench.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding
+from barewire_workbench.frames.findings import DiagnosisCode, Finding
+from barewire_workbench.frames.result import counted
+from barewire_workbench.monitor import BUS_RULES, CanMonitor, KnownNode
+from barewire_workbench.monitor.events import (
+    Gap,
+    Loss,
+    MonitorEvent,
+    NodeReport,
+    SdoTransferReport,
+    Violation,
+)
+from barewire_workbench.monitor.nodes import state_name
+from barewire_workbench.monitor.recording import BUSES_MAX
+from barewire_workbench.monitor.transfer import object_name
+from barewire_workbench.recordings.model import Dropped, RecordedItem, Unread
+
+CODE_OF_RULE: dict[str, DiagnosisCode] = {
+    "SDO-TOGGLE": "sdo-toggle",
+    "SDO-SIZE": "sdo-size",
+    "PDO-TOO-SHORT": "short-pdo",
+    "EMCY-REGISTER": "emcy-register",
+    "ID-RESERVED": "foreign-cob-id",
+    "PDO-NOT-OPERATIONAL": "state",
+    "STOPPED-TALKS": "state",
+    "SDO-LENGTH": "cut-frame",
+}
+"""Rule of the monitor -> code of a finding. Other rules are findings with the code `bus-rule`."""
+_HARMLESS = "SDO-RESERVED"
+"""The rule about bits that a receiver ignores."""
+_WAITS = 0.05
+"""Seconds: no client gives up an answer sooner, and sends its next request."""
+_UNREAD_MAX = 1000
+"""The most lines that cannot be read of which the text is kept."""
+_WRONG_SIZE = (AbortCode.LENGTH, AbortCode.TOO_LONG, AbortCode.TOO_SHORT)
+
+
+class InitiatingFrame(NamedTuple):
+    """A request that begins a transfer, with its place in the log."""
+
+    at: float
+    line: int
+    frame: CanFrame
+
+
+class Proved(NamedTuple):
+    """A finding on a node, 0 for the bus; with its own place, if that is not the frame that proves it."""
+
+    node: int
+    finding: Finding
+    at: float | None = None
+    line: int = 0
+
+
+class BusDiagnosis:
+    """One bus. A machine: frames in, findings out; `verdicts` at any time. `known` describes its nodes.
+
+    >>> bus = BusDiagnosis()
+    >>> [found.finding.code for found in bus.feed(CanFrame.parse("085#1042080000000000"), 1.5, line=7)]
+    ['emcy-register']
+    >>> [verdict.code for verdict in bus.verdicts()]
+    ['nothing-proved']
+
+    With `complete` no frame is missing: what would be a gap is a broken rule.
+    """
+
+    def __init__(self, known: Iterable[KnownNode] = (), bus: str = "", *, complete: bool = False) -> None:
+        described = tuple(known)
+        self.bus = bus
+        self.monitor = CanMonitor(described, complete=complete)
+        self.counts = BusCounts()
+        self.found = FindingCounts()
+        self.gaps = 0
+        self._dialects = {node.node: node.commands for node in described}
+        self._requests: dict[int, list[InitiatingFrame]] = {}  # channel -> its last two initiating requests
+        self._toggled: dict[int, Gap] = {}  # node -> a toggle bit that did not alternate, if no segment is missing
+        self._searched: dict[int, Proved] = {}  # node -> no answer, perhaps in a search for nodes
+        self._errors = 0  # error frames since the last good frame
+
+    def __repr__(self) -> str:
+        return (
+            f"<{type(self).__name__}: {counted(self.counts.frames, 'frame')}, {counted(self.found.total, 'finding')}>"
+        )
+
+    def feed(self, item: AnyFrame | Dropped | None, now: float, line: int = 0) -> list[LogFinding]:
+        """Take a frame, or None if only time has passed. Return the findings that it proves."""
+        found: list[Proved] = []
+        if isinstance(item, ErrorFrame):
+            found += self._error_frame(item, now)
+        elif item is not None and not isinstance(item, Dropped):
+            self._errors = 0
+            self.counts.note(item, now)
+            if isinstance(item, CanFrame):
+                found += self._frame(item, now, line)
+        frame = item if isinstance(item, CanFrame) else None
+        codes: set[DiagnosisCode] = {proved.finding.code for proved in found}
+        if codes:
+            codes |= {"bus-rule", "cut-frame"}  # of the same bytes
+        for event in self.monitor.feed(item, now):
+            found += [proved for proved in self._event(event, frame) if proved.finding.code not in codes]
+        return self._at(found, now, line)
+
+    def end(self, now: float) -> list[LogFinding]:
+        """End the log, and return the last findings."""
+        found = [pair for event in self.monitor.end(now) for pair in self._event(event, None)]
+        found += [proved for node, proved in self._searched.items() if not self.counts.is_search(node)]
+        self._searched.clear()
+        return self._at(found, now, 0)
+
+    def verdicts(self) -> list[LineVerdict]:
+        """Return what the numbers show about the bus; exactly one verdict if they show no fault."""
+        counts = self.counts
+        found = counts.verdicts()
+        answered = sum(counts.asked.values()) - sum(counts.unanswered.values())
+        seen = f"{counted(counts.frames, 'frame')} of {counted(len(counts.heard), 'node')}, {answered} SDO answers"
+        if self.gaps:
+            seen += f"; the recording lacks frames at {counted(self.gaps, 'place')}"
+        if found:
+            return found
+        if not counts.frames and not self.found.total:
+            return [LineVerdict("nothing-heard", "no frame was received", f"{counted(counts.errors, 'error frame')}")]
+        if self.found.total:
+            text = "the findings show no fault of the bus itself"
+            return [LineVerdict("nothing-proved", text, f"{self.found}; {seen}")]
+        return [LineVerdict("nothing-wrong", "nothing wrong", seen)]
+
+    def _at(self, found: Iterable[Proved], now: float, line: int) -> list[LogFinding]:
+        result = []
+        for node, finding, at, own_line in found:
+            place = " ".join(filter(None, (self.bus, f"node {node}" if node else "")))
+            self.found.add(finding.code, place or "the bus")
+            result.append(LogFinding(now if at is None else at, own_line or line, place, finding))
+        return result
+
+    # Frames
+
+    def _error_frame(self, frame: ErrorFrame, now: float) -> Iterator[Proved]:
+        before, counter = self.counts.errors, self.counts.counter
+        self.counts.note(frame, now)
+        self._errors += self.counts.errors - before
+        is_passive = counter < ERROR_PASSIVE <= self.counts.counter and self._errors < PROVES
+        if is_passive or (self._errors == PROVES and self.counts.errors > before):
+            good = counted(self.counts.frames, "good frame") if self.counts.frames else "no good frame"
+            text = f"{PROVES} error frames in a row: {frame.text}"
+            if is_passive:
+                text = f"an error counter of the controller is {self.counts.counter}: {frame.text}"
+            yield Proved(0, Finding("bit-rate", text, f"{self.counts.errors} error frames and {good} so far"))
+
+    def _frame(self, frame: CanFrame, now: float, line: int) -> Iterator[Proved]:
+        """Findings on the frame alone, unless it is a segment of a block, whose bytes can look like any message."""
+        if self.monitor.takes_segment(frame):
+            return
+        owner = classify(frame)
+        if owner is not None and owner[0].name.startswith("SDO") and frame.data:
+            request = owner[0].name == "SDO request"
+            if request and frame.data[0] >> 5 in (1, 2, 5, 6):
+                before = self._requests.get(frame.id, [])[-1:]
+                self._requests[frame.id] = [*before, InitiatingFrame(now, line, frame)]
+                self.counts.request(owner[1], now)
+            yield from self._answered_twice(frame, owner[1], request, now)
+        for finding in diagnose_can(frame, self.monitor.pdos, self._dialects):
+            if finding.code != "sdo-read-command":  # a fault if the server refuses it: `_transfer`
+                yield Proved(owner[1] if owner else 0, finding)
+
+    def _answered_twice(self, frame: CanFrame, node: int, request: bool, now: float) -> Iterator[Proved]:
+        if len(frame.data) != 8 or not (request or frame.data[0] >> 5 in (2, 3)):
+            return
+        if self.counts.second_answer(node, frame.data, request, now) and self.counts.twice[node] == PROVES:
+            text = f"a request was answered twice, {counted(PROVES, 'time')} so far: two nodes have this node-ID"
+            yield Proved(node, Finding("two-units", text, f"the last second answer is {frame}"))
+
+    # Events of the monitor
+
+    def _event(self, event: MonitorEvent, frame: CanFrame | None) -> Iterator[Proved]:
+        match event:
+            case Violation() if event.rule != _HARMLESS and not event.repeated:
+                yield Proved(event.node, self._violation(event))
+            case Gap():
+                self.gaps += not event.rule
+                if event.rule == "SDO-TOGGLE":
+                    self._toggled[event.node] = event
+            case Loss():
+                yield Proved(event.node, self._loss(event, frame))
+            case SdoTransferReport():
+                yield from self._transfer(event)
+            case NodeReport():
+                yield from self._node(event)
+
+    def _violation(self, event: Violation) -> Finding:
+        if event.rule == "SDO-OVERLAP" and (proof := self._two_masters(event)):
+            self.counts.overlaps.append(proof)
+            return Finding("two-masters", "two SDO transfers at once on one channel", proof)
+        rule = BUS_RULES[event.rule]
+        proof = f"{event.frame}; {rule.text} [{rule.clause}]"
+        return Finding(CODE_OF_RULE.get(event.rule, "bus-rule"), event.text, proof)
+
+    def _two_masters(self, event: Violation) -> str:
+        """Return the proof that two clients use the channel: a client alone waits for its answer before it goes on."""
+        requests = self._requests.get(0x600 + event.node, [])
+        if len(requests) < 2:
+            return ""
+        first, second = requests
+        if second.at - first.at > _WAITS:
+            return ""
+        return f"{first.frame} and {1e3 * (second.at - first.at):.1f} ms later {second.frame}; {event.text}"
+
+    def _loss(self, event: Loss, frame: CanFrame | None) -> Finding:
+        proof = str(frame) if frame is not None else "both sides show it"
+        segment = frame is not None and frame.data and frame.data[0] >> 5 in (0, 3)
+        if segment and not self.monitor.takes_segment(frame):  # type: ignore[arg-type]
+            toggle = frame.data[0] >> 4 & 1  # type: ignore[union-attr]
+            return Finding(
+                "sdo-toggle", f"the client repeated the segment with toggle bit {toggle}", f"{proof}: {event.evidence}"
+            )
+        return Finding("lost-frame", event.evidence, proof)
+
+    def _transfer(self, event: SdoTransferReport) -> Iterator[Proved]:
+        node, place = event.node, object_name(event.index, event.sub)
+        toggled = self._toggled.pop(node, None)
+        if toggled is not None and event.outcome == "done" and event.size is not None and event.size == event.count:
+            proof = f"all {event.size} bytes of {place} are in the recording, so no segment is missing"
+            yield Proved(node, Finding("sdo-toggle", "the client repeated a toggle bit, and the server went on", proof))
+        gave_up = event.abort == AbortCode.TIMED_OUT and event.by == "client"
+        if event.late:
+            self.counts.answered_late(node)
+            yield Proved(
+                node, Finding("late-answer", f"the answer about {place} is late", "its request was given up before")
+            )
+        elif event.outcome == "unanswered":
+            yield from self._unanswered(event, place)
+        elif event.outcome != "cut" and event.began is not None:
+            self.counts.transfer(node, event.index, answered=not gave_up)
+            if gave_up:
+                text = f"no answer about {place}: the client gave up"
+                proof = f"{abort_text(event.abort or 0)} after {event.at - event.began:.3f} s"
+                yield Proved(node, Finding("no-answer", text, proof))
+            elif event.outcome == "aborted" and event.by == "server":
+                yield from self._refused(event, place)
+
+    def _unanswered(self, event: SdoTransferReport, place: str) -> Iterator[Proved]:
+        node, state = event.node, self.monitor.nodes.state(event.node, event.at)
+        if state == NmtState.STOPPED:
+            text = f"an SDO request to a stopped node, which does not answer: {place}"
+            yield Proved(node, Finding("state", text, f"its state is {state_name(state)}"))
+            return
+        waited = 0.0 if event.began is None else event.at - event.began
+        if waited < _WAITS:
+            return  # another request came so soon that the answer was not awaited
+        self.counts.transfer(node, event.index, answered=False)
+        finding = Finding("no-answer", f"no answer about {place}", f"nothing from node {node} for {waited:.3f} s")
+        asked = [request for request in self._requests.get(event.channel, []) if request.at == event.began]
+        proved = Proved(node, finding, event.at, asked[0].line if asked else 0)
+        if self.counts.may_be_search(node):
+            self._searched[node] = proved
+        else:
+            yield proved
+
+    def _refused(self, event: SdoTransferReport, place: str) -> Iterator[Proved]:
+        """Findings of an abort that says how the request was wrong. Other aborts are answers, not faults."""
+        requests = self._requests.get(event.channel, [])
+        request = requests[-1].frame if requests else None
+        refusal = f"the server aborted with {abort_text(event.abort or 0)}"
+        if event.abort == AbortCode.COMMAND and request is not None and InitiateUpload.pattern.matches(request.data[0]):
+            if request.data[0] != 0x40:
+                text = f"{request.data[0]:02X}h is how a server answers; a read request is 40h"
+                yield Proved(event.node, Finding("sdo-read-command", text, f"{request}: {refusal}"))
+        elif event.abort in _WRONG_SIZE:
+            size = event.size if event.size is not None else event.count
+            text = f"{counted(size)} were announced for {place}, which has another size"
+            yield Proved(event.node, Finding("sdo-size", text, f"{request}: {refusal}"))
+
+    def _node(self, event: NodeReport) -> Iterator[Proved]:
+        if event.kind == "missing":
+            self.counts.silent[event.node] = event.at
+            text = f"the heartbeat is missing; the node was {state_name(event.state or 0)}"
+            yield Proved(event.node, Finding("no-heartbeat", text, f"none for {event.seconds or 0.0:.3f} s"))
+        elif event.kind in ("back", "boot-up", "beat"):
+            self.counts.silent.pop(event.node, None)
+        if event.kind == "boot-up" and event.unasked:
+            text = f"the node restarted by itself; it was {state_name(event.before or 0)}"
+            yield Proved(event.node, Finding("restart", text, "a boot-up message without a reset command before it"))
+
+
+class CanLogDiagnosis:
+    """All buses of a recording, each with its own diagnosis. `bus` selects one of them.
+
+    >>> from barewire_workbench.recordings.model import Recorded
+    >>> log = CanLogDiagnosis()
+    >>> [found.sentence for found in log.feed(Recorded(1.5, "can0", CanFrame.parse("705#01"), line=3))]
+    ['1.500000  line 3  node 5  01h is an NMT command, not a state: the state is 05h [state]: 705#05 is error control \
+from node 5: operational']
+    """
+
+    def __init__(self, known: Iterable[KnownNode] = (), bus: str | None = None, *, complete: bool = False) -> None:
+        self.only = bus
+        self.seen: list[str] = []  # the names of buses with frames
+        self._known, self._complete = tuple(known), complete
+        self.buses: dict[str, BusDiagnosis] = {}
+        self.unread: list[Unread] = []
+
+    def feed(self, item: RecordedItem | float) -> list[LogFinding]:
+        """Take an item of a recording, or a time at which nothing was received. Return the findings."""
+        if isinstance(item, float):
+            return [found for bus in self.buses.values() for found in bus.feed(None, item)]
+        if isinstance(item, Unread):
+            if len(self.unread) < _UNREAD_MAX:
+                self.unread.append(item)
+            return []
+        if item.bus not in self.seen and len(self.seen) < BUSES_MAX:
+            self.seen.append(item.bus)
+        if self.only not in (None, item.bus):
+            return []
+        if item.bus not in self.buses:
+            if len(self.buses) == BUSES_MAX:
+                return []
+            self.buses[item.bus] = BusDiagnosis(self._known, complete=self._complete)
+        bus = self.buses[item.bus]
+        if len(self.buses) > 1:
+            for name, other in self.buses.items():  # with one bus its name says nothing
+                other.bus = f"bus {name}"
+        if isinstance(item, Dropped):
+            return bus.feed(item, item.at)
+        return bus.feed(item.frame, item.at, item.line)
+
+    def end(self) -> list[LogFinding]:
+        """End the recording, and return the last findings."""
+        return [found for bus in self.buses.values() for found in bus.end(bus.monitor.now)]
+
+    def verdicts(self) -> list[tuple[str, LineVerdict]]:
+        """Return the verdicts on each bus, each with the name of the bus; the name is empty if there is only one."""
+        named = [(name if len(self.buses) > 1 else "", bus) for name, bus in self.buses.items()]
+        return [(name, verdict) for name, bus in named or [("", BusDiagnosis())] for verdict in bus.verdicts()]

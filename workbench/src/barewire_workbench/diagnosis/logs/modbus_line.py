@@ -1,0 +1,394 @@
+"""Diagnosis of one Modbus line or connection: findings on damaged bytes and on exchanges, and verdicts on the line.
+
+        bytes --> TrackedLine --> frames and noise, each with its line --+--> noise beside a frame, damaged frames
+              '-> Sniffer ------> requests and their responses ----------+--> no answer, two answers, echo
+                                                                         +--> LineCounts --> verdicts
+
+Up to three bytes beside a frame are noise of the line. More bytes are a damaged frame: if a request is open, the
+response to it. A request counts as unanswered when the time for its response is over, or the next request follows; a
+recording that ends before proves nothing.
+
+Depends on: examine, modbus_pieces, modbus_verdict, modbus.sniffer. Used by: modbus_log.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from barewire.modbus.adu import BROADCAST
+from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.sniffer import (
+    AmbiguousFrame,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    SnifferEvent,
+    shapes,
+)
+from barewire_workbench.diagnosis.logs.can_verdict import PROVES
+from barewire_workbench.diagnosis.logs.examine import Examiner
+from barewire_workbench.diagnosis.logs.modbus_pieces import Piece
+from barewire_workbench.diagnosis.logs.modbus_response import (
+    answers,
+    exchange_findings,
+    lost_end,
+    response_size,
+    shown_digits,
+)
+from barewire_workbench.diagnosis.logs.modbus_verdict import LineCounts
+from barewire_workbench.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding
+from barewire_workbench.frames.findings import DiagnosisCode, Finding
+from barewire_workbench.frames.modbus.pdu import explain_pdu
+from barewire_workbench.frames.result import FrameRole, ProtocolName, counted
+
+_STRAY = 3
+"""The most bytes beside a frame that are noise of the line, and not a damaged frame."""
+_BURST = 8
+"""The most bytes of noise directly before the good response to the open request."""
+_BESIDE = 0.02
+"""Seconds from noise to the frame that it belongs to; USB adapters deliver bytes of one moment up to 16 ms apart."""
+_WITHIN = 0.005
+"""Seconds between two chunks of one damaged frame; a response takes longer to come."""
+_AT_ONCE = 0.02
+"""Seconds from a request to its echo; a client that repeats a request waits for a response before."""
+_SECOND_ANSWER = 0.05
+"""Seconds from a response to that of another device with the same address."""
+_LATE_AFTER = 10.0
+"""Seconds after a request in which a late response to it may come."""
+_KEPT = 64
+"""Requests and damaged responses that are remembered by their times."""
+_NO_TARGET = (0x0A, 0x0B)
+"""Exceptions of a gateway: no path to the unit, no response from it."""
+_ILLEGAL_ADDRESS = b"\x02"
+_FIVE_DIGITS = 10_000
+"""Numbers of manuals with the digit of their table are above."""
+_DIAGNOSTICS, _LISTEN_ONLY = 0x08, b"\x00\x04"
+
+
+class Located(NamedTuple):
+    """A finding, and the piece of the log at which it is."""
+
+    unit: int
+    finding: Finding
+    at: float
+    line: int
+
+
+class LineDiagnosis:
+    """One line or connection. `take` pieces and events as they come, `flush` at the end; `verdicts` at any time.
+
+    `timed` is False for a log without times, in which only neighbours in one line belong together.
+    """
+
+    def __init__(self, protocol: ProtocolName, name: str = "", *, timed: bool = True) -> None:
+        self.name = name
+        self.counts = LineCounts()
+        self.found = FindingCounts()
+        self.protocol: ProtocolName = protocol
+        self._timed = timed
+        self._examiner = Examiner(protocol)
+        self._noise: Piece | None = None  # the next frame decides what it is
+        self._asked: Piece | None = None  # the last frame, if it is a request
+        self._before: Piece | None = None  # the last frame
+        self._lines: deque[tuple[float, int]] = deque(maxlen=_KEPT)  # time and line of requests
+        self._spoiled: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # requests whose response is damaged
+        self._answered: ResponseSeen | None = None  # the last response, if it has a request
+        self._answered_line = 0
+        self._given_up: deque[RequestSeen] = deque(maxlen=_KEPT)  # requests whose response may still come
+        self._last_request: RequestSeen | None = None
+        self._open: dict[int, RequestSeen] = {}  # requests without a response, by the transaction of TCP
+        self._listening: set[int] = set()  # units that were commanded to listen only
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.counts.frames} frames, {self.found.total} findings>"
+
+    def take(self, pieces: Iterable[Piece], events: Iterable[SnifferEvent] = ()) -> list[LogFinding]:
+        """Take pieces of the line, then the events of the sniffer that follow from them."""
+        located = [finding for piece in pieces for finding in self._piece(piece)]
+        waiting = list(events)
+        for place, event in enumerate(waiting):
+            following = waiting[place + 1] if place + 1 < len(waiting) else None
+            located += self._event(event, following)
+        return [self._log_finding(*one) for one in located]
+
+    def flush(self) -> list[LogFinding]:
+        """Decide about noise that no frame followed."""
+        return [self._log_finding(*one) for one in self._decide(None)]
+
+    def verdicts(self) -> list[LineVerdict]:
+        """Return what the numbers show about the line; exactly one verdict if they show no fault."""
+        counts = self.counts
+        found = counts.verdicts()
+        if found:
+            return found
+        if not counts.frames and not counts.noise_bytes:
+            return [LineVerdict("nothing-heard", "nothing was received", "no byte")]
+        if self.found.total:
+            evidence = f"{self.found}; {counts.seen()}"
+            return [LineVerdict("nothing-proved", "the findings show no fault of the line itself", evidence)]
+        return [LineVerdict("nothing-wrong", "nothing wrong", counts.seen())]
+
+    def _log_finding(self, unit: int, finding: Finding, at: float, line: int) -> LogFinding:
+        place = ", ".join(filter(None, (self.name, f"unit {unit}" if unit else "")))
+        self.found.add(finding.code, place or "the line")
+        return LogFinding(at, line, place, finding, self._timed)
+
+    # Pieces: frames and noise
+
+    def _piece(self, piece: Piece) -> Iterator[Located]:
+        if piece.adu is None:
+            noise = self._noise
+            if noise is not None and (piece.joined or self._goes_on(noise, piece)):
+                self._noise = noise._replace(data=noise.data + piece.data, end=piece.end)
+                return
+            yield from self._decide(None)
+            self._noise = piece
+            return
+        role, behind_noise = self._role(piece), self._noise is not None
+        yield from self._decide(piece, role)
+        self.counts.frames += 1
+        if role == "request":
+            self.counts.requests += 1
+            self._lines.append((piece.end, piece.line))
+        else:
+            self.counts.responses += 1
+        self._asked = piece if role == "request" else None
+        self._before = piece._replace(joined=False) if behind_noise else piece  # noise parts it from the frame before
+
+    def _goes_on(self, noise: Piece, piece: Piece) -> bool:
+        """Return whether noise goes on in the next chunk."""
+        same = noise.from_client == piece.from_client
+        return same and self._timed and piece.start - noise.end <= _WITHIN
+
+    def _role(self, piece: Piece) -> FrameRole:
+        """Return the role of a frame: its shape tells, or the frame before; the two of a single write are equal."""
+        assert piece.adu is not None
+        if piece.from_client is not None and self.protocol == "tcp":
+            return "request" if piece.from_client else "response"
+        request, response = shapes(piece.adu.pdu)
+        if request != response:
+            return "request" if request else "response"
+        asked = self._asked
+        return "response" if asked is not None and asked.adu == piece.adu else "request"
+
+    def _decide(self, after: Piece | None, role: FrameRole | None = None) -> Iterator[Located]:
+        """Decide what the last noise was, now that the frame after it is known."""
+        noise, self._noise = self._noise, None
+        if noise is None:
+            return
+        self.counts.noise_bytes += len(noise.data)
+        answered = role == "response" and self._asked is not None and after is not None and self._beside(noise, after)
+        is_burst = answered or len(set(noise.data)) == 1  # one level that stays, read as the same byte again and again
+        if len(noise.data) > (_BURST if is_burst else _STRAY) or self.protocol == "tcp":
+            yield from self._damaged(noise)
+        elif after is not None and after.adu is not None and self._beside(noise, after):
+            self.counts.longest_noise = max(self.counts.longest_noise, len(noise.data))
+            if role == "response":
+                self.counts.before_responses += 1
+            else:
+                self.counts.before_requests += 1
+            yield self._stray("noise-before", noise, after, f"before a {role} of unit {after.adu.unit}")
+        elif noise.joined and self._before is not None and self._before.adu is not None:
+            self.counts.after += 1
+            yield self._stray("noise-after", noise, self._before, f"behind a frame of unit {self._before.adu.unit}")
+        else:
+            self.counts.stray += 1
+            text = f"{counted(len(noise.data))} without a frame"
+            yield Located(0, Finding("no-frame", text, shown_digits(noise.data)), noise.end, noise.line)
+
+    def _beside(self, noise: Piece, frame: Piece) -> bool:
+        return frame.joined or (self._timed and frame.start - noise.end <= _BESIDE)
+
+    def _stray(self, code: DiagnosisCode, noise: Piece, frame: Piece, where: str) -> Located:
+        assert frame.adu is not None
+        text = f"{counted(len(noise.data))} of noise {where}"
+        proof = f"{shown_digits(noise.data)} beside the good frame {shown_digits(frame.data)}"
+        return Located(frame.adu.unit, Finding(code, text, proof), noise.end, noise.line)
+
+    def _damaged(self, noise: Piece) -> Iterator[Located]:
+        """Diagnose bytes that should be a frame: the response to the open request, or anything."""
+        counts, asked = self.counts, self._asked
+        counts.bursts += 1
+        unit = 0
+        role: FrameRole | None = None
+        if noise.from_client is not None:
+            role = "request" if noise.from_client else "response"
+        if asked is not None and asked.adu is not None and noise.from_client is not True:
+            unit, role = asked.adu.unit, "response"
+            counts.unit(unit).damaged += 1
+            self._spoiled.append((unit, asked.end))
+            size = response_size(asked.adu.pdu)
+            counts.unit(unit).too_long += size is not None and len(noise.data) > size + 4
+            if (
+                self.protocol == "rtu"
+                and (lost := lost_end(noise.data, asked.adu.unit, asked.adu.pdu, size)) is not None
+            ):
+                counts.first_lost += lost.text.startswith("the first")
+                counts.last_lost += lost.text.startswith("the last")
+                yield Located(unit, lost, noise.end, noise.line)
+                return
+        findings = self._examiner.findings(noise.data, role, good=counts.frames >= PROVES)
+        if findings:
+            counts.kinds[findings[0].code] += 1
+            counts.codes.update({finding.code for finding in findings})
+            yield Located(unit, findings[0], noise.end, noise.line)
+            return
+        counts.kinds["no-frame"] += 1
+        text = f"{counted(len(noise.data))} that are not a frame" + (", where a response was due" if unit else "")
+        yield Located(unit, Finding("no-frame", text, shown_digits(noise.data)), noise.end, noise.line)
+
+    # Events: requests and responses
+
+    def _event(self, event: SnifferEvent, following: SnifferEvent | None) -> Iterator[Located]:
+        match event:
+            case RequestSeen() if event.unit != BROADCAST:
+                self.counts.unit(event.unit).requests += 1
+                self._note_request(event)
+            case ResponseSeen():
+                yield from self._response(event)
+            case ResponseMissing():
+                yield from self._no_response(event, following)
+            case AmbiguousFrame() if not self._listens(event):
+                self.counts.unit(event.unit).requests += 1
+                self.counts.unit(event.unit).halves += 1
+
+    def _response(self, event: ResponseSeen) -> Iterator[Located]:
+        unit = self.counts.unit(event.unit)
+        before, before_line = self._answered, self._answered_line
+        self._answered = event if event.request is not None else None
+        self._answered_line = self._line_now()
+        if event.request is None:
+            if (late := self._late_for(event)) is not None:
+                self._given_up.remove(late)
+                unit.streak = 0
+                if late is self._last_request:  # its client still waits: no later request says that it gave up
+                    unit.missing -= 1
+                    unit.answered += 1
+                    return
+                unit.late += 1
+                proof = f"{event.at - late.at:.3f} s after its request, which was given up"
+                if before is not None and before.request is self._last_request and self._fits(late, before):
+                    # A unit answers in order: of two responses that fit both requests the first is the late one.
+                    proof += "; the response behind it is that to the later request"
+                    yield self._late(before, proof)._replace(line=before_line)
+                    return
+                yield self._late(event, proof)
+            elif before is not None and self._is_second(before, event):
+                unit.twice += 1
+                text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
+                proof = f"{shown_digits(before.pdu)}, then {shown_digits(event.pdu)}"
+                yield Located(event.unit, Finding("two-answers", text, proof), event.at, self._line_now())
+            elif (asked := self._exchanged(event)) is not None:
+                unit.wrong += 1
+                text = "the two bytes of the transaction identifier are exchanged"
+                proof = f"the request has {asked.transaction:04X}h, the response {event.transaction:04X}h"
+                yield Located(event.unit, Finding("header-byte-order", text, proof), event.at, self._line_now())
+            return
+        if event.request.transaction is not None:
+            self._open.pop(event.request.transaction, None)
+        self._listening.discard(event.unit)
+        if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] and event.pdu[1] in _NO_TARGET:
+            unit.missing += 1
+            unit.streak += 1
+            text = "the gateway has no response from the unit"
+            proof = explain_pdu(event.pdu, "response").summary
+            yield Located(event.unit, Finding("no-answer", text, proof), event.at, self._line_now())
+            return
+        unit.answered += 1
+        unit.streak = 0
+        if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] == _ILLEGAL_ADDRESS:
+            for finding in exchange_findings(event.request, event, "address-base"):
+                if int.from_bytes(event.request.pdu[1:3], "big") > _FIVE_DIGITS:
+                    yield Located(event.unit, finding, event.at, self._line_now())
+        if event.late:
+            unit.late += 1
+            yield self._late(event, f"{event.seconds:.3f} s after its request, behind the next one")
+
+    def _note_request(self, request: RequestSeen) -> None:
+        self._last_request = request
+        if request.transaction is not None:
+            self._open.pop(request.transaction, None)
+            self._open[request.transaction] = request
+            if len(self._open) > _KEPT:
+                del self._open[next(iter(self._open))]
+
+    def _exchanged(self, event: ResponseSeen) -> RequestSeen | None:
+        """Return the open request that a TCP response answers if the bytes of its transaction are exchanged."""
+        if event.transaction is None:
+            return None
+        number = int.from_bytes(event.transaction.to_bytes(2, "little"), "big")
+        request = self._open.get(number) if number != event.transaction else None
+        if request is None or request.unit != event.unit:
+            return None
+        return request if request.pdu[0] == event.pdu[0] & ~EXCEPTION_BIT else None
+
+    def _late_for(self, event: ResponseSeen) -> RequestSeen | None:
+        """Return the request that was given up and that this response answers."""
+        return next((request for request in self._given_up if self._fits(request, event)), None)
+
+    def _fits(self, request: RequestSeen, event: ResponseSeen) -> bool:
+        return request.unit == event.unit and event.at - request.at <= _LATE_AFTER and answers(request, event)
+
+    def _is_second(self, before: ResponseSeen, event: ResponseSeen) -> bool:
+        same = before.unit == event.unit and before.pdu[0] & ~EXCEPTION_BIT == event.pdu[0] & ~EXCEPTION_BIT
+        return same and self._timed and event.at - before.at <= _SECOND_ANSWER
+
+    def _late(self, event: ResponseSeen, proof: str) -> Located:
+        summary = explain_pdu(event.pdu, "response").summary
+        return Located(
+            event.unit, Finding("late-answer", f"a late response: {summary}", proof), event.at, self._line_now()
+        )
+
+    def _line_now(self) -> int:
+        return self._before.line if self._before is not None else 0
+
+    def _no_response(self, event: ResponseMissing, following: SnifferEvent | None) -> Iterator[Located]:
+        request = event.request
+        unit = self.counts.unit(request.unit)
+        line = next((line for at, line in reversed(self._lines) if at == request.at), 0)
+        if self._is_echo(request, following):
+            self.counts.echoes += 1
+            unit.requests -= 1
+            text = "the request is received again at once, as its sender's own echo"
+            yield Located(request.unit, Finding("echo", text, self._echo_proof(request)), request.at, line)
+            return
+        if (request.unit, request.at) in self._spoiled or self._listens(request):
+            return
+        stray = following if isinstance(following, ResponseSeen) and following.request is None else None
+        if stray is not None and self._late_for(stray) is None:
+            wrong = exchange_findings(request, stray, "wrong-answer")
+            if wrong:
+                unit.wrong += 1
+                unit.streak = 0
+                yield Located(request.unit, wrong[0], stray.at, self._line_now())
+                return
+        unit.missing += 1
+        unit.streak += 1
+        self._given_up.append(request)
+        if stray is not None:
+            return  # a late response came first; the one to this request may follow
+        text = f"no response to {explain_pdu(request.pdu, 'request').summary}"
+        proof = "nothing before the next request" if following is not None else "nothing in the time for it"
+        if self._timed:
+            proof = f"nothing for {event.at - request.at:.3f} s"
+        yield Located(request.unit, Finding("no-answer", text, proof), event.at, line)
+
+    def _is_echo(self, request: RequestSeen, following: SnifferEvent | None) -> bool:
+        """Return whether the next frame is the same request, sooner than any client repeats it."""
+        if not isinstance(following, RequestSeen) or (following.unit, following.pdu) != (request.unit, request.pdu):
+            return False
+        if self._before is not None and self._before.from_client is False:
+            return True  # the client that wrote the log received its own request
+        joined = self._before is not None and self._before.joined
+        return joined or (self._timed and following.at - request.at <= _AT_ONCE)
+
+    def _echo_proof(self, request: RequestSeen) -> str:
+        return f"unit {request.unit}, {shown_digits(request.pdu)}, twice"
+
+    def _listens(self, request: RequestSeen | AmbiguousFrame) -> bool:
+        """Return whether the unit was commanded to answer nothing [MB-APP 6.8, Force Listen Only Mode]."""
+        if request.pdu[0] == _DIAGNOSTICS and request.pdu[1:3] == _LISTEN_ONLY:
+            self._listening.add(request.unit)
+        return request.unit in self._listening

@@ -1,0 +1,218 @@
+"""Formats the events of the Modbus sniffer: a line for each exchange, a dict for each event.
+
+1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 12.3 ms
+2.000000  unit 9  Read Holding Registers, 1 from 0000h -> no answer
+3.000000  unit 1  Read Holding Registers, 1 from 0000h -> no valid answer: 01 03 02 00 (4 bytes, then silence)
+4.000000  unit 1  Read Holding Registers, 1 from 0000h -> the recording ends here
+
+The line of an exchange has the time of its request and is complete when the answer is there. What happens meanwhile
+waits for it, so the times of the lines never decrease.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.sniffer import (
+    AmbiguousFrame,
+    NoiseSeen,
+    RecordingEnds,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    SnifferEvent,
+)
+from barewire_workbench.frames.modbus.named_registers import UnitNames
+from barewire_workbench.frames.modbus.pdu import explain_pdu
+
+_SHOWN = 12
+"""The most values or bytes of an answer in a line; `exchange_as_dict` has all of them."""
+
+
+class _Row:
+    """The line of an exchange, or None while its answer may come, and the noise behind its request."""
+
+    def __init__(self, request: RequestSeen | None, line: str | None) -> None:
+        self.request = request
+        self.line = line
+        self.noise: list[NoiseSeen] = []
+
+
+class ExchangeLines:
+    """Turns events into lines. `timed` is False for a recording without times: then lines have no times either.
+
+    >>> lines = ExchangeLines()
+    >>> request = RequestSeen(1, bytes.fromhex("0300000002"), 1.0)
+    >>> lines.feed(request)
+    []
+    >>> lines.feed(ResponseSeen(1, bytes.fromhex("030400170007"), 1.0123, request=request))
+    ['1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 12.3 ms']
+    """
+
+    def __init__(self, *, timed: bool = True, names: UnitNames | None = None) -> None:
+        self._timed = timed
+        self._names = names
+        self._rows: deque[_Row] = deque()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self._rows)} waiting>"
+
+    def feed(self, event: SnifferEvent) -> list[str]:
+        """Return the lines that are complete now, in the order of their times."""
+        match event:
+            case RequestSeen() if event.unit or event.transaction is not None:
+                self._rows.append(_Row(event, None))
+            case NoiseSeen() if self._rows and self._rows[-1].line is None:
+                self._rows[-1].noise.append(event)
+            case ResponseMissing() | RecordingEnds():
+                self._close(event.request, self._unanswered(event))
+            case ResponseSeen(request=RequestSeen() as request) if not event.late:
+                self._close(request, self._answered(event, request))
+            case _:
+                self._rows.append(_Row(None, self._line(event)))
+        return self._complete()
+
+    def end(self) -> list[str]:
+        """Return the lines that are left: of requests whose end was not reported."""
+        for row in self._rows:
+            if row.line is None and row.request is not None:
+                row.line = f"{self._request(row.request)} -> the recording ends here"
+        return self._complete()
+
+    def _close(self, request: RequestSeen, line: str) -> None:
+        row = next((row for row in self._rows if row.request is request), None)
+        if row is None:
+            self._rows.append(_Row(None, line))
+        else:
+            row.line = line
+
+    def _complete(self) -> list[str]:
+        lines: list[str] = []
+        while self._rows and (line := self._rows[0].line) is not None:
+            row = self._rows.popleft()
+            lines += [line, *(self._line(noise) for noise in row.noise)]
+        return lines
+
+    def _unanswered(self, event: ResponseMissing | RecordingEnds) -> str:
+        """Return the line of a request without an answer. Noise behind it is part of it: perhaps the damaged answer."""
+        row = next((row for row in self._rows if row.request is event.request), None)
+        noise = [] if row is None else row.noise
+        ending = "no answer" if isinstance(event, ResponseMissing) else "the recording ends here"
+        if noise and row is not None:
+            row.noise = []
+            data = b"".join(piece.noise.data for piece in noise)
+            text = noise[0].noise.text if len(noise) == 1 else f"{len(noise)} pieces"
+            then = "" if isinstance(event, ResponseMissing) else "; the recording ends here"
+            ending = f"no valid answer: {_clipped(data.hex(' ').upper().split())} ({text}){then}"
+        return f"{self._request(event.request)} -> {ending}"
+
+    def _answered(self, event: ResponseSeen, request: RequestSeen) -> str:
+        line = f"{self._request(request)} -> {self._values(request, event)}"
+        seconds = event.at - request.at
+        return f"{line}, after {1e3 * seconds:.1f} ms" if self._timed and seconds > 0 else line
+
+    def _values(self, request: RequestSeen, event: ResponseSeen) -> str:
+        named = self._names.text(request, event) if self._names is not None else ""
+        result = _result(event, request)
+        if not named:
+            return result
+        return f"{result}: {named}" if result == "done" else named
+
+    def _line(self, event: SnifferEvent) -> str:
+        """Return the line of an event that is not one half of an exchange."""
+        at = self._time(event.at)
+        match event:
+            case RequestSeen():
+                return f"{at}all     {explain_pdu(event.pdu, 'request').summary} (broadcast)"
+            case AmbiguousFrame():
+                summary = explain_pdu(event.pdu, "request").summary
+                return f"{at}unit {event.unit}  {summary} -> seen once: the request or its echo"
+            case NoiseSeen():
+                return f"{at}noise   {_clipped(event.noise.data.hex(' ').upper().split())} ({event.noise.text})"
+            case ResponseSeen(request=request):
+                if request is None:
+                    summary = explain_pdu(event.pdu, "response").summary
+                    return f"{at}unit {event.unit}  (request not seen) -> {summary}"
+                asked = explain_pdu(request.pdu, "request").summary
+                late = f"{1e3 * (event.at - request.at):.1f} ms after its request, and " if self._timed else ""
+                values = self._values(request, event)
+                return f"{at}unit {event.unit}  {asked} -> {values}, late: {late}after the next one"
+            case ResponseMissing() | RecordingEnds():
+                return self._unanswered(event)
+
+    def _request(self, request: RequestSeen) -> str:
+        return f"{self._time(request.at)}unit {request.unit}  {explain_pdu(request.pdu, 'request').summary}"
+
+    def _time(self, at: float) -> str:
+        return f"{at:.6f}  " if self._timed else ""
+
+
+def _result(answer: ResponseSeen, request: RequestSeen) -> str:
+    """Return the part of an answer that its request does not contain."""
+    pdu = answer.pdu
+    parsed = explain_pdu(pdu, "response")
+    if pdu[0] & EXCEPTION_BIT:
+        return parsed.summary.partition(" to ")[0]
+    if parsed.error is not None:
+        return f"cannot be decoded: {parsed.error.text}"
+    if pdu == request.pdu or request.pdu.startswith(pdu):
+        return "done"
+    registers = [str(field.value) for field in parsed.fields if field.name.startswith("register ")]
+    return _clipped(registers or pdu[1:].hex(" ").upper().split())
+
+
+def _clipped(parts: list[str]) -> str:
+    return " ".join(parts if len(parts) <= _SHOWN else [*parts[:_SHOWN], "..."])
+
+
+def exchange_as_dict(event: SnifferEvent, *, timed: bool = True, names: UnitNames | None = None) -> dict[str, object]:
+    """Return the event for `json.dumps`; `request_at` is the time of the request of a response or a time-out.
+
+    If the recording is not `timed`, all times are None. With `names`, a response has the named values of its exchange.
+
+    >>> exchange_as_dict(ResponseMissing(RequestSeen(1, bytes.fromhex("0300000002"), 1.0), 2.0))
+    {'event': 'unanswered', 'at': 2.0, 'unit': 1, 'request_at': 1.0}
+    """
+    found = _as_dict(event)
+    if names is not None and isinstance(event, ResponseSeen) and event.request is not None:
+        found["values"] = names.values(event.request, event)
+    return found if timed else {key: None if key in _TIMES else value for key, value in found.items()}
+
+
+_TIMES = frozenset({"at", "request_at", "seconds"})
+
+
+def _as_dict(event: SnifferEvent) -> dict[str, object]:
+    match event:
+        case RequestSeen():
+            name = "request" if event.unit or event.transaction is not None else "broadcast"
+            return _frame(name, event.unit, event.pdu, event.at, event.transaction)
+        case ResponseSeen():
+            result = _frame("response", event.unit, event.pdu, event.at, event.transaction)
+            if event.pdu[0] & EXCEPTION_BIT and len(event.pdu) > 1:
+                result["exception"] = event.pdu[1]
+            request = event.request
+            return result | {
+                "request_at": None if request is None else request.at,
+                "seconds": None if request is None else round(event.at - request.at, 6),
+                "late": event.late,
+            }
+        case ResponseMissing():
+            return {"event": "unanswered", "at": event.at, "unit": event.request.unit, "request_at": event.request.at}
+        case RecordingEnds():
+            return {"event": "ends", "at": event.at, "unit": event.request.unit, "request_at": event.request.at}
+        case AmbiguousFrame():
+            return _frame("half", event.unit, event.pdu, event.at, None)
+        case NoiseSeen():
+            data, reason, text = event.noise
+            return {"event": "noise", "at": event.at, "data": data.hex(), "reason": reason, "text": text}
+
+
+def _frame(name: str, unit: int, pdu: bytes, at: float, transaction: int | None) -> dict[str, object]:
+    parsed = explain_pdu(pdu, "response" if name == "response" else "request")
+    fields = {field.name: field.value if isinstance(field.value, int) else str(field.value) for field in parsed.fields}
+    result: dict[str, object] = {"event": name, "at": at, "unit": unit, "function": pdu[0] & ~EXCEPTION_BIT}
+    if transaction is not None:
+        result["transaction"] = transaction
+    return result | {"pdu": pdu.hex(), "summary": parsed.summary, "fields": fields}

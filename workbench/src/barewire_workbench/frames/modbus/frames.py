@@ -1,0 +1,262 @@
+"""Modbus frames, field by field: the three framings of a PDU.
+
+    rtu      unit | PDU | CRC                                       offsets count bytes
+    ascii  : unit | PDU | LRC CR LF                                 offsets count characters, two for each byte
+    tcp      transaction | protocol | length | unit | PDU           offsets count bytes
+
+The `decode` of each framing decides whether it is valid; here its bytes are named, also in a broken one. A fault of
+the framing is reported first: with a wrong CRC the content is not certain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from barewire.ascii import frame as ascii_frame
+from barewire.ascii.frame import lrc
+from barewire.codecs import Field, Layout
+from barewire.errors import DecodeError, Reason
+from barewire.modbus.adu import Adu
+from barewire.modbus.messages.registry import measure_request, measure_response
+from barewire.rtu import frame as rtu_frame
+from barewire.rtu.crc import crc16
+from barewire.tcp import frame as tcp_frame
+from barewire_workbench.frames.modbus.field_text import unit_text
+from barewire_workbench.frames.modbus.pdu import ParsedPdu, explain_pdu, left_over_field
+from barewire_workbench.frames.result import (
+    Explanation,
+    FrameRole,
+    Problem,
+    as_problem,
+    counted,
+    explained_field,
+    explained_fields,
+    fill_gaps,
+    shifted,
+)
+
+_MBAP = Layout(">HHHB", "transaction", "protocol", "length", "unit")
+
+
+def _fault(decode: Callable[[bytes], Adu], data: bytes) -> DecodeError | None:
+    try:
+        decode(data)
+    except DecodeError as error:
+        return error
+    return None
+
+
+def _summary(parsed: ParsedPdu, unit: int, ending: str = "") -> str:
+    """Return the text of the verdict, such as 'a request to unit 1, Read Input Registers, 2 from 0FB1h; CRC ok'."""
+    directions = {"request": "a request to", "response": "a response from"}
+    direction = directions.get(parsed.role or "", "a message for or from")
+    note = f" ({parsed.note})" if parsed.note else ""
+    return f"{direction} unit {unit}, {parsed.summary}{ending and '; '}{ending}{note}"
+
+
+def _is_bare(body: bytes, checked: int, role: FrameRole | None) -> bool:
+    """Return whether unit and PDU fit a message as they are, but not without the last `checked` bytes.
+
+    The checksum is often left out when a frame is written down. Only a known function shows that.
+    """
+    whole = explain_pdu(body[1:], role)
+    return whole.role is not None and whole.error is None and explain_pdu(body[1:-checked], role).error is not None
+
+
+# RTU ---------------------------------------------------------------------------------------------------------------
+
+
+def explain_rtu(data: bytes, role: FrameRole | None = None, *, bare: bool = True) -> Explanation:
+    """Explain one RTU frame. With `bare`, unit and PDU without a CRC are explained as such; else the last two bytes are
+    a wrong CRC.
+
+    >>> print(*explain_rtu(bytes.fromhex("010404000001103BC3"), "response").lines(), sep="\\n")
+    0  01     unit           1            unit 1
+    1  04     function code  4            04 Read Input Registers
+    2  04     byte count     4            bytes that follow
+    3  00 00  register 0     0
+    5  01 10  register 1     0110h (272)
+    7  3B C3  CRC                         CRC wrong, should be FB D8
+    not valid: CRC is 3B C3, should be FB D8 (byte 7)
+    """
+    fault = _fault(rtu_frame.decode, data)
+    frame, remark = data, ""
+    is_doubtful = fault.reason == "checksum" if fault else explain_pdu(data[1:-2], role).error is not None
+    end = _end_of_first(data, role) if is_doubtful else None
+    if end is not None:
+        frame, remark = data[:end], "perhaps the next frame"
+        # The CRC does not detect a byte 00 after a good frame; only the length of the message does.
+        reason: Reason = "checksum" if fault else "long"
+        text = f"a complete frame ends before this, {counted(len(data) - end)} left over"
+        fault = DecodeError(reason, data, end, text)
+    elif bare and fault is not None and fault.reason in ("checksum", "short") and _is_bare(data, 2, role):
+        return _without_crc(data, role)
+    elif fault is not None and fault.reason == "checksum" and data[-2:] == crc16(data[:-2]).to_bytes(2, "big"):
+        fault = DecodeError(fault.reason, data, fault.at, f"{fault.text}: the low byte comes first")
+    body = frame[:-2] if len(frame) >= rtu_frame.SHORTEST else frame
+    parsed = explain_pdu(body[1:], role)
+    fields = [Field(0, 1, "unit", data[0], unit_text(data[0], serial=True)) for _ in data[:1]]
+    fields += shifted(parsed.fields, 1)
+    if len(body) < len(frame):
+        right = crc16(body).to_bytes(2, "little")
+        meaning = "CRC ok" if frame[-2:] == right else f"CRC wrong, should be {right.hex(' ').upper()}"
+        fields.append(Field(len(body), 2, "CRC", int.from_bytes(frame[-2:], "little"), meaning))
+    fields += left_over_field(len(frame), len(data), remark)
+    summary = _summary(parsed, data[0], "CRC ok") if data else ""
+    return Explanation(
+        "rtu",
+        parsed.role,
+        explained_fields(fields, data),
+        as_problem(fault) or as_problem(parsed.error, offset=1),
+        summary,
+    )
+
+
+def _without_crc(data: bytes, role: FrameRole | None) -> Explanation:
+    """Explain a frame that lacks its CRC.
+
+    >>> explain_rtu(bytes.fromhex("01030000000A")).verdict
+    'not valid: no CRC; with C5 CD it is a request to unit 1, Read Holding Registers, 10 from 0000h (byte 6)'
+    """
+    parsed, right = explain_pdu(data[1:], role), crc16(data).to_bytes(2, "little").hex(" ").upper()
+    fields = [Field(0, 1, "unit", data[0], unit_text(data[0], serial=True)), *shifted(parsed.fields, 1)]
+    fields.append(Field(len(data), 0, "CRC", None, f"is missing; it would be {right}"))
+    text = f"no CRC; with {right} it is {_summary(parsed, data[0])}"
+    return Explanation("rtu", parsed.role, explained_fields(fields, data), Problem("short", len(data), text), text)
+
+
+def _end_of_first(data: bytes, role: FrameRole | None) -> int | None:
+    """Return the end of a complete frame with a correct CRC, if more bytes follow, as when two frames are pasted."""
+    measures = {"request": (measure_request,), "response": (measure_response,)}
+    for measure in measures.get(role or "", (measure_request, measure_response)):
+        size = measure(data[1:])
+        if size is not None and size + 3 < len(data) and _fault(rtu_frame.decode, data[: size + 3]) is None:
+            return size + 3
+    return None
+
+
+# ASCII -------------------------------------------------------------------------------------------------------------
+
+
+def explain_ascii(data: bytes, role: FrameRole | None = None, *, typed: bool = False) -> Explanation:
+    """Explain one ASCII frame. With `typed` the CR LF may be missing, as in a line copied from a screen.
+
+    >>> explain_ascii(b":01040FB1000239\\r\\n").verdict
+    'valid: a request to unit 1, Read Input Registers, 2 from 0FB1h; LRC ok'
+    >>> explain_ascii(b":01040FB1000238\\r\\n").verdict
+    'not valid: LRC is 38, should be 39 (character 13)'
+    """
+    start = data.find(ascii_frame.START) + 1
+    end = data.find(ascii_frame.END, start)
+    has_end = end >= 0
+    if not has_end:
+        end = len(data.rstrip(b"\r\n")) if typed else len(data)
+        end = max(end, start)
+    completed = data[:end] + ascii_frame.END if typed and not has_end else data
+    fault = _ascii_fault(data, completed)
+    digits = next((n for n, byte in enumerate(data[start:end]) if byte not in ascii_frame.DIGITS), end - start)
+    adu = bytes.fromhex(data[start : start + digits - digits % 2].decode("ascii"))
+    # The last byte is the LRC only if all characters are digits; after a wrong one the fields are not certain.
+    all_digits = start > 0 and start + digits == end and digits % 2 == 0
+    is_bare = all_digits and fault is not None and fault.reason in ("checksum", "short") and _is_bare(adu, 1, role)
+    has_lrc = start + digits == end and digits % 2 == 0 and len(adu) >= 3 and not is_bare
+    body = adu[:-1] if has_lrc else adu
+    parsed = explain_pdu(body[1:], role)
+    inner = [Field(0, 1, "unit", adu[0], unit_text(adu[0], serial=True)) for _ in adu[:1]]
+    inner += shifted(parsed.fields, 1)
+    if has_lrc:
+        right = lrc(body)
+        meaning = "LRC ok" if adu[-1] == right else f"LRC wrong, should be {right:02X}"
+        inner.append(Field(len(body), 1, "LRC", adu[-1], meaning))
+    elif is_bare:
+        inner.append(Field(len(body), 0, "LRC", None, f"is missing; it would be {lrc(body):02X}"))
+        text = f"no LRC; with {lrc(body):02X} it is {_summary(parsed, adu[0])}"
+        fault = DecodeError("short", data, end, text)
+    fields = [Field(start - 1, 1, "start", ":", "begins a frame") for _ in range(min(start, 1))]
+    fields += [field._replace(offset=start + 2 * field.offset, length=2 * field.length) for field in inner]
+    if has_end:
+        fields.append(Field(end, 2, "end", "CR LF", "ends a frame"))
+    elif typed:
+        meaning = "CR LF is missing here; on a line every frame ends with it"
+        fields = [*fill_gaps(fields, end), Field(end, len(data) - end, "end", None, meaning)]
+    inside = as_problem(parsed.error)
+    if inside is not None:
+        inside = Problem(inside.reason, start + 2 * (1 + inside.at), inside.text)
+    shown = tuple(explained_field(field, _characters(field, data)) for field in fill_gaps(fields, len(data)))
+    summary = _summary(parsed, adu[0], "LRC ok") if adu else ""
+    return Explanation("ascii", parsed.role, shown, as_problem(fault) or inside, summary)
+
+
+def _ascii_fault(data: bytes, completed: bytes) -> DecodeError | None:
+    """Return the fault of the framing. A line end that was added for decoding (`completed`) is not counted."""
+    fault = _fault(ascii_frame.decode, completed)
+    if fault is None:
+        return None
+    text, at = fault.text, min(fault.at, len(data))
+    if fault.reason == "delimiter" and at:
+        # `decode` looks at the last two characters; here the place is where CR LF, or nothing more, should be.
+        after = next((n for n, byte in enumerate(data) if n and byte not in ascii_frame.DIGITS), len(data))
+        at = after + 2 * data[after:].startswith(ascii_frame.END)
+    if fault.reason in ("short", "long") and len(completed) > len(data):
+        text = text.replace(f"got {len(completed)}", f"got {len(data)} and no CR LF")
+    return DecodeError(fault.reason, data, at, text)
+
+
+def _characters(field: Field, data: bytes) -> str:
+    """Return the characters of a field: digits in pairs, invisible ones by name or escaped."""
+    text = data[field.offset : field.offset + field.length]
+    if field.name == "end":
+        return " ".join({13: "CR", 10: "LF"}[character] for character in text)
+    if all(character in ascii_frame.DIGITS for character in text):
+        return " ".join(text[index : index + 2].decode() for index in range(0, len(text), 2))
+    return text.decode("latin-1").encode("unicode_escape").decode("ascii")
+
+
+# TCP ---------------------------------------------------------------------------------------------------------------
+
+
+def explain_tcp(data: bytes, role: FrameRole | None = None) -> Explanation:
+    """Explain one Modbus TCP frame.
+
+    >>> print(*explain_tcp(bytes.fromhex("000700000006010300000001")).lines(), sep="\\n")
+     0  00 07  transaction    7  the answer repeats it
+     2  00 00  protocol       0  Modbus
+     4  00 06  length         6  unit and PDU: 6 bytes follow
+     6  01     unit           1  unit 1
+     7  03     function code  3  03 Read Holding Registers
+     8  00 00  address        0  0-based; number 1 in 1-based tables
+    10  00 01  quantity       1  holding registers
+    valid: a request to unit 1, Read Holding Registers, 1 from 0000h; transaction 7
+    """
+    fault = _fault(tcp_frame.decode, data)
+    header = _MBAP.fields(data)
+    if len(header) < len(_MBAP.names):
+        fields, parsed, end = fill_gaps(header, len(data), _MBAP.names[len(header)]), explain_pdu(b"", role), len(data)
+    else:
+        # Only a possible length ends the frame; any other number does not show where it ends.
+        length = int.from_bytes(data[4:6], "big")
+        end = min(tcp_frame.PREFIX + length, len(data)) if length in tcp_frame.LENGTHS else len(data)
+        parsed = explain_pdu(data[_MBAP.size : end], role)
+        fields = [*header, *shifted(parsed.fields, _MBAP.size)]
+    fields = [_header_words(field, len(data)) for field in fields]
+    fields += left_over_field(end, len(data), "after the frame: perhaps the next one")
+    summary = _summary(parsed, data[6], f"transaction {int.from_bytes(data[:2], 'big')}") if len(data) > 6 else ""
+    whole = explained_fields(fields, data)
+    return Explanation(
+        "tcp", parsed.role, whole, as_problem(fault) or as_problem(parsed.error, offset=_MBAP.size), summary
+    )
+
+
+def _header_words(field: Field, size: int) -> Field:
+    """Return a field of the header with its meaning; other fields are returned unchanged."""
+    value = field.value
+    if field.offset >= _MBAP.size or not isinstance(value, int):
+        return field
+    follow = size - tcp_frame.PREFIX
+    meanings = {
+        "transaction": "the answer repeats it",
+        "protocol": "Modbus" if value == 0 else "not Modbus, which has 0",
+        "length": f"unit and PDU: {value} bytes " + ("follow" if value == follow else f"announced, {follow} follow"),
+        "unit": unit_text(value, serial=False),
+    }
+    return field._replace(meaning=meanings[field.name])

@@ -1,0 +1,75 @@
+"""Debug lines of pymodbus, versions 1 to 3.
+
+    2024-04-07 22:26:30,764 DEBUG logging:103 send: 0xb 0x3 0x0 0x30 0x0 0x7 0x4 0xad        3.x, and 1.x
+    2024-04-07 22:26:30,820 DEBUG logging:103 recv: 0xb 0x3 0xe 0x0 old_data:  addr=None     3.2 to 3.6
+    ... recv: 0xb 0x3 0xe 0x0 0x3 extra data: 0x1 0x2                                        3.7 and later
+    2023-02-26 19:03:11.610 DEBUG ... SEND: 0x1 0x4 0x0 0xc 0x0 0x2 0xb1 0xc8                2.x, and 3.0 to 3.6
+    (five >) send: 0x1 0x3 ...    the last frames, repeated below an error; they count in a log without others
+
+Only bytes behind send and recv passed the line. `old_data` and `extra data` are bytes that pymodbus had before. The
+other lines (Processing, Frame check, Getting Frame ...) repeat the same bytes, and are known to be no traffic. But the
+blocking clients of 3.7 and later write no send and no recv: there, Processing shows what was received so far.
+"""
+
+from __future__ import annotations
+
+import re
+
+from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry
+from barewire_workbench.recordings.modbus_log.stamps import find_stamp
+
+_BYTES = r"(?:0x[0-9a-fA-F]{1,2}(?:\s+|$))*"
+_TRAFFIC = re.compile(
+    rf"(?<![\w'\"])(?P<word>send|recv|SEND|RECV):\s*(?P<bytes>{_BYTES})"
+    r"(?:old_data:.*|extra data:.*|addr=.*|unexpected data:.*)?$"
+)
+_PROCESSING = re.compile(rf"(?<![\w'\"])Processing:\s*(?P<bytes>{_BYTES})$")
+_SILENT = re.compile(r"No response received after|No Response received from the remote|\[Input/Output\] No Response")
+_OTHER = re.compile(
+    r"Processing:|Getting [Ff]rame|Frame (?:check|advanced|- \[)|[Rr]esetting (?:[Ff]rame|header)|"
+    r"Current transaction state|Running transaction|[Tt]ransaction state|Factory Re|decoded PDU|"
+    r"[Aa]dding transaction|[Gg]etting transaction|[Dd]elTransaction|Changing (?:transaction )?state|"
+    r"Frame is not ready|Sending available data in recv|will sleep|Connect(?:ing|ed|ion)|-> transport|callback_|"
+    r"Handling|Incomplete message received|pymodbus|Waiting for 3\.5 char"
+)
+
+
+def read_pymodbus(lines: list[str]) -> FormContent:
+    """Return the entries of lines with send and recv.
+
+    >>> read_pymodbus(["DEBUG:pymodbus:recv: 0x1 0x83 0x2 0xc0 0xf1 extra data:"]).entries[0].data.hex(" ")
+    '01 83 02 c0 f1'
+    """
+    entries: list[LogEntry] = []
+    repeated: list[LogEntry] = []
+    processed: list[LogEntry] = []
+    silent: list[LogEntry] = []
+    known: set[int] = set()
+    for number, line in enumerate(lines, start=1):
+        found = _TRAFFIC.search(line)
+        if found is None:
+            if (found := _PROCESSING.search(line)) and found["bytes"]:
+                known.add(number)
+                stamp = find_stamp(line[: found.start()])
+                data = bytes(int(token, 16) for token in found["bytes"].split())
+                if processed and len(data) > len(last := processed[-1].data or b"") and data.startswith(last):
+                    processed.pop()  # the same bytes, and more
+                processed.append(LogEntry(number, data, False, False, None if stamp is None else stamp[0]))
+            elif _SILENT.search(line):
+                stamp = find_stamp(line)
+                silent.append(LogEntry(number, b"", False, False, None if stamp is None else stamp[0]))
+                known.add(number)
+            elif _OTHER.search(line):
+                known.add(number)
+            continue
+        known.add(number)
+        data = bytes(int(token, 16) for token in found["bytes"].split())
+        stamp = find_stamp(line[: found.start()])
+        if data or found["word"].lower() == "recv":
+            is_repeated = line.lstrip().startswith(">>>>>")
+            entry = LogEntry(number, data, found["word"].lower() == "send", stamp=None if stamp is None else stamp[0])
+            (repeated if is_repeated else entries).append(entry)
+    found_entries = entries or processed or repeated
+    if not found_entries:
+        return FormContent([], set())
+    return FormContent(sorted([*found_entries, *silent], key=lambda entry: entry.line), known)

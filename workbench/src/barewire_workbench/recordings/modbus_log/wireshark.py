@@ -1,0 +1,164 @@
+"""Exports of Wireshark and tshark as text: hex dumps of packets, with the lines above them, and C arrays.
+
+    tshark -x                0000  00 00 5e 00 ... 08 00 45 00  ..............E.       a dump for each packet
+    tshark -P -x, -V -x      the summary or all fields, then the dump; times are in both
+    "Follow TCP stream"      00000000  00 01 00 00 00 06 01 03 ...   the client; the server is indented
+    C arrays                 static const unsigned char pkt1[66] = { 0x00, 0x00, ... };   char peer0_0[] = { ... };
+
+A dump that begins at offset 0 is a packet with all its headers, from Ethernet or IP on; those without Modbus are known
+and skipped. A text export without bytes (the summary or the fields alone) cannot be read: `without_bytes` says why.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Container, Iterator
+from typing import NamedTuple
+
+from barewire_workbench.frames.input.hexdump import dump_line
+from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry, Stamp
+from barewire_workbench.recordings.modbus_log.stamps import find_stamp
+from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS, ModbusPayload, modbus_payload
+from barewire_workbench.recordings.pcapng import ETHERNET, Packet
+
+_SUMMARY = re.compile(r"\s*\d+\s+(?P<at>\d+\.\d+)\s+\S+\s+(?:→|->|\S)")
+_EPOCH = re.compile(r"\s*(?:Epoch (?:Arrival )?Time|Arrival Time)\b.*?:\s*(?P<at>.+)")
+_FIELDS = re.compile(r"Frame \d+: \d+ bytes on wire")
+_NO_BYTES = re.compile(r"Query: Trans:|Response: Trans:| Modbus/TCP |Modbus RTU|Transaction Identifier: \d")
+_ARRAY = re.compile(r"\s*(?:static |const |unsigned |char |uint8_t )+(?P<name>\w+)\s*\[\d*\]\s*=\s*\{(?P<rest>.*)")
+_PEER = re.compile(r"peer(?P<peer>[01])_\d+")
+_RAW_IP = 101
+
+
+class _Dump(NamedTuple):
+    lines: list[int]
+    data: bytes
+    stamp: Stamp | None
+    name: str = ""
+
+
+def without_bytes(lines: list[str]) -> str | None:
+    """Return what is wrong with an export that has no bytes; None for other text.
+
+    >>> without_bytes(["<?xml version='1.0'?>", "<pdml>"])
+    'line 1: PDML or PSML: export JSON (tshark -T json -x), or give the capture'
+    """
+    for number, line in enumerate(lines[:200], start=1):
+        if re.match(r"\s*<(?:pdml|psml|\?xml)\b", line):
+            return f"line {number}: PDML or PSML: export JSON (tshark -T json -x), or give the capture"
+        if _NO_BYTES.search(line) or _FIELDS.match(line):
+            return f"line {number}: an export of Wireshark without bytes: add them (tshark -x), or give the capture"
+    return None
+
+
+def read_wireshark(lines: list[str], ports: Container[int] = MODBUS_PORTS) -> FormContent:
+    """Return the Modbus payloads of dumped packets, or the pieces of a followed stream."""
+    dumps = [*_dumps(lines), *_arrays(lines)]
+    entries: list[LogEntry] = []
+    known: set[int] = set()
+    for dump in dumps:
+        if peer := _PEER.fullmatch(dump.name):
+            entries.append(LogEntry(dump.lines[0], dump.data, None, peer["peer"] == "0", dump.stamp))
+            known.update(dump.lines)
+        elif (payload := _payload(dump.data, ports)) is not None:
+            entries.append(LogEntry(dump.lines[0], payload.data, None, payload.from_client, dump.stamp))
+            known.update(dump.lines)
+        elif _is_packet(dump.data):
+            known.update(dump.lines)
+    if not entries:
+        entries, known = _followed(lines)
+    if entries:
+        known.update(number for number, line in enumerate(lines, 1) if not dump_line(line) and _is_field(line, lines))
+    return FormContent(entries, known)
+
+
+def _is_field(line: str, lines: list[str]) -> bool:
+    """Return whether a line belongs to the fields of -V or is a summary; -V has many kinds of them."""
+    return bool(_SUMMARY.match(line)) or any(_FIELDS.match(other) for other in lines[:3]) or line.startswith("No. ")
+
+
+def _payload(data: bytes, ports: Container[int]) -> ModbusPayload | None:
+    """Return the Modbus bytes of a packet of Ethernet, or of IP alone."""
+    for link in (ETHERNET, 113, _RAW_IP):
+        payload = modbus_payload(Packet(0.0, data, link), ports)
+        if payload is not None:
+            return payload
+    return None
+
+
+def _is_packet(data: bytes) -> bool:
+    return len(data) >= 34 and (data[12:14] in (b"\x08\x00", b"\x86\xdd", b"\x08\x06") or data[14:16] == b"\x08\x00")
+
+
+def _dumps(lines: list[str]) -> Iterator[_Dump]:
+    """Yield the dumps that begin at offset 0 and continue without a gap, with the last time above each."""
+    stamp: Stamp | None = None
+    numbers: list[int] = []
+    data = b""
+    for number, line in enumerate([*lines, ""], start=1):
+        found = dump_line(line) if not line.startswith("    ") else None
+        if found is not None and numbers and found.offset == len(data):
+            numbers.append(number)
+            data += found.data
+            continue
+        if numbers:
+            yield _Dump(numbers, data, stamp)
+            numbers, data = [], b""
+        if found is not None and found.offset == 0:
+            numbers, data = [number], found.data
+        elif time := _SUMMARY.match(line):
+            stamp = Stamp(float(time["at"]))
+        elif time := _EPOCH.match(line):
+            stamp = _stamp(time["at"]) or stamp
+
+
+def _stamp(text: str) -> Stamp | None:
+    number = re.match(r"(\d+\.\d+) seconds", text)
+    if number:
+        return Stamp(float(number[1]))
+    found = find_stamp(text)
+    return None if found is None else found[0]
+
+
+def _arrays(lines: list[str]) -> Iterator[_Dump]:
+    """Yield the C arrays."""
+    name, numbers, text = "", list[int](), ""
+    for number, line in enumerate(lines, start=1):
+        plain = re.sub(r"/\*.*?\*/", "", line)
+        found = _ARRAY.match(plain)
+        if found:
+            name, numbers, text = found["name"], [number], found["rest"]
+        elif numbers:
+            numbers.append(number)
+            text += plain
+        if numbers and "}" in text:
+            digits = re.findall(r"0x([0-9A-Fa-f]{1,2})\b", text)
+            yield _Dump(numbers, bytes(int(token, 16) for token in digits), None, name)
+            numbers, text = [], ""
+
+
+def _followed(lines: list[str]) -> tuple[list[LogEntry], set[int]]:
+    """Return the pieces of "Follow TCP stream" as a hex dump: each direction counts its own offsets."""
+    entries: list[LogEntry] = []
+    known: set[int] = set()
+    offsets = {True: 0, False: 0}
+    directions: list[bool] = []
+    for number, line in enumerate(lines, start=1):
+        plain = line.strip()
+        if re.fullmatch(r"=+|Follow: .*|Filter: .*|Node \d: .*", plain):
+            known.add(number)
+            continue
+        found = dump_line(plain)
+        if found is None:
+            continue
+        from_client = not line[:1].isspace()
+        if found.offset != offsets[from_client]:
+            return [], set()
+        offsets[from_client] += len(found.data)
+        if entries and directions[-1] is from_client and len(entries[-1].data or b"") % 16 == 0:
+            entries[-1] = entries[-1]._replace(data=(entries[-1].data or b"") + found.data)
+        else:
+            entries.append(LogEntry(number, found.data, None, from_client))
+            directions.append(from_client)
+        known.add(number)
+    return (entries, known) if len(set(directions)) == 2 else ([], set())

@@ -1,0 +1,253 @@
+"""A CAN frame on the bus: its fields, CRC-15, stuff bits, length and duration; and arbitration between several.
+
+`wire.can_bits` has the bits that are drawn; the steps here work out the CRC and the stuff bits on their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from barewire.canopen.frame import CanFrame
+from barewire.errors import EncodeError
+from barewire_workbench.frames.result import counted
+from barewire_workbench.steps.model import Steps, StepSection, StepTable, grouped_bits
+from barewire_workbench.steps.timing import shown_time
+from barewire_workbench.wire.can_bits import (
+    INTERMISSION,
+    CanBits,
+    CanField,
+    arbitrate,
+    can_bits,
+    check_bitrate,
+    longest_can_frame,
+)
+
+FRAMES_MAX = 8
+"""Frames in one arbitration."""
+
+_POLYNOMIAL = 0x4599
+
+_MEANINGS = {
+    "SOF": "start of frame: dominant, all receivers synchronise",
+    "identifier": "the lower number wins the bus",
+    "identifier extension": "the other 18 bits",
+    "SRR": "recessive in place of RTR, so that a base frame wins",
+    "r0": "reserved",
+    "r1": "reserved",
+    "CRC": "remainder, see below",
+    "CRC delimiter": "recessive",
+    "ACK slot": "sent recessive; receivers make it dominant",
+    "ACK delimiter": "recessive",
+    "EOF": "end of frame: seven recessive bits",
+}
+
+
+def can_frame_steps(frames: Sequence[CanFrame], bitrate: int = 125_000) -> Steps:
+    """Work out the bits of a CAN frame, and with several the arbitration between them, at a rate in bit/s.
+
+    >>> can_frame_steps([CanFrame.parse("605#4041600000000000")], 500_000)
+    <Steps can-frame: 605#4041600000000000 has 121 bits, 13 of them stuff bits: 242 us at 500000 bit/s>
+
+    Raises EncodeError for no frame, more than 8, a frame that CAN cannot carry, and a rate outside 1..1000000.
+    """
+    if not 1 <= len(frames) <= FRAMES_MAX:
+        raise EncodeError(f"{len(frames)} frames: expected 1..{FRAMES_MAX}", "frames")
+    check_bitrate(bitrate)
+    sent = [can_bits(frame) for frame in frames]
+    if len(sent) > 1:
+        return _arbitration(sent)
+    only = sent[0]
+    sections: list[StepSection] = [_fields(only), *_crc(only), *_stuffing(only), *_length(only, bitrate)]
+    total, stuffed = len(only.bits), only.stuff_count
+    return Steps(
+        "can-frame",
+        f"CAN frame {only.frame}, bit by bit",
+        "ISO 11898-1; Bosch CAN Specification 2.0",
+        tuple(sections),
+        f"{only.frame} has {total} bits, {stuffed} of them stuff bits: {shown_time(total / bitrate)} "
+        f"at {bitrate} bit/s",
+        {
+            "frame": str(only.frame),
+            "crc": only.crc,
+            "levels": only.levels,
+            "bits": total,
+            "stuff_bits": stuffed,
+            "seconds": only.duration(bitrate),
+        },
+    )
+
+
+def _fields(sent: CanBits) -> StepTable:
+    rows, part = [], ""
+    for field in sent.fields:
+        shown = grouped_bits(field.value, field.width) if field.width in (4, 8) else field.levels
+        rows.append(
+            ("" if field.part == part else field.part, field.name, str(field.width), shown, _meaning(sent, field))
+        )
+        part = field.part
+    return StepTable(
+        "The fields in the order of sending, before stuffing. 0 is dominant, 1 recessive.",
+        ("part", "field", "width", "bits", "meaning"),
+        tuple(rows),
+    )
+
+
+def _meaning(sent: CanBits, field: CanField) -> str:
+    name, value = field.name, field.value
+    if name == "identifier" and not sent.frame.extended:
+        return f"{value:X}h; {_MEANINGS[name]}"
+    if name == "identifier":
+        return f"the first 11 bits of {sent.frame.id:08X}h"
+    if name == "RTR":
+        return "recessive: a remote frame" if value else "dominant: a data frame"
+    if name == "IDE":
+        return "recessive: 29 bits" if value else "dominant: an identifier of 11 bits"
+    if name == "DLC":
+        return f"{counted(value)} {'requested' if sent.frame.remote else 'of data'}"
+    if name.startswith("data"):
+        return f"{value:02X}h"
+    return _MEANINGS[name]
+
+
+def _crc(sent: CanBits) -> list[StepSection]:
+    """Divide with a shift register, one row for each bit."""
+    crc, rows = 0, []
+    for field in sent.fields:
+        if field.name == "CRC":
+            break
+        for place, level in enumerate(field.levels):
+            bit = int(level)
+            top = crc >> 14
+            crc = crc << 1 & 0x7FFF
+            if bit != top:
+                crc ^= _POLYNOMIAL
+            name = field.name if place == 0 else ""
+            rows.append((name, level, str(top), "xor 4599h" if bit != top else "", _fifteen(crc), f"{crc:04X}h"))
+    return [
+        "CRC-15. A register of 15 bits starts with zeros. For each bit from SOF to the end of the data: compare "
+        "it with "
+        "the highest bit of the register, and shift the register left by one place; if the two were different, xor it "
+        "with 4599h (x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1). Stuff bits do not count.",
+        StepTable("", ("field", "bit", "top", "", "register", "hex"), tuple(rows)),
+        f"The CRC is what remains: {_fifteen(crc)}, {crc:04X}h, sent with the highest bit first.",
+    ]
+
+
+def _fifteen(crc: int) -> str:
+    return grouped_bits(crc, 15)
+
+
+def _stuffing(sent: CanBits) -> list[StepSection]:
+    """Insert the stuff bits, one row for each field."""
+    rows = []
+    last, equal, stuffed = "", 0, 0
+    for field in sent.fields[: _crc_place(sent) + 1]:
+        shown = ""
+        for level in field.levels:
+            equal = equal + 1 if level == last else 1
+            last = level
+            shown += level
+            if equal == 5:
+                last = "0" if last == "1" else "1"
+                equal = 1
+                stuffed += 1
+                shown += f"[{last}]"
+        rows.append((field.name, shown))
+    return [
+        "Stuffing. After five equal bits the sender inserts one of the other level, [in brackets], from SOF to "
+        "the end of "
+        "the CRC, so that the receivers get an edge to synchronise on. An inserted bit is the first of the next "
+        "five. The receivers drop it; six equal bits are an error.",
+        StepTable("", ("field", "bits on the bus"), tuple(rows)),
+        f"{counted(stuffed, 'stuff bit')} inserted. The ten bits behind the CRC, from the CRC delimiter to the "
+        "end of EOF, "
+        "are not stuffed: 1 0 1 1111111.",
+    ]
+
+
+def _crc_place(sent: CanBits) -> int:
+    return next(place for place, field in enumerate(sent.fields) if field.name == "CRC")
+
+
+def _length(sent: CanBits, bitrate: int) -> list[StepSection]:
+    frame = sent.frame
+    plain = sum(field.width for field in sent.fields)
+    stuffable = plain - 10
+    total, worst = len(sent.bits), longest_can_frame(len(frame.data), extended=frame.extended)
+    least = plain + INTERMISSION
+    rows = (
+        ("fields", str(plain), shown_time(plain / bitrate)),
+        ("stuff bits", str(total - plain), shown_time((total - plain) / bitrate)),
+        ("this frame", str(total), shown_time(total / bitrate)),
+        ("with the silence behind it", str(total + INTERMISSION), shown_time((total + INTERMISSION) / bitrate)),
+        ("without any stuff bit, with the silence", str(least), shown_time(least / bitrate)),
+        ("at worst, with the silence", str(worst + INTERMISSION), shown_time((worst + INTERMISSION) / bitrate)),
+    )
+    size = counted(len(frame.data), "data byte")
+    return [
+        f"Length. One bit lasts 1 s / {bitrate} = {shown_time(1 / bitrate)}. {INTERMISSION} recessive bits of silence "
+        f"follow each frame. Of the {stuffable} bits that are stuffed, at worst the first five and then every "
+        "four need a "
+        f"stuff bit: ({stuffable} - 1) / 4, rounded down, is {(stuffable - 1) // 4}. No frame with {size} and "
+        "this form "
+        "of identifier is longer.",
+        StepTable("", ("", "bits", "time"), rows),
+    ]
+
+
+# Arbitration ------------------------------------------------------------------------------------------------------
+
+
+def _arbitration(sent: Sequence[CanBits]) -> Steps:
+    outcome = arbitrate(sent)
+    names = [str(frame.frame) for frame in sent]
+    rows = []
+    sending = set(range(len(sent)))
+    for index in range(min(len(frame.bits) for frame in sent)):
+        levels = {place: sent[place].bits[index].level for place in sending}
+        bus = min(levels.values())
+        beaten = sorted(place for place, level in levels.items() if level != bus)
+        collides = index == outcome.collision
+        bit = sent[min(sending - set(beaten))].bits[index]
+        cells = [str(levels[place]) if place in sending else "-" for place in range(len(sent))]
+        field = f"{bit.field}{' (stuff bit)' if bit.is_stuff else ''}"
+        rows.append((str(index), field, *cells, str(bus), _event(beaten, names, collides=collides)))
+        sending -= set(beaten)
+        if collides or len(sending) == 1 or (outcome.collision is None and bit.part not in ("start", "arbitration")):
+            break
+    lost = {names[place]: at for place, at in enumerate(outcome.lost_at) if at is not None}
+    return Steps(
+        "can-frame",
+        f"Arbitration between {', '.join(names)}",
+        "ISO 11898-1; Bosch CAN Specification 2.0",
+        (
+            "The nodes begin at the same time. Each one sends a bit and reads the bus. A dominant bit, 0, overwrites a "
+            "recessive one, 1. A node that sends 1 and reads 0 has lost: it stops, and tries again after the frame.",
+            StepTable("", ("bit", "field", *names, "bus", ""), tuple(rows)),
+        ),
+        _verdict(sent, names, outcome.winner, outcome.collision),
+        {
+            "frames": names,
+            "winner": None if outcome.winner is None else names[outcome.winner],
+            "lost_at_bit": lost,
+            "bit_error_at_bit": outcome.collision,
+        },
+    )
+
+
+def _event(beaten: Sequence[int], names: Sequence[str], *, collides: bool) -> str:
+    who = ", ".join(names[place] for place in beaten)
+    if collides:
+        return f"bit error in {who}"
+    return f"{who} loses" if len(beaten) == 1 else f"{who} lose" if beaten else ""
+
+
+def _verdict(sent: Sequence[CanBits], names: Sequence[str], winner: int | None, collision: int | None) -> str:
+    if winner is None:
+        return (
+            f"No frame wins: behind the arbitration field they differ at bit {collision}, a bit error. Two nodes must "
+            "never send frames with the same identifier and different data"
+        )
+    if all(frame.levels == sent[winner].levels for frame in sent):
+        return "The frames are equal: they are sent as one, and no node notices the others"
+    return f"{names[winner]} wins and is sent without delay"

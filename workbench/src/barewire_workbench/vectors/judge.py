@@ -1,0 +1,285 @@
+"""The judgement of an answer: whether an implementation did what a case demands.
+
+    result        the question       the answer must be
+    valid         any                the expected fields
+    acceptable    decode, run        anything; other fields than the expected ones, or a refusal, are "open"
+                  encode             with the flag `tolerant`: other fields than the expected ones
+                  run                a value that `never` excludes has failed
+    invalid       that of `fails`    a refusal; its reason is compared if the implementation has reasons
+                  compare            a case fails if all its answers have the fields of the case
+
+An answer is JSON: {"is": {fields}}, {"refused": reason or "", "text": ...}, {"not_offered": why}. A field of
+hexadecimal digits may have other letters or blanks; numbers of floating point are compared as numbers of their type.
+Where several answers are right, a case has {"one_of": [...]} or, for a number, {"from": ..., "to": ...} in their place.
+Beside `one_of`, `never` has answers that are wrong even if the case is acceptable. In a frame of a device two dots are
+a byte that may have any value.
+
+Depends on: questions.  Used by: `barewire vectors`, tests.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import struct
+from collections.abc import Iterable, Mapping
+from decimal import Decimal, InvalidOperation
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+from barewire_workbench.conform.modbus.model import fitting
+from barewire_workbench.vectors.questions import Question
+
+Answer: TypeAlias = Mapping[str, Any]
+VerdictState = Literal["passed", "open", "failed", "not offered"]
+
+_UNORDERED = ("device", "gateway-309-3")
+"""Kinds whose frames of different identifiers may come in any order."""
+_HEX = re.compile(r"[0-9A-Fa-f ]*")
+_LONG = 60
+"""Characters from which on two texts are shown only near the place where they begin to differ."""
+_SHOWN = 300
+"""Characters of an answer that a text shows."""
+_MISSING: Any = object()
+_NAMES = {
+    str: "a text",
+    bool: "true or false",
+    int: "an integer",
+    list: "a list",
+    dict: "an object",
+    type(None): "null",
+}
+
+
+class Verdict(NamedTuple):
+    """The state of one question, and the difference as a sentence."""
+
+    state: VerdictState
+    text: str = ""
+
+
+def judge(question: Question, answer: Answer, *, exact: bool = False) -> Verdict:
+    """Return the verdict on one answer. With `exact`, an acceptable case must be answered as it is written."""
+    if "not_offered" in answer:
+        return Verdict("not offered", str(answer["not_offered"]))
+    problem = malformed(answer)
+    if problem:
+        return Verdict("failed", problem)
+    result, tolerant = question.case["result"], "tolerant" in question.case.get("flags", ())
+    if result == "invalid" and question.case["fails"] != "compare":
+        return _refusal(question, answer)
+    same = "is" in answer and not differences(question, answer["is"])
+    if result == "invalid":
+        if "is" in answer and (wrong := _of_other_form(question.expected, answer["is"])):
+            return Verdict("failed", wrong)
+        return Verdict("failed", f"{_shown(answer)}, as in the case, which is wrong") if same else PASSED
+    if result == "acceptable" and question.do == "encode":
+        return (
+            Verdict("failed", f"encoded as {_shown(answer)}, which is for decoding only")
+            if same and tolerant
+            else PASSED
+        )
+    if same:
+        return PASSED
+    if result == "acceptable" and "is" in answer and (wrong := _excluded(question.expected, answer["is"])):
+        text = "; ".join(differences(question, answer["is"]))
+        return Verdict("failed", f"{_shown(wrong)} is wrong in any case: {text}")
+    text = f"{_shown(answer)}, expected {_shown(question.expected)}"
+    if "is" in answer:
+        text = "; ".join(differences(question, answer["is"]))
+    return Verdict("open" if result == "acceptable" and not exact else "failed", text)
+
+
+PASSED = Verdict("passed")
+
+
+def verdict_of_case(verdicts: Iterable[Verdict], *, compares: bool = False) -> Verdict:
+    """Return the verdict on a case: the worst one of its questions; for a case that compares, the best one."""
+    order = ("passed", "open", "failed", "not offered") if compares else ("failed", "open", "passed", "not offered")
+    return min(verdicts, key=lambda verdict: order.index(verdict.state), default=Verdict("not offered", "no question"))
+
+
+def malformed(answer: Answer) -> str:
+    """Return what is wrong with the form of an answer; nothing if it is one of the three."""
+    if isinstance(answer.get("is"), dict):
+        return ""
+    if isinstance(answer.get("refused"), str):
+        return ""
+    for name, form in (("is", "an object of fields"), ("refused", "a text")):
+        if name in answer:
+            return f"{name} must be {form}, not {_NAMES.get(type(answer[name]), 'a number')}: {_shown(answer[name])}"
+    return f"an answer needs is, refused or not_offered: {json.dumps(answer, ensure_ascii=False)[:_SHOWN]}"
+
+
+def differences(question: Question, found: Mapping[str, Any]) -> list[str]:
+    """Return each field that differs from the expected one, as a sentence about the first place where it does."""
+    return [
+        _difference(name, wanted, found.get(name, _MISSING), question)
+        for name, wanted in question.expected.items()
+        if not _as_expected(name, wanted, found.get(name), question)
+    ]
+
+
+def _difference(path: str, wanted: Any, found: Any, question: Question) -> str:
+    """Return what differs: `talk[1].say is ["585#02"], expected ["585#01"]`."""
+    if isinstance(wanted, dict) and isinstance(found, dict):
+        for name, value in wanted.items():
+            if not _equal(value, found.get(name), question.given, question):
+                return _difference(f"{path}.{name}", value, found.get(name, _MISSING), question)
+    if isinstance(found, list) and isinstance(wanted, list) and any(_is_deep(item) for item in wanted):
+        sizes = [f"{path} has {len(found)} items, expected {len(wanted)}"] if len(found) != len(wanted) else []
+        for place, (value, item) in enumerate(zip(wanted, found)):
+            if not _equal(value, item, question.given, question):
+                return "; ".join([*sizes, _difference(f"{path}[{place}]", value, item, question)])
+        if sizes:
+            return sizes[0]
+    if question.kind == "device-conformance" and wanted is None and isinstance(found, str):
+        return found  # it is a whole sentence
+    if isinstance(wanted, str) and isinstance(found, str) and min(len(wanted), len(found)) > _LONG:
+        shorter = min(len(wanted), len(found))
+        place = next((place for place in range(shorter) if wanted[place] != found[place]), shorter)
+        where = f"byte {place // 3}" if _HEX.fullmatch(wanted) and wanted[2] == " " else f"character {place}"
+        return f"{path} is {_around(found, place)}, expected {_around(wanted, place)}, different from {where} on"
+    is_what = "is missing" if found is _MISSING else f"is {_shown(found)}"
+    return f"{path} {is_what}, expected {_shown(wanted)}"
+
+
+def _around(text: str, place: int) -> str:
+    """Return a long text near the place where it begins to differ from another one."""
+    first, end = max(place - _LONG // 2, 0) // 3 * 3, place + _LONG // 2
+    return f"{'... ' if first else ''}{text[first:end]}{' ...' if end < len(text) else ''}"
+
+
+def _is_deep(item: Any) -> bool:
+    """Whether an item of a list has fields of its own, such as a step of a talk."""
+    return isinstance(item, dict) and "one_of" not in item
+
+
+def _of_other_form(expected: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    """Return what makes an answer one that no case has: a field that is missing, or of another type of JSON."""
+    for name, value in expected.items():
+        if name not in found:
+            return f"the answer has no {name}"
+        if found[name] is not None and type(found[name]) is not type(value):
+            return f"{name} is {_shown(found[name])}, expected {_NAMES[type(value)]}"
+    return ""
+
+
+def _refusal(question: Question, answer: Answer) -> Verdict:
+    if "refused" not in answer:
+        return Verdict("failed", f"{_shown(answer)}, expected a refusal: {question.case['reason']}")
+    reason = answer["refused"]
+    if reason and reason != question.case["reason"]:
+        return Verdict("failed", f"refused as {_shown(reason)}, expected {question.case['reason']}")
+    return PASSED
+
+
+def _excluded(wanted: Any, found: Any) -> Any:
+    """Return an answer that `never` excludes, None if there is none."""
+    if isinstance(wanted, dict) and "one_of" in wanted:
+        return found if found in wanted.get("never", ()) else None
+    pairs: Iterable[tuple[Any, Any]] = ()
+    if isinstance(wanted, dict) and isinstance(found, dict):
+        pairs = ((value, found.get(name)) for name, value in wanted.items())
+    elif isinstance(wanted, list) and isinstance(found, list):
+        pairs = zip(wanted, found)
+    return next((wrong for pair in pairs if (wrong := _excluded(*pair)) is not None), None)
+
+
+# Equality ---------------------------------------------------------------------------------------------------------
+
+
+def _as_expected(name: str, wanted: Any, found: Any, question: Question) -> bool:
+    """Whether a field of an answer is as expected. Of server-conformance, one of several sequences is."""
+    if question.kind == "server-conformance" and name == "answers":
+        is_row = isinstance(found, list) and all(isinstance(text, str) for text in found)
+        return is_row and fitting(map(tuple, wanted), found) is not None
+    return _equal(wanted, found, question.given, question)
+
+
+def _equal(wanted: Any, found: Any, around: Mapping[str, Any], question: Question) -> bool:
+    """Whether a field is as expected. `around` are the fields beside it in the question, for the type of a number."""
+    if isinstance(wanted, dict):
+        if "one_of" in wanted:
+            return any(_equal(one, found, around, question) for one in wanted["one_of"])
+        if wanted.keys() == {"from", "to"}:
+            return type(found) is int and wanted["from"] <= found <= wanted["to"]
+        return isinstance(found, dict) and all(
+            _padded(name, value, found.get(name), question) or _equal(value, found.get(name), around, question)
+            for name, value in wanted.items()
+        )
+    if isinstance(wanted, list):
+        rows = question.given.get("entries", ()) if question.kind == "pdo" else ()
+        if question.kind in _UNORDERED and isinstance(found, list):
+            wanted, found = _by_identifier(wanted), _by_identifier(found)
+        return (
+            isinstance(found, list)
+            and len(found) == len(wanted)
+            and all(
+                _equal(value, item, rows[place] if place < len(rows) else around, question)
+                for place, (value, item) in enumerate(zip(wanted, found))
+            )
+        )
+    if isinstance(wanted, str) and isinstance(found, str):
+        if question.kind == "device" and ".." in wanted:
+            return re.fullmatch(wanted.replace("..", "[0-9A-F]{2}"), found) is not None
+        return wanted == found or _same_digits(wanted, found) or _same_number(wanted, found, _type_of(around))
+    return type(wanted) is type(found) and bool(wanted == found)
+
+
+def _by_identifier(items: list[Any]) -> list[Any]:
+    """Return frames in the order of their identifiers, those of one identifier as they came; other lists unchanged."""
+    frames = [item["one_of"][0] if isinstance(item, dict) and item.get("one_of") else item for item in items]
+    if not all(isinstance(frame, str) and "#" in frame for frame in frames):
+        return items
+    places = sorted(range(len(items)), key=lambda place: frames[place].partition("#")[0])
+    return [items[place] for place in places]
+
+
+def _same_digits(wanted: str, found: str) -> bool:
+    both = [text.replace(" ", "").upper() for text in (wanted, found)]
+    return both[0] == both[1] and _HEX.fullmatch(wanted) is not None
+
+
+def _type_of(fields: Mapping[str, Any]) -> str:
+    described = fields.get("parameter", fields)
+    kind = described.get("type", "")
+    return kind if isinstance(kind, str) else ""
+
+
+def _same_number(wanted: str, found: str, kind: str) -> bool:
+    """Whether two texts are the same number: of floating point the nearest ones of that type, others exactly."""
+    try:
+        if not kind.startswith("f"):
+            return kind.startswith(("u", "i", "b")) and Decimal(wanted) == Decimal(found)
+        numbers = [float(wanted), float(found)]
+        return all(map(math.isnan, numbers)) or len({_nearest(number, kind) for number in numbers}) == 1
+    except (ValueError, OverflowError, InvalidOperation):
+        return False
+
+
+def _nearest(number: float, kind: str) -> bytes:
+    return struct.pack(">f" if kind == "f32" else ">d", number)
+
+
+def _padded(name: str, wanted: Any, found: Any, question: Question) -> bool:
+    """Whether bits are those expected, with up to seven more that are zero: a response decoded without its request."""
+    if name != "bits" or question.kind != "pdu" or question.given.get("side") != "response":
+        return False
+    both = [text.replace(" ", "") for text in (wanted, found) if isinstance(text, str)]
+    return (
+        len(both) == 2
+        and both[1].startswith(both[0])
+        and both[1][len(both[0]) :] in ("", *("0" * n for n in range(1, 8)))
+    )
+
+
+def _shown(value: Any) -> str:
+    """Return a field for a text; of an answer its fields, or its refusal."""
+    if isinstance(value, dict) and isinstance(value.get("is"), dict):
+        value = value["is"]
+    elif isinstance(value, dict) and isinstance(value.get("refused"), str):
+        reason = f"refused as {value['refused']}" if value["refused"] else "refused"
+        value = f"{reason}: {value['text']}" if value.get("text") else reason
+    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."
