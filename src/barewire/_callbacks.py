@@ -1,8 +1,4 @@
-"""Checks of the functions that an application gives to a Modbus unit or to an entry of an object dictionary.
-
-Depends on: nothing but errors.  Used by: `Table` and handlers of modbus, `Entry` of canopen, and the
-servers of io for `handle`.
-"""
+"""Checks of the functions that an application gives to a Modbus unit or to an entry of an object dictionary."""
 
 from __future__ import annotations
 

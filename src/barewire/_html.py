@@ -1,7 +1,4 @@
-"""A table in HTML, for the rich display of a notebook: `_repr_html_` of devices, readings and identifications.
-
-Depends on: nothing.  Used by: `devices`, `modbus`, `io`.
-"""
+"""A table in HTML, for the rich display of a notebook: `_repr_html_` of devices, readings and identifications."""
 
 from __future__ import annotations
 

@@ -7,8 +7,6 @@
 
 So `from barewire.modbus import Adu` loads `barewire.modbus.adu` and its imports, but no message class. The names are
 listed twice because type checkers read only import statements; `tests/test_doors.py` compares the two lists.
-
-Depends on: nothing. Used by: the `__init__.py` of rooms.
 """
 
 from __future__ import annotations

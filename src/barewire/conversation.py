@@ -19,8 +19,6 @@ A **machine** has `feed(item, now) -> events` and a `deadline`. Feeding `None` m
 
 There are three interpreters: the blocking engine, the asyncio engine (both in `io.engine`), and `Wire` below, which
 runs conversations in virtual time for tests. All three give these words the same meaning.
-
-Depends on: errors. Used by: every room that exchanges messages.
 """
 
 from __future__ import annotations

@@ -9,8 +9,6 @@
 
 Every error that barewire raises on purpose is a `BarewireError`, so one `except` catches them all. Functions raise;
 machines (objects with `feed`) never raise on received data: they report noise as an event.
-
-Depends on: nothing. Used by: every room.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """Modbus ASCII framing on a serial line: every byte as two hexadecimal digits, CR LF ends a frame.
 
+The files, in reading order:
+
     : | unit | PDU 1..253 | LRC | CR LF                                              [MB-SERIAL 2.5.2]
 
     frame      encode and decode one whole frame, and its checksum, the LRC
     delimiter  the character that replaces LF after function 08/03
     line       the framing state of one line
-
-Depends on: errors, modbus.adu. Used by: explain, io.
 """
 
 from barewire.ascii.frame import decode, encode, lrc

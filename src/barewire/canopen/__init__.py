@@ -20,8 +20,6 @@ CAN delivers whole frames, so there is no framing here. The rooms and files, in 
     gateway/               CiA 309-3 commands                      conformance/    checks of a device
 
 Two nodes communicate as two machines, or as a conversation and a machine; neither has a bus or a clock.
-
-Depends on: `barewire.codecs`, `conversation`, `errors`. Used by: `devices`, `explain`, `io`, `cli`.
 """
 
 from typing import TYPE_CHECKING

@@ -8,9 +8,6 @@
 
 Only 1000h, 1001h and 1018h are mandatory; a service whose object is missing works as if its value were 0.
 `standard_objects` makes a set that fits most devices.
-
-Depends on: the object dictionary, COB-IDs, SDO abort codes. Used by: the machines of a local node (EMCY producer, PDOs,
-error control, SYNC, SDO channels, storage).
 """
 
 from __future__ import annotations

@@ -6,8 +6,6 @@
         301#01     302#02       301#01       302#02        several frames take turns
 
 The times are absolute, so a late call does not shift the later ones.
-
-Depends on: frames. Used by: clients, which run the machine, or have the kernel of the system send its frames.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Values <-> bytes: width, sign, byte order, bits and text, for any protocol.
 
+The files, in reading order:
+
         229.8  <----- codec("f32", "ABCD") ----->  43 65 CC CD
 
     order      the order of the bytes of a number    ABCD, CDAB, BADC, DCBA
@@ -7,8 +9,6 @@
     bits       single bits, rows of bits, halves     bit k of a word, a packed row of coils, half a register
     text       characters of a fixed length          encoding and padding are given, no character is lost
     layout     named fields                          a struct with names, and bit patterns like "010- nnes"
-
-Depends on: errors. Used by: every room with messages or values.
 """
 
 from barewire.codecs.bits import (

@@ -1,5 +1,7 @@
 """Devices: parameters of real machines by name, with unit, range and address, on Modbus and CANopen.
 
+The files, in reading order:
+
                           load("az3").find("STATUS WORD")           catalog/az3/input.toml
                                         |
              ModbusAt("input", 24) -----+----- ObjectAt(0x6041)     u16, bits named, no unit
@@ -17,8 +19,6 @@
     sdo_dialects      SDO variants of known devices
     drive/            moves any drive of CiA 402
     sim/              the three machines of the catalogue, simulated
-
-Depends on: codecs, modbus, canopen.  Used by: explain, io, cli.
 """
 
 from typing import TYPE_CHECKING

@@ -1,12 +1,12 @@
 """The registers of one read request -> the values of its parameters, with one struct call for all of them.
 
+An example:
+
     registers   0      1      2      3      4          A u16, C f32 in the order CDAB, E i16, F the low half of 4
     bytes       0  1   2  3   4  5   6  7   8  9
                 A  A          C  C   C  C   E  EF
     picked      0  1          6  7   4  5   8  9  9    each value with its most significant byte first
     struct      H             f             h     B    ">HfhB"
-
-Depends on: PlannedRead, Parameter.  Used by: `modbus_access.py`.
 """
 
 from __future__ import annotations

@@ -6,8 +6,6 @@
         v decode                   [Reading("STATUS WORD", 0x0637), Reading("DC BUS", 320.0)]   in this order
 
 One bit of an object is read, changed and written back, as parts of registers are; `force` is as on Modbus.
-
-Depends on: Device, the SDO channel.  Used by: the CANopen clients of `io`, the drive code.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""A device: its parameters by name, and its settings on Modbus, on CANopen and as a drive.
-
-Depends on: Parameter.  Used by: the loader of descriptions, everything that reads and writes by name, the simulators.
-"""
+"""A device: its parameters by name, and its settings on Modbus, on CANopen and as a drive."""
 
 from __future__ import annotations
 

@@ -12,8 +12,6 @@ exchanges the device may change the rest of it; that change is lost.
 
 With `force` only the device checks range and access, for manuals that are wrong. A value that cannot be encoded is
 still refused.
-
-Depends on: Device, the plan, the Modbus bus.  Used by: the Modbus clients of `io`, the drive code.
 """
 
 from __future__ import annotations

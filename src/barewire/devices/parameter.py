@@ -11,8 +11,6 @@
 
 Scale, unit and the names of values and bits belong to the parameter; width, sign and byte order belong to its codec.
 Limits are given in the unit, after scaling, as manuals print them.
-
-Depends on: the codecs.  Used by: every file of this room.
 """
 
 from __future__ import annotations

@@ -8,8 +8,6 @@
 
 Reads may have any order, so neighbours, overlaps and the described parameters between them become one request, up to
 the limit of the device. Writes keep their order, and no other address is written.
-
-Depends on: addresses, limits and functions of a Device.  Used by: `modbus_access.py`.
 """
 
 from __future__ import annotations

@@ -10,8 +10,6 @@
 
 Addresses are those on the wire, from 0. Without an order, long values have the order of the long values of the device,
 or the high word first if it has none. The device `raw` has no parameters but such addresses, and stands for any device.
-
-Depends on: Device, the loader.  Used by: the command line.
 """
 
 from __future__ import annotations

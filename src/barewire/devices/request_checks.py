@@ -4,8 +4,6 @@
     {"SPEED": 3000}     checked     -> "STATUS WORD is read only", "CURRENT = 900: expected 0..300 A"
 
 All of a call is checked first, so no call is refused after a part of it was written.
-
-Depends on: Device, Parameter.  Used by: `modbus_access.py`, `canopen_access.py`, the drive code.
 """
 
 from __future__ import annotations

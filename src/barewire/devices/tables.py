@@ -1,7 +1,4 @@
-"""Texts and tables for people: the range of a parameter, and the readings of one call as a table of a notebook.
-
-Depends on: Parameter, Reading.  Used by: Device, values by name, the command `barewire devices`.
-"""
+"""Texts and tables for people: the range of a parameter, and the readings of one call as a table of a notebook."""
 
 from __future__ import annotations
 

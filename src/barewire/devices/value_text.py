@@ -6,8 +6,6 @@
     "Hall 4"                                       text, unchanged
 
 Ranges are not checked here: writing checks them.
-
-Depends on: Parameter.  Used by: the command line, writes by name.
 """
 
 from __future__ import annotations

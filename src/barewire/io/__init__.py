@@ -11,8 +11,6 @@
     server/            ModbusServer, AsyncModbusServer, CanopenServer; connection limits
 
 `barewire` itself exports the clients, servers and machines; this package exports the rest.
-
-Depends on: all rooms but `cli`.  Used by: `barewire`, `cli`, programs.
 """
 
 from typing import TYPE_CHECKING

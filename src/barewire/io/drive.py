@@ -10,8 +10,6 @@ Each method carries out a conversation of `devices.drive.Drive`:
                 <------(readings, or an error)-------                one exchange at a time
 
 Between two exchanges another thread or task may read values or stop the drive.
-
-Depends on: anything that reads and writes by name.  Used by: machines of `connect`, nodes of a CANopen client.
 """
 
 from __future__ import annotations

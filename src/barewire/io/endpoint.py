@@ -45,8 +45,6 @@ can             node             device's own, 1   node-ID, 1..127
 
 The tunnels are rtu+tcp and ascii+tcp. The table `CARRIERS` has the framing and the transport of each scheme; a new
 transport is a line there and two files in `ports`, one for each engine.
-
-Depends on: `url`.  Used by: everything in this room, and the commands.
 """
 
 from __future__ import annotations

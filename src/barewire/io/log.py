@@ -16,8 +16,6 @@ limit of ten. A line has at most 1000 characters, and the text of an error in a 
 
 `logging` takes 5 ms to load. A program that has not imported it has not switched on INFO, so it is loaded only for a
 line of level WARNING or ERROR. docs/how-to/logging.md has the lines.
-
-Depends on: nothing.  Used by: everything in `io` that opens a port.
 """
 
 from __future__ import annotations

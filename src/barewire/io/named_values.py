@@ -11,8 +11,6 @@
 
 With asyncio each method is awaited, and brackets are not available. Names, ranges and access are checked before
 anything is sent.
-
-Depends on: descriptions.  Used by: machines of `connect`, nodes of a CANopen client.
 """
 
 from __future__ import annotations

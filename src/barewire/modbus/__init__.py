@@ -15,9 +15,6 @@ In reading order:
 
 Each name below loads only the file that defines it, so a line that needs `Adu` loads no messages. The message classes
 are listed in `messages/__init__.py`.
-
-Depends on: errors, conversation, codecs. Used by: rtu, ascii and tcp (adu, framing, messages only), devices, explain,
-io, cli.
 """
 
 from typing import TYPE_CHECKING

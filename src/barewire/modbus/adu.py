@@ -6,8 +6,6 @@
                                           '------- ADU, as seen here --'        [MB-APP 4.1]
 
 The PDU (protocol data unit) is the function code and its data, 1 to 253 bytes, the same in all three.
-
-Depends on: errors. Used by: rtu, ascii, tcp and everything in modbus.
 """
 
 from __future__ import annotations

@@ -14,8 +14,6 @@ as the request, such as a read of registers. If its own bytes are received, the 
 function is received first, it does not. Until then the first copy of any other request is taken for an echo, although
 the response to a write of one register has the same bytes: on a line without echo such a write gets no response, and
 not a wrong one. A caller that relies on the detection should therefore read a register first.
-
-Depends on: adu, framing. Used by: io.modbus, where a URL has `echo`.
 """
 
 from __future__ import annotations

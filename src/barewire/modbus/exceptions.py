@@ -1,8 +1,8 @@
 """Exception codes: the table of the standard, and the error that a client raises for an exception response.
 
-    | function code + 80h | exception code |                                   [MB-APP 7]
+An exception response:
 
-Depends on: errors. Used by: messages, client, server, and every unit that declines a request.
+    | function code + 80h | exception code |                                   [MB-APP 7]
 """
 
 from __future__ import annotations

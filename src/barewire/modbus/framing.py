@@ -9,8 +9,6 @@ A *line* is the framing state of one connection. Any class with these members is
     quiet_at: do not send before this time           answers(adu): is it from the unit of the request?
     sent(now): the bytes were transmitted            held: bytes that are not decided yet
                                                      broken: why no later byte can be trusted
-
-Depends on: adu. Used by: client, server, sniffer, echo; implemented by rtu, ascii and tcp.
 """
 
 from __future__ import annotations

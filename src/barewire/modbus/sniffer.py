@@ -23,8 +23,6 @@ response that arrives when the client has already sent its next request is marke
     client ->   2 06 00 01 00 03        RequestSeen(transaction=2)
            <-   2 06 00 01 00 03        ResponseSeen(transaction=2)
            <-   1 03 04 ...             ResponseSeen(transaction=1)
-
-Depends on: framing, messages (registry). Used by: io.modbus.sniff, explain.
 """
 
 from __future__ import annotations

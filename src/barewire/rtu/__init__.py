@@ -9,8 +9,6 @@
 
 `barewire.ascii` and `barewire.tcp` have files of the same names. The line needs the lengths of all messages; a program
 that only encodes or decodes frames does not load them.
-
-Depends on: errors, modbus.adu, modbus.framing, modbus.messages (lengths only). Used by: explain, io.
 """
 
 from typing import TYPE_CHECKING

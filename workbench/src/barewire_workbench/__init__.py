@@ -26,8 +26,6 @@ The rooms in reading order. Only `live` and `cli` use clocks and ports; the othe
     api          `explain` and `explain_text`
 
 A name loads its file when it is first used.
-
-Depends on: `barewire`, the stack, which does not know this package; click, rich and matplotlib in `cli` only.
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,5 @@
 """The functions of this package: `explain` for a frame in bytes, `explain_text` for a frame as text, and
 `explain_exchange` for a response with its request.
-
-Depends on: the rooms for Modbus, CANopen and input. Used by: `barewire_workbench`.
 """
 
 from __future__ import annotations

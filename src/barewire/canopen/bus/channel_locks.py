@@ -8,8 +8,6 @@ LSS locks the role of the master, because a bus has only one. A conversation wit
 
 There is no starvation: a lock is granted when no older request shares a key with it, so no request is overtaken for
 ever. There is no deadlock: a conversation requests all of its keys at once, so no two wait for each other.
-
-Depends on: keys and their order; the caller waits. Used by: the shared bus of `barewire.io`.
 """
 
 from __future__ import annotations

@@ -9,6 +9,4 @@ Files, in reading order:
     write_order    the steps that changing a communication object takes
     configure      compare a device with them, and write what differs
     concise_dcf    the same values as the bytes of 1F22h
-
-Depends on: EDS and DCF, SDO, PDO configuration. Used by: `io.canopen`, user code.
 """

@@ -22,8 +22,6 @@
 Reset communication restores the defaults (or the values stored by 1010h) of 1000h to 1FFFh; reset node restores those
 of 2000h to 9FFFh as well. Both end with a boot-up message in PRE-OPERATIONAL. A device without a node-ID receives and
 sends only LSS. A simulated drive is this machine with a dictionary whose values the simulation computes.
-
-Depends on: all services of `barewire.canopen`. Used by: simulators, node runners of `barewire.io`, tests.
 """
 
 from __future__ import annotations

@@ -10,8 +10,6 @@
 Without a group a simulation of 127 nodes feeds every frame to 127 machines, and 126 of them ignore it. What a node
 receives is `LocalNode.receives`, which follows its objects: an SDO that moves an RPDO, SYNC or SDO channel to another
 identifier moves it here too. Other machines, which do not say what they receive, are fed every frame.
-
-Depends on: LocalNode, or any machine with feed and deadline. Used by: `io.server`, tests, user code.
 """
 
 from __future__ import annotations

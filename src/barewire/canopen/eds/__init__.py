@@ -15,8 +15,6 @@ Files, in reading order:
 
 Files in the field break every rule. Each departure has a defined reading and a diagnostic with its line; `parse` raises
 only if `strict`. Unchanged lines are written byte for byte as they were read.
-
-Depends on: data types, the object dictionary. Used by: devices (export), explain and cli, user code.
 """
 
 from barewire.canopen.eds.diagnostics import LINT_RULES, PARSE_RULES, Diagnostic, EdsError

@@ -4,8 +4,6 @@
         bytes <-- lines <-- put, append: one line is changed, added or removed
 
 The lines are the only state. Sections are computed from them on demand, and anew after a change.
-
-Depends on: lexer, section names. Used by: reader and edit, which give keys a meaning; `Eds`, which adds the objects.
 """
 
 from __future__ import annotations

@@ -16,8 +16,6 @@ Files, in reading order:
 The syntax and the numbers are those of CiA 309-3. Its text is not public, so they are taken from two open gateways that
 follow it. What both leave open is stated where it is decided: unsigned numbers are written in decimal (`x16` for
 hexadecimal), a read without a type returns the bytes.
-
-Depends on: SDO, NMT, LSS, PDO, EMCY of one net. Used by: the gateway server in io.
 """
 
 from typing import TYPE_CHECKING

@@ -7,8 +7,6 @@
 
 The node runs on the bus beside the connections: other masters read its objects, and NMT commands to node 0 are for it
 too.
-
-Depends on: a LocalNode. Used by: the session for lines about this node, the gateway server in io, which runs it.
 """
 
 from __future__ import annotations

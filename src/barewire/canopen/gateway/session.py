@@ -7,8 +7,6 @@
 
 `answer` is a conversation. The caller also feeds every frame to `notices`. The lines of one connection are executed one
 after the other, in their order.
-
-Depends on: parser, commands, SDO, NMT and LSS of one net. Used by: the gateway server in io.
 """
 
 from __future__ import annotations

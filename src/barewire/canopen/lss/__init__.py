@@ -1,9 +1,9 @@
 """LSS: give devices their node-ID and bit rate over the bus.   [CiA 305]
 
+The files, in reading order:
+
         messages     the messages, the address of a device, the bit rate table
         slave        the LSS state of a device
         master       the services of the master, one conversation each
         fastscan     find devices whose address is unknown, and assign node-IDs to all of them
-
-Depends on: frames, COB-IDs, conversations. Used by: `device`, the gateway, conformance, `io.canopen`.
 """

@@ -10,8 +10,6 @@
 There are two node-IDs: the active one, and the *pending* one that 11h sets. A device without a node-ID activates the
 pending one and boots when it returns to WAITING; a device with a node-ID activates it at its next reset. All devices
 receive every request, so a request that does not match the device or its state is not answered.
-
-Depends on: LSS messages. Used by: `LocalNode`, which boots with the new node-ID. The caller changes the bit rate.
 """
 
 from __future__ import annotations

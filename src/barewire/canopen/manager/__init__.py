@@ -8,6 +8,4 @@ Files, in reading order:
     boot_network   all nodes in parallel, their start, and error control afterwards
     check_network  the same without a write, the dry run
     program        the download of a new program, 1F50h to 1F57h
-
-Depends on: SDO, NMT, the configuration of a device. Used by: `io.canopen`, user code.
 """

@@ -1,11 +1,10 @@
 """NMT: network management and error control of nodes.   [CiA 301, NMT, heartbeat, node guarding, boot-up]
 
+The files, in reading order:
+
         messages         the NMT commands, the states of a node and their transitions
         heartbeat        the state byte on 700h+n; heartbeat producer and consumer
         node_guarding    the older error control, by remote frames
         node_monitor     which nodes sent frames and when, to explain why a node did not respond
         master           send a command and await its confirmation; wait for a state or a boot-up message
-
-Depends on: frames, COB-IDs, conversations.  Used by: the SDO client, the EMCY consumer, LSS, `bus`, `device`, the
-gateway, `io.canopen`.
 """

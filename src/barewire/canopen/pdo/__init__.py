@@ -1,5 +1,7 @@
 """PDO: process data without protocol overhead.   [CiA 301, PDO]
 
+The files, in reading order:
+
         mapping          which bits of a frame are which object
         multiplexed      MPDOs: one object in a frame, with its index and sub-index
         config           the communication and mapping records in the object dictionary
@@ -7,7 +9,4 @@
         engine           all PDOs of a device: sent and received by SYNC, change, time and request
         remote_config    read and write the configuration of the PDOs of another device
         named_values     the PDOs of other devices as named values
-
-Depends on: the object dictionary, SDO (remote_config), the EMCY producer, SYNC. Used by: `device`, the gateway,
-`explain`, `io.canopen`.
 """

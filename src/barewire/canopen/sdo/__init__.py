@@ -20,9 +20,6 @@ Files, in reading order:
     client/plain           one request and its response, without a conversation
     client/typed_access    objects as values     client/find_channel       channels of further servers
     server/transfers       the long transfers    server/server             the server
-
-Depends on: frames, COB-IDs, codecs, `abort_codes`, the node monitor of NMT.  Used by: the other rooms of canopen,
-devices, explain, io.
 """
 
 from typing import TYPE_CHECKING

@@ -24,8 +24,6 @@ This receiver acknowledges the segments received in order when a block has ended
 marks the end, so after 70 % of the time-out it acknowledges the segments it has. If no segment arrived at all, it
 repeats its last acknowledgement, which may have been lost. Segments out of order are ignored, also before segment 1.
 A repeated segment with different data ends the transfer, because the two sides no longer refer to the same block.
-
-Depends on: frame data and times passed in. Used by: client (upload, download), server (transfers).
 """
 
 from __future__ import annotations

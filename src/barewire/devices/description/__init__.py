@@ -1,11 +1,11 @@
 """Descriptions of devices: from the TOML files of `catalog/` or of a user to a Device, and from a Device to an EDS.
 
+The files, in reading order:
+
     load            name or path -> Device
     build           the tables of the files -> Device, Parameter
     check           whether a description of a user follows the format
     rules           the rules for single keys
     line_numbers    the line of a key, for errors
     export_eds      Device -> EDS
-
-Depends on: `devices.device`, `devices.parameter`, canopen.eds.  Used by: everything that takes a device by name.
 """

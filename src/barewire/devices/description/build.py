@@ -5,8 +5,6 @@
     object = 0x6041           sub = 0                ->  ObjectAt(0x6041, 0)
 
 Nothing is checked here: `check.py` checks descriptions of users, and a test checks those of the catalogue.
-
-Depends on: Device, Parameter.  Used by: `load.py`, `check.py`.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """Checks that a description follows the format: its tables key by key, and then the keys against each other.
 
+The error of a wrong key, and the two functions:
+
     bad.toml:12: parameter 'TEMPERATURE': key 'half': half a register with type 'u16'; expected u8 or i8
 
     read_file             one file -> a TomlTable, or a DescriptionError with the line
     check_description     device.toml, its [modbus], [canopen], [[pdo]] and [drive], and every [[parameter]] row:
                           whether address and limits fit the type, whether the device has a function that reads the
                           table, and whether a parameter can have its role in the drive
-
-Depends on: `rules.py` for single keys, `build.py` for the parameters.  Used by: `load.py`, the test of the catalogue.
 """
 
 from __future__ import annotations

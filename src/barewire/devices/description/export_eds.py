@@ -9,8 +9,6 @@ An EDS has raw numbers, so ranges and defaults lose scale and unit. COB-IDs of P
 node-ID again. Fields that the description does not have get neutral values: the name of a record is the common
 beginning of the names of its entries, vendor and product are 0. The objects of every node (1000h, 1001h, 1018h) are
 added.
-
-Depends on: Device, canopen.eds.  Used by: the command `barewire eds`.
 """
 
 from __future__ import annotations

@@ -6,8 +6,6 @@
 
 A description of the catalogue is only parsed and built, because a test checks it before it is shipped. A description of
 a user is checked completely before it is built, and errors have file, line and key.
-
-Depends on: `build.py`, and for descriptions of users `check.py`.  Used by: everything that takes a device by name.
 """
 
 from __future__ import annotations

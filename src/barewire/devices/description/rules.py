@@ -1,12 +1,12 @@
 """The rules of the description format for single keys, and the tables that they are applied to.
 
+The parts:
+
     TomlTable                one table of a file; its errors have file, line, table and key
     rule(value)              a check of one value; raises Invalid("expected ...")
     table.check(rules)       all keys of a table: known, present, valid
 
     DEVICE, MODBUS, CANOPEN, PDO, DRIVE, PARAMETER       key -> rule, for each table of the format
-
-Depends on: the line numbers.  Used by: `check.py`.
 """
 
 from __future__ import annotations

@@ -4,8 +4,6 @@
                                           CanopenAccess  Conversation[CanFrame, ...]   SDO
 
 `wait` returns the time. It passes received bytes or frames to the bus or the channel, which counts them.
-
-Depends on: reading and writing by name.  Used by: `drive.py`.
 """
 
 from __future__ import annotations

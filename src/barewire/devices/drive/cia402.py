@@ -14,8 +14,6 @@
        QUICK STOP ACTIVE ----------------------------------------'    16 enable: back, if the drive stays here
 
 Pure functions without time. Both buses carry these words: objects 6040h and 6041h on CANopen, registers on Modbus.
-
-Used by: the drive code, the simulated drives.
 """
 
 from __future__ import annotations

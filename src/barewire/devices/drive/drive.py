@@ -16,8 +16,6 @@ Each is a conversation that returns the last `DriveStatus`, or raises `DriveStuc
 `progress`, if given, is called with a `DriveProgress` after every reading. Only `reset` resets a fault; all others
 report it. "Target reached" is a success only if mode, target and control word are still the written ones: after a halt
 by another master the drive reports "reached" too. A movement switches the current on only with `enable=True`.
-
-Depends on: the access to the drive, the states of CiA 402.  Used by: `io.drive`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Reports of the drive code: the status of a drive, progress, and the error of a drive that does not reach its goal.
 
+An example:
+
     move: stuck in 'ready to switch on' after 3 s, waiting for 'operation enabled': no high voltage, bit 4 (voltage
     enabled) is off; status word 0221h: ready to switch on, quick stop, remote; last control word 0007h
-
-Depends on: the states of CiA 402.  Used by: `drive.py`, the command `barewire drive`.
 """
 
 from __future__ import annotations

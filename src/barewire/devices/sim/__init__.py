@@ -23,8 +23,6 @@ In reading order:
     az3       the servo drive
     csd_mt    the stepper drive
     recorded  machines that repeat what they said on a recorded line: `recorded_units("pump.toml")`
-
-Depends on: device descriptions, messages, the CANopen node.  Used by: cli, tests.
 """
 
 from __future__ import annotations

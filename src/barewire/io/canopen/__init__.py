@@ -1,5 +1,7 @@
 """CANopen on real buses: clients, shared buses, local nodes, and tools that use a bus.
 
+The files, in reading order:
+
     bus/            CanBus: one reader, many subscribers; streams of events; machines that run on a bus
     methods/        upload, fastscan, ...: each written once for both clients
     node            one node: bus.node(5, device="az3")
@@ -8,6 +10,4 @@
     client_base, client, async_client      CanopenClient, AsyncCanopenClient
     gateway_server  the text gateway of CiA 309-3
     socketcand      a bus between processes
-
-Depends on: the engines, ports; canopen, devices.  Used by: `barewire`, machines by name, servers, cli.
 """

@@ -5,8 +5,6 @@
 
 A subscriber of the channel stays on the bus; its frames come from the event loop, if that reads the port, or from the
 thread that does. A timer for each exchange would be costly: one timer is kept, and moved when it rings.
-
-Depends on: fast_path, async_bus, the engine.  Used by: the asyncio client.
 """
 
 from __future__ import annotations

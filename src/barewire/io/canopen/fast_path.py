@@ -7,8 +7,6 @@
 Nearly every access of a master takes this path, in a third of the time: 10 us instead of 30, of which the system and
 the other side take 4 (a pair of sockets). What frames mean is decided in `canopen.sdo.client.plain`. The frames come
 through the port of a conversation that reads the bus itself, or through a `ChannelSubscriber` if others read it too.
-
-Depends on: the shared bus, the engine.  Used by: the blocking client; `async_fast_path` is its twin.
 """
 
 from __future__ import annotations

@@ -8,8 +8,6 @@
 The commands of a connection are carried out one after the other; further ones wait in the socket. A response ends with
 CR LF, and its lines, if there are several, with LF, so a client can read up to CR LF. If a client does not read, its
 notices are dropped, and their number is reported later; responses are never dropped.
-
-Depends on: the asyncio client, `canopen.gateway` for the commands.  Used by: `barewire canopen-gateway`.
 """
 
 from __future__ import annotations

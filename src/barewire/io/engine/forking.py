@@ -7,8 +7,6 @@
 Two processes on one connection would get each other's answers. So the child's copy of an open client raises PortError,
 and the parent's stays as it is: nothing is sent, and no connection is shut down. `multiprocessing` forks by default on
 Linux up to Python 3.13.
-
-Depends on: nothing.  Used by: the connections of Modbus clients, and shared CAN buses.
 """
 
 from __future__ import annotations

@@ -8,8 +8,6 @@
 The rooms below have no threads and so no locks: servers wrap what they serve. All servers of a machine use the same
 lock, because it is an attribute of the machine: of the `machine` of a unit or node, or of the unit or node itself if it
 has none. Servers within one asyncio loop need no lock, because nothing in a machine awaits.
-
-Depends on: nothing but threads.  Used by: servers, nodes that run on a bus, programs with a simulator.
 """
 
 from __future__ import annotations

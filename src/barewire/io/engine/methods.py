@@ -9,8 +9,6 @@
 A definition does no input or output: it returns a description of the operation, which the client carries out. At run
 time `exchange`, `exchanges` and `bus_conversation` are ordinary decorators. For a type checker the result is a
 `Method`: its parameters are those of the definition, and its result is a value or a coroutine, depending on the client.
-
-Depends on: the types of messages.  Used by: Modbus clients, drives. `io.canopen.methods` has the decorators of CANopen.
 """
 
 from __future__ import annotations

@@ -15,8 +15,6 @@ An address is decimal, or hexadecimal as 0x14 or 14h.
     exception           the exception code in hexadecimal, 01..FF (default 06)
     late                the delay in seconds (default: that of the server, 1.5)
     paced               the pause between two bytes in seconds (default 0.005)
-
-Depends on: the texts of errors, and `suggest`.  Used by: `faults`, the command `simulate`.
 """
 
 from __future__ import annotations

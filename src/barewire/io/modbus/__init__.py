@@ -1,5 +1,7 @@
 """Modbus on real ports: clients, and listening in.
 
+The files, in reading order:
+
     options                         the types of the options of clients and servers
     carriers                        the framing state and the port of an endpoint
     methods                         the base class of both clients: read_coils and all other methods
@@ -7,6 +9,4 @@
     connection, client              the blocking client
     async_connection, async_client  the asyncio client
     sniff                           listens in on a serial line
-
-Depends on: `endpoint`, `ports`, `engine`.  Used by: `barewire`, servers (`carriers`), the commands.
 """

@@ -9,6 +9,4 @@
     trace           shows all items to a function of the caller
 
 The table `barewire.io.endpoint.CARRIERS` has the files for each scheme of a URL.
-
-Depends on: `endpoint`.  Used by: the engines, clients and servers.
 """

@@ -1,8 +1,6 @@
 """Accepting connections, the same way in a thread and in asyncio: several at a time, and without free descriptors too.
 
 asyncio's own way logs a traceback for each attempt without a descriptor, and accepts nobody for a second after it.
-
-Used by: the threaded and the asyncio TCP server.
 """
 
 from __future__ import annotations

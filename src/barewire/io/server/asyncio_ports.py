@@ -1,7 +1,4 @@
-"""Asyncio servers without connections: on a UDP port, and on a serial port.
-
-Used by: `AsyncModbusServer`, by the scheme of its URL.
-"""
+"""Asyncio servers without connections: on a UDP port, and on a serial port."""
 
 from __future__ import annotations
 

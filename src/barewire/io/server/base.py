@@ -5,8 +5,6 @@
     await server.start()               in the running loop; so does `async with server:`
 
 A server serves once: after that its port may belong to another program, so a second `run` or `start` raises PortError.
-
-Used by: `ModbusServer`, `CanopenServer`, and those for asyncio.
 """
 
 from __future__ import annotations

@@ -14,8 +14,6 @@ Recording a request costs O(1): no order is kept, and the table is searched only
 Times are passed in.
 
 Why each connection ended is counted in the statistics of the server, and logged.
-
-Used by: the threaded and the asyncio TCP server.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ A client may repeat a request, with the same transaction number too, and nothing
 datagram that is lost ends the round, and costs a client one time-out. So the same datagram from the same sender,
 answered with itself, is answered `COPIES` times and then refused once, if it comes at least every second.
 
-Times are passed in.  Used by: the UDP server.
+Times are passed in.
 """
 
 from __future__ import annotations

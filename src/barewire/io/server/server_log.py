@@ -4,8 +4,6 @@
     Traceback (most recent call last): ...
 
 The client gets exception 04 only, the program gets the traceback.
-
-Depends on: `io.log`.  Used by: the Modbus servers.
 """
 
 from __future__ import annotations

@@ -15,6 +15,4 @@ keeps the timer running [MB-SERIAL 2.4.1], because the right response may still 
     line_state             the state of the bus: pending answers, late replies, the state of each unit
     fair_queue             which of several waiting requests is next
     read_identification    2B/0E until all identification objects are read
-
-Depends on: conversation, modbus.messages, modbus.framing. Used by: io.modbus, devices (access), explain.
 """

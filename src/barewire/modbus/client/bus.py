@@ -30,8 +30,6 @@ Most requests on TCP are one send and one receive. These can be carried out with
 
     ask(unit, request)   =   begin(unit, request) -> the frame; send it;  the response arrived:     answered(unit, now)
                                                                           anything else happened:   rest(unit, ...)
-
-Depends on: conversation, line_state, modbus.messages. Used by: io.modbus (clients), io.engine (fast path).
 """
 
 from __future__ import annotations

@@ -9,8 +9,6 @@ condition or with futures.
 An exception may interrupt every method at any line (Ctrl-C, a signal handler). So the caller makes the ticket before it
 joins; a ticket is in `_places` before it is taken from those that wait, so that it is never in neither; and `leave` may
 be called again.
-
-Depends on: nothing. Used by: the Modbus clients of io.
 """
 
 from __future__ import annotations

@@ -15,8 +15,6 @@
 **This file is the list of the functions.** To add one, write its two classes and add them to both lists below:
 `registry` registers every request class it finds here under its `function_code` (and `mei_type`), and `barewire.modbus`
 exports every name. The first list is for type checkers, which read only import statements.
-
-Depends on: codecs, adu, exceptions. Used by: every room above, and rtu, for the lengths of messages.
 """
 
 from typing import TYPE_CHECKING

@@ -5,8 +5,6 @@
 Each message class documents one message: a drawing of its bytes, an example that runs, a `layout`. The layout packs,
 unpacks, explains and measures, so no byte position is written twice. A client needs no code for a function: it sends
 the request, and `request.read_response(pdu)` returns the response only if it answers exactly that request.
-
-Depends on: codecs, adu, exceptions. Used by: every message, and all code that handles messages in general.
 """
 
 from __future__ import annotations

@@ -10,8 +10,6 @@ touches. A permission with `addresses` covers a request without addresses (files
 function: permission for registers 0 to 9 does not imply access to files.
 There is no default table, and a role that is not in the table has no permissions [MB-TLS R-23, R-27, R-28]. A refused
 request gets exception 01 [MB-TLS R-31].
-
-Depends on: messages. Used by: the TLS servers of io, as `permits` of `Server`.
 """
 
 from __future__ import annotations

@@ -10,8 +10,6 @@
 
 A block is an `array` or a `bytearray` up to its last address, with zeros in its holes. Values are checked when they are
 assigned; reading checks that the addresses exist, where there are holes.
-
-Used by: table.
 """
 
 from __future__ import annotations

@@ -6,8 +6,6 @@
            OID 1.3.6.1.4.1.50316.802.1             octets UTF8String "Operator"
 
 There is at most one role, and the whole text is its name. A certificate without a role is valid: its role is None.
-
-Depends on: errors. Used by: the TLS servers of io, the answers of the vectors.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A unit of plain functions, for programs whose values are not in a table.
 
-    Functions(read_holding_registers=lambda address, quantity: sensor[address : address + quantity])
+An example:
 
-Depends on: messages, identity. Used by: programs.
+    Functions(read_holding_registers=lambda address, quantity: sensor[address : address + quantity])
 """
 
 from __future__ import annotations

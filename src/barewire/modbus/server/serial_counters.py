@@ -15,8 +15,6 @@ exceptions, function 0B itself, and the two requests that set it to zero.
 
 **Listen only mode** (08/04): the unit counts, stays silent and carries nothing out. Only Restart Communications (08/01)
 ends the mode, and is not answered then.
-
-Depends on: messages (diagnostics, comm_events). Used by: server.
 """
 
 from __future__ import annotations

@@ -21,8 +21,6 @@ The order of checks is that of the standard's figures: function (01), then quant
 **On TCP** every request is answered, with its transaction number. Requests beyond `transactions` in one read get
 exception 06 (busy). A frame with bit 7 of the function set is not a request there either: it is ignored, because any
 response to it could be mistaken for the response to another request.
-
-Depends on: framing, messages, serial_counters. Used by: the servers of io, the simulators' tests.
 """
 
 from __future__ import annotations

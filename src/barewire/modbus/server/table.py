@@ -1,11 +1,11 @@
 """A unit kept in memory: the four tables of Modbus, FIFO queues, files, exception status and identification.
 
+What it holds, and the function codes that read and write it:
+
     coils              read and write    01 05 0F             discrete inputs    read only    02
     holding registers  read and write    03 06 10 16 17       input registers    read only    04
     queues             read only         18                   files              read and write    14 15
     exception status   read only         07                   identification     read only    11 2B/0E
-
-Depends on: messages, identity. Used by: programs, and the servers of io as the default unit.
 """
 
 from __future__ import annotations

@@ -20,8 +20,6 @@
     vectors           `vectors`: the reference vectors, listed, shown, run against any implementation (a folder)
 
 Exit status: 0 done, 1 failed, 2 wrong usage, 128 + n ended by signal n.
-
-Depends on: every other room, click and rich.  Used by: nothing; what a command does, a program can do without it.
 """
 
 from __future__ import annotations

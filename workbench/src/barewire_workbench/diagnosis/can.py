@@ -7,8 +7,6 @@
 
 Some faults are seen only with a description of the node: the size of an object, the bytes of a PDO. A device may
 deviate from the standard on purpose (`KnownNode.commands`), which is no fault then.
-
-Depends on: findings, explain.canopen, canopen. Used by: api, can_log.
 """
 
 from __future__ import annotations

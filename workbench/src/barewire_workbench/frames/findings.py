@@ -6,8 +6,6 @@
 
 A finding is made by a trial that succeeds, and the proof is its result: the bytes that are a good frame, the checksum
 that fits, or the two numbers that contradict each other. Where no trial succeeds, there is no finding.
-
-Depends on: nothing. Used by: `result`, and by the files in `diagnosis` that make the trials.
 """
 
 from __future__ import annotations

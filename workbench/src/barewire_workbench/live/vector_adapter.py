@@ -7,8 +7,6 @@
 
 It is not asked what it does not offer. A program that ends is started again for the next question; one that does not
 answer in time is killed, and started again. What it writes to its standard error is kept for the text of a failure.
-
-Depends on: the vectors.  Used by: `barewire vectors check --adapter`.
 """
 
 from __future__ import annotations

@@ -15,8 +15,6 @@
 
 Missing frames of a recording (`Gap`) and frames that the bus lost (`Loss`) are reported separately. The monitor never
 sends, and has no files, buses or clocks.
-
-Depends on: canopen, devices, explain.canopen, explain.capture. Used by: cli.
 """
 
 from barewire_workbench.frames.canopen.known_node import KnownNode, of_device, of_dictionary

@@ -14,8 +14,6 @@ A recording may begin in the middle of a transfer:
     answer without a request        late, if the transfer was given up; or the request is not in the recording
     consecutive numbers, one side   a block: no other transfer has two frames of one side in a row
     A2, C1, A1                      the end of a block transfer
-
-Depends on: the SDO messages, channel_state, segments, block. Used by: channels.
 """
 
 from __future__ import annotations

@@ -5,8 +5,6 @@
         block        takes frames of block transfers; its findings are collected by `collect_findings`
 
 The first frame of a channel may be ambiguous; its events are held back until the next frame settles it.
-
-Depends on: events, transfer, block. Used by: segments, channel.
 """
 
 from __future__ import annotations

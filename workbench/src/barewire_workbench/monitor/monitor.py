@@ -13,8 +13,6 @@ recorder about lost frames (`Dropped`, an overrun of its controller) is a gap to
 
 Memory is bounded: 127 nodes, `channels.CHANNELS_MAX` SDO channels, `transfer.HELD_MAX` bytes of values, and the limits
 of the parts.
-
-Depends on: all other files of this room but event_text and recording. Used by: recording, cli.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Recordings of CAN buses: read in any of the file formats, monitored bus by bus, and written.
 
+The formats:
+
     candump      its log, and its screen output            Vector ASC      text
     pcapng, pcap SocketCAN frames, link type 227           Vector BLF      binary
     log of the CANopen conformance test tool of CiA        PEAK TRC, python-can   text
-
-Depends on: explain.capture, monitor. Used by: cli.
 """
 
 from __future__ import annotations

@@ -6,8 +6,6 @@
 
 The unused bytes behind the data of an expedited transfer or of the last segment are not reserved: they may have any
 value.
-
-Depends on: the SDO messages. Used by: channel.
 """
 
 from __future__ import annotations

@@ -6,8 +6,6 @@
         initiate block ...      upload or download      confirmation; a block upload may be answered as an ordinary one
 
 The bytes that all transfers hold together are bounded (`HeldBytes`).
-
-Depends on: the SDO messages. Used by: block, segments, channel_state, channel.
 """
 
 from __future__ import annotations

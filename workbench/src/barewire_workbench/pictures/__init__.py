@@ -18,7 +18,4 @@ The files in reading order:
     drive_words  the status words and control words in a recording
     recordings   the picture of a recording
     steps_page   a calculation step by step as HTML
-
-Depends on: result, wire, steps, canopen, modbus, capture, can_monitor, devices. No ports, files or
-clocks. Used by: cli, the explorer, tests.
 """

@@ -1,13 +1,13 @@
 """A picture of a CAN frame, bit by bit, as it is on the bus.
 
+An example:
+
     SOF, identifier, RTR
                  0 1 1 0 0 0 0 0 1 0 1 ...      level of each bit, in the order on the bus
     recessive 1  . .---.
                  | |   |
     dominant  0  '-'   '---------
                                s                a stuff bit: the receivers remove it
-
-Depends on: wire (can_bits), result. Used by: the commands `explain` and `steps`, the explorer.
 """
 
 from __future__ import annotations

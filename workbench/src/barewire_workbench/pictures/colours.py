@@ -5,8 +5,6 @@ at least 4.5 (WCAG 2.1, 1.4.3), and no meaning is carried by colour alone: parts
 
 The style sheet states the light colours first and the dark ones in `@media (prefers-color-scheme: dark)`, without
 variables: drawing programs that know neither still show the light picture.
-
-Depends on: nothing. Used by: picture.
 """
 
 from __future__ import annotations

@@ -4,8 +4,6 @@
 
 Coordinates are pixels, y grows downwards. The classes are those of the style sheet in `colours`: an element never
 states a colour.
-
-Depends on: nothing. Used by: picture, and every picture.
 """
 
 from __future__ import annotations

@@ -4,8 +4,6 @@
     Modbus   the registers that the description of the drive names, in answered requests
 
 A word that says the same as the one before it is left out: a drive that is watched repeats its status many times.
-
-Depends on: can_monitor, the sniffer's events, devices. Used by: the command `sniff`.
 """
 
 from __future__ import annotations

@@ -9,8 +9,6 @@
 
 A frame on CAN reaches every node; its arrow ends at the station that it is for, and for what a node sends by itself at
 the line of the master.
-
-Depends on: sequence, the sniffer's events, CAN recordings. Used by: the commands `sniff` and `vectors show`.
 """
 
 from __future__ import annotations

@@ -7,8 +7,6 @@
        1     2     3           4           5             numbers of the fields: 1 unit, 2 function code, ...
 
 Bytes and meaning of a field have the same number and the same tint, and light each other up.
-
-Depends on: result. Used by: the command `explain`, the explorer.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """The pictures of one frame: its fields, and its levels on the wire.
 
+The pictures of each protocol:
+
     protocol     fields    levels
     rtu          yes       the characters of a serial line, 8E1, with the silence on both sides
     ascii        yes       the characters of a serial line, 7E1
     can          yes       the bits of the frame on the bus; not of CAN FD and of error frames
     tcp          yes       -
-
-Depends on: the pictures. Used by: the command `explain`, the explorer.
 """
 
 from __future__ import annotations

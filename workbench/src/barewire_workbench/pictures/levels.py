@@ -10,8 +10,6 @@
 An idle line has level 1. A character begins with a start bit of level 0, which the receiver recognises as an edge;
 then come the data bits, the lowest first, a parity bit if the format has one, and stop bits of level 1. Silence is
 level 1 for longer; 3.5 characters of it separate the frames of RTU [MB-SERIAL 2.5.1.1].
-
-Depends on: wire (uart), rtu (timing), result. Used by: the commands `explain` and `steps`, the explorer.
 """
 
 from __future__ import annotations

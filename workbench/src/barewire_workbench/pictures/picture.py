@@ -8,8 +8,6 @@
 
 The SVG and the page need nothing but themselves: no script, no font, no other file. Parts that belong together light
 each other up when the pointer is on one of them or the keyboard has chosen it, by rules of CSS (`:has`).
-
-Depends on: drawing, colours. Used by: every picture, cli, the explorer.
 """
 
 from __future__ import annotations

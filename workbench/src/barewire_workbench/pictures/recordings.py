@@ -1,7 +1,4 @@
-"""The pictures of a recording: a sequence diagram, or the state machine of a drive in it.
-
-Depends on: exchanges, drive_words, can_monitor (recordings), capture. Used by: the command `sniff`, the explorer.
-"""
+"""The pictures of a recording: a sequence diagram, or the state machine of a drive in it."""
 
 from __future__ import annotations
 

@@ -8,8 +8,6 @@
 
 A is the most significant byte. Modbus sends a register with its high byte first [MB-APP 4.2], and does not say which
 of two registers has the high word: the manual of the device has to.
-
-Depends on: codecs. Used by: the command `steps`, the explorer.
 """
 
 from __future__ import annotations

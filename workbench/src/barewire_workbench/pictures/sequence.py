@@ -5,8 +5,6 @@
        1.012300       |<--------------|        2 registers, after 12.3 ms             03 04 00 17 00 07
 
 Time runs downwards. Messages come as an iterator of any length: the picture keeps the first ones, and counts the rest.
-
-Depends on: drawing, picture. Used by: exchanges, cli, the explorer.
 """
 
 from __future__ import annotations

@@ -10,8 +10,6 @@
 The states come from status words, the transitions between two of them from the commands that were given meanwhile and
 from what a drive does by itself. If these do not lead to the state that was seen, the shortest way is given as such.
 Control words alone do not prove that the drive followed.
-
-Depends on: the states of CiA 402. Used by: the command `steps`, recordings of drives, the explorer.
 """
 
 from __future__ import annotations

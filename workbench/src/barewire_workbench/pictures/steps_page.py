@@ -1,7 +1,4 @@
-"""A calculation step by step as HTML: its texts and tables on a page, below the picture if it has one.
-
-Depends on: steps. Used by: the command `steps`, the explorer.
-"""
+"""A calculation step by step as HTML: its texts and tables on a page, below the picture if it has one."""
 
 from __future__ import annotations
 

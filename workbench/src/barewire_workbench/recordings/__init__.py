@@ -1,5 +1,7 @@
 """Recordings of lines and buses, read and written. Bytes and text in, items out; no file access.
 
+The files, in reading order:
+
     model                     the items of a CAN recording
     candump, asc, blf, trc, python_can_text, conformance_log      file formats for CAN
     pcapng                    packets of capture files
@@ -9,6 +11,4 @@
     bytelog                   logs of serial lines
     modbus_log/               recordings of Modbus in any form: logs of programs, exports, dumps, captures
     modbus_replay             any recording of Modbus, decoded by the sniffer
-
-Depends on: canopen, modbus.sniffer, rtu, ascii, tcp, explain.input. Used by: explain.can_monitor, explain.api, io, cli.
 """

@@ -13,8 +13,6 @@
 The log has no times, so the lines are 1 ms apart. The form is that of version 3.0.3.10, of which a report is published
 (test/test_report_CCT.md of the repository CANopenNode/CANopenDemo). That one has 11-bit data frames alone: E and R are
 read by analogy.
-
-Depends on: canopen.frame, model. Used by: can_monitor.recording.
 """
 
 from __future__ import annotations

@@ -12,8 +12,6 @@ blocks, the block size, whether a size and a CRC are announced. The data of a do
 sends its own frames from there on, and it gets a response when it has sent as many requests as the recorded client
 before it, at the recorded time. Each transfer begins on a channel of its own, so that no difference follows from the
 one before. A transfer whose beginning is not in the recording, or with a gap that the recorder reports, is left out.
-
-Depends on: canopen, explain.can_monitor, explain.capture, played. Used by: cli.
 """
 
 from __future__ import annotations

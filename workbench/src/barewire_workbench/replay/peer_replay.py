@@ -15,8 +15,6 @@ its first recorded frame.
 
 Recordings without times (`timed=False`) have an order only: if the device has not yet sent a recorded frame, time
 passes, up to 10 s, until it does.
-
-Depends on: canopen, explain.capture, played, recorded_values. Used by: cli.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """One frame of a recording that was played against a device or a client: the same, different, missing or extra.
 
+The four outcomes:
+
     same        it sends the recorded frame
     different   it sends a frame with the same identifier and other data
     missing     it sends none with this identifier
     extra       it sends a frame that the recording does not have
-
-Depends on: canopen, explain.canopen, explain.capture. Used by: peer_replay, client_replay, cli.
 """
 
 from __future__ import annotations

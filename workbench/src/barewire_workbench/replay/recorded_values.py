@@ -6,8 +6,6 @@
 A device that is made from an EDS has default values; with these it has those of the recorded device, when they are
 read. Left out are objects that an SDO wrote before in the recording, since the device has to know them itself, and
 communication objects (1000h to 1FFFh) except the identity: 1000h, 1008h to 100Ah, 1018h.
-
-Depends on: canopen, explain.can_monitor, explain.capture. Used by: peer_replay, cli.
 """
 
 from __future__ import annotations

@@ -17,8 +17,6 @@ The files in reading order:
     cob_id        a COB-ID taken apart
     drive_words   control word and status word of a CiA 402 drive
     can_frame     a CAN frame bit by bit; arbitration
-
-Depends on: result, wire, rtu, ascii, modbus, canopen, codecs, devices. Used by: cli, pictures, the explorer.
 """
 
 from barewire_workbench.steps.can_frame import can_frame_steps

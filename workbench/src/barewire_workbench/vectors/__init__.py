@@ -11,6 +11,4 @@
     answers/    the answers of barewire itself, a function for each kind
 
 An implementation in any language answers the same questions as lines of JSON: `barewire vectors check --adapter`.
-
-Depends on: the codecs, protocols and devices.  Used by: `barewire vectors`, tests.
 """

@@ -6,8 +6,6 @@
     vectors/rtu/crc16.json          a file: one subject, one kind, its cases
 
 A wheel has them as one compressed file, vectors.zip, which setup.py makes.
-
-Depends on: errors.  Used by: `barewire vectors`, tests.
 """
 
 from __future__ import annotations

@@ -13,8 +13,6 @@ hexadecimal digits may have other letters or blanks; numbers of floating point a
 Where several answers are right, a case has {"one_of": [...]} or, for a number, {"from": ..., "to": ...} in their place.
 Beside `one_of`, `never` has answers that are wrong even if the case is acceptable. In a frame of a device two dots are
 a byte that may have any value.
-
-Depends on: questions.  Used by: `barewire vectors`, tests.
 """
 
 from __future__ import annotations

@@ -7,8 +7,6 @@
 
 A field of `given` with a question mark is left out of the question if the case does not have it; without its other
 fields a case does not ask the question. Some fields are made of others here: see `_made`.
-
-Depends on: errors.  Used by: the judge, `barewire vectors`, tests.
 """
 
 from __future__ import annotations

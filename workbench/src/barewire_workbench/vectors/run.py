@@ -2,8 +2,6 @@
 
 `ask` is any function from a question to an answer: ours, or a program behind a pipe. If it raises `AdapterFailure`, the
 question has failed, and the run continues.
-
-Depends on: questions, judge, files.  Used by: `barewire vectors check`, tests.
 """
 
 from __future__ import annotations

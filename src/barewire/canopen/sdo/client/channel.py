@@ -29,8 +29,6 @@ A channel has one client. If a second one sends on it, both receive its response
 both for one transfer. A frame on the request identifier that this client did not send reveals the other one: during a
 transfer `receive` raises OtherClient; before a transfer `settle` waits for the response to it. Some adapters return the
 frames that they send. Whether this one does shows at the first response, which a returned request precedes.
-
-Depends on: messages, times passed in. Used by: transfers, the CAN bus, which keeps one for each node.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Counts of the frames that a client received on and beside its SDO channel, and the sentence that explains a time-out.
-
-Used by: `Channel`.
-"""
+"""Counts of the frames that a client received on and beside its SDO channel, and the sentence on a time-out."""
 
 from __future__ import annotations
 

@@ -13,8 +13,6 @@
 It cannot change results: whatever is not exactly the usual response (an abort, segments, another object, reserved bits,
 fewer than 8 bytes, a request of another client, no frame) goes to the conversation of the same transfer, which then
 listens as if it had sent the request itself. tests/canopen/sdo/test_plain.py compares both, for any frames.
-
-Depends on: the channel, upload and download. Used by: the fast path of the CAN bus.
 """
 
 from __future__ import annotations

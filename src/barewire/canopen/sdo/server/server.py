@@ -24,8 +24,6 @@ abort for it would reach the client in its next transfer.
 The dictionary refuses an access by raising SdoAbort, and the server sends its code. Reserved bits in a command are
 ignored, as the standard requires, and counted as a deviation; so read requests that repeat the command of the response
 (4F, 4B, 43) are served too.
-
-Depends on: frames and times passed in, an `ObjectStore`. Used by: local nodes, simulators.
 """
 
 from __future__ import annotations

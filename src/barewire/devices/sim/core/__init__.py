@@ -12,6 +12,4 @@ Files in reading order:
     modbus            function codes: a unit of a Modbus server
     canopen           the object dictionary and the PDOs: a CANopen node
     simulator         the machine that joins them; any device without behaviour of its own
-
-Depends on: devices (descriptions, parameters), modbus.messages, canopen.device.  Used by: the machines beside it.
 """

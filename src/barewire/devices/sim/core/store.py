@@ -9,8 +9,6 @@
 A `Cell` is one parameter with its value. It has three hooks: `measured` computes the value when it is read, `veto` may
 decline a write before anything is stored, `after` is called after a write. A bit of an object whose whole word is
 described as well (the coils of the AZ3) has no value of its own: its cell reads and writes the cell of the word.
-
-Depends on: parameters.  Used by: the adapters, register images, and all machines.
 """
 
 from __future__ import annotations

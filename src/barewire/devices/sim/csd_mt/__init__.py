@@ -11,5 +11,5 @@
     registers      saved parameters, alarm log, outputs, and the registers with rules of their own
     machine        the drive that joins them; its head lists what is simulated and what is only stored
 
-Each file uses only those above it.  Depends on: core, motion.
+Each file uses only those above it.
 """

@@ -16,8 +16,6 @@ of DSP 402, and this file follows both.
 
 Home gets the number +offset, as in the manual (in CiA 402 it would be -offset). A slow search at speed 0, the default
 of 1054, never ends, nor does a search for an input that Input Config (1088) does not make the proximity input.
-
-Depends on: nothing. The axis carries the movements out.
 """
 
 from __future__ import annotations

@@ -8,8 +8,6 @@ Drives differ in their `AxisSettings`: units, limits, and the source of the valu
 limit switches and homing in `csd_mt.axis`, a brake in `az3.motion`) override the methods that are marked as hooks.
 Everything is in steps and seconds. The bits 4 to 8 of the control word depend on the mode: 4 new set-point or homing
 start, 5 change immediately, 6 relative, 8 halt (CSD MT manual, ch. 12, register 1040).
-
-Depends on: the CiA 402 states of devices.drive, trajectory.  Used by: az3.motion, csd_mt.axis.
 """
 
 from __future__ import annotations

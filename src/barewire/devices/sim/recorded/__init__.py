@@ -1,5 +1,7 @@
 """Machines that repeat what they said on a recorded line: values, exceptions, missing answers, and their times.
 
+The files, in reading order:
+
     overheard line --> sniffer events --learn--> RecordedLine --to_toml--> a file to read, edit, keep beside a test
                                                                               |
     client <-- Server <-- ReplayedUnit <----------- recorded_units -----------'
@@ -8,6 +10,4 @@
     learn     sniffer events -> model
     toml      model <-> text, with its checks
     replay    model -> a unit of a server
-
-Depends on: the sniffer, messages.  Used by: `devices.sim`, the commands `record` and `simulate`.
 """

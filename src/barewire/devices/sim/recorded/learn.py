@@ -1,10 +1,10 @@
 """Learns what the units of a line answer, from the events of a sniffer.
 
+The events that it learns from:
+
     RequestSeen    ResponseSeen            one exchange, after the time between the two
     RequestSeen    ResponseMissing         one exchange without an answer
                    ResponseSeen (late)     ... which came after all, when the client had given up
-
-Depends on: modbus.sniffer, model.  Used by: the command `record`, programs.
 """
 
 from __future__ import annotations

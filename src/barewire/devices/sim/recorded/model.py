@@ -10,8 +10,6 @@
                  wrote 3, done    at 2.0 s, after 15 ms
 
 Equal answers in a row are one `RecordedAnswer` with a number of times.
-
-Depends on: nothing.  Used by: learn, toml, replay.
 """
 
 from __future__ import annotations

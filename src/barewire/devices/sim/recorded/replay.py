@@ -11,8 +11,6 @@
 
 So a client that asks what was asked gets what was answered, however fast it asks; and a write has the effects that it
 had, because the reads behind it follow it.
-
-Depends on: model, messages.  Used by: `recorded_units`, the command `simulate`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """A recorded line as text: TOML to read, to edit, and to keep beside a test.
 
+An example:
+
     [[unit]]
     address = 7
 
@@ -21,8 +23,6 @@
     [[unit.request]]
     pdu = "2B 0E 01 00"                 # any other function
     answers = [{ latency = 0.02, pdu = "2B 0E 01 ..." }]
-
-Depends on: model.  Used by: `recorded_units`, the commands `record` and `simulate`.
 """
 
 from __future__ import annotations

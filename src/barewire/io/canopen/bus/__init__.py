@@ -1,5 +1,7 @@
 """CanBus: one CAN bus shared by many listeners of this program, for threads and asyncio.
 
+The files, in reading order:
+
     subscriber      receives frames of a shared bus for one thread or task
     direct_port     reads the bus for one conversation, while nobody else listens
     reconnect       opens a port again that failed
@@ -9,6 +11,4 @@
     node_runner     runs machines that also send, each in a thread
     async_bus       subscribers, streams and running machines for asyncio
     capture         the frames of a live bus
-
-Depends on: the engines, ports; canopen.  Used by: clients, nodes, servers, cli.
 """

@@ -5,8 +5,6 @@
 
 Most interfaces of python-can have no file descriptor for `loop.add_reader`; slcan may hold half a frame behind it, and
 `recv` of others blocks. So a thread reads them, as it reads any bus that has listeners besides one event loop.
-
-Depends on: shared_bus, event_stream, node_runner.  Used by: the asyncio client, the text gateway.
 """
 
 from __future__ import annotations

@@ -8,8 +8,6 @@ A conversation to which nobody else listens needs no queue, and no reader thread
 
 It delivers the frames that it reads to all subscribers, and becomes a subscriber at its next call: no frame is lost,
 and none is delivered twice. Frames that others send or the reader reads until then wait in its `inbox`.
-
-Depends on: subscriber, a bus.  Used by: the blocking client.
 """
 
 from __future__ import annotations

@@ -9,8 +9,6 @@ the holder of the bus's lock reads, and each frame is delivered to all subscribe
 twice.
 
 A busy loop reads late. For streams whose events depend on time the port records when each frame arrived (`keep_times`).
-
-Depends on: a bus.  Used by: subscribers of asyncio.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """The receiving side of a shared CAN bus: who reads the port, what each received frame reaches, and a port that fails.
 
+Who reads the port:
+
         nobody                  until somebody listens, if the system keeps frames meanwhile; only of a lazy bus
         one conversation        a blocking client that is alone reads by itself: `DirectPort`
         one subscriber          the stream of frames of a blocking client that is alone: `read_alone`
         one event loop          asyncio clients of this loop are alone, on a port with a descriptor: `LoopReader`
         the reader thread       as soon as others listen
-
-Depends on: a port, subscribers.  Used by: `CanBus`.
 """
 
 from __future__ import annotations

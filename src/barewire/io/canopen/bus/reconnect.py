@@ -7,8 +7,6 @@
 A bus has frames without requests, so unlike a Modbus connection its port is not opened by the next request but at once.
 After an adapter was plugged in again, an interface was set up, or a server restarted, the bus continues by itself. Only
 a port that lasted for some seconds resets the pauses; they grow further if it opens and fails at once.
-
-Depends on: ports.  Used by: shared buses, servers of nodes.
 """
 
 from __future__ import annotations

@@ -10,8 +10,6 @@ as bus-off) go to every stream. After the port has failed, all calls raise PortE
 (`dial`), streams report `BusDown` and `BusUp` instead and continue.
 
 Frames sent by one subscriber are delivered to all others of this bus, so several nodes can run in one process.
-
-Depends on: receiving, the locks of SDO channels.  Used by: clients, `CanopenServer`, the text gateway.
 """
 
 from __future__ import annotations

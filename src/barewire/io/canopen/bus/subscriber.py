@@ -4,8 +4,6 @@
                                               12 lost                 counted, and reported as FramesLost
 
 A bounded queue. Its consumer is woken only while it waits, so a burst of frames wakes it once.
-
-Depends on: a bus to add itself to.  Used by: clients, streams, nodes.
 """
 
 from __future__ import annotations

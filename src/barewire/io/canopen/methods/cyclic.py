@@ -1,11 +1,11 @@
 """Cyclic frames: SYNC, a heartbeat, PDOs, sent by a machine of this program or by the kernel.
 
+Examples:
+
     bus.sync.start(0.01)                            by="python": a thread or a task sends each frame
     bus.sync.start(0.01, by="kernel")               CAN_BCM of Linux sends them, if the bus is can://socketcan/...
     bus.nmt.start_heartbeat(127, 0.5)
     bus.start(CyclicProducer(0.01, frame))          any frames; `update` changes them
-
-Depends on: the operations, `bcm` for the kernel. Used by: the methods of clients that start producers.
 """
 
 from __future__ import annotations

@@ -17,8 +17,6 @@ A definition only returns a description of the operation; the runner (one of the
 
 At run time each decorator returns a plain method that passes the description to the runner. For type checkers it is a
 descriptor: the type of the result depends on the runner.
-
-Depends on: the shared bus.  Used by: every group of methods, both clients.
 """
 
 from __future__ import annotations

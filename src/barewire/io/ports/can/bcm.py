@@ -10,8 +10,6 @@
 A timer of the kernel keeps the interval, also while the program computes, waits or stands still. It ends with the
 socket, and so with the program. Raw sockets of the same computer receive these frames as if another node had sent them.
 The kernel does not report a frame for which the controller had no room.
-
-Depends on: `socket`. Used by: `io.canopen.methods.cyclic`, if frames are to be sent by the kernel.
 """
 
 from __future__ import annotations

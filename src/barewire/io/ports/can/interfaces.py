@@ -1,10 +1,10 @@
 """The interfaces of can:// URLs: which port each of them has.
 
+The URLs, and the file of each:
+
     can://socketcan/can0          `socketcan`       a raw socket of the Linux kernel
     can://memory/NAME             `memory`          a bus inside this process
     can://INTERFACE/CHANNEL       `python_can`      any other interface
-
-Used by: clients, servers, captures, cli.
 """
 
 from __future__ import annotations

@@ -4,8 +4,6 @@
 
 For tests and demos. Every port with the same name is on the same bus, which exists while one is open. A frame reaches
 all other ports, in the same order everywhere, before `send` returns. No port is read by another process.
-
-Depends on: nothing but threads' locks.  Used by: `interfaces`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """A raw CAN socket of the Linux kernel, and the options of can://socketcan URLs.   [Linux, can.rst]
 
+A filter in a URL, and as the kernel gets it:
+
     filter=585,00000705      85 05 00 00  FF 07 00 80        (identifier, mask): a frame passes if it agrees in
                              05 07 00 80  FF FF FF 9F        the bits of the mask; bit 31 is that of extended frames
-
-Used by: `socketcan`, and `interfaces`, which checks URLs.
 """
 
 from __future__ import annotations

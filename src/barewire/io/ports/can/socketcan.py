@@ -8,8 +8,6 @@ The system keeps the time-out of a read (SO_RCVTIMEO), so a frame that arrives i
 goes down the system reports that once to each socket, and is silent until it is up again; `receive` then raises
 PortError each time. Frames for which the socket had no room are counted in `lost`: the system has the count
 (SO_MEMINFO), which is read when many frames came one after the other.
-
-Depends on: `raw_socket`.  Used by: `interfaces`.
 """
 
 from __future__ import annotations

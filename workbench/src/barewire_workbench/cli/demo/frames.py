@@ -2,8 +2,6 @@
 
 The ports are pseudo-terminals with the timing of 19200 8E1, TCP on loopback, and a virtual CAN bus of python-can.
 The frames shown are those that were sent and received.
-
-Depends on: machines, their servers and clients, `explain`.  Used by: the story.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Conformance of CANopen devices: cases as data, and a conversation that carries them out.   [CiA 301, CiA 305]
 
+The files, in reading order:
+
     model           the device under test, a case, its steps, its outcome
     script          a case of the vectors, read; the cases themselves are in vectors/canopen/conform-*.json
     placeholders    values of the device in the texts of a case
@@ -12,7 +14,4 @@
     application     the cases that write the application objects of an EDS
     restore         undoes what a case wrote, on a device that keeps values over a reset
     battery         all cases for one device, and how one is run
-
-Depends on: the messages of canopen, the objects of an EDS.  Used by: `io.canopen.conformance`, the answers of the
-vectors.
 """

@@ -8,8 +8,6 @@ The values of a number with LowLimit and HighLimit are both limits and three val
 which others are safe: an object without limits gets its DefaultValue, a BOOLEAN both values. The controlword of each
 axis of a drive is never written, since it switches the power stage on; bit 0 of ObjFlags leaves out others. After each
 case, `restore_values` gives the objects the values that they had.
-
-Depends on: the cases of an EDS.  Used by: the battery.
 """
 
 from __future__ import annotations

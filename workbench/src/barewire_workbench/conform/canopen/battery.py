@@ -6,9 +6,6 @@
     run_case      sends the steps of a case, compares received frames with the accepted patterns, stops at a difference
 
 Frames that a case does not listen for (heartbeats, process data of other nodes) are ignored.
-
-Depends on: the model, script, the files with further cases.  Used by: `io.canopen.conformance`, the answers of the
-vectors.
 """
 
 from __future__ import annotations

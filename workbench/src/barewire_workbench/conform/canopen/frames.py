@@ -1,10 +1,10 @@
 """Frames of the conformance cases as text: requests to one device, and accepted responses.
 
+Examples:
+
         Sdo(5).upload(0x1000)                 605#4000100000000000        sent
         Sdo(5).value(0x1001, 0, b"\\0")        585#4F01100000......        accepted: reserved bytes may have any value
         Sdo(5).refused(0x1000, 0, 0x06010002) 585#8000100002000106|585#8000100000000008
-
-Depends on: the model.  Used by: transfers, script, the files with the cases of an EDS and in random order.
 """
 
 from __future__ import annotations

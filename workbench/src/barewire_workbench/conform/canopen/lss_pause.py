@@ -5,8 +5,6 @@
 LSS answers only some requests, so a tester cannot wait for an answer before the next one, and two frames one after the
 other overwrite each other in a device with one receive buffer that a main loop empties. The pause is the time of a
 frame at the slowest bit rate of CiA 301, which such a device keeps up with.
-
-Depends on: LSS messages.  Used by: the battery and `probe`.
 """
 
 from __future__ import annotations

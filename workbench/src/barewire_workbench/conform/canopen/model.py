@@ -1,12 +1,12 @@
 """Values of the conformance battery: the device under test, a case, its steps, and its outcome.
 
+The values:
+
     Subject     the device under test: its node-ID and its objects, as `probe` read them
     NodeCase    a name, the clause, the reason, and the steps; it is not run if the device lacks what it needs
     NodeStep    frames that are sent at once, and the accepted patterns of responses
     pattern     frames as text with a dot for any digit: "585#6017100..."; a comma separates two frames, a bar two
                 alternatives; {2,5} after a frame allows two to five of it; SILENCE stands for no frame
-
-Depends on: COB-IDs, LSS addresses, SDO segments.  Used by: every file of this room.
 """
 
 from __future__ import annotations

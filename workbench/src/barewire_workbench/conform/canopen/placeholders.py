@@ -6,8 +6,6 @@
         <..*tpdo.size>                  ....                two dots for each byte that the TPDO maps
 
 vectors/README.md has the names and the rules, under `device-conformance`.
-
-Depends on: the model.  Used by: script.
 """
 
 from __future__ import annotations

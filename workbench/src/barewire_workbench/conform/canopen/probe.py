@@ -1,8 +1,4 @@
-"""Reads which objects a device has, so that the battery contains only cases that can be run.
-
-Depends on: SDO uploads, LSS identification, the objects of an EDS.
-Used by: `io.canopen.conformance`, before the first case.
-"""
+"""Reads which objects a device has, so that the battery contains only cases that can be run."""
 
 from __future__ import annotations
 

@@ -5,8 +5,6 @@
         RND-04     10 reads and writes in STOPPED, which has no SDO
 
 They are made here, and not in the vectors, because each step follows from the order and from what the device has.
-
-Depends on: frames, the model.  Used by: the battery, application.
 """
 
 from __future__ import annotations

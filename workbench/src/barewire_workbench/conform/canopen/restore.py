@@ -11,8 +11,6 @@ objects that the case wrote are read back, and those with another value than bef
 After a case that stores values, all values that the battery knows are compared, and those before it are stored again.
 
 A refused write is ignored: this is for the cases that follow, which will report what they find.
-
-Depends on: the model, SDO uploads and downloads.  Used by: `prepare` of the battery.
 """
 
 from __future__ import annotations

@@ -8,8 +8,6 @@
     condition   what the device must have (1017h, 1016h:02, TPDO ...), or "<...> is ..." between two texts
 
 The files are read by `io.canopen.conformance`; vectors/README.md describes the fields.
-
-Depends on: placeholders, transfers.  Used by: the battery, the answers of the vectors.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Whole SDO transfers as the steps of a conformance case, by the standard.   [CiA 301 7.2.4.3]
 
+The functions:
+
     upload_steps, download_steps                  in segments, whatever the length
     block_upload_steps, block_download_steps      in blocks, or a device without them aborts the start with 05040001
-
-Depends on: frames.  Used by: script, eds_objects.
 """
 
 from __future__ import annotations

@@ -4,8 +4,6 @@
      "steps": [{"send": [{"pdu": "03 00 00 00 00"}]}], "answers": [["83 03"]]}
 
 The files are read by `io.modbus.conformance`; vectors/README.md describes the fields.
-
-Depends on: model. Used by: io.modbus.conformance, the answers of the vectors.
 """
 
 from __future__ import annotations

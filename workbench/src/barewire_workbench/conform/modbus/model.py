@@ -8,8 +8,6 @@
 
 A runner frames and sends the stimuli of each step and collects the responses until the line is silent; if the server
 closed the connection, it opens a new one for the next step. `difference` compares the answers with the sequences.
-
-Depends on: adu. Used by: cases, io.modbus.conformance, the judge of the vectors.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Diagnosis of a whole log, or of a live line: findings with their place and time, then verdicts on the line or bus.
 
+The files, in reading order:
+
         frames, times --> BusDiagnosis   (CAN)    --> LogFinding, LogFinding ...   each one is proved by itself
                           LineDiagnosis  (Modbus) --> LineVerdict                      proved by numbers over all of it
 
@@ -12,6 +14,4 @@
     modbus_line      one Modbus line or connection
     modbus_verdict   what is counted on a line, and the verdicts that follow
     modbus_log       a whole log of Modbus, and a live line
-
-Depends on: findings, explain.can_monitor, explain.capture, the other files of diagnosis. Used by: cli.
 """

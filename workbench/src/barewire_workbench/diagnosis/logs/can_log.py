@@ -6,8 +6,6 @@
 
 What a gap in the recording explains as well is no finding: the monitor reports it as a `Gap`. Reserved bits that a
 device accepts are none either, since a receiver ignores them; a read request with such bits that is refused is one.
-
-Depends on: diagnosis.can, can_verdict, explain.can_monitor. Used by: cli.
 """
 
 from __future__ import annotations

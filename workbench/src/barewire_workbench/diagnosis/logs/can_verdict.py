@@ -1,11 +1,11 @@
 """What is counted on a CAN bus, and the verdicts that the numbers show.
 
+What was counted, and the verdict:
+
         error frames, and not one good frame            bit-rate; not-acknowledged if nothing but that is reported
         requests to all nodes, and no node was heard    no-answers
         requests to one node, and others answer         dead-unit; also a heartbeat that does not come back
         two answers to one request, again and again     two-units
-
-Depends on: verdict, canopen. Used by: can_log.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 The search for a wrong baud rate takes a fifth of a second for some bytes. It is made for the first pieces of a log
 that no other trial explains; what is wrong with the whole line shows in them. Equal bytes are tried once.
-
-Depends on: diagnosis.modbus. Used by: modbus_log.
 """
 
 from __future__ import annotations

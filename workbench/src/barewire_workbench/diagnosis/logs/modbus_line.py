@@ -7,8 +7,6 @@
 Up to three bytes beside a frame are noise of the line. More bytes are a damaged frame: if a request is open, the
 response to it. A request counts as unanswered when the time for its response is over, or the next request follows; a
 recording that ends before proves nothing.
-
-Depends on: examine, modbus_pieces, modbus_verdict, modbus.sniffer. Used by: modbus_log.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Diagnosis of Modbus traffic: a log with all lines and connections in it, or one line as it is received.
 
+The two ways:
+
         log      items --> LogSniffers --+--> one LineDiagnosis for each line --> findings, verdicts
         live     bytes --> Sniffer ------'
-
-Depends on: modbus_line, modbus_pieces, modbus.sniffer, explain.capture. Used by: cli.
 """
 
 from __future__ import annotations

@@ -4,8 +4,6 @@
         pieces    |00| 01 03 04 00 17    00 07 0B F5 |...       noise from line 7; a frame from line 7, ended at 1.010
 
 `TrackedLine` is a line for a sniffer: it passes everything on to another one, and keeps what that returned.
-
-Depends on: modbus.framing. Used by: modbus_log.
 """
 
 from __future__ import annotations

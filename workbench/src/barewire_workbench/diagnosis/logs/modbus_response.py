@@ -1,7 +1,4 @@
-"""Whether bytes are the response to a request: one that fits it, one to another request, one that lacks its ends.
-
-Depends on: diagnosis.modbus, modbus.sniffer, rtu. Used by: modbus_line.
-"""
+"""Whether bytes are the response to a request: one that fits it, one to another request, one that lacks its ends."""
 
 from __future__ import annotations
 

@@ -8,8 +8,6 @@
         requests to one unit without an answer, others answer         dead-unit
 
 A share decides beside the number: a line that carries thousands of frames has a damaged one now and then.
-
-Depends on: verdict. Used by: modbus_log.
 """
 
 from __future__ import annotations

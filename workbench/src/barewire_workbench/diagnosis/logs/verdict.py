@@ -5,8 +5,6 @@
 
 A verdict is given if the numbers show it, and several are given if several are shown. Where there are findings and no
 cause that explains them is shown, the verdict says so.
-
-Depends on: findings. Used by: the other files of this room, cli.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """What is wrong with a Modbus frame that is not valid: each fault is tried, and a good frame is the proof.
 
+The files, in reading order:
+
     good           whether bytes are a good frame, and how many bytes are missing to one
     crc_search     the one change of a byte that makes a CRC fit, found from both ends of the frame
     checksum       a checksum in the other byte order, over other bytes, of another kind
@@ -12,6 +14,4 @@
     frame          the diagnosis of one frame in any framing
     exchange       a response and its request
     expected       what a request asks a known device for
-
-Depends on: findings, explain.modbus, wire, modbus, devices, rtu, ascii, tcp. Used by: api.
 """

@@ -4,8 +4,6 @@
     response  04 04 00 00 01 10       00000110h, u32, 1/10 °C      Thyristors temperature = 27.2 °C
 
 A parameter is named if all its registers are in the exchange. Registers without a parameter stay numbers.
-
-Depends on: devices, modbus.messages. Used by: explain.modbus.exchange_text, cli.
 """
 
 from __future__ import annotations

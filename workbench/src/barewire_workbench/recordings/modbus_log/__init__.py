@@ -1,5 +1,7 @@
 """Recordings of Modbus as people have them: `read_modbus_log` takes the bytes of a file in any form.
 
+The files, in reading order:
+
     model           what is read: LoggedBytes, Unread, ModbusLog
     stamps          times in lines
     octets          bytes at the end of a line, in any notation
@@ -10,9 +12,6 @@
     segments        captures: TCP segments in order, RTU in datagrams
     direction       decimal or hexadecimal, which protocol, which side: decided by the frames of the whole log
     reader          recognises the form: `read_modbus_log`
-
-Depends on: capture.bytelog, capture.pcapng, rtu, ascii, tcp, modbus.sniffer (shapes). Used by: capture.modbus_replay,
-explain.diagnosis, cli.
 """
 
 from barewire_workbench.recordings.modbus_log.model import LoggedBytes, ModbusLog

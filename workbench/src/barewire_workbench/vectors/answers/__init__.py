@@ -1,5 +1,7 @@
 """The answers of barewire to the questions of the vectors: one function for each kind and operation.
 
+The files, in reading order:
+
     texts        hexadecimal, registers and bits as the vectors write them
     codecs       number, bits, register-part, text
     messages     pdu, exchange
@@ -10,6 +12,4 @@
     transfers    sdo-talk, object-value, node-talk
     devices      parameter, drive-state, drive-command
     table        `own_answer`: question -> answer
-
-Depends on: the codecs, protocols and devices.  Used by: `barewire vectors check`, tests.
 """

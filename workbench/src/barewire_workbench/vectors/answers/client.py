@@ -4,8 +4,6 @@
              outcome <-    <- bytes <-
 
 On a serial line there is one bus, on TCP one lane for each question that may be open at once.
-
-Depends on: client_peer, modbus, rtu, ascii, tcp.  Used by: table.
 """
 
 from __future__ import annotations

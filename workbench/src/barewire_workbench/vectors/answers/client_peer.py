@@ -7,8 +7,6 @@
 A request that equals an open question (unit and PDU) has the next fate of this question, any other request the next
 fate of `probes`. vectors/README.md has the rules in words, vectors/reference/modbus/client_peer.py the same peer
 without barewire.
-
-Depends on: rtu, ascii, tcp.  Used by: client (the answers of kind `client`), tests.
 """
 
 from __future__ import annotations

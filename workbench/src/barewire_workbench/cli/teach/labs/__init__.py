@@ -12,8 +12,6 @@
     envelopes     5   ASCII and TCP                          repair     10   a broken line
 
 `LABS` has all of them, by number.
-
-Depends on: codecs, `explain`, simulators, fault injection. Used by: `lab`.
 """
 
 from barewire_workbench.cli.teach.labs.bits import BITS_LAB

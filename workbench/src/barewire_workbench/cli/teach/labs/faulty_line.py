@@ -5,8 +5,6 @@ simulators, with a seed, so a recording is the same whenever it is written.
 
     line-1.log  line-2.log  line-3.log     bytes with times, as `sniff` and `explain` read them
     the live line                          another unit, answers that are late or lost
-
-Depends on: simulators, fault injection, `explain.wire`. Used by: `repair`, `lab`.
 """
 
 from __future__ import annotations

@@ -5,8 +5,6 @@
 A check computes: it decodes the answer, plays it against a simulated machine, or compares it with what the codecs of
 this package give. So every answer that means the right thing is right, in any notation. The text of a wrong one says
 what was read and where it departs, not the answer.
-
-Depends on: errors. Used by: the labs, `lab`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Answers of the learner played against simulated machines, in virtual time: no port, no clock.
 
+The two functions:
+
     rtu_answer(request)    the bytes that an ADXL at unit 1 sends back; empty if it stays silent
     can_answers(frame)     the frames that an AZ3 at node 5 sends back
-
-Depends on: simulators, the Modbus server. Used by: the labs.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Answers as people type them: numbers with units, hexadecimal numbers, bits, bytes, words.
 
 Each function raises UnreadableAnswer with what was expected.
-
-Depends on: `model`, `explain.input`. Used by: the labs.
 """
 
 from __future__ import annotations

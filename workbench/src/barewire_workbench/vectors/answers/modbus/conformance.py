@@ -1,7 +1,4 @@
-"""Answers for server-conformance: our server with a table of 100 registers and coils, on a line of its own.
-
-Depends on: modbus, modbus.conformance, the framings.  Used by: the table of answers.
-"""
+"""Answers for server-conformance: our server with a table of 100 registers and coils, on a line of its own."""
 
 from __future__ import annotations
 

@@ -4,8 +4,6 @@
     client 2  ->  Server(TcpLine)  ->        "                   "
 
 All clients share one line, so requests wait for each other.
-
-Depends on: conversation, modbus, rtu, tcp.  Used by: the table of answers.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Answers for device-conformance: our devices, on a bus of their own in virtual time, are tested by the case.
-
-Depends on: canopen, canopen.conformance.  Used by: the table of answers.
-"""
+"""Answers for device-conformance: our devices, on a bus of their own in virtual time, are tested by the case."""
 
 from __future__ import annotations
 
