@@ -19,6 +19,11 @@ TEXT = "See [a\n[b]](TARGET), `[c](TARGET)`.\n\n```text\n[d](TARGET)\n```\n"
         ("README.md", "docs/how-to/tls.md", "../how-to/tls.md"),
         ("docs/explanation/crc.md", "../../src/barewire/rtu/crc.py", "../reference/api/rtu.rst"),
         ("docs/explanation/crc.md", "../../src/barewire/rtu/__init__.py", "../reference/api/rtu.rst"),
+        (
+            "docs/explanation/crc.md",
+            "../../workbench/src/barewire_workbench/steps/crc.py",
+            "../reference/api/workbench.steps.rst",
+        ),
         ("docs/explanation/crc.md", "../../Makefile", "../files/Makefile.md"),
         ("docs/explanation/crc.md", "../../vectors/index.json", "../files/vectors/index.json"),
         ("README.md", "https://example.org/a.md", "https://example.org/a.md"),

@@ -1,7 +1,8 @@
-"""The pages of the API: one for each room of src/barewire, made of the docstrings.
+"""The pages of the API: one for each room of both packages, made of the docstrings.
 
     reference/api/index.rst            the front door
     reference/api/modbus.client.rst    barewire.modbus.client: the room, then its files in reading order
+    reference/api/workbench.steps.rst  barewire_workbench.steps
 
 Every public object is one of Sphinx's Python domain, so that the search finds it by name, and `Bus` in backticks is a
 link: a public name has one meaning in the whole package.
@@ -11,8 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from tools.rooms import HOUSES, ROOT
 from tools.website.docstrings import Link, inline, rendered, summary
-from tools.website.source import SRC, Module, Room, Thing
+from tools.website.source import Module, Room, Thing
 
 FOLDER = "reference/api"
 _SELF_EVIDENT = ("name", "function_code", "layout")
@@ -22,10 +24,10 @@ _SELF_EVIDENT = ("name", "function_code", "layout")
 def page_of(room: str) -> str:
     """Return the page of a room, without the ending.
 
-    >>> page_of("barewire.modbus.client"), page_of("barewire")
-    ('reference/api/modbus.client', 'reference/api/index')
+    >>> page_of("barewire.modbus.client"), page_of("barewire"), page_of("barewire_workbench.steps")
+    ('reference/api/modbus.client', 'reference/api/index', 'reference/api/workbench.steps')
     """
-    return f"{FOLDER}/{room.removeprefix('barewire').removeprefix('.') or 'index'}"
+    return f"{FOLDER}/{room.removeprefix('barewire').removeprefix('.').removeprefix('_') or 'index'}"
 
 
 def names(found: list[Room]) -> dict[str, str]:
@@ -52,7 +54,7 @@ def linker(found: list[Room]) -> Link:
 
     def link(name: str) -> str | None:
         plain = name.removesuffix("()")
-        for candidate in (plain, f"barewire.{plain}"):
+        for candidate in (plain, *(f"{package}.{plain}" for package in HOUSES)):
             if candidate in modules:
                 return candidate
         return known.get(plain.removeprefix("barewire."))
@@ -72,7 +74,7 @@ def _room_lines(room: Room, link: Link, summaries: dict[str, str]) -> Iterator[s
     yield from (title, "=" * len(title), "", f".. py:module:: {room.name}", "")
     yield from rendered(room.docstring, link)
     if room.rooms:
-        top = room.name == "barewire"
+        top = room.name in HOUSES
         yield from (".. toctree::", "   :maxdepth: 1", *(["   :titlesonly:"] if top else []), "")
         yield from (f"   {name.rpartition('.')[2]} <{page_of(name).rpartition('/')[2]}>" for name in room.rooms)
         yield ""
@@ -84,7 +86,7 @@ def _room_lines(room: Room, link: Link, summaries: dict[str, str]) -> Iterator[s
 def _offer_lines(room: Room, link: Link, summaries: dict[str, str]) -> Iterator[str]:
     """Yield what may be imported from the room: at the front door with a sentence for each name."""
     known = {name: full for name, full in room.offers.items() if full in summaries}
-    if room.name == "barewire":
+    if room.name in HOUSES:
         yield from ("The front door", "--------------", "")
         for name, full in known.items():
             yield from (f":py:obj:`{name} <{full}>`", f"   {inline(summaries[full], link)}", "")
@@ -94,7 +96,7 @@ def _offer_lines(room: Room, link: Link, summaries: dict[str, str]) -> Iterator[
 
 def _module_lines(module: Module, link: Link) -> Iterator[str]:
     yield from ("", module.name.rpartition(".")[2], "-" * len(module.name), "")
-    where = module.file.relative_to(SRC.parent).as_posix()
+    where = module.file.relative_to(ROOT).as_posix()
     yield from (f".. py:module:: {module.name}", "", f"``{where}``", "")
     yield from rendered(module.docstring, link)
     named = [thing.name for thing in module.things if thing.docstring or thing.kind != "data"]

@@ -11,8 +11,9 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator
 
+from tools import rooms
 from tools.website.docstrings import Link, inline, rendered
-from tools.website.source import SRC, Module, Room, Thing
+from tools.website.source import Module, Room, Thing
 
 PATH = "reference/errors.rst"
 _BASE = "BarewireError"
@@ -48,8 +49,7 @@ def family(found: list[Room]) -> list[tuple[Module, Thing]]:
 def raised_in() -> dict[str, list[str]]:
     """Return for each exception the modules with a `raise` of it."""
     found: dict[str, set[str]] = defaultdict(set)
-    for file in SRC.rglob("*.py"):
-        name = ".".join(file.relative_to(SRC).with_suffix("").parts).removesuffix(".__init__")
+    for name, file in rooms.files().items():
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
                 found[ast.unparse(node.exc.func).rpartition(".")[2]].add(name)
@@ -58,7 +58,7 @@ def raised_in() -> dict[str, list[str]]:
 
 def reasons() -> dict[str, str]:
     """Return the reasons of a DecodeError, each with its meaning."""
-    text = (SRC / "barewire" / "errors.py").read_text(encoding="utf-8")
+    text = rooms.files()["barewire.errors"].read_text(encoding="utf-8")
     listed = text[text.index("REASONS") :]
     return dict(re.findall(r'^    "(\w+)",  # (.+)$', listed, re.MULTILINE))
 

@@ -1,7 +1,7 @@
 """Builds the explorer of the site: `python -m tools.website.explorer` writes build/site/explorer.
 
     docs/explorer/*.html, .css, .js    as they are; index.html with the example already explained
-    docs/explorer/bridge/              in package.zip, with the rooms of barewire below `io`
+    docs/explorer/bridge/              in package.zip, with the rooms of both packages that need no ports
     pyodide/                           CPython as WebAssembly (tools/get-pyodide)
     manifest.json                      what the page loads, and how many bytes that is
 
@@ -20,7 +20,7 @@ from pathlib import Path
 
 from barewire import __version__
 from docs.explorer.bridge import frames
-from tools.website.source import ROOT
+from tools.rooms import HOUSES, ROOT
 
 SOURCE = ROOT / "docs" / "explorer"
 TARGET = ROOT / "build" / "site" / "explorer"
@@ -28,7 +28,7 @@ PYODIDE = ("pyodide.mjs", "pyodide.asm.mjs", "pyodide.asm.wasm", "python_stdlib.
 _COUNTED = ("pyodide.asm.wasm", "python_stdlib.zip", "pyodide-lock.json")
 """The files that the worker fetches; the browser itself loads the modules."""
 
-_ABOVE = {"io", "cli", "__main__.py", "_threading.py"}
+_ABOVE = {"io", "live", "cli", "__main__.py"}
 """What does not run in a browser: ports, threads and the command."""
 _EXAMPLE = ("rtu", "01 04 0F B1 00 02 22 F8")
 _STYLE_PLACE, _EXAMPLE_PLACE = "<!-- style of the pictures -->", "<!-- the example, explained -->"
@@ -69,12 +69,12 @@ def page() -> str:
 
 def write_package(target: Path) -> None:
     """Write the rooms that run in a browser, and the bridge, as a zip file that depends on nothing but their text."""
-    package = ROOT / "src" / "barewire"
     files = {f"bridge/{file.name}": file for file in (SOURCE / "bridge").glob("*.py")}
-    for file in package.rglob("*"):
-        inside = file.relative_to(package)
-        if file.is_file() and file.suffix in (".py", ".toml", ".json") and inside.parts[0] not in _ABOVE:
-            files[f"barewire/{inside.as_posix()}"] = file
+    for package, folder in HOUSES.items():
+        for file in (folder / package).rglob("*"):
+            inside = file.relative_to(folder)
+            if file.is_file() and file.suffix in (".py", ".toml", ".json") and inside.parts[1] not in _ABOVE:
+                files[inside.as_posix()] = file
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for name in sorted(files):
             archive.writestr(zipfile.ZipInfo(name), files[name].read_bytes(), zipfile.ZIP_DEFLATED)

@@ -16,6 +16,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from tools.website import api
 from tools.website.source import ROOT
 
 PROJECT = {
@@ -109,9 +110,8 @@ class Links:
         page = page_of(file)
         if page:
             return page
-        if file.startswith("src/barewire/") and file.endswith(".py"):
-            inside = posixpath.dirname(file).removeprefix("src/barewire").strip("/").replace("/", ".")
-            return f"reference/api/{inside or 'index'}.rst"
+        if "src/barewire" in file and file.endswith(".py"):
+            return f"{api.page_of(posixpath.dirname(file).partition('src/')[2].replace('/', '.'))}.rst"
         if (self.root / file).is_file():
             self.files.add(file)
             return file_page(file)

@@ -1,4 +1,4 @@
-"""Reads the public names of src/barewire from its source, without importing it.
+"""Reads the public names of both packages from their source, without importing them.
 
     Room      a package: its docstring, its modules in reading order, the names it offers in `__all__`
     Module    a file: its docstring and its public objects, in the order of the file
@@ -15,8 +15,7 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-SRC = ROOT / "src"
+from tools.rooms import HOUSES, ROOT as ROOT
 
 
 @dataclass
@@ -58,17 +57,15 @@ class Room:
     """What may be imported from the package itself: name -> the full name of where it is defined."""
 
 
-def rooms(home: Path = SRC / "barewire") -> list[Room]:
-    """Return every package, in reading order, the outer one first."""
-    found = _room(home, home.name)
-    return [found, *(room for name in found.rooms for room in rooms_below(home, name))]
+def rooms() -> list[Room]:
+    """Return every room of both packages, in reading order, an outer one before those inside."""
+    return [room for package in HOUSES for room in rooms_below(package)]
 
 
-def rooms_below(home: Path, name: str) -> list[Room]:
+def rooms_below(name: str) -> list[Room]:
     """Return the room of that name, and those inside it."""
-    folder = home.parent / name.replace(".", "/")
-    found = _room(folder, name)
-    return [found, *(room for inner in found.rooms for room in rooms_below(home, inner))]
+    found = _room(HOUSES[name.partition(".")[0]] / name.replace(".", "/"), name)
+    return [found, *(room for inner in found.rooms for room in rooms_below(inner))]
 
 
 def _room(folder: Path, name: str) -> Room:

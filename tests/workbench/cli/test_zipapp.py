@@ -1,6 +1,6 @@
 """The command as one file, a zipapp: `devices`, `simulate` and `read` run from the archive, without the venv.
 
-The archive has the package and what the extras `cli` and `serial` need, copied from the packages of this environment.
+The archive has both packages and what the extras `cli` and `serial` need, copied from the packages of this environment.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import pytest
 
 import barewire
 from tests.workbench.cli.helpers import ENVIRONMENT
+from tools.rooms import HOUSES
 
 NEEDED = ("click", "rich", "markdown-it-py", "mdurl", "pygments", "pyserial")
 """The packages of the extras `cli` and `serial`; `pip install --target` finds them by itself."""
@@ -25,7 +26,8 @@ NEEDED = ("click", "rich", "markdown-it-py", "mdurl", "pygments", "pyserial")
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     content = tmp_path_factory.mktemp("content")
-    shutil.copytree(Path(barewire.__file__).parent, content / "barewire", ignore=shutil.ignore_patterns("__pycache__"))
+    for package, folder in HOUSES.items():
+        shutil.copytree(folder / package, content / package, ignore=shutil.ignore_patterns("__pycache__"))
     for name in NEEDED:
         for file in distribution(name).files or ():
             if file.suffix != ".pyc" and ".." not in file.parts:

@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture
 def setup() -> ModuleType:
-    """The build step, setup.py."""
-    spec = importlib.util.spec_from_file_location("barewire_setup", ROOT / "setup.py")
+    """The build step, workbench/setup.py."""
+    spec = importlib.util.spec_from_file_location("barewire_setup", ROOT / "workbench" / "setup.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -44,7 +44,7 @@ def test_the_packed_vectors_are_the_same_bytes_every_time(setup: ModuleType, tmp
 
 def test_a_package_without_vectors_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(files, "package_files", lambda package: tmp_path)
-    monkeypatch.setattr(files, "__file__", str(tmp_path / "a" / "b" / "c" / "files.py"))
+    monkeypatch.setattr(files, "__file__", str(tmp_path / "a" / "b" / "c" / "d" / "files.py"))
     with pytest.raises(EncodeError, match="no vectors there"):
         load_vectors()
 
