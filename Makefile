@@ -21,7 +21,8 @@ demo: $(VENV)/installed-all ## watch it work: three devices, two protocols, no h
 	@$(BIN)/barewire demo
 
 check: style types ## what to run while you work, in less than a minute: format, lint, types, the tests that do not wait
-	$(BIN)/pytest -rs -n auto --dist loadfile -m "not long" --ignore=tests/io --ignore=tests/workbench/cli --ignore=tests/interop $(ARGS)
+	$(BIN)/pytest -rs -n auto --dist loadfile -m "not long" --ignore=tests/io --ignore=tests/workbench/cli \
+	  --ignore=tests/workbench/live --ignore=tests/interop $(ARGS)
 
 test: style types suite ## everything a change must pass: format, lint, types, then all tests
 
@@ -35,7 +36,7 @@ types: $(VENV)/installed-dev ## strict types
 suite: $(VENV)/installed-dev ## layers, unit tests, vectors, doc examples, interop; ARGS= for pytest
 	$(BIN)/pytest -rs $(WORKERS) $(ARGS)
 
-pyodide: $(VENV)/installed-dev ## tests of everything below `io` on CPython 3.14, as Pyodide in node
+pyodide: $(VENV)/installed-dev ## tests of everything that needs no ports on CPython 3.14, as Pyodide in node
 	@VENV=$(VENV) tests/pyodide/run $(ARGS)
 
 bench: $(VENV)/installed-bench ## our work beside that of other libraries and hand-written code; writes docs/reference/speed.md

@@ -48,7 +48,7 @@ for ignored in (signal.SIGINT, signal.SIGHUP):
 
 ROOT = Path(__file__).parent.parent
 PROGRAMS = ROOT / ".ci" / "apt-packages.txt"
-FIRST = ["test_docs.py", "interop", "test_terminals.py", "io", "website", "cli", "model"]
+FIRST = ["test_docs.py", "interop", "test_terminals.py", "io", "website", "workbench/cli", "workbench/live", "model"]
 """The files and directories whose tests take longest, in the order in which they are run."""
 NO_SKIPS = "BAREWIRE_NO_SKIPS"
 
@@ -72,8 +72,11 @@ def read_programs(text: str) -> dict[str, Program]:
 @pytest.hookimpl(tryfirst=True)  # before --random-order
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     # Files with tests that wait come first: one of them as the last file would keep one process waiting for the other.
-    places = {name: place for place, name in enumerate(FIRST)}
-    items.sort(key=lambda item: places.get(item.nodeid.partition("::")[0].split("/")[1], len(FIRST)))  # tests/io/...
+    def place(item: pytest.Item) -> int:
+        file = item.nodeid.partition("::")[0].removeprefix("tests/")  # "io/ports/test_tcp.py" of the room "io"
+        return next((at for at, name in enumerate(FIRST) if file == name or file.startswith(f"{name}/")), len(FIRST))
+
+    items.sort(key=place)
     programs = read_programs(PROGRAMS.read_text(encoding="utf-8"))
     for item in items:
         for name in [name for mark in item.iter_markers("needs") for name in mark.args]:

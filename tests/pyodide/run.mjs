@@ -27,7 +27,7 @@ if (isMainThread) {
   python.globals.set('arguments', python.toPy(pytest));
   const status = python.runPython(`
 import os, sys
-sys.path[:0] = ["/barewire/src", "/barewire", "/site"]
+sys.path[:0] = ["/barewire/src", "/barewire/workbench/src", "/barewire", "/site"]
 sys.dont_write_bytecode = True
 os.chdir("/barewire")
 print("CPython", sys.version.split()[0], "on", sys.platform)
