@@ -24,7 +24,7 @@ from barewire.errors import BarewireError  # noqa: E402
 from barewire_workbench import explain_exchange, explain_text  # noqa: E402
 from tests.workbench.cli.helpers import run_here  # noqa: E402
 
-BROKEN = ROOT / "tests" / "explain" / "diagnosis" / "broken"
+BROKEN = ROOT / "tests" / "workbench" / "diagnosis" / "broken"
 PAGE = ROOT / "docs" / "reference" / "diagnosis-table.md"
 Case = dict[str, Any]
 _ANSWERS: dict[str, list[str]] = {}

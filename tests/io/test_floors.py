@@ -9,7 +9,7 @@ import barewire.io
 
 HOME = Path(barewire.io.__file__).parent
 FLOORS = [
-    {"url", "log", "vector_adapter"},
+    {"url", "log"},
     {"endpoint"},
     {"ports"},
     {"engine"},

@@ -15,7 +15,6 @@ RUNS = 12
 """Of each carrier, with default options and with every option."""
 CHECKED_ELSEWHERE = {
     "io/modbus/sniff.py: ": "listens, and asks nothing: tests/workbench/cli/test_sniff.py",
-    "io/modbus/conformance.py: ": "tests servers: tests/workbench/live/test_modbus_conformance.py",
     "modbus/client/read_identification.py: ": "requests in a row: tests/modbus/client/test_read_identification.py",
     "rtu/shape.py: ": "lengths of messages, most of them of other functions: tests/rtu/test_shape.py",
     "rtu/line.py: min(due, ": "several possible lengths, which only a listener has: tests/rtu/test_line.py",

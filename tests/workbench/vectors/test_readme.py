@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from barewire.io import vector_adapter
+from barewire_workbench.live import vector_adapter
 from barewire_workbench.live.vector_adapter import VectorAdapter
 from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import _UNORDERED, judge

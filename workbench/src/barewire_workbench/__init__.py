@@ -1,7 +1,7 @@
 """Explains, records, diagnoses and tests Modbus and CANopen: what is built on `barewire`, and the command `barewire`.
 
     >>> from barewire_workbench import explain_text
-    >>> print(*explain_text("rtu", "01 04 0F B1 00 02 22 F8").lines(), sep="\n")
+    >>> print(*explain_text("rtu", "01 04 0F B1 00 02 22 F8").lines(), sep="\\n")
     0  01     unit           1             unit 1
     1  04     function code  4             04 Read Input Registers
     2  0F B1  address        0FB1h (4017)  0-based; number 4018 in 1-based tables
