@@ -13,9 +13,8 @@ from fractions import Fraction
 
 import pytest
 
-from barewire.devices.block_decoder import block_decoder
 from barewire.devices.parameter import ModbusAt, Parameter
-from barewire.devices.plan import Member, PlannedRead
+from barewire.devices.plan import Member, PlannedRead, block_decoder
 from bench.race import Factory, Race, Work, entries
 
 

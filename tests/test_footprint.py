@@ -120,7 +120,7 @@ def test_the_tcp_server_loads_no_asyncio() -> None:
     ]
 
 
-SDO = {"client.upload", "client.download", "client.channel", "client.transfer", "messages.codec"}
+SDO = {"client.upload", "client.download", "client.channel", "client.transfer", "messages"}
 CANOPEN = "from barewire import CanopenClient"
 
 

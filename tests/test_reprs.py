@@ -212,7 +212,7 @@ def test_a_device_is_a_table_in_a_notebook() -> None:
 
 
 def test_readings_and_an_identification_are_tables_in_a_notebook() -> None:
-    from barewire.devices.tables import Readings
+    from barewire.devices.parameter import Readings
 
     readings = Readings([Reading(AZ3.find("STATUS WORD"), 0x0637), Reading(AZ3.find("TARGET TORQUE"), 5)])
     assert readings == list(readings)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.ascii import AsciiLine, encode
-from barewire.ascii.delimiter import LF, Delimiters
+from barewire.ascii.line import LF, Delimiters
 from barewire.modbus import Adu, Noise
 from tests.helpers import modest, unhex
 

@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from barewire.canopen import AbortCode, Entry, MappedObject, ObjectDictionary, PdoMapping, SdoAbort
-from barewire.canopen.datatypes import BY_CODE, object_codec
-from barewire.canopen.time_types import DAY, TimeDifference, TimeOfDay
+from barewire.canopen.datatypes import BY_CODE, DAY, TimeDifference, TimeOfDay, object_codec
 from barewire.errors import DecodeError, EncodeError
 
 

@@ -7,8 +7,7 @@ import random
 import pytest
 
 from barewire.devices import load, names
-from barewire.devices.block_decoder import block_decoder
-from barewire.devices.plan import PlannedRead, plan_reads
+from barewire.devices.plan import PlannedRead, block_decoder, plan_reads
 
 
 def one_by_one(block: PlannedRead, content: list[int]) -> dict[str, object]:

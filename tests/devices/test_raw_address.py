@@ -8,7 +8,7 @@ from barewire.codecs import Value
 from barewire.conversation import play
 from barewire.devices import ModbusAt, ObjectAt, UnknownName, read_modbus, write_modbus
 from barewire.devices.raw_address import RAW, device_with, raw_parameter
-from barewire.devices.value_text import parse_value
+from barewire.devices.request_checks import parse_value
 from barewire.errors import EncodeError
 from barewire.modbus import Bus, Server, Table
 from barewire.tcp import TcpLine

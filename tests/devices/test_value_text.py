@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from barewire.devices import Parameter, load
-from barewire.devices.request_checks import to_write
-from barewire.devices.value_text import parse_value
+from barewire.devices.request_checks import parse_value, to_write
 from barewire.errors import EncodeError
 from tests.helpers import refused
 

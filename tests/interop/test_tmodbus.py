@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from barewire.modbus.server.certificate_role import role_of
+from barewire.modbus.server.authorization import role_of
 from tests.interop.exchanges import exchange_all
 from tests.interop.our_side import LONG, RecordingClient, client_url, our_server, port_of, until, with_both
 from tests.interop.relay import in_its_own_loop, relayed, serial_at, serial_server

@@ -8,7 +8,7 @@ import pytest
 
 from barewire.errors import EncodeError
 from barewire.io.endpoint import CARRIERS, Endpoint
-from barewire.io.modbus.options import ModbusOptions
+from barewire.io.modbus.carriers import ModbusOptions
 
 
 @pytest.mark.parametrize(

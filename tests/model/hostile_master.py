@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, Protocol
 
 from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, cob_id
 from barewire.canopen.cob_ids import is_restricted
-from barewire.canopen.emcy.producer import WAITING_MAX
+from barewire.canopen.emcy import WAITING_MAX
 from barewire.canopen.object_dictionary import ObjectAddress
 from barewire.codecs import Value
 from tests.model.choices import Choices

@@ -10,7 +10,7 @@ import pytest
 
 from barewire.conversation import Conversation
 from barewire.io.modbus import async_connection, connection
-from barewire.io.modbus.options import ModbusOptions
+from barewire.io.modbus.carriers import ModbusOptions
 from barewire.modbus import Adu, Bus, EchoLine, Noise
 from barewire.modbus.client import bus
 from barewire.rtu import RtuLine

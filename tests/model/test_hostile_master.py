@@ -108,7 +108,7 @@ def allows_restricted_identifiers(patch: pytest.MonkeyPatch) -> None:
 
 
 def keeps_emergencies_for_ever(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr("barewire.canopen.emcy.producer.WAITING_MAX", 1000)
+    patch.setattr("barewire.canopen.emcy.WAITING_MAX", 1000)
 
 
 def confirms_and_forgets(patch: pytest.MonkeyPatch) -> None:

@@ -5,8 +5,7 @@ The files, in reading order:
     : | unit | PDU 1..253 | LRC | CR LF                                              [MB-SERIAL 2.5.2]
 
     frame      encode and decode one whole frame, and its checksum, the LRC
-    delimiter  the character that replaces LF after function 08/03
-    line       the framing state of one line
+    line       the framing state of one line, and the character that replaces LF after function 08/03
 """
 
 from barewire.ascii.frame import decode, encode, lrc

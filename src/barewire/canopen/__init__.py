@@ -7,17 +7,17 @@
 CAN delivers whole frames, so there is no framing here. The rooms and files, in reading order:
 
     frame                  one CAN frame, and its text             cob_ids         the identifiers of services and nodes
-    datatypes, time_types  the types of objects                    object_dictionary        the objects of one device
+    datatypes              the types of objects                    object_dictionary        the objects of one device
     abort_codes            why an access to an object is refused
     communication_objects  reading and validating 1000h-1FFFh      sync, time_stamp         SYNC and TIME messages
     cyclic                 frames that are sent again and again
     nmt/                   states, commands, heartbeats            sdo/     read and write objects of any length
-    emcy/                  emergency messages                      pdo/     process data
+    emcy                   emergency messages                      pdo/     process data
     lss/                   assign node-IDs                         bus/     scan, time-out explanations, locks
     device/                `LocalNode`, a whole device             eds/     EDS and DCF files
     configuration/         a device and its DCF: compared, written
     manager/               boots a network: checks, configures, starts its nodes
-    gateway/               CiA 309-3 commands                      conformance/    checks of a device
+    gateway/               CiA 309-3 commands
 
 Two nodes communicate as two machines, or as a conversation and a machine; neither has a bus or a clock.
 """
@@ -58,18 +58,20 @@ if TYPE_CHECKING:
         device_configuration as device_configuration,
     )
     from barewire.canopen.cyclic import CyclicProducer as CyclicProducer
+    from barewire.canopen.datatypes import TimeDifference as TimeDifference, TimeOfDay as TimeOfDay
     from barewire.canopen.device.device import LocalNode as LocalNode
     from barewire.canopen.device.node_group import NodeGroup as NodeGroup
     from barewire.canopen.device.sdo_channels import client_channel as client_channel
     from barewire.canopen.device.storage import StoredParameters as StoredParameters
-    from barewire.canopen.emcy.consumer import EmcyConsumer as EmcyConsumer, EmcyEvent as EmcyEvent
-    from barewire.canopen.emcy.message import (
+    from barewire.canopen.emcy import (
+        EmcyConsumer as EmcyConsumer,
+        EmcyEvent as EmcyEvent,
+        EmcyProducer as EmcyProducer,
         Emergency as Emergency,
         error_text as error_text,
         register_names as register_names,
         register_of as register_of,
     )
-    from barewire.canopen.emcy.producer import EmcyProducer as EmcyProducer
     from barewire.canopen.frame import CanFrame as CanFrame, ErrorFrame as ErrorFrame, FdFrame as FdFrame
     from barewire.canopen.lss.fastscan import (
         AssignedNode as AssignedNode,
@@ -97,14 +99,18 @@ if TYPE_CHECKING:
         LssState as LssState,
     )
     from barewire.canopen.lss.slave import LssSlave as LssSlave
-    from barewire.canopen.manager.boot_events import BootEvent as BootEvent, NetworkBoot as NetworkBoot
-    from barewire.canopen.manager.boot_network import BootManager as BootManager, boot_network as boot_network
+    from barewire.canopen.manager.boot_network import (
+        BootEvent as BootEvent,
+        BootManager as BootManager,
+        NetworkBoot as NetworkBoot,
+        boot_network as boot_network,
+        check_network as check_network,
+    )
     from barewire.canopen.manager.boot_slave import (
         BootError as BootError,
         BootResult as BootResult,
         boot_slave as boot_slave,
     )
-    from barewire.canopen.manager.check_network import check_network as check_network
     from barewire.canopen.manager.network_list import (
         BootSlave as BootSlave,
         NetworkList as NetworkList,
@@ -182,7 +188,6 @@ if TYPE_CHECKING:
         TimeReceived as TimeReceived,
         TimeStamp as TimeStamp,
     )
-    from barewire.canopen.time_types import TimeDifference as TimeDifference, TimeOfDay as TimeOfDay
 
 __getattr__, __dir__, __all__ = lazy(
     __name__,
@@ -192,16 +197,14 @@ __getattr__, __dir__, __all__ = lazy(
         "abort_codes": "AbortCode SdoAbort abort_text",
         "sdo": "upload upload_to download BlockSettings Channel SdoDialect STANDARD fit SdoServer",
         "object_dictionary": "Entry ObjectDictionary",
-        "time_types": "TimeOfDay TimeDifference",
+        "datatypes": "TimeOfDay TimeDifference",
         "nmt.messages": "NmtCommand NmtState NmtMessage NmtChange NmtSlave",
         "nmt.master": "NmtConfirmation request_state send_nmt wait_for_boot_up wait_for_heartbeat wait_for_state",
         "nmt.heartbeat": (
             "NodeState HeartbeatProducer HeartbeatConsumer HeartbeatEvent consumer_entry guarding_request"
         ),
         "nmt.node_guarding": "Guard GuardingMaster GuardEvent GuardedNode LifeEvent",
-        "emcy.message": "Emergency error_text register_names register_of",
-        "emcy.producer": "EmcyProducer",
-        "emcy.consumer": "EmcyConsumer EmcyEvent",
+        "emcy": "Emergency error_text register_names register_of EmcyProducer EmcyConsumer EmcyEvent",
         "cyclic": "CyclicProducer",
         "sync": "SyncMessage SyncProducer SyncMonitor SyncEvent",
         "time_stamp": "TimeStamp TimeProducer TimeConsumer TimeReceived",
@@ -227,9 +230,7 @@ __getattr__, __dir__, __all__ = lazy(
         "device.sdo_channels": "client_channel",
         "configuration.settings": "device_configuration DeviceConfiguration Setting Difference",
         "manager.network_list": "BootSlave NetworkList network_list slave_of",
-        "manager.boot_events": "BootEvent NetworkBoot",
-        "manager.boot_network": "boot_network BootManager",
-        "manager.check_network": "check_network",
+        "manager.boot_network": "BootEvent NetworkBoot boot_network BootManager check_network",
         "manager.boot_slave": "boot_slave BootResult BootError",
         "configuration.concise_dcf": ("concise_dcf ConciseValue encode_concise_dcf decode_concise_dcf concise_values"),
         "configuration.configure": "compare_device configure_device ConfigurationResult ConfigurationFailed",

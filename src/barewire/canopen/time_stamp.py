@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 from barewire.canopen.cob_ids import TIME_KEY
 from barewire.canopen.cyclic import check_period
+from barewire.canopen.datatypes import TimeCodec, TimeOfDay
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.time_types import TimeCodec, TimeOfDay
 from barewire.errors import DecodeError, EncodeError, shown
 
 EPOCH_UNIX = int(datetime(1984, 1, 1, tzinfo=UTC).timestamp())

@@ -12,10 +12,10 @@ The files, in reading order:
     parameter         one named value, its unit, its range and its addresses
     device            all parameters of a machine, and its settings on each bus
     description/      TOML -> Device, the checks of the format, Device -> EDS;  catalog/  three machines as TOML
-    plan              parameters -> the fewest Modbus requests;  block_decoder  registers -> values
-    request_checks    checks before anything is sent
+    plan              parameters -> the fewest Modbus requests; registers -> values
+    request_checks    typed text -> a value; checks before anything is sent
     modbus_access, canopen_access     read and write by name
-    raw_address       parameters by address instead of a name;  value_text  typed text -> a value
+    raw_address       parameters by address instead of a name
     sdo_dialects      SDO variants of known devices
     drive/            moves any drive of CiA 402
     sim/              the three machines of the catalogue, simulated

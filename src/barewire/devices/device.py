@@ -105,7 +105,7 @@ class Device:
 
     def _repr_html_(self) -> str:
         from barewire._html import html_table  # only a notebook needs these two
-        from barewire.devices.tables import range_text
+        from barewire.devices.parameter import range_text
 
         titles = ("name", "access", "type", "range and unit", "Modbus", "CANopen")
         rows = (

@@ -22,10 +22,9 @@ from typing import Any, NamedTuple
 
 from barewire.codecs import Value
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation
-from barewire.devices.block_decoder import BlockDecoder, block_decoder
 from barewire.devices.device import Device
 from barewire.devices.parameter import Parameter, Reading
-from barewire.devices.plan import PlannedWrite, plan_reads, plan_writes
+from barewire.devices.plan import BlockDecoder, PlannedWrite, block_decoder, plan_reads, plan_writes
 from barewire.devices.request_checks import (
     NameOrParameter,
     ValuesByName,

@@ -20,6 +20,7 @@ from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from typing import Any, Literal, NamedTuple
 
+from barewire._html import html_table
 from barewire.codecs import Codec, Text, Value, codec, from_registers, to_registers
 from barewire.codecs.bits import Half, get_bit, get_half, set_bit, set_half
 from barewire.codecs.order import Order
@@ -396,3 +397,23 @@ def show(value: Value) -> str:
         short = f"{value:.7g}"
         return short if abs(float(short) - value) <= abs(value) * 6e-8 else repr(value)
     return str(value) if isinstance(value, str) else shown(value)
+
+
+def range_text(parameter: Parameter) -> str:
+    """Return the range of a parameter, such as '0..300', '5', 'at most 7' or an empty text.
+
+    >>> range_text(Parameter("Set-point", "u16", minimum=0, maximum=100))
+    '0..100'
+    >>> range_text(Parameter("Number of starts", "u16", maximum=7))
+    'at most 7'
+    """
+    low, high = parameter.minimum, parameter.maximum
+    return "" if low is None and high is None else limits_text(low, high)
+
+
+class Readings(list[Reading]):
+    """The readings of one call, in the order of the names."""
+
+    def _repr_html_(self) -> str:
+        rows = ((reading.name, reading.parameter.text(reading.value)) for reading in self)
+        return html_table(("name", "value"), rows)

@@ -49,7 +49,7 @@ def described(device: str | Path | Device) -> Device:
 
 def _in_a_list(readings: list[Reading]) -> list[Reading]:
     """Return the readings in a list that a notebook shows as a table."""
-    from barewire.devices.tables import Readings
+    from barewire.devices.parameter import Readings
 
     return Readings(readings)
 

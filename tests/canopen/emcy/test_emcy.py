@@ -19,8 +19,7 @@ from barewire.canopen import (
     standard_objects,
 )
 from barewire.canopen.abort_codes import SdoAbort
-from barewire.canopen.emcy.consumer import ERRORS_MAX
-from barewire.canopen.emcy.producer import WAITING_MAX
+from barewire.canopen.emcy import ERRORS_MAX, WAITING_MAX
 from barewire.errors import DecodeError, EncodeError
 
 

@@ -11,7 +11,7 @@ from barewire.canopen import AbortCode
 from barewire.canopen.abort_codes import ProtocolViolation
 from barewire.canopen.sdo import BlockAck, BlockEnd, BlockEnded
 from barewire.canopen.sdo.block_transfer import FUTILE_MAX, STRAYS_MAX, BlockReceiver, BlockSender
-from barewire.canopen.sdo.messages.block import LAST
+from barewire.canopen.sdo.messages import LAST
 from barewire.canopen.sdo.stream import Incoming, Outgoing
 from tests.canopen.sdo.test_block import counting
 

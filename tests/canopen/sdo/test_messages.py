@@ -29,7 +29,7 @@ from barewire.canopen.sdo import (
     decode_sdo_request,
     decode_sdo_response,
 )
-from barewire.canopen.sdo.messages.codec import SdoMessage, decode_one_of
+from barewire.canopen.sdo.messages import SdoMessage, decode_one_of
 from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import DecodeError, EncodeError, Refused
 

@@ -16,7 +16,7 @@ import pytest
 
 from barewire import CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, LocalNode, LssSlave, LssState, NmtCommand, NmtState, PdoConfig, SdoAbort, scan
-from barewire.canopen.emcy.consumer import EmcyEvent
+from barewire.canopen.emcy import EmcyEvent
 from barewire.canopen.nmt.heartbeat import HeartbeatEvent
 from barewire.canopen.nmt.node_guarding import Guard, GuardEvent
 from barewire.canopen.pdo.named_values import PdoReceived

@@ -24,7 +24,7 @@ from barewire.canopen import (
     PdoConfig,
 )
 from barewire.canopen.communication_objects import standard_objects
-from barewire.canopen.emcy.consumer import EmcyEvent
+from barewire.canopen.emcy import EmcyEvent
 from barewire.devices import load
 from barewire.devices.sim import simulator
 from barewire.errors import EncodeError, PortError

@@ -7,7 +7,7 @@ from typing import assert_type
 
 from barewire import AsyncCanopenClient, AsyncCanopenServer, CanopenClient, CanopenServer, connect, connect_async
 from barewire.canopen import CanFrame, Channel, LssAddress, NodeState, PdoConfig, RemotePdo
-from barewire.canopen.emcy.consumer import EmcyEvent
+from barewire.canopen.emcy import EmcyEvent
 from barewire.canopen.nmt.heartbeat import HeartbeatEvent
 from barewire.canopen.pdo.named_values import PdoReceived
 from barewire.codecs import Value

@@ -21,7 +21,7 @@ from barewire.errors import DecodeError, EncodeError, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.tls import server_context, tls_reason
 from barewire.modbus import ModbusException, Table, WriteSingleRegister
-from barewire.modbus.server.certificate_role import role_of
+from barewire.modbus.server.authorization import role_of
 from tests.certificates import tls_url
 from tests.helpers import refused
 from tests.io.peers import answer, peer, read_exactly

@@ -8,7 +8,7 @@ import pytest
 
 from barewire.canopen import CanFrame
 from barewire.canopen.frame import ErrorFrame
-from barewire.canopen.sdo.messages.initiate import ExpeditedDownload, ExpeditedUpload, InitiateUpload
+from barewire.canopen.sdo.messages import ExpeditedDownload, ExpeditedUpload, InitiateUpload
 from barewire.devices import load
 from barewire_workbench.diagnosis.can import diagnose_can
 from barewire_workbench.monitor import of_device

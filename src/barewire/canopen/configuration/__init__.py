@@ -6,7 +6,6 @@
 Files, in reading order:
 
     settings       the values of a DCF that are written, and those that identify the device
-    write_order    the steps that changing a communication object takes
-    configure      compare a device with them, and write what differs
+    configure      compare a device with them, and write what differs, in the order that the objects demand
     concise_dcf    the same values as the bytes of 1F22h
 """

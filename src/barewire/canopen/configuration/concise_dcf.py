@@ -15,8 +15,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from struct import Struct, unpack_from
 
+from barewire.canopen.configuration.configure import CYCLE, plain_writes
 from barewire.canopen.configuration.settings import DeviceConfiguration, Difference, Setting, pdo_of
-from barewire.canopen.configuration.write_order import CYCLE, plain_writes
 from barewire.canopen.object_dictionary import ObjectAddress, ObjectDictionary
 from barewire.canopen.pdo.config import PdoConfig
 from barewire.codecs import Value

@@ -16,8 +16,7 @@ from barewire.canopen.cob_ids import is_restricted
 from barewire.canopen.datatypes import BY_NAME
 from barewire.canopen.eds.diagnostics import Diagnostic, diagnostic
 from barewire.canopen.eds.document import Section
-from barewire.canopen.eds.edit import MANDATORY, list_name
-from barewire.canopen.eds.eds_file import Eds
+from barewire.canopen.eds.eds_file import MANDATORY, Eds, list_name
 from barewire.canopen.eds.model import EdsItem, EdsObject, every_item
 from barewire.canopen.eds.section_names import BAUD_RATES, COMMISSIONING, DEVICE_INFO, FILE_INFO, LISTS, entry_number
 from barewire.canopen.eds.value_syntax import Formula, read_integer

@@ -14,8 +14,7 @@ import re
 import struct
 from typing import NamedTuple
 
-from barewire.canopen.datatypes import BY_NAME, object_codec
-from barewire.canopen.time_types import DAY, TimeCodec, TimeDifference, TimeOfDay
+from barewire.canopen.datatypes import BY_NAME, DAY, TimeCodec, TimeDifference, TimeOfDay, object_codec
 from barewire.codecs import Number, Value
 from barewire.errors import DecodeError, EncodeError
 

@@ -7,8 +7,8 @@
 
 Files, in reading order:
 
-    commands     each command as a value            values         words <-> bytes
-    codes        error codes, error lines           parser         line -> command
+    commands     each command as a value, and the error codes
+    values       words <-> bytes                    parser         line -> command
     session      settings, execution of a line      lss_commands   execution of the LSS commands
     notices      lines without a command of their own    pdos      PDOs that the gateway sends and receives
     own_node     the gateway as a node of the net
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.canopen.gateway.codes import GatewayCode as GatewayCode, GatewayError as GatewayError
+    from barewire.canopen.gateway.commands import GatewayCode as GatewayCode, GatewayError as GatewayError
     from barewire.canopen.gateway.notices import Notices as Notices
     from barewire.canopen.gateway.own_node import GatewayNode as GatewayNode
     from barewire.canopen.gateway.session import GatewaySession as GatewaySession
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__, __all__ = lazy(
     __name__,
     {
-        "codes": "GatewayCode GatewayError",
+        "commands": "GatewayCode GatewayError",
         "notices": "Notices",
         "own_node": "GatewayNode",
         "session": "GatewaySession",

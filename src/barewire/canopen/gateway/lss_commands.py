@@ -16,8 +16,7 @@ from collections.abc import Callable
 
 from barewire.canopen.cob_ids import NODE_MAX
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.gateway.codes import GatewayCode, GatewayError
-from barewire.canopen.gateway.commands import LssCommand
+from barewire.canopen.gateway.commands import GatewayCode, GatewayError, LssCommand
 from barewire.canopen.lss.fastscan import assign_node_ids, fastscan
 from barewire.canopen.lss.master import (
     LSS_TIMEOUT,

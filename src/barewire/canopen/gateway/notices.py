@@ -15,10 +15,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from barewire.canopen.emcy.consumer import EmcyConsumer
+from barewire.canopen.emcy import EmcyConsumer
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.gateway.codes import GatewayCode, GatewayError
-from barewire.canopen.gateway.commands import SetPdo
+from barewire.canopen.gateway.commands import GatewayCode, GatewayError, SetPdo
 from barewire.canopen.gateway.pdos import GatewayPdo
 from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, HeartbeatEvent
 from barewire.canopen.nmt.node_guarding import Guard, GuardEvent, GuardingMaster

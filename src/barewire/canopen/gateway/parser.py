@@ -20,13 +20,14 @@ from __future__ import annotations
 
 from typing import Literal
 
-from barewire.canopen.gateway.codes import GatewayCode, GatewayError
 from barewire.canopen.gateway.commands import (
     CommandLine,
     ConfigureGuarding,
     ConfigureHeartbeat,
     EnableIndication,
+    GatewayCode,
     GatewayCommand,
+    GatewayError,
     InitGateway,
     LssCommand,
     ReadPdo,

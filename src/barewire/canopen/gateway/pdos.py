@@ -13,8 +13,7 @@ a device sends and receives them; the values are in a small object dictionary of
 from __future__ import annotations
 
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.gateway.codes import GatewayCode, GatewayError
-from barewire.canopen.gateway.commands import SetPdo
+from barewire.canopen.gateway.commands import GatewayCode, GatewayError, SetPdo
 from barewire.canopen.gateway.values import TYPE_NAMES, from_text, to_text, width, word_count
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
 from barewire.canopen.pdo.config import PdoConfig

@@ -16,13 +16,14 @@ from typing import Literal, TypeAlias
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.gateway.codes import GatewayCode, GatewayError, error_line
 from barewire.canopen.gateway.commands import (
     CommandLine,
     ConfigureGuarding,
     ConfigureHeartbeat,
     EnableIndication,
+    GatewayCode,
     GatewayCommand,
+    GatewayError,
     InitGateway,
     LssCommand,
     ReadPdo,
@@ -33,6 +34,7 @@ from barewire.canopen.gateway.commands import (
     ShowInfo,
     WritePdo,
     WriteSdo,
+    error_line,
 )
 from barewire.canopen.gateway.lss_commands import lss_error_code, run_lss
 from barewire.canopen.gateway.notices import Notices

@@ -16,9 +16,8 @@ from __future__ import annotations
 import base64
 import binascii
 
-from barewire.canopen.datatypes import object_codec
-from barewire.canopen.gateway.codes import GatewayCode, GatewayError
-from barewire.canopen.time_types import DAY
+from barewire.canopen.datatypes import DAY, object_codec
+from barewire.canopen.gateway.commands import GatewayCode, GatewayError
 from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError, shown
 

@@ -14,15 +14,22 @@ it until the network has booted; it does not watch the nodes afterwards.
 
 A node that failed boots again when it sends its boot-up message, for example because it was exchanged. So does a node
 that reboots while it boots, because it has lost what was written; it fails after three times (`REBOOTS`).
+
+What a manager reports: the events of its nodes, and the end of a boot-up.
+
+    BootEvent(5, "failed", 1.25, result)        node 5: B: no response to the request of the device type (1000h): ...
+    BootEvent(0, "ready", 1.3)                  network: ready
+    NetworkBoot(True, (result, ...))            the result of each node, and whether the network is ready
+
+`check_network` is the dry run: what a manager would find and write, without an NMT command and without a write.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.manager.boot_events import BootEvent, NetworkBoot
 from barewire.canopen.manager.boot_slave import RESET_TIME, BootError, BootProgress, BootResult, boot_slave
 from barewire.canopen.manager.network_list import BootSlave, NetworkList, checked_network
 from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, NodeState
@@ -31,6 +38,79 @@ from barewire.canopen.nmt.node_guarding import Guard, GuardEvent, GuardingMaster
 from barewire.canopen.sdo import Channel
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError
+
+BootEventKind = Literal[
+    "booted", "failed", "waiting", "missing", "started", "ready", "lost", "rebooted", "reset", "stopped"
+]
+
+
+class BootEvent(NamedTuple):
+    """A step of the network.
+
+    booted      a boot slave process has succeeded
+    failed      a boot slave process has failed; `result` has the letter and the reason
+    waiting     a mandatory node does not respond yet, and is asked again
+    missing     the boot time is over, and this mandatory node has not booted
+    started     the node was started, or with node 0 all nodes
+    ready       all mandatory nodes have booted
+    lost        the heartbeat of the node, or its response to node guarding, did not arrive in time
+    rebooted    the node has sent its boot-up message although it had booted, or while it booted
+    reset       the node, or with node 0 the network, is reset
+    stopped     all nodes are stopped
+    """
+
+    node: int
+    kind: BootEventKind
+    at: float
+    result: BootResult | None = None
+
+    def __str__(self) -> str:
+        if self.result is not None and self.kind in ("booted", "failed", "waiting"):
+            return f"{self.result}{'; it is asked again' if self.kind == 'waiting' else ''}"
+        name = f"node {self.node}" if self.node else "network"
+        text = {"missing": "mandatory, and has not booted in time", "lost": "lost: no heartbeat or guarding response"}
+        return f"{name}: {text.get(self.kind, self.kind)}"
+
+    def __repr__(self) -> str:
+        return f"<BootEvent {self}>"
+
+
+class NetworkBoot(NamedTuple):
+    """How the boot-up of a network ended: whether it is ready, and the last result of each node. It is true if the
+    network is ready."""
+
+    ready: bool
+    results: tuple[BootResult, ...]
+
+    def __bool__(self) -> bool:
+        return self.ready
+
+    def __str__(self) -> str:
+        return "\n".join(
+            [*map(str, self.results), "the network is ready" if self.ready else "the network is not ready"]
+        )
+
+    def __repr__(self) -> str:
+        booted = sum(one.ok for one in self.results)
+        return f"<NetworkBoot: {'ready' if self.ready else 'not ready'}, {booted} nodes booted>"
+
+
+def check_network(
+    network: NetworkList,
+    *,
+    timeout: float = DEFAULT_TIMEOUT,
+    channels: Callable[[int], Channel] = Channel,
+    progress: BootProgress | None = None,
+) -> Conversation[CanFrame, NetworkBoot]:
+    """Check each node as `boot_network` does, one after the other, and write nothing. Return a result for each node,
+    whose `planned` says what would be written, and whether the network could become ready."""
+    results = []
+    for slave in checked_network(network).slaves:
+        checking = boot_slave(slave, channels(slave.node), timeout=timeout, progress=progress, dry_run=True)
+        results.append((yield from checking))
+    failed = {result.node for result in results if not result.ok}
+    return NetworkBoot(not any(slave.mandatory and slave.node in failed for slave in network.slaves), tuple(results))
+
 
 RETRY_TIME = 1.0
 """Seconds between two boot slave processes of a mandatory node that does not respond."""

@@ -25,7 +25,7 @@ from collections.abc import Iterable
 from functools import partial
 
 from barewire.canopen.cob_ids import SYNC_KEY
-from barewire.canopen.emcy.producer import EmcyProducer
+from barewire.canopen.emcy import EmcyProducer
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.active import ActivePdo

@@ -21,8 +21,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from barewire.canopen.datatypes import BY_NAME, object_codec, type_name
-from barewire.canopen.time_types import TimeCodec
+from barewire.canopen.datatypes import BY_NAME, TimeCodec, object_codec, type_name
 from barewire.codecs import Number, Value
 from barewire.errors import DecodeError, EncodeError
 

@@ -10,8 +10,7 @@
 
 Files, in reading order:
 
-    messages/initiate, segment, block       the messages of the three kinds of transfer
-    messages/codec         eight bytes <-> a message, by the state of the transfer
+    messages               the messages of the three kinds of transfer; eight bytes <-> a message, by the state of one
     dialect                how a device departs from the standard
     stream                 the bytes of a value, as they are sent or received
     block_transfer         sender and receiver of blocks, used by client and server
@@ -28,39 +27,32 @@ from barewire._lazy import lazy
 
 if TYPE_CHECKING:
     from barewire.canopen.sdo.client.block_options import BlockMode as BlockMode, BlockSettings as BlockSettings
-    from barewire.canopen.sdo.client.channel import Channel as Channel
-    from barewire.canopen.sdo.client.channel_counters import ChannelCounters as ChannelCounters
+    from barewire.canopen.sdo.client.channel import Channel as Channel, ChannelCounters as ChannelCounters
     from barewire.canopen.sdo.client.download import download as download
     from barewire.canopen.sdo.client.upload import upload as upload, upload_to as upload_to
     from barewire.canopen.sdo.dialect import STANDARD as STANDARD, SdoDialect as SdoDialect, fit as fit
-    from barewire.canopen.sdo.messages.block import (
+    from barewire.canopen.sdo.messages import (
+        Abort as Abort,
         BlockAck as BlockAck,
         BlockDownloadInitiated as BlockDownloadInitiated,
         BlockEnd as BlockEnd,
         BlockEnded as BlockEnded,
         BlockSegment as BlockSegment,
         BlockUploadInitiated as BlockUploadInitiated,
-        InitiateBlockDownload as InitiateBlockDownload,
-        InitiateBlockUpload as InitiateBlockUpload,
-        StartBlockUpload as StartBlockUpload,
-    )
-    from barewire.canopen.sdo.messages.codec import (
-        decode_sdo_request as decode_sdo_request,
-        decode_sdo_response as decode_sdo_response,
-    )
-    from barewire.canopen.sdo.messages.initiate import (
-        Abort as Abort,
         DownloadInitiated as DownloadInitiated,
         ExpeditedDownload as ExpeditedDownload,
         ExpeditedUpload as ExpeditedUpload,
+        InitiateBlockDownload as InitiateBlockDownload,
+        InitiateBlockUpload as InitiateBlockUpload,
         InitiateDownload as InitiateDownload,
         InitiateUpload as InitiateUpload,
-        UploadInitiated as UploadInitiated,
-    )
-    from barewire.canopen.sdo.messages.segment import (
         NextSegment as NextSegment,
         SdoSegment as SdoSegment,
         SegmentTaken as SegmentTaken,
+        StartBlockUpload as StartBlockUpload,
+        UploadInitiated as UploadInitiated,
+        decode_sdo_request as decode_sdo_request,
+        decode_sdo_response as decode_sdo_response,
     )
     from barewire.canopen.sdo.server.server import (
         ObjectStore as ObjectStore,
@@ -74,18 +66,14 @@ __getattr__, __dir__, __all__ = lazy(
         "client.upload": "upload upload_to",
         "client.download": "download",
         "client.block_options": "BlockSettings BlockMode",
-        "client.channel": "Channel",
-        "client.channel_counters": "ChannelCounters",
+        "client.channel": "Channel ChannelCounters",
         "server.server": "SdoServer ServerCounters ObjectStore",
         "dialect": "SdoDialect STANDARD fit",
-        "messages.initiate": (
-            "InitiateUpload ExpeditedUpload UploadInitiated ExpeditedDownload InitiateDownload DownloadInitiated Abort"
+        "messages": (
+            "InitiateUpload ExpeditedUpload UploadInitiated ExpeditedDownload InitiateDownload "
+            "DownloadInitiated Abort NextSegment SdoSegment SegmentTaken InitiateBlockUpload "
+            "BlockUploadInitiated StartBlockUpload InitiateBlockDownload BlockDownloadInitiated BlockSegment "
+            "BlockAck BlockEnd BlockEnded decode_sdo_request decode_sdo_response"
         ),
-        "messages.segment": "NextSegment SdoSegment SegmentTaken",
-        "messages.block": (
-            "InitiateBlockUpload BlockUploadInitiated StartBlockUpload InitiateBlockDownload "
-            "BlockDownloadInitiated BlockSegment BlockAck BlockEnd BlockEnded"
-        ),
-        "messages.codec": "decode_sdo_request decode_sdo_response",
     },
 )

@@ -32,9 +32,7 @@ from binascii import crc_hqx
 from struct import unpack
 
 from barewire.canopen.abort_codes import AbortCode, ProtocolViolation
-from barewire.canopen.sdo.messages.block import BLOCK_MAX, LAST, BlockAck, BlockEnd, BlockEnded
-from barewire.canopen.sdo.messages.codec import ReceiverMessage
-from barewire.canopen.sdo.messages.segment import SEGMENT
+from barewire.canopen.sdo.messages import BLOCK_MAX, LAST, SEGMENT, BlockAck, BlockEnd, BlockEnded, ReceiverMessage
 from barewire.canopen.sdo.stream import Incoming, Outgoing
 
 BURST = 16

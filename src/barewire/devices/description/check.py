@@ -22,8 +22,7 @@ from typing import Any
 from barewire.codecs import codec
 from barewire.devices.description import rules
 from barewire.devices.description.build import KEYS, Numbering, build_parameter, numbering_of, words_of
-from barewire.devices.description.line_numbers import KeyLines
-from barewire.devices.description.rules import DescriptionError, TomlTable
+from barewire.devices.description.rules import DescriptionError, KeyLines, TomlTable
 from barewire.devices.device import ModbusSettings, fold, suggest
 from barewire.devices.parameter import INTEGER_TYPES, TABLE_NAMES, Parameter, show
 

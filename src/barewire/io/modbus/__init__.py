@@ -2,8 +2,7 @@
 
 The files, in reading order:
 
-    options                         the types of the options of clients and servers
-    carriers                        the framing state and the port of an endpoint
+    carriers                        the framing state, the port and the options of an endpoint
     methods                         the base class of both clients: read_coils and all other methods
     client_log                      the lines in the log of a client
     connection, client              the blocking client

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from barewire.conversation import Conversation
     from barewire.io.endpoint import SetDirection
-    from barewire.io.modbus.options import ModbusOptions
+    from barewire.io.modbus.carriers import ModbusOptions
     from barewire.io.ports.trace import Watch
     from barewire.modbus.client.bus import Bus
     from barewire.modbus.messages.base import Request, Response

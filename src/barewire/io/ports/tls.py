@@ -9,7 +9,7 @@ is TLS as on the web, without roles. The standard requires both [MB-TLS R-06].
     Modbus TCP, inside TLS, port 802       ------>  permitted?  no: exception 01
 
 The role is an extension of the certificate [MB-TLS R-21, R-22], which Python's library has no function for:
-`modbus.server.certificate_role` reads it from the DER. The server takes a role only from a certificate that the TLS
+`modbus.server.authorization` reads it from the DER. The server takes a role only from a certificate that the TLS
 library has checked against the CA.
 
 A certificate that is wrong, expired or missing is an error of one line. In TLS 1.3 a client gets the refusal of its

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from barewire.io.endpoint import SetDirection
     from barewire.io.fault_injection.targets import GivenFaults
-    from barewire.io.modbus.options import ModbusOptions
+    from barewire.io.modbus.carriers import ModbusOptions
     from barewire.io.server.asyncio_ports import DatagramServer
     from barewire.io.server.asyncio_stream import StreamServer
     from barewire.modbus import Authorization, Unit

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint, SetDirection
     from barewire.io.fault_injection.faults import Faults
     from barewire.io.fault_injection.targets import GivenFaults
-    from barewire.io.modbus.options import ModbusOptions
+    from barewire.io.modbus.carriers import ModbusOptions
     from barewire.io.server.connection_limits import ConnectionTable
     from barewire.modbus import Authorization, Unit
     from barewire.modbus.server.server import ServerStatistics

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ssl
 
 from barewire.io.ports.tcp import CHUNK
-from barewire.modbus.server.certificate_role import role_of
+from barewire.modbus.server.authorization import role_of
 
 
 class TlsSession:

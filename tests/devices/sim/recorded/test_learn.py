@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from barewire.devices.sim.recorded.learn import learn_line
-from barewire.devices.sim.recorded.model import RecordedAnswer, RecordedLine, RecordedRequest
+from barewire.devices.sim.recorded.learn import RecordedAnswer, RecordedLine, RecordedRequest, learn_line
 from barewire.devices.sim.recorded.toml import from_toml, is_recorded, to_toml
 from barewire.errors import EncodeError
 from barewire.modbus import (

@@ -12,8 +12,7 @@ from rich.table import Table
 
 from barewire.devices import Device, Parameter, UnknownName, load, names
 from barewire.devices.device import fold
-from barewire.devices.parameter import show
-from barewire.devices.tables import range_text
+from barewire.devices.parameter import range_text, show
 from barewire.errors import shown
 from barewire_workbench.cli.arguments import json_option, print_json
 

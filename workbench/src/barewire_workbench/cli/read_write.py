@@ -13,8 +13,7 @@ from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
 from barewire.devices.raw_address import device_with, expanded
-from barewire.devices.request_checks import to_write
-from barewire.devices.value_text import parse_value
+from barewire.devices.request_checks import parse_value, to_write
 from barewire.errors import shown
 from barewire.io.machine import MachineClient
 from barewire_workbench.cli.arguments import (

@@ -16,10 +16,10 @@ from dataclasses import replace
 
 from barewire.canopen.cob_ids import SERVICES, classify, is_restricted
 from barewire.canopen.datatypes import object_codec
-from barewire.canopen.emcy.message import Emergency, register_names
+from barewire.canopen.emcy import Emergency, register_names
 from barewire.canopen.frame import AnyFrame, CanFrame
 from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand
-from barewire.canopen.sdo.messages.initiate import ExpeditedDownload, ExpeditedUpload, InitiateUpload
+from barewire.canopen.sdo.messages import ExpeditedDownload, ExpeditedUpload, InitiateUpload
 from barewire.errors import DecodeError
 from barewire_workbench.frames.canopen.frame import PdoDescriptions, explain_can
 from barewire_workbench.frames.findings import Finding

@@ -13,18 +13,20 @@ from __future__ import annotations
 
 from typing import Literal
 
-from barewire.canopen.sdo.messages.block import (
+from barewire.canopen.sdo.messages import (
     BLOCK_MAX,
     LAST,
+    SEGMENT,
     BlockAck,
     BlockEnd,
     BlockEnded,
+    ExpeditedDownload,
     InitiateBlockDownload,
     InitiateBlockUpload,
+    InitiateDownload,
+    InitiateUpload,
     StartBlockUpload,
 )
-from barewire.canopen.sdo.messages.initiate import ExpeditedDownload, InitiateDownload, InitiateUpload
-from barewire.canopen.sdo.messages.segment import SEGMENT
 from barewire_workbench.monitor.events import Gap, Loss
 from barewire_workbench.monitor.transfer import OpenTransfer, SdoSide
 

@@ -23,28 +23,29 @@ from dataclasses import replace
 
 from barewire.canopen.abort_codes import AbortCode, abort_text
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.messages.block import (
+from barewire.canopen.sdo.messages import (
     BLOCK_MAX,
+    Abort,
     BlockAck,
     BlockDownloadInitiated,
     BlockEnd,
     BlockEnded,
     BlockUploadInitiated,
-    InitiateBlockDownload,
-    InitiateBlockUpload,
-    StartBlockUpload,
-)
-from barewire.canopen.sdo.messages.codec import SdoMessage, decode_one_of
-from barewire.canopen.sdo.messages.initiate import (
-    Abort,
     DownloadInitiated,
     ExpeditedDownload,
     ExpeditedUpload,
+    InitiateBlockDownload,
+    InitiateBlockUpload,
     InitiateDownload,
+    NextSegment,
+    SdoMessage,
+    SdoSegment,
+    SegmentTaken,
+    StartBlockUpload,
     UploadInitiated,
+    decode_one_of,
     has_reserved_bits,
 )
-from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
 from barewire.errors import DecodeError
 from barewire_workbench.monitor.channel_state import ChannelState
 from barewire_workbench.monitor.events import (

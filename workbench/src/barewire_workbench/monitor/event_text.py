@@ -13,7 +13,7 @@ from math import isfinite
 from typing import Any
 
 from barewire.canopen.abort_codes import abort_text
-from barewire.canopen.emcy.message import error_text, register_names
+from barewire.canopen.emcy import error_text, register_names
 from barewire.canopen.nmt.messages import NmtCommand
 from barewire_workbench.frames.result import counted
 from barewire_workbench.monitor.events import (

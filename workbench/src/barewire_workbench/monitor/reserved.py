@@ -10,24 +10,23 @@ value.
 
 from __future__ import annotations
 
-from barewire.canopen.sdo.messages.block import (
+from barewire.canopen.sdo.messages import (
     BlockAck,
     BlockDownloadInitiated,
     BlockEnd,
     BlockEnded,
     BlockUploadInitiated,
+    DownloadInitiated,
     InitiateBlockDownload,
     InitiateBlockUpload,
-    StartBlockUpload,
-)
-from barewire.canopen.sdo.messages.codec import SdoMessage
-from barewire.canopen.sdo.messages.initiate import (
-    DownloadInitiated,
     InitiateDownload,
     InitiateUpload,
+    NextSegment,
+    SdoMessage,
+    SegmentTaken,
+    StartBlockUpload,
     UploadInitiated,
 )
-from barewire.canopen.sdo.messages.segment import NextSegment, SegmentTaken
 
 _FIRST: dict[type, int] = {
     InitiateUpload: 4,

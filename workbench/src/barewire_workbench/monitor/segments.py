@@ -10,7 +10,7 @@ bit not alternated                if the other side goes on, two frames are miss
 
 from __future__ import annotations
 
-from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
+from barewire.canopen.sdo.messages import NextSegment, SdoSegment, SegmentTaken
 from barewire_workbench.monitor.channel_state import ChannelState
 from barewire_workbench.monitor.events import Loss
 from barewire_workbench.monitor.transfer import OpenTransfer, SdoSide

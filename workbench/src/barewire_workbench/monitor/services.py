@@ -9,7 +9,7 @@ from __future__ import annotations
 from statistics import median
 from typing import Literal
 
-from barewire.canopen.emcy.message import Emergency
+from barewire.canopen.emcy import Emergency
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.messages import BEGIN, REQUEST_KEY, Fastscan, LssAddress, LssMessage, LssService
 from barewire.canopen.sync import sync_counter

@@ -13,27 +13,27 @@ from __future__ import annotations
 from binascii import crc_hqx
 from typing import Literal
 
-from barewire.canopen.sdo.messages.block import (
+from barewire.canopen.sdo.messages import (
+    Abort,
     BlockAck,
     BlockDownloadInitiated,
     BlockEnd,
     BlockEnded,
     BlockUploadInitiated,
-    InitiateBlockDownload,
-    InitiateBlockUpload,
-    StartBlockUpload,
-)
-from barewire.canopen.sdo.messages.codec import SdoMessage
-from barewire.canopen.sdo.messages.initiate import (
-    Abort,
     DownloadInitiated,
     ExpeditedDownload,
     ExpeditedUpload,
+    InitiateBlockDownload,
+    InitiateBlockUpload,
     InitiateDownload,
     InitiateUpload,
+    NextSegment,
+    SdoMessage,
+    SdoSegment,
+    SegmentTaken,
+    StartBlockUpload,
     UploadInitiated,
 )
-from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment, SegmentTaken
 from barewire_workbench.monitor.events import (
     SdoTransferReport,
     TransferDirection,

@@ -27,9 +27,15 @@ from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.client.download import download
 from barewire.canopen.sdo.client.upload import upload
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
-from barewire.canopen.sdo.messages.block import InitiateBlockUpload
-from barewire.canopen.sdo.messages.codec import SdoRequest, decode_sdo_request
-from barewire.canopen.sdo.messages.initiate import Abort, ExpeditedDownload, InitiateDownload, InitiateUpload
+from barewire.canopen.sdo.messages import (
+    Abort,
+    ExpeditedDownload,
+    InitiateBlockUpload,
+    InitiateDownload,
+    InitiateUpload,
+    SdoRequest,
+    decode_sdo_request,
+)
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen, Send, SendAll
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire_workbench.monitor.events import SdoTransferReport

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal, NamedTuple, TypeAlias
 
 from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.messages.block import BLOCK_MAX
+from barewire.canopen.sdo.messages import BLOCK_MAX
 from barewire.errors import EncodeError
 
 _WORTH_IT = 28

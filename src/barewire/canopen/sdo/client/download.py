@@ -26,10 +26,17 @@ from barewire.canopen.sdo.client.block_options import BlockMode, BlockSettings, 
 from barewire.canopen.sdo.client.channel import Channel, channel_to
 from barewire.canopen.sdo.client.transfer import ClientTransfer
 from barewire.canopen.sdo.dialect import SdoDialect
-from barewire.canopen.sdo.messages.block import BlockDownloadInitiated, InitiateBlockDownload
-from barewire.canopen.sdo.messages.codec import RECEIVER_MESSAGES
-from barewire.canopen.sdo.messages.initiate import DownloadInitiated, ExpeditedDownload, InitiateDownload
-from barewire.canopen.sdo.messages.segment import SEGMENT, SdoSegment, SegmentTaken
+from barewire.canopen.sdo.messages import (
+    RECEIVER_MESSAGES,
+    SEGMENT,
+    BlockDownloadInitiated,
+    DownloadInitiated,
+    ExpeditedDownload,
+    InitiateBlockDownload,
+    InitiateDownload,
+    SdoSegment,
+    SegmentTaken,
+)
 from barewire.canopen.sdo.stream import Outgoing, SdoProgress
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen
 from barewire.errors import EncodeError

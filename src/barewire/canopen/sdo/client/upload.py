@@ -28,10 +28,18 @@ from barewire.canopen.sdo.client.block_options import BlockMode, BlockSettings, 
 from barewire.canopen.sdo.client.channel import Channel, channel_to
 from barewire.canopen.sdo.client.transfer import ABORT, ClientTransfer
 from barewire.canopen.sdo.dialect import SdoDialect
-from barewire.canopen.sdo.messages.block import BlockUploadInitiated, InitiateBlockUpload, StartBlockUpload
-from barewire.canopen.sdo.messages.codec import BLOCK_UPLOAD_RESPONSES, UPLOAD_RESPONSES, BlockUploadResponse
-from barewire.canopen.sdo.messages.initiate import ExpeditedUpload, InitiateUpload
-from barewire.canopen.sdo.messages.segment import NextSegment, SdoSegment
+from barewire.canopen.sdo.messages import (
+    BLOCK_UPLOAD_RESPONSES,
+    UPLOAD_RESPONSES,
+    BlockUploadInitiated,
+    BlockUploadResponse,
+    ExpeditedUpload,
+    InitiateBlockUpload,
+    InitiateUpload,
+    NextSegment,
+    SdoSegment,
+    StartBlockUpload,
+)
 from barewire.canopen.sdo.stream import LIMIT, Incoming, SdoProgress
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen
 

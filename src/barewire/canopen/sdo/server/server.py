@@ -38,25 +38,24 @@ from barewire.canopen.cob_ids import CobEntry, default_sdo_channel
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.block_transfer import check_blksize
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
-from barewire.canopen.sdo.messages.block import (
+from barewire.canopen.sdo.messages import (
     BLOCK_MAX,
     LAST,
+    OBJECT_LAYOUT,
+    Abort,
     BlockDownloadInitiated,
     BlockEnded,
     BlockUploadInitiated,
-    InitiateBlockDownload,
-    InitiateBlockUpload,
-)
-from barewire.canopen.sdo.messages.codec import SdoRequest, decode_sdo_request
-from barewire.canopen.sdo.messages.initiate import (
-    OBJECT_LAYOUT,
-    Abort,
     DownloadInitiated,
     ExpeditedDownload,
     ExpeditedUpload,
+    InitiateBlockDownload,
+    InitiateBlockUpload,
     InitiateDownload,
     InitiateUpload,
+    SdoRequest,
     UploadInitiated,
+    decode_sdo_request,
     has_reserved_bits,
 )
 from barewire.canopen.sdo.server.transfers import (

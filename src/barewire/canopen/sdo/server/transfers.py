@@ -17,10 +17,17 @@ from typing import Protocol
 
 from barewire.canopen.abort_codes import AbortCode, ProtocolViolation
 from barewire.canopen.sdo.block_transfer import BURST, BlockReceiver, BlockSender
-from barewire.canopen.sdo.messages.block import StartBlockUpload
-from barewire.canopen.sdo.messages.codec import RECEIVER_MESSAGES, M, decode_one_of
-from barewire.canopen.sdo.messages.initiate import ExpeditedDownload
-from barewire.canopen.sdo.messages.segment import SEGMENT, NextSegment, SdoSegment, SegmentTaken
+from barewire.canopen.sdo.messages import (
+    RECEIVER_MESSAGES,
+    SEGMENT,
+    ExpeditedDownload,
+    M,
+    NextSegment,
+    SdoSegment,
+    SegmentTaken,
+    StartBlockUpload,
+    decode_one_of,
+)
 from barewire.canopen.sdo.stream import Incoming, Outgoing
 from barewire.errors import DecodeError
 

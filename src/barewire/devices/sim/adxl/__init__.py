@@ -3,7 +3,6 @@
 The files, in reading order:
 
     motor      phases of a start and a stop; current, torque, power, temperatures
-    menus      the parameters of the menus, and the list of events
-    modbus     function codes 03, 04, 06, 07 and 17
+    modbus     function codes 03, 04, 06, 07 and 17; the parameters of the menus, and the list of events
     machine    the starter that joins them; its head lists what is simulated and what is only stored
 """

@@ -2,7 +2,7 @@
 
         1002h = 1 start   1003h = 1 stop  --> motor (motor.py) --> F84h status, currents, power, energy, hours
         2FF0h = 0 .. 15   C01 .. C16      --> the action of each command
-        5000h .. 5004h    menus           --> menus.py: P01.04 is the time of the next start
+        5000h .. 5004h    menus           --> `modbus`: P01.04 is the time of the next start
         5030h, 5032h      events
         2F03h = 5         save and reboot: no answer, then busy (exception 06) for `REBOOT_TAKES` seconds
 
@@ -28,8 +28,14 @@ from functools import partial
 
 from barewire.codecs import Value
 from barewire.devices.device import Device
-from barewire.devices.sim.adxl.menus import ACCELERATION_TIME, FACTORY, NODE_ADDRESS, EventList, Menus
-from barewire.devices.sim.adxl.modbus import AdxlModbusAdapter
+from barewire.devices.sim.adxl.modbus import (
+    ACCELERATION_TIME,
+    FACTORY,
+    NODE_ADDRESS,
+    AdxlModbusAdapter,
+    EventList,
+    Menus,
+)
 from barewire.devices.sim.adxl.motor import FREQUENCY, LINE_RATIOS, RATED_CURRENT, Motor, MotorPhase, MotorSample
 from barewire.devices.sim.core.simulator import Simulator, parse_setting
 from barewire.devices.sim.core.store import Declined

@@ -2,9 +2,7 @@
 
 The files, in reading order:
 
-    motion          units, limits and rates of the axis, which `sim.motion` moves along its ramps; the brake
-    phasing         alignment of motor and encoder
-    memory          saved parameters, node-ID, bit rate and unit address
-    measurements    torque, current, voltage and the values computed from the axis
-    machine         the drive that joins them; its head lists what is simulated and what is only stored
+    motion     units, limits and rates of the axis, which `sim.motion` moves along its ramps; brake; phasing
+    memory     saved parameters, node-ID, bit rate and unit address; measured values
+    machine    the drive that joins them; its head lists what is simulated and what is only stored
 """

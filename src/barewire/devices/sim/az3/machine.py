@@ -34,10 +34,8 @@ from barewire.canopen.nmt.messages import NmtState
 from barewire.codecs import Value, get_bit, set_bit
 from barewire.devices.device import Device
 from barewire.devices.drive.cia402 import FAULT_STATES, DriveCommand, State
-from barewire.devices.sim.az3.measurements import Measurements
-from barewire.devices.sim.az3.memory import Memory
-from barewire.devices.sim.az3.motion import Az3Axis, Az3Settings
-from barewire.devices.sim.az3.phasing import Phasing
+from barewire.devices.sim.az3.memory import Measurements, Memory
+from barewire.devices.sim.az3.motion import Az3Axis, Az3Settings, Phasing
 from barewire.devices.sim.core.modbus import ModbusAdapter
 from barewire.devices.sim.core.simulator import Simulator, parse_setting
 from barewire.devices.sim.motion.cia402_axis import CURRENT_ON

@@ -6,8 +6,7 @@ The files, in reading order:
                                                                               |
     client <-- Server <-- ReplayedUnit <----------- recorded_units -----------'
 
-    model     what is known of a line: units, requests, the answers to each
-    learn     sniffer events -> model
+    learn     sniffer events -> the model of a line: units, requests, the answers to each
     toml      model <-> text, with its checks
     replay    model -> a unit of a server
 """

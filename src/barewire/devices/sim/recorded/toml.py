@@ -33,7 +33,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from barewire.devices.device import suggest
-from barewire.devices.sim.recorded.model import (
+from barewire.devices.sim.recorded.learn import (
     READS,
     WRITES,
     RecordedAnswer,

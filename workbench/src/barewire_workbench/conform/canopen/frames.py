@@ -14,7 +14,7 @@ from binascii import crc_hqx
 from functools import lru_cache
 from typing import NamedTuple
 
-from barewire.canopen.sdo.messages.segment import SEGMENT
+from barewire.canopen.sdo.messages import SEGMENT
 from barewire.errors import EncodeError, shown
 from barewire_workbench.conform.canopen.model import SILENCE, Effect, NodeCase, NodeStep, Subject
 

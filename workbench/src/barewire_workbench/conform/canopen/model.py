@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 
 from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.lss.messages import LssAddress
-from barewire.canopen.sdo.messages.segment import SEGMENT
+from barewire.canopen.sdo.messages import SEGMENT
 
 Effect = Literal["reads", "tries", "writes", "commands", "stores", "power", "application"]
 """What a case does to the device.

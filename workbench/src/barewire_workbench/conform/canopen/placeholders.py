@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 
 from barewire.canopen.cob_ids import CobEntry
-from barewire.canopen.sdo.messages.segment import SEGMENT
+from barewire.canopen.sdo.messages import SEGMENT
 from barewire.errors import EncodeError, shown
 from barewire_workbench.conform.canopen.model import Subject, SubjectPdo
 

@@ -17,7 +17,7 @@ from barewire.canopen.abort_codes import AbortCode, abort_text
 from barewire.canopen.cob_ids import classify
 from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame
 from barewire.canopen.nmt.messages import NmtState
-from barewire.canopen.sdo.messages.initiate import InitiateUpload
+from barewire.canopen.sdo.messages import InitiateUpload
 from barewire_workbench.diagnosis.can import diagnose_can
 from barewire_workbench.diagnosis.logs.can_verdict import ERROR_PASSIVE, PROVES, BusCounts
 from barewire_workbench.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding

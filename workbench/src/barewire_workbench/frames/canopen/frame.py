@@ -14,12 +14,12 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from barewire.canopen.cob_ids import CobService, classify
-from barewire.canopen.emcy.message import Emergency, error_text, register_names
+from barewire.canopen.emcy import Emergency, error_text, register_names
 from barewire.canopen.frame import DATA_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.canopen.nmt.heartbeat import STATE_BYTE, NodeState
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
 from barewire.canopen.pdo.mapping import MappedObject, PdoMapping
-from barewire.canopen.sdo.messages.block import LAST
+from barewire.canopen.sdo.messages import LAST
 from barewire.canopen.sync import SyncMessage
 from barewire.canopen.time_stamp import TimeStamp
 from barewire.codecs import Field, Layout

@@ -10,12 +10,11 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from barewire.canopen.cob_ids import check_node, classify
-from barewire.canopen.datatypes import object_codec
+from barewire.canopen.datatypes import TimeDifference, TimeOfDay, object_codec
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.config import PdoConfig, PdoDirection, pdos_of
 from barewire.canopen.sdo.dialect import STANDARD
-from barewire.canopen.time_types import TimeDifference, TimeOfDay
 from barewire.codecs import Value
 from barewire.devices.device import Device
 from barewire.devices.parameter import Parameter, show

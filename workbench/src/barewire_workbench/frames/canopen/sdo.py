@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 from barewire.canopen.abort_codes import abort_text
-from barewire.canopen.sdo.messages.initiate import Abort, InitiateUpload, has_reserved_bits
+from barewire.canopen.sdo.messages import Abort, InitiateUpload, has_reserved_bits
 from barewire.codecs import BitPattern, Field, codec
 from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import DecodeError

@@ -7,7 +7,8 @@ from typing import Any
 from barewire.canopen import sdo as messages
 from barewire.canopen.abort_codes import AbortCode
 from barewire.canopen.cob_ids import CobEntry, classify, cob_id, is_restricted
-from barewire.canopen.emcy.message import Emergency
+from barewire.canopen.datatypes import DAY, TimeOfDay
+from barewire.canopen.emcy import Emergency
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.messages import LssMessage
 from barewire.canopen.nmt.heartbeat import NodeState, consumer_entry
@@ -15,7 +16,6 @@ from barewire.canopen.nmt.messages import NmtCommand, NmtMessage
 from barewire.canopen.pdo.mapping import MappedObject, PdoMapping
 from barewire.canopen.sync import SyncMessage
 from barewire.canopen.time_stamp import TimeStamp
-from barewire.canopen.time_types import DAY, TimeOfDay
 from barewire.codecs import codec
 from barewire.errors import DecodeError, EncodeError
 from barewire_workbench.vectors.answers.texts import hexed, number, octets

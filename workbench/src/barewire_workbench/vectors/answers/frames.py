@@ -11,7 +11,7 @@ import barewire.tcp
 from barewire.ascii import AsciiLine, lrc
 from barewire.modbus.adu import Adu, Noise
 from barewire.modbus.framing import Line
-from barewire.modbus.server.certificate_role import role_in
+from barewire.modbus.server.authorization import role_in
 from barewire.rtu import Timing, crc16
 from barewire.rtu.line import RtuLine
 from barewire.tcp import TcpLine

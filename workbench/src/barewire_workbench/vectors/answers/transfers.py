@@ -6,7 +6,7 @@ from typing import Any
 
 from barewire.canopen.abort_codes import SdoAbort
 from barewire.canopen.cob_ids import cob_id
-from barewire.canopen.datatypes import DATA_TYPES, object_codec
+from barewire.canopen.datatypes import DATA_TYPES, DAY, TimeDifference, TimeOfDay, object_codec
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.messages import LssAddress
 from barewire.canopen.lss.slave import LssSlave
@@ -14,7 +14,6 @@ from barewire.canopen.nmt.messages import NmtState
 from barewire.canopen.nmt.node_guarding import GuardedNode
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
 from barewire.canopen.sdo import BlockSettings, SdoServer, download, upload
-from barewire.canopen.time_types import DAY, TimeDifference, TimeOfDay
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import EncodeError
 from barewire_workbench.vectors.answers.texts import hexed, octets

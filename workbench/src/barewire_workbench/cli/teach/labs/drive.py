@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from barewire import connect
-from barewire.canopen.sdo.messages.codec import decode_sdo_request
-from barewire.canopen.sdo.messages.initiate import ExpeditedDownload
+from barewire.canopen.sdo.messages import ExpeditedDownload, decode_sdo_request
 from barewire.devices import load
 from barewire.devices.drive.cia402 import STATUS_PATTERNS, State, after, command_of, state_of
 from barewire.errors import BarewireError, EncodeError

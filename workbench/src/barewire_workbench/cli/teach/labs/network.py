@@ -5,8 +5,7 @@ from __future__ import annotations
 from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
-from barewire.canopen.sdo.messages.codec import decode_sdo_request
-from barewire.canopen.sdo.messages.initiate import ExpeditedDownload
+from barewire.canopen.sdo.messages import ExpeditedDownload, decode_sdo_request
 from barewire.codecs import codec
 from barewire.devices import load
 from barewire.errors import DecodeError

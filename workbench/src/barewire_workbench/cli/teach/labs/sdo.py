@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from barewire.canopen.cob_ids import classify, cob_id
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.messages.codec import decode_sdo_request
-from barewire.canopen.sdo.messages.initiate import ExpeditedDownload, InitiateUpload
+from barewire.canopen.sdo.messages import ExpeditedDownload, InitiateUpload, decode_sdo_request
 from barewire_workbench.cli.teach.labs.model import AnswerCheck, Lab, LabExercise, right, wrong
 from barewire_workbench.cli.teach.labs.played import LAB_NODE, can_answers
 from barewire_workbench.cli.teach.labs.reading import any_number, checked_length, hex_number, in_hex, typed_bits

@@ -1,1 +1,0 @@
-"""SDO messages: each a frozen dataclass with `encode` and `decode`."""
