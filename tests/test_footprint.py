@@ -158,6 +158,16 @@ def test_a_canopen_method_loads_its_file_when_it_is_called() -> None:
     assert not found & {"bus.scan", "emcy.message", "nmt.node_guarding"}
 
 
+def test_a_line_loads_the_messages_of_a_function_when_its_code_comes() -> None:
+    def families(statement: str) -> set[str]:
+        found = loaded(f"from barewire.rtu import RtuLine, Timing; line = RtuLine(Timing.of(9600)); {statement}")
+        return files(found, "barewire.modbus.messages") - {"base", "registry"}
+
+    assert families("pass") == set()
+    assert families("line.feed(bytes.fromhex('01 03 02 00 63'), 0.0)") == {"registers"}
+    assert families("line.feed(bytes.fromhex('01 83 02'), 0.0)") == set()
+
+
 @pytest.mark.parametrize("statement", ["from barewire import *", "import barewire_workbench.cli"])
 def test_nothing_but_its_own_command_loads_the_vectors(statement: str) -> None:
     found = loaded(statement)

@@ -9,9 +9,15 @@ import pytest
 
 from barewire.codecs import Layout
 from barewire.errors import DecodeError, EncodeError
-from barewire.modbus import Adu, Request, Response, decode_request, decode_response, register
+from barewire.modbus import Adu, Request, Response, decode_request, decode_response, messages, register
 from barewire.modbus.messages import registry as functions
-from barewire.modbus.messages.registry import known_requests, measure_request, measure_response
+from barewire.modbus.messages.registry import (
+    known_requests,
+    measure_request,
+    measure_response,
+    request_class,
+    unregister,
+)
 from barewire.rtu import RtuLine, Timing, encode
 from tests.helpers import refused, unhex
 
@@ -42,8 +48,25 @@ class Blink(Request[BlinkResponse]):
 @pytest.fixture(autouse=True)
 def _restored_registry(monkeypatch: pytest.MonkeyPatch) -> None:
     """Restore the registry after each test."""
-    monkeypatch.setattr(functions, "_requests", dict(functions._requests))
-    monkeypatch.setattr(functions, "_encapsulated", dict(functions._encapsulated))
+    for table in (functions._functions, functions._encapsulated):
+        monkeypatch.setattr(table, "classes", dict(table.classes))
+        monkeypatch.setattr(table, "names", dict(table.names))
+
+
+def test_the_tables_of_the_functions_have_every_request() -> None:
+    every = [getattr(messages, name) for name in messages.NAMES]
+    requests = {item for item in every if isinstance(item, type) and issubclass(item, Request)}
+    listed = {*messages.FUNCTIONS.items(), *((0x2B00 | number, name) for number, name in messages.MEI_TYPES.items())}
+    assert listed == {
+        (item.function_code if item.mei_type is None else 0x2B00 | item.mei_type, item.__name__) for item in requests
+    }
+    assert set(known_requests()) == requests
+
+
+def test_a_function_that_was_never_used_can_be_removed() -> None:
+    unregister(messages.MaskWriteRegister)
+    assert request_class(b"\x16") is None
+    assert messages.MaskWriteRegister not in known_requests()
 
 
 def test_a_registered_function_is_decoded_and_measured() -> None:

@@ -12,9 +12,9 @@
     canopen_reference    2B/0D            an object dictionary behind Modbus; its exception is an SDO abort
     registry             the class of a PDU, the length of a PDU from its first bytes, custom function codes
 
-**This file is the list of the functions.** To add one, write its two classes and add them to both lists below:
-`registry` registers every request class it finds here under its `function_code` (and `mei_type`), and `barewire.modbus`
-exports every name. The first list is for type checkers, which read only import statements.
+**This file is the list of the functions.** To add one, write its two classes, add them to both lists below, and the
+request to `FUNCTIONS`, where `registry` finds it; `barewire.modbus` exports every name. The first list is for type
+checkers, which read only import statements.
 """
 
 from typing import TYPE_CHECKING
@@ -116,6 +116,18 @@ __getattr__, __dir__, NAMES = lazy(
         "canopen_reference": "CanopenReference CanopenReferenceResponse ExtendedExceptionResponse SdoAborted",
     },
 )
+
+FUNCTIONS = {
+    **{0x01: "ReadCoils", 0x02: "ReadDiscreteInputs", 0x05: "WriteSingleCoil", 0x0F: "WriteMultipleCoils"},
+    **{0x03: "ReadHoldingRegisters", 0x04: "ReadInputRegisters"},
+    **{0x06: "WriteSingleRegister", 0x10: "WriteMultipleRegisters"},
+    **{0x16: "MaskWriteRegister", 0x17: "ReadWriteMultipleRegisters", 0x18: "ReadFifoQueue"},
+    **{0x14: "ReadFileRecord", 0x15: "WriteFileRecord", 0x11: "ReportServerId"},
+    **{0x07: "ReadExceptionStatus", 0x08: "Diagnostics", 0x0B: "GetCommEventCounter", 0x0C: "GetCommEventLog"},
+}
+"""The request of each function code."""
+MEI_TYPES = {0x0D: "CanopenReference", 0x0E: "ReadDeviceIdentification"}
+"""The request of each MEI type, behind function code 2B [MB-APP 6.19]."""
 
 if not TYPE_CHECKING:
     __all__ = NAMES  # a type checker would take a list that it cannot read for an empty one

@@ -1,10 +1,10 @@
 """The registry: the request class of a function code, and from it the response class and the length of a PDU.
 
-It is filled from the list in `messages/__init__.py`: every request class there is registered under its `function_code`,
-and under its `mei_type` if it has one (function 2B). Servers, clients, sniffers, `explain` and RTU lines look classes
-up here, so there is no other table of function codes. Three lists are written by hand, because they are behaviour or
-need static types: what a unit does (`_ANSWERS` in `server/table.py` and `server/handlers.py`), the methods of a client
-(`io/modbus/methods.py`), and the imports for type checkers in `messages/__init__.py`.
+It begins with the tables `FUNCTIONS` and `MEI_TYPES` of `messages/__init__.py`, and loads the file of a class when its
+function code comes for the first time: a line on which only registers are read loads no other messages. Servers,
+clients, sniffers, explanations and RTU lines look classes up here. Three lists are written by hand, because they are
+behaviour or need static types: what a unit does (`_ANSWERS` in `server/table.py` and `server/handlers.py`), the methods
+of a client (`io/modbus/methods.py`), and the imports for type checkers in `messages/__init__.py`.
 
 To add a function code of your own, write a request and a response class, then call `register(YourRequest)`.
 """
@@ -16,7 +16,6 @@ from typing import Any, TypeAlias, TypeVar
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import messages
 from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Message, Request, Response
-from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse
 
 AnyRequest: TypeAlias = Request[Any]
 M = TypeVar("M", bound=Message)
@@ -24,8 +23,36 @@ M = TypeVar("M", bound=Message)
 ENCAPSULATED = 0x2B
 """The function code that is followed by an MEI type, which selects the function [MB-APP 6.19]."""
 
-_requests: dict[int, type[AnyRequest]] = {}
-_encapsulated: dict[int, type[AnyRequest]] = {}
+
+class _Functions:
+    """Request classes by number: those that were loaded or registered, and the names of the others."""
+
+    def __init__(self, names: dict[int, str]) -> None:
+        self.classes: dict[int, type[AnyRequest]] = {}
+        self.names = dict(names)
+
+    def get(self, number: int) -> type[AnyRequest] | None:
+        """Return the class of a number, None for an unknown one. The first call for a number loads its file."""
+        request = self.classes.get(number)
+        if request is None and (name := self.names.get(number)) is not None:
+            # In this order, since another thread that finds neither class nor name would call the function unknown.
+            request = self.classes.setdefault(number, getattr(messages, name))
+            self.names.pop(number, None)
+        return request
+
+    def set(self, number: int, request: type[AnyRequest]) -> None:
+        """Register a class in place of the present one."""
+        self.classes[number] = request
+        self.names.pop(number, None)
+
+    def remove(self, request: type[AnyRequest]) -> None:
+        """Make the numbers of this class unknown."""
+        for number in [number for number in (*self.classes, *self.names) if self.get(number) is request]:
+            del self.classes[number]
+
+
+_functions = _Functions(messages.FUNCTIONS)
+_encapsulated = _Functions(messages.MEI_TYPES)
 
 
 def register(request: type[AnyRequest], mei_type: int | None = None) -> type[AnyRequest]:
@@ -44,29 +71,22 @@ def register(request: type[AnyRequest], mei_type: int | None = None) -> type[Any
     if (mei_type is not None) != (request.function_code == ENCAPSULATED):
         raise EncodeError("an MEI type belongs to function 2Bh, and only to that one", "function_code")
     if mei_type is None:
-        _requests[request.function_code] = request
+        _functions.set(request.function_code, request)
     else:
-        _encapsulated[mei_type] = request
+        _encapsulated.set(mei_type, request)
     return request
 
 
 def unregister(request: type[AnyRequest]) -> None:
     """Undo `register`: the function code is unknown again. A class that was replaced does not come back."""
-    for table in (_requests, _encapsulated):
-        for number in [number for number, registered in table.items() if registered is request]:
-            del table[number]
-
-
-for _name in messages.NAMES:
-    _class = getattr(messages, _name)
-    if isinstance(_class, type) and issubclass(_class, Request):
-        register(_class)
+    for table in (_functions, _encapsulated):
+        table.remove(request)
 
 
 def known_requests() -> list[type[AnyRequest]]:
     """Return every registered request class, by function code."""
-    found = [*_requests.values(), *_encapsulated.values()]
-    return sorted(found, key=lambda request: request.function_code)
+    known = [table.get(number) for table in (_functions, _encapsulated) for number in (*table.classes, *table.names)]
+    return sorted(filter(None, known), key=lambda request: request.function_code)
 
 
 def request_class(pdu: bytes) -> type[AnyRequest] | None:
@@ -75,13 +95,16 @@ def request_class(pdu: bytes) -> type[AnyRequest] | None:
         return None
     if pdu[0] == ENCAPSULATED:
         return _encapsulated.get(pdu[1]) if len(pdu) > 1 else None
-    return _requests.get(pdu[0])
+    return _functions.get(pdu[0])
 
 
 def response_class(pdu: bytes) -> type[Response] | None:
     """Return the class of a response PDU, also of an exception response; None for an unknown function."""
     if pdu and pdu[0] & EXCEPTION_BIT:
-        return ExtendedExceptionResponse if pdu[:2] == ExtendedExceptionResponse.BEGINNING else ExceptionResponse
+        is_encapsulated = pdu[0] == ENCAPSULATED | EXCEPTION_BIT
+        if is_encapsulated and pdu[:2] == messages.ExtendedExceptionResponse.BEGINNING:
+            return messages.ExtendedExceptionResponse
+        return ExceptionResponse
     request = request_class(pdu)
     return request.response if request else None
 
