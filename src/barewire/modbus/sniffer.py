@@ -17,7 +17,8 @@ Frames on a serial line do not show their direction. Three criteria decide about
 So a lost frame never shifts the pairs after it. The sniffer assumes one client with one open request at a time. A
 response that arrives when the client has already sent its next request is marked `late`.
 
-**On a TCP connection**, `NumberedSniffer`: responses carry the transaction number of their request.
+**On a TCP connection**, `NumberedSniffer`: responses carry the transaction number of their request, and have to fit it
+all the same. To one that does not no request belongs, and the request stays open.
 
     client ->   1 03 00 00 00 02        RequestSeen(transaction=1)
     client ->   2 06 00 01 00 03        RequestSeen(transaction=2)
@@ -241,7 +242,7 @@ class Sniffer:
         if unit == BROADCAST:
             return [*self._give_up(now), RequestSeen(unit, pdu, now, readable(decode_request, pdu))]
         asked = self._open
-        if response and asked is not None and now <= asked.at + self._window and _answers(asked, unit, pdu):
+        if response and asked is not None and now <= asked.at + self._window and answers(asked, unit, pdu):
             self._open = self._late = None
             self._note_time(unit, now - asked.at)
             return [ResponseSeen(unit, pdu, now, readable(decode_response, pdu), asked)]
@@ -257,13 +258,13 @@ class Sniffer:
         """Report a response that does not answer the open request."""
         message = readable(decode_response, pdu)
         late, single = self._late, self._single
-        if late is not None and now <= late.at + self._window and _answers(late, unit, pdu):
+        if late is not None and now <= late.at + self._window and answers(late, unit, pdu):
             self._late = None
             return [ResponseSeen(unit, pdu, now, message, late, late=True)]
         # An exception response to a write that is still an ambiguous frame.
         if single is not None and self._pair is None and now <= single.at + self._window:
             asked = RequestSeen(single.unit, single.pdu, single.at, single.message)
-            if _answers(asked, unit, pdu):
+            if answers(asked, unit, pdu):
                 self._single = None
                 self._note_time(unit, now - single.at)
                 return [asked, ResponseSeen(unit, pdu, now, message, asked)]
@@ -324,7 +325,11 @@ class NumberedSniffer:
                 events += [asked] if earlier is None else [ResponseMissing(earlier, now), asked]
                 self._open[number] = asked
             else:
-                request = self._open.pop(number, None)
+                request = self._open.get(number)
+                if request is not None and answers(request, unit, pdu):
+                    del self._open[number]
+                else:
+                    request = None
                 events.append(ResponseSeen(unit, pdu, now, readable(decode_response, pdu), request, transaction=number))
         while len(self._open) > OPEN_LIMIT:
             events.append(ResponseMissing(self._open.pop(next(iter(self._open))), now))
@@ -381,7 +386,8 @@ def _fits(request: Request[Any] | None, asked: bytes, pdu: bytes) -> bool:
     return True
 
 
-def _answers(asked: RequestSeen, unit: int, pdu: bytes) -> bool:
+def answers(asked: RequestSeen, unit: int, pdu: bytes) -> bool:
+    """Whether a PDU from this unit is the response to a request: by unit, function, length and echoed fields."""
     return unit == asked.unit and _fits(asked.message, asked.pdu, pdu)
 
 

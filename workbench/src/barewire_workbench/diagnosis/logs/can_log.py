@@ -20,11 +20,12 @@ from barewire.canopen.nmt.messages import NmtState
 from barewire.canopen.sdo.messages import InitiateUpload
 from barewire_workbench.diagnosis.can import diagnose_can
 from barewire_workbench.diagnosis.logs.can_verdict import ERROR_PASSIVE, PROVES, BusCounts
-from barewire_workbench.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding
+from barewire_workbench.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding, Unsettled
 from barewire_workbench.frames.findings import DiagnosisCode, Finding
 from barewire_workbench.frames.result import counted
 from barewire_workbench.monitor import BUS_RULES, CanMonitor, KnownNode
 from barewire_workbench.monitor.events import (
+    EmcyReport,
     Gap,
     Loss,
     MonitorEvent,
@@ -92,6 +93,7 @@ class BusDiagnosis:
         self.monitor = CanMonitor(described, complete=complete)
         self.counts = BusCounts()
         self.found = FindingCounts()
+        self.unsettled = Unsettled()
         self.gaps = 0
         self._dialects = {node.node: node.commands for node in described}
         self._requests: dict[int, list[InitiatingFrame]] = {}  # channel -> its last two initiating requests
@@ -130,21 +132,21 @@ class BusDiagnosis:
         return self._at(found, now, 0)
 
     def verdicts(self) -> list[LineVerdict]:
-        """Return what the numbers show about the bus; exactly one verdict if they show no fault."""
+        """Return what the numbers show about the bus; if no fault, what devices refused or reported, and what is open."""
         counts = self.counts
-        found = counts.verdicts()
+        causes = counts.verdicts()
         answered = sum(counts.asked.values()) - sum(counts.unanswered.values())
         seen = f"{counted(counts.frames, 'frame')} of {counted(len(counts.heard), 'node')}, {answered} SDO answers"
         if self.gaps:
             seen += f"; the recording lacks frames at {counted(self.gaps, 'place')}"
-        if found:
-            return found
-        if not counts.frames and not self.found.total:
-            return [LineVerdict("nothing-heard", "no frame was received", f"{counted(counts.errors, 'error frame')}")]
-        if self.found.total:
-            text = "the findings show no fault of the bus itself"
-            return [LineVerdict("nothing-proved", text, f"{self.found}; {seen}")]
-        return [LineVerdict("nothing-wrong", "nothing wrong", seen)]
+        if not causes and not counts.frames and not self.found.total:
+            errors = counted(counts.errors, "error frame")
+            causes.append(LineVerdict("nothing-heard", "no frame was received", errors))
+        if not causes and self.found.total:
+            evidence = self.found.with_all(seen, self.unsettled)
+            causes.append(LineVerdict("nothing-proved", "the findings show no common cause", evidence))
+        found = causes or self.unsettled.verdicts()
+        return found or [LineVerdict("nothing-wrong", "nothing wrong", seen)]
 
     def _at(self, found: Iterable[Proved], now: float, line: int) -> list[LogFinding]:
         result = []
@@ -207,6 +209,8 @@ class BusDiagnosis:
                 yield from self._transfer(event)
             case NodeReport():
                 yield from self._node(event)
+            case EmcyReport() if event.code:
+                self.unsettled.refused[f"emergency {event.code:04X}h of node {event.node}"] += 1
 
     def _violation(self, event: Violation) -> Finding:
         if event.rule == "SDO-OVERLAP" and (proof := self._two_masters(event)):
@@ -256,8 +260,13 @@ class BusDiagnosis:
                 text = f"no answer about {place}: the client gave up"
                 proof = f"{abort_text(event.abort or 0)} after {event.at - event.began:.3f} s"
                 yield Proved(node, Finding("no-answer", text, proof))
-            elif event.outcome == "aborted" and event.by == "server":
-                yield from self._refused(event, place)
+            elif event.outcome == "aborted":
+                by = "node" if event.by == "server" else "the client of node"
+                self.unsettled.refused[f"abort {event.abort or 0:08X}h by {by} {node}"] += 1
+                if event.by == "server":
+                    yield from self._refused(event, place)
+        elif event.outcome == "cut" and event.began is not None:
+            self.unsettled.open[f"SDO transfer with node {node} at the end"] += 1
 
     def _unanswered(self, event: SdoTransferReport, place: str) -> Iterator[Proved]:
         node, state = event.node, self.monitor.nodes.state(event.node, event.at)
@@ -266,8 +275,10 @@ class BusDiagnosis:
             yield Proved(node, Finding("state", text, f"its state is {state_name(state)}"))
             return
         waited = 0.0 if event.began is None else event.at - event.began
-        if waited < _WAITS:
-            return  # another request came so soon that the answer was not awaited
+        if waited < _WAITS:  # another request came so soon that the answer was not awaited, or the log has no times
+            if not self.counts.heard or not self.counts.may_be_search(node):
+                self.unsettled.open[f"SDO request to node {node}"] += 1
+            return
         self.counts.transfer(node, event.index, answered=False)
         finding = Finding("no-answer", f"no answer about {place}", f"nothing from node {node} for {waited:.3f} s")
         asked = [request for request in self._requests.get(event.channel, []) if request.at == event.began]

@@ -19,6 +19,7 @@ from barewire.modbus.adu import BROADCAST
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.sniffer import (
     AmbiguousFrame,
+    RecordingEnds,
     RequestSeen,
     ResponseMissing,
     ResponseSeen,
@@ -36,7 +37,7 @@ from barewire_workbench.diagnosis.logs.modbus_response import (
     shown_digits,
 )
 from barewire_workbench.diagnosis.logs.modbus_verdict import LineCounts
-from barewire_workbench.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding
+from barewire_workbench.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding, Unsettled
 from barewire_workbench.frames.findings import DiagnosisCode, Finding
 from barewire_workbench.frames.modbus.pdu import explain_pdu
 from barewire_workbench.frames.result import FrameRole, ProtocolName, counted
@@ -83,6 +84,7 @@ class LineDiagnosis:
     def __init__(self, protocol: ProtocolName, name: str = "", *, timed: bool = True) -> None:
         self.name = name
         self.counts = LineCounts()
+        self.unsettled = Unsettled()
         self.found = FindingCounts()
         self.protocol: ProtocolName = protocol
         self._timed = timed
@@ -116,17 +118,16 @@ class LineDiagnosis:
         return [self._log_finding(*one) for one in self._decide(None)]
 
     def verdicts(self) -> list[LineVerdict]:
-        """Return what the numbers show about the line; exactly one verdict if they show no fault."""
+        """Return what the numbers show about the line; if no fault, what devices refused, and what is open."""
         counts = self.counts
-        found = counts.verdicts()
-        if found:
-            return found
+        causes = counts.verdicts()
         if not counts.frames and not counts.noise_bytes:
-            return [LineVerdict("nothing-heard", "nothing was received", "no byte")]
-        if self.found.total:
-            evidence = f"{self.found}; {counts.seen()}"
-            return [LineVerdict("nothing-proved", "the findings show no fault of the line itself", evidence)]
-        return [LineVerdict("nothing-wrong", "nothing wrong", counts.seen())]
+            causes.append(LineVerdict("nothing-heard", "nothing was received", "no byte"))
+        if not causes and self.found.total:
+            evidence = self.found.with_all(counts.seen(), self.unsettled)
+            causes.append(LineVerdict("nothing-proved", "the findings show no common cause", evidence))
+        found = causes or self.unsettled.verdicts()
+        return found or [LineVerdict("nothing-wrong", "nothing wrong", counts.seen())]
 
     def _log_finding(self, unit: int, finding: Finding, at: float, line: int) -> LogFinding:
         place = ", ".join(filter(None, (self.name, f"unit {unit}" if unit else "")))
@@ -248,9 +249,13 @@ class LineDiagnosis:
                 yield from self._response(event)
             case ResponseMissing():
                 yield from self._no_response(event, following)
+            case RecordingEnds(request=request) if (request.unit, request.at) not in self._spoiled:
+                if not self._listens(request):
+                    self.unsettled.open[f"request to unit {request.unit} at the end"] += 1
             case AmbiguousFrame() if not self._listens(event):
                 self.counts.unit(event.unit).requests += 1
                 self.counts.unit(event.unit).halves += 1
+                self.unsettled.open[f"write to unit {event.unit}, or its equal response"] += 1
 
     def _response(self, event: ResponseSeen) -> Iterator[Located]:
         unit = self.counts.unit(event.unit)
@@ -278,11 +283,16 @@ class LineDiagnosis:
                 text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
                 proof = f"{shown_digits(before.pdu)}, then {shown_digits(event.pdu)}"
                 yield Located(event.unit, Finding("two-answers", text, proof), event.at, self._line_now())
+            elif (finding := self._wrong_answer(event)) is not None:
+                unit.wrong += 1
+                yield Located(event.unit, finding, event.at, self._line_now())
             elif (asked := self._exchanged(event)) is not None:
                 unit.wrong += 1
                 text = "the two bytes of the transaction identifier are exchanged"
                 proof = f"the request has {asked.transaction:04X}h, the response {event.transaction:04X}h"
                 yield Located(event.unit, Finding("header-byte-order", text, proof), event.at, self._line_now())
+            elif self.counts.frames > 1:  # a recording may begin between a request and its response
+                self.unsettled.open[f"response of unit {event.unit} without its request"] += 1
             return
         if event.request.transaction is not None:
             self._open.pop(event.request.transaction, None)
@@ -296,6 +306,8 @@ class LineDiagnosis:
             return
         unit.answered += 1
         unit.streak = 0
+        if event.pdu[0] & EXCEPTION_BIT:
+            self.unsettled.refused[f"exception {event.pdu[1:2].hex() or 'without a code'} of unit {event.unit}"] += 1
         if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] == _ILLEGAL_ADDRESS:
             for finding in exchange_findings(event.request, event, "address-base"):
                 if int.from_bytes(event.request.pdu[1:3], "big") > _FIVE_DIGITS:
@@ -312,6 +324,14 @@ class LineDiagnosis:
             if len(self._open) > _KEPT:
                 del self._open[next(iter(self._open))]
 
+    def _wrong_answer(self, event: ResponseSeen) -> Finding | None:
+        """Return the finding on a TCP response with the transaction of an open request that it does not answer."""
+        request = self._open.get(event.transaction) if event.transaction is not None else None
+        if request is None:
+            return None
+        self._spoiled.append((request.unit, request.at))
+        return next(iter(exchange_findings(request, event, "wrong-answer")), None)
+
     def _exchanged(self, event: ResponseSeen) -> RequestSeen | None:
         """Return the open request that a TCP response answers if the bytes of its transaction are exchanged."""
         if event.transaction is None:
@@ -327,7 +347,9 @@ class LineDiagnosis:
         return next((request for request in self._given_up if self._fits(request, event)), None)
 
     def _fits(self, request: RequestSeen, event: ResponseSeen) -> bool:
-        return request.unit == event.unit and event.at - request.at <= _LATE_AFTER and answers(request, event)
+        if request.transaction != event.transaction or event.at - request.at > _LATE_AFTER:
+            return False
+        return request.unit == event.unit and answers(request, event)
 
     def _is_second(self, before: ResponseSeen, event: ResponseSeen) -> bool:
         same = before.unit == event.unit and before.pdu[0] & ~EXCEPTION_BIT == event.pdu[0] & ~EXCEPTION_BIT

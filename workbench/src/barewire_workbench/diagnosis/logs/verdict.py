@@ -18,6 +18,8 @@ VerdictCode = Literal[
     "nothing-wrong",
     "nothing-proved",
     "nothing-heard",
+    "refused",
+    "open",
     "dead-unit",
     "no-answers",
     "lost-answers",
@@ -40,9 +42,11 @@ VerdictCode = Literal[
 ]
 
 VERDICTS: dict[VerdictCode, str] = {
-    "nothing-wrong": "No fault was found.",
+    "nothing-wrong": "Every byte is in a frame, every request has its response, and no device refused anything.",
     "nothing-proved": "There are findings, and the numbers show no common cause.",
     "nothing-heard": "There is no frame in the log, and nothing was received on the line.",
+    "refused": "A device refused a request or reported an error: no fault of the line or bus.",
+    "open": "A request or a response stands alone in the log: whether there was another is not seen.",
     "dead-unit": "A unit or node does not answer, or fell silent, while others go on.",
     "no-answers": "No unit or node answers.",
     "lost-answers": "Responses are missing now and then.",
@@ -66,6 +70,40 @@ VERDICTS: dict[VerdictCode, str] = {
 
 _KINDS_MAX, _KINDS_SHOWN = 1000, 5
 """The most pairs of a code and a place that are counted, and that a verdict names."""
+
+
+class Unsettled:
+    """What is no fault of a line or bus, and still not all good: what devices refused or reported, and what is open.
+
+    >>> unsettled = Unsettled()
+    >>> unsettled.refused["exception 02 of unit 5"] += 2
+    >>> [verdict.sentence for verdict in unsettled.verdicts()]
+    ['verdict: a device refused or reported something [refused]: 2 exception 02 of unit 5']
+    """
+
+    def __init__(self) -> None:
+        self.refused: Counter[str] = Counter()
+        self.open: Counter[str] = Counter()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.refused.total()} refused, {self.open.total()} open>"
+
+    def __str__(self) -> str:
+        return "; ".join(_most(kinds) for kinds in (self.refused, self.open) if kinds)
+
+    def verdicts(self) -> list[LineVerdict]:
+        """Return at most one verdict on each of the two."""
+        found = []
+        if self.refused:
+            found.append(LineVerdict("refused", "a device refused or reported something", _most(self.refused)))
+        if self.open:
+            found.append(LineVerdict("open", "not every request and response has its other half", _most(self.open)))
+        return found
+
+
+def _most(kinds: Counter[str]) -> str:
+    shown = ", ".join(f"{number} {kind}" for kind, number in kinds.most_common(_KINDS_SHOWN))
+    return f"{shown}, ..." if len(kinds) > _KINDS_SHOWN else shown
 
 
 class LogFinding(NamedTuple):
@@ -111,8 +149,11 @@ class FindingCounts:
         return f"<{type(self).__name__}: {self.total}>"
 
     def __str__(self) -> str:
-        shown = ", ".join(f"{number} {kind}" for kind, number in self._kinds.most_common(_KINDS_SHOWN))
-        return f"{shown}, ..." if len(self._kinds) > _KINDS_SHOWN else shown
+        return _most(self._kinds)
+
+    def with_all(self, seen: str, unsettled: Unsettled) -> str:
+        """Return the findings, what was seen, and what is not settled, as the evidence of a verdict."""
+        return "; ".join(filter(None, (str(self), seen, str(unsettled))))
 
     def add(self, code: str, place: str) -> None:
         """Count a finding."""
