@@ -33,7 +33,7 @@ from tests.workbench.diagnosis.logs.modbus_cases import (
     without_responses,
 )
 
-SAMPLES = Path(__file__).parents[2] / "capture" / "modbus_log" / "samples"
+SAMPLES = Path(__file__).parents[2] / "recordings" / "modbus_log" / "samples"
 N81, E81 = CharacterFormat(8, "N", 1), CharacterFormat(8, "E", 1)
 
 GOOD = [

@@ -21,7 +21,7 @@ _RARE = 4
 """One of so many pieces at least is a frame in a log of Modbus TCP."""
 _MOST_BYTES = 260
 """A longer piece is not one frame."""
-_PROTOCOLS: tuple[ProtocolName, ...] = ("rtu", "tcp", "ascii")
+PROTOCOLS: tuple[ProtocolName, ...] = ("rtu", "tcp", "ascii")
 
 
 def frame_pdu(protocol: ProtocolName, data: bytes) -> bytes | None:
@@ -42,9 +42,9 @@ def frame_pdu(protocol: ProtocolName, data: bytes) -> bytes | None:
 
 def frames_by_protocol(pieces: Iterable[bytes]) -> dict[ProtocolName, int]:
     """Return how many of the pieces are one whole frame, for each protocol."""
-    counts: dict[ProtocolName, int] = dict.fromkeys(_PROTOCOLS, 0)
+    counts: dict[ProtocolName, int] = dict.fromkeys(PROTOCOLS, 0)
     for data in pieces:
-        for protocol in _PROTOCOLS:
+        for protocol in PROTOCOLS:
             pdu = frame_pdu(protocol, data)
             counts[protocol] += pdu is not None and (protocol != "tcp" or _has_its_length(pdu))
     return counts

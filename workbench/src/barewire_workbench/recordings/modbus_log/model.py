@@ -13,6 +13,7 @@ What a form returns, before times, direction and protocol are decided for the wh
 
 from __future__ import annotations
 
+from collections.abc import Set
 from typing import NamedTuple
 
 from barewire_workbench.frames.result import ProtocolName
@@ -74,8 +75,10 @@ class LogEntry(NamedTuple):
 
 
 class FormContent(NamedTuple):
-    """What one form reads of a text: its entries, the lines that it knows to hold no new bytes, and what it notes."""
+    """What one form reads of a text: its entries, the lines that it knows to hold no new bytes, what it notes, and the
+    lines with its words behind which something else than bytes stands."""
 
     entries: list[LogEntry]
     known: set[int]
     notes: tuple[str, ...] = ()
+    unreadable: Set[int] = frozenset()

@@ -59,6 +59,9 @@ _SHORTEST = 4
 """Bytes of the shortest frame."""
 _LINES_MAX = 20
 """The most lines of one frame."""
+_LOOKS_LIKE_BYTES = re.compile(
+    r"(?:\b(?:0[xX])?[0-9A-Fa-f]{2}\b[\s,;|:-]?){4}|(?:\b0[xX][0-9A-Fa-f]{1,2}\b[\s,;|:-]?){2}"
+)
 _FRAME = re.compile(r"FRAME=[^;]*")
 """The field of a frame in `DATE=...;FRAME=01-03-...;SLAVE=1;`, as monitors write it."""
 _COLOURS = re.compile(r"\x1b\[[0-9;]{0,20}[mK]")
@@ -112,6 +115,7 @@ def _read_forms(lines: list[str], ports: Container[int]) -> tuple[str, FormConte
     by_place: dict[tuple[int, int], LogEntry] = {}
     owners: dict[int, str] = {}
     known: set[int] = set()
+    unreadable: set[int] = set()
     notes: list[str] = []
     contents = [(name, read_packets(lines, ports)) for name, read_packets in _OF_PACKETS.items()]
     contents += [(name, read(short)) for name, read in FORMS.items()]
@@ -124,16 +128,21 @@ def _read_forms(lines: list[str], ports: Container[int]) -> tuple[str, FormConte
                 text = f"line {entry.line} reads as {owner} and as {name}, with different bytes"
                 raise DecodeError("value", b"", 0, text)
         known |= content.known if content.entries else set()
+        unreadable |= content.unreadable
         notes += content.notes
     for name, read in _GENERAL.items():
-        content = read(["" if number in known else line for number, line in enumerate(short, start=1)])
+        content = read(
+            ["" if number in known or number in unreadable else line for number, line in enumerate(short, start=1)]
+        )
         for place, entry in enumerate(content.entries):
             by_place[entry.line, place] = entry
             owners[entry.line] = name
         known |= content.known if content.entries else set()
         notes += content.notes
     names = [name for name in (*_OF_PACKETS, *FORMS, *_GENERAL) if name in owners.values()]
-    return " and ".join(names), FormContent([by_place[place] for place in sorted(by_place)], known, tuple(notes))
+    return " and ".join(names), FormContent(
+        [by_place[place] for place in sorted(by_place)], known, tuple(notes), unreadable
+    )
 
 
 def _same(found: dict[tuple[int, int], LogEntry], entry: LogEntry) -> bool:
@@ -145,6 +154,9 @@ def _decided(form: str, content: FormContent, lines: list[str], protocol: Protoc
     entries, left = list(content.entries), []
     taken = {entry.line for entry in entries} | content.known
     for number, line in enumerate(lines, start=1):
+        if number in content.unreadable:
+            left.append(number)
+            continue
         if number in taken or not line.strip():
             continue
         stamp = find_stamp(line)
@@ -196,7 +208,9 @@ def assembled(
 
 
 def _left(items: list[LoggedBytes | Unread], number: int, line: str) -> Unread:
-    return unread(items[-1].at if items else 0.0, number, "no bytes of a frame in this line", line)
+    has_bytes = _LOOKS_LIKE_BYTES.search(line, 0, _LONGEST_LINE) is not None
+    why = "the bytes in this line cannot be read" if has_bytes else "no bytes of a frame in this line"
+    return unread(items[-1].at if items else 0.0, number, why, line)
 
 
 def _bytes_only(text: str, lines: list[str], protocol: ProtocolName | None) -> ModbusLog:
