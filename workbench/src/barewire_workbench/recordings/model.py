@@ -57,7 +57,6 @@ def split_lines(text: str | Iterable[str]) -> Iterable[str]:
     return text.splitlines() if isinstance(text, str) else text
 
 
-
 def unread(at: float, line: int, error: DecodeError | str, text: str) -> Unread:
     """Return an `Unread` item; a long text is cut."""
     why = error.text if isinstance(error, DecodeError) else error

@@ -50,8 +50,8 @@ class RecordingSource:
         return self.start
 
     def text_parts(self, decode: Callable[[bytes], str], longest: int = LINE_MAX) -> Iterator[list[str]]:
-        """Yield the lines, as many as there are at a time. `decode` is for bytes that are not UTF-8 or UTF-16, `longest`
-        is the number of characters of a line that are kept."""
+        """Yield the lines, as many as there are at a time. `decode` is for bytes that are not UTF-8 or UTF-16; of a
+        line `longest` characters are kept."""
         pending, number, skips = "", 0, False
         for text in self._texts(decode):
             end = text.find("\n") + 1

@@ -36,8 +36,8 @@ _OTHER = re.compile(
 )
 
 
-def read_pymodbus(lines: list[str]) -> FormContent:
-    """Return the entries of lines with send and recv.
+def read_pymodbus(lines: list[str], decided: object = None) -> FormContent:
+    """Return the entries of lines with send and recv. `decided` is which lines counted in the part of the log before.
 
     >>> read_pymodbus(["DEBUG:pymodbus:recv: 0x1 0x83 0x2 0xc0 0xf1 extra data:"]).entries[0].data.hex(" ")
     '01 83 02 c0 f1'
@@ -78,17 +78,21 @@ def read_pymodbus(lines: list[str]) -> FormContent:
             known.add(number)
         elif _OTHER.search(line):
             known.add(number)
-    found_entries = entries or processed or repeated
-    if not found_entries:
+    kinds = {"logged": entries, "processed": processed, "repeated": repeated}
+    first = next((kind for kind, found in kinds.items() if found), None)
+    counted_kind = first if decided is None or first == "logged" else str(decided)
+    if counted_kind is None:
         return FormContent([], set())
-    content = FormContent(sorted([*found_entries, *silent], key=lambda entry: entry.line), known, (), unreadable)
-    return content if found_entries is repeated else content._replace(notes=_not_counted(repeated, found_entries))
+    found_entries = kinds[counted_kind]
+    notes = _not_counted(repeated, found_entries) if counted_kind != "repeated" else ()
+    ordered = sorted([*found_entries, *silent], key=lambda entry: entry.line)
+    return FormContent(ordered, known, notes, unreadable, counted_kind)
 
 
-def _not_counted(repeated: list[LogEntry], entries: list[LogEntry]) -> tuple[str, ...]:
+def _not_counted(repeated: list[LogEntry], entries: list[LogEntry]) -> tuple[tuple[int, str], ...]:
     """Return a note about repeated frames that are not among the entries: their places in time are not known."""
     pieces = {entry.data for entry in entries}
     left = [entry for entry in repeated if entry.data not in pieces]
     if not left:
         return ()
-    return (f"line {left[0].line}: {counted(len(left), 'frame')} below an error, not in the log above: left out",)
+    return ((left[0].line, f"{counted(len(left), 'frame')} below an error, not in the log above: left out"),)
