@@ -20,6 +20,7 @@ continues the line before it.
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 from barewire_workbench.recordings.modbus_log.direction import PROTOCOLS, frame_pdu
 from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry
@@ -65,6 +66,8 @@ def read_marked(lines: list[str]) -> FormContent:
     known: set[int] = set()
     open_line = 0  # the line that the next one may continue
     for number, line in enumerate(lines, start=1):
+        if not line:
+            continue
         marked = _marked(line, number)
         if marked:
             entries += (entry for entry in marked if entry.data is not None or entry.decimal is not None)
@@ -113,20 +116,19 @@ def _exchange(last: Octets, number: int) -> list[LogEntry]:
 
     A word before the last one states its direction. Otherwise it is the answer to the frame before it."""
     before, sent, from_client = last.before, None, False
-    words = list(_WORD.finditer(before))
-    has_word = bool(words) and _SEPARATORS.fullmatch(before[words[-1].end() :]) is not None
-    if has_word:
-        _, sent, from_client = direction_of(words[-1][0])
-        before = before[: words[-1].start()]
+    word = _last_word(before)
+    if word is not None:
+        _, sent, from_client = direction_of(word[0])
+        before = before[: word.start()]
     joint = _JOINT.search(before)
-    if joint is None or not (has_word or joint[0].strip()):
+    if len(before) < 2 * _SHORTEST or joint is None or (word is None and not joint[0].strip()):
         return []
     before = before[: joint.start()]
     octets = split_octets(before)
     if octets is None or len(octets.data or octets.decimal or b"") < _SHORTEST:
         return []
     entries = _directed(before, number)
-    if entries and not has_word:
+    if entries and word is None:
         sent, from_client = _opposite(entries[-1].sent), _opposite(entries[-1].from_client)
     elif not entries:
         if not any(frame_pdu(name, data) for name in PROTOCOLS for data in octets[1:] if data):
@@ -135,10 +137,18 @@ def _exchange(last: Octets, number: int) -> list[LogEntry]:
     return [*entries, LogEntry(number, last.data, sent, from_client, None, last.decimal)]
 
 
+@lru_cache(1024)
+def _last_word(before: str) -> re.Match[str] | None:
+    """Return the word about a direction with which a text ends; None if it ends otherwise."""
+    words = list(_WORD.finditer(before))
+    return words[-1] if words and _SEPARATORS.fullmatch(before[words[-1].end() :]) else None
+
+
 def _opposite(direction: bool | None) -> bool | None:
     return None if direction is None else not direction
 
 
+@lru_cache(1024)
 def direction_of(before: str) -> tuple[re.Match[str] | None, bool | None, bool | None]:
     """Return the word or mark that states the direction, whether the recorder sent, whether the client did."""
     words = list(_WORD.finditer(before))

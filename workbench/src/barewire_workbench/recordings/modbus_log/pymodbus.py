@@ -23,6 +23,7 @@ from barewire_workbench.recordings.modbus_log.stamps import find_stamp
 
 _BYTES = r"(?:0x[0-9a-fA-F]{1,2}(?:\s+|$))*"
 _WORD = re.compile(r"(?P<repeated>>{5}\s*)?(?<![\w'\"])(?P<word>send|recv|SEND|RECV):")
+_WORD_ENDS = ("end:", "ecv:", "END:", "ECV:")
 _TRAFFIC = re.compile(rf"\s*(?P<bytes>{_BYTES})(?:old_data:.*|extra data:.*|addr=.*|unexpected data:.*)?$")
 """What stands behind a word, up to the next one."""
 _PROCESSING = re.compile(rf"(?<![\w'\"])Processing:\s*(?P<bytes>{_BYTES})$")
@@ -49,7 +50,7 @@ def read_pymodbus(lines: list[str], decided: object = None) -> FormContent:
     known: set[int] = set()
     unreadable: set[int] = set()
     for number, line in enumerate(lines, start=1):
-        words = list(_WORD.finditer(line)) if ":" in line else []
+        words = list(_WORD.finditer(line)) if any(text in line for text in _WORD_ENDS) else []
         stamp = find_stamp(line[: words[0].start()]) if words else None
         for word, following in zip_longest(words, words[1:]):
             text = line[word.end() : None if following is None else following.start()]
@@ -65,14 +66,14 @@ def read_pymodbus(lines: list[str], decided: object = None) -> FormContent:
                 (repeated if word["repeated"] else entries).append(entry)
         if words:
             continue
-        if (found := _PROCESSING.search(line)) and found["bytes"]:
+        if "Processing:" in line and (found := _PROCESSING.search(line)) and found["bytes"]:
             known.add(number)
             stamp = find_stamp(line[: found.start()])
             data = bytes(int(token, 16) for token in found["bytes"].split())
             if processed and len(data) > len(last := processed[-1].data or b"") and data.startswith(last):
                 processed.pop()  # the same bytes, and more
             processed.append(LogEntry(number, data, False, False, None if stamp is None else stamp[0]))
-        elif _SILENT.search(line):
+        elif "esponse" in line and _SILENT.search(line):
             stamp = find_stamp(line)
             silent.append(LogEntry(number, b"", False, False, None if stamp is None else stamp[0]))
             known.add(number)

@@ -47,12 +47,13 @@ def find_stamp(text: str) -> tuple[Stamp, int, int] | None:
     >>> find_stamp("(12.5) 01 03"), find_stamp("01 03 00 00")
     ((Stamp(seconds=12.5, day=None, of_day=False), 0, 6), None)
     """
-    if found := _DATED.search(text):
-        return Stamp(_of_day(found), _day(found), True), found.start(), found.end()
-    if found := _TIME.search(text):
-        return Stamp(_of_day(found), None, True), found.start(), found.end()
-    if found := _SHORT.match(text):
-        return Stamp(60 * int(found["minutes"]) + _number(found["seconds"])), found.start(), found.end()
+    if ":" in text:
+        if found := _DATED.search(text):
+            return Stamp(_of_day(found), _day(found), True), found.start(), found.end()
+        if found := _TIME.search(text):
+            return Stamp(_of_day(found), None, True), found.start(), found.end()
+        if found := _SHORT.match(text):
+            return Stamp(60 * int(found["minutes"]) + _number(found["seconds"])), found.start(), found.end()
     if found := _SECONDS.match(text):
         return Stamp(_number(found[1] or found[2])), found.start(), found.end()
     return None
