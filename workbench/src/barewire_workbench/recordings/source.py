@@ -11,6 +11,8 @@ from __future__ import annotations
 import codecs
 from collections.abc import Callable, Iterator
 
+START = 0x1_0000
+"""Bytes that are read first, and show the format."""
 PART = 0x4_0000
 """Bytes that are read at once; a pipe gives what it has."""
 LINE_MAX = 1_000_000
@@ -28,7 +30,7 @@ class RecordingSource:
 
     def __init__(self, read: Callable[[int], bytes]) -> None:
         self._read = read
-        self.start = read(PART)
+        self.start = read(START)
         self.cut: list[int] = []
         """The lines whose ends were cut off."""
 

@@ -120,8 +120,8 @@ def _exchange(last: Octets, number: int) -> list[LogEntry]:
     if word is not None:
         _, sent, from_client = direction_of(word[0])
         before = before[: word.start()]
-    joint = _JOINT.search(before)
-    if len(before) < 2 * _SHORTEST or joint is None or (word is None and not joint[0].strip()):
+    joint = _JOINT.search(before) if len(before.strip()) >= 2 * _SHORTEST else None
+    if joint is None or (word is None and not joint[0].strip()):
         return []
     before = before[: joint.start()]
     octets = split_octets(before)

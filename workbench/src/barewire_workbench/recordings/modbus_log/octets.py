@@ -46,6 +46,8 @@ _FORMS = tuple(
 _BLANKS = "".join(chr(code) for code in range(0x3001) if chr(code).isspace())
 _AT_THE_END = f"0123456789abcdefABCDEF{_BLANKS}xXhHrnRLyts\\[](){{}}<>:,;.|'\"-"
 """All characters of bytes in any notation, and of what may follow them."""
+_PAIRS = re.compile(rf"(?P<mark>[xXrRtTsSnL]{{0,3}}[:>\])-]{{0,3}} {{1,20}})?(?P<bytes>{_H}{{2}}(?: {_H}{{2}})+)\s*")
+"""The notation of nearly all logs, behind the end of a word: no other form reads more of it."""
 _REMARKS = frozenset("<←/#;(")
 _LITERAL = re.compile(r"""(?<!\w)b(?P<string>'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
 _COUNT = re.compile(r"(?<=\W)(?P<opened>[(\[]?)(?P<count>\d{1,4}) ?bytes?[)\]]?\s*$", re.IGNORECASE)
@@ -90,6 +92,12 @@ def _split(line: str) -> Octets | None:
     best: re.Match[str] | None = None
     start = len(line.rstrip(_AT_THE_END))
     end = line[start:]
+    if (pairs := _PAIRS.fullmatch(end.lstrip())) and (pairs["mark"] or start == 0):
+        digits = pairs["bytes"]
+        data = bytes.fromhex(digits)
+        before = line[: len(line) - len(pairs[0]) + pairs.start("bytes")]
+        is_hex = not digits.replace(" ", "").isdecimal()
+        return Octets(before, data, None if is_hex else _decimal(digits.split(), digits))
     for needed, form in _FORMS:
         if needed and needed[0] not in end and needed[-1] not in end:
             continue
