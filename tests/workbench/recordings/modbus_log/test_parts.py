@@ -12,6 +12,7 @@ from barewire.errors import DecodeError
 from barewire.rtu import encode
 from barewire_workbench.monitor.recording import read_recording
 from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog, read_modbus_log, read_modbus_parts
+from barewire_workbench.recordings.modbus_log.model import FormContent
 from barewire_workbench.recordings.model import Unread
 from barewire_workbench.recordings.source import LINE_MAX, RecordingSource
 from tests.helpers import unhex
@@ -101,9 +102,12 @@ def test_what_the_first_part_shows_is_not_decided_again(monkeypatch: pytest.Monk
     from barewire_workbench.recordings.modbus_log import reader
 
     looked: list[int] = []
-    monkeypatch.setitem(
-        reader._OF_PACKETS, "Wireshark", lambda lines, ports: looked.append(len(lines)) or reader.FormContent([], set())
-    )  # type: ignore[func-returns-value]
+
+    def read_wireshark(lines: list[str], ports: object) -> FormContent:
+        looked.append(len(lines))
+        return FormContent([], set())
+
+    monkeypatch.setitem(reader._OF_PACKETS, "Wireshark", read_wireshark)
     text = f"DEBUG send: {' '.join(map(hex, READ))}\nDEBUG recv: {' '.join(map(hex, REFUSED))}\n".encode()
     parts: list[ModbusLog] = list(read_modbus_parts(source_of([text] * 50)))
     assert len(parts) == 50

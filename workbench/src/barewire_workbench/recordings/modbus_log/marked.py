@@ -115,7 +115,8 @@ def _exchange(last: Octets, number: int) -> list[LogEntry]:
     """Return the frames of a line with several of them, of which `last` is the last; none if it has only that one.
 
     A word before the last one states its direction. Otherwise it is the answer to the frame before it."""
-    before, sent, from_client = last.before, None, False
+    before, sent = last.before, None
+    from_client: bool | None = False
     word = _last_word(before)
     if word is not None:
         _, sent, from_client = direction_of(word[0])

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from datetime import date
+from functools import lru_cache
 
 from barewire_workbench.recordings.modbus_log.model import Stamp
 
@@ -84,6 +85,11 @@ def _day(found: re.Match[str]) -> int | None:
         if not stated:
             return None
         year, month, day = int(stated), _MONTHS.get(found["name"].lower(), 0), int(found["nday"])
+    return _day_number(year, month, day)
+
+
+@lru_cache(16)
+def _day_number(year: int, month: int, day: int) -> int | None:
     try:
         return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
     except ValueError:
