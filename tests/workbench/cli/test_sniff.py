@@ -7,6 +7,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -320,3 +321,33 @@ def test_the_states_of_a_drive_on_modbus(tmp_path: Path) -> None:
         "sniff", str(log), "--picture", "states", "--device", "csd-mt"
     )
     assert "--device NAME" in error_of("sniff", str(log), "--picture", "states")
+
+
+EXCHANGES = [f"{at}.0 01 03 00 00 00 02 C4 0B\n{at}.1 01 83 02 C0 F1\n" for at in range(2, 5)]
+
+
+@pytest.mark.parametrize(
+    ("command", "lines", "expected"),
+    [
+        ("sniff", ["Tx: 01 03 00 00 00 02 C4 0B\n", "Rx: 01 83 02 C0 F1\n"], "exception 02"),
+        ("sniff", ["# a comment\n", "opened\n", "[01][83][02][C0][F1]\n"], "exception 02"),
+        ("sniff", ["(1.5) can0 705#00\n"], "boot-up"),
+        ("diagnose", ["1.0 01 03 00 00 00 02 C4 0B\n", "1.1 01 83 02 C0 F1 FF FF FF FF FF\n", *EXCHANGES], "unit 1"),
+        ("diagnose", ["(1.5) can0 705#01\n"], "node 5"),
+    ],
+)  # fmt: skip
+def test_what_is_still_being_written_is_read_as_it_comes(command: str, lines: list[str], expected: str) -> None:
+    with subprocess.Popen(
+        [*COMMAND, command, "-"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        give_up = threading.Timer(30, process.kill)
+        give_up.start()
+        for line in lines:
+            process.stdin.write(line)
+            process.stdin.flush()
+        assert expected in process.stdout.readline()  # before the end of the input
+        process.stdin.close()
+        process.stdout.read()
+        give_up.cancel()

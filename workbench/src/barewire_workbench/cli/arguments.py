@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
@@ -229,15 +229,24 @@ def text_with_notes(error: Exception) -> str:
     return "; ".join([text, *(note for note in getattr(error, "__notes__", []) if note not in text)])
 
 
-def file_content(path: str | Path) -> bytes:
-    """Return the bytes of a file. Raise PortError if it cannot be read, or is a device, which may have no end."""
+def opened_file(path: str | Path) -> BinaryIO:
+    """Return a file to read. Raise PortError if it cannot be opened, or is a device, which may have no end."""
     try:
         mode = os.stat(path).st_mode
         if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
             raise OSError(errno.EINVAL, "a device, not a file")
-        return Path(path).read_bytes()
+        return Path(path).open("rb")
     except OSError as error:
         raise PortError(f"{path}: {error.strerror or error}") from None
+
+
+def file_content(path: str | Path) -> bytes:
+    """Return the bytes of a file. Raise PortError if it cannot be read; as `opened_file`."""
+    with opened_file(path) as file:
+        try:
+            return file.read()
+        except OSError as error:
+            raise PortError(f"{path}: {error.strerror or error}") from None
 
 
 def check_not_overwritten(option: str, target: str | Path, *sources: str) -> None:

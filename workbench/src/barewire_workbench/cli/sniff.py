@@ -5,9 +5,12 @@ from __future__ import annotations
 import signal
 import sys
 import threading
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from io import BufferedReader
 from pathlib import Path
+from typing import BinaryIO, cast
 
 import click
 
@@ -31,12 +34,12 @@ from barewire_workbench.cli.arguments import (
     Choice,
     Seconds,
     check_not_overwritten,
-    file_content,
     format_option,
     json_option,
     known_nodes,
     known_units,
     nodes_option,
+    opened_file,
     output_form,
     ports_option,
     print_json,
@@ -58,14 +61,23 @@ from barewire_workbench.monitor.recording import (
 )
 from barewire_workbench.pictures.picture import rendered
 from barewire_workbench.pictures.recordings import RecordingOptions, recording_picture
-from barewire_workbench.recordings.modbus_log import ModbusLog
+from barewire_workbench.recordings.modbus_log import (
+    UNREADABLE,
+    LoggedBytes,
+    ModbusLog,
+    read_modbus_log,
+    read_modbus_parts,
+)
 from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS, PacketBuilder
-from barewire_workbench.recordings.modbus_replay import Replayed, SerialProtocol, replay_log
+from barewire_workbench.recordings.modbus_replay import Replayed, SerialProtocol, replay_log, replay_parts
 from barewire_workbench.recordings.model import Recorded, RecordedItem, Unread
-from barewire_workbench.recordings.pcapng import file_header, packet_block
+from barewire_workbench.recordings.pcapng import file_header, is_capture, packet_block
+from barewire_workbench.recordings.source import RecordingSource
 
 _FORMATS = "a recording: pcapng, pcap, candump, ASC, BLF, a log of a Modbus program, or lines of bytes in hexadecimal"
 _LIVE_BUS = "can0"
+_DECISIVE = 0x1_0000
+"""Bytes that show whether a recording is of CAN."""
 
 seconds_option = click.option(
     "--seconds", type=Seconds(), metavar="S", help="Stop after this time; without it, at Ctrl-C."
@@ -153,8 +165,8 @@ def sniff_command(
             raise EncodeError(f"--only {kind}: expected one of {', '.join(EVENT_KINDS.values())}{hint}")
     if write is not None:
         check_not_overwritten("--write", write, source, *devices)
-    data = b"" if endpoint is not None else recording_content(source, seconds)
-    is_can = (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data)
+    recording = None if endpoint is not None else opened_recording(source, seconds)
+    is_can = is_can_source(recording) if recording is not None else Endpoint.parse(source).scheme == "can"
     for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol, "--unit": units}
     for_can: dict[str, object] = {"--node": nodes, "--bus": bus, "--only": only}
     for_can |= {"--complete": complete, "--all": everything}
@@ -163,7 +175,7 @@ def sniff_command(
         refuse_for_line(source, ports, protocol)
     if write is not None:
         check_ending(write, is_can)
-    if is_drawn:
+    if is_drawn and recording is not None:
         known, number = known_nodes(devices, nodes) if is_can else [], next(iter(nodes if is_can else units), None)
         device = load(devices[0]) if devices and not is_can else None
         names = None if is_can else known_units(devices, units)
@@ -171,7 +183,7 @@ def sniff_command(
         try:
             name = "standard input" if source == "-" else Path(source).name
             drawing = recording_picture(
-                name, data, picture, options, known=known, device=device, number=number, names=names
+                name, recording.whole(), picture, options, known=known, device=device, number=number, names=names
             )
         except DecodeError as error:
             raise BarewireError(f"{source}: {error.text}; expected {_FORMATS}") from None
@@ -184,23 +196,28 @@ def sniff_command(
                 click.echo(
                     f"barewire: --device {name}: names are those of node {found.node}; --node gives another", err=True
                 )
-            items = read_recording(data) if endpoint is None else live_frames(endpoint, seconds)
+            items = read_recording(recording) if recording is not None else live_frames(Endpoint.parse(source), seconds)
             file = None if write is None else stack.enter_context(RecordingFile(write))
             monitors = BusMonitors(known, bus, complete=complete)
             events = _can_events(items, monitors, bus, file, write or "")
             _print_can_events(events, as_json=as_json, everything=everything, only=only)
+            if recording is not None:
+                note_cut_lines(recording)
             return
         names = known_units(devices, units)
         window = WINDOW if window is None else window
         timed = True
-        if endpoint is None:
-            log, exchanges = replayed(source, data, window, ports, protocol)
-            timed = log.timed
-            _print_unread(log, as_json)
+        if recording is not None:
+            unread = UnreadPrinter("no bytes of a frame", as_json=as_json)
+            first, others = modbus_parts(source, recording, ports, protocol, unread)
+            timed, exchanges = first.timed, replay_parts(first, others, window, protocol)
         else:
-            exchanges = listen(endpoint, threading.Event(), seconds=seconds, window=window)
+            exchanges = listen(Endpoint.parse(source), threading.Event(), seconds=seconds, window=window)
         file = None if write is None else stack.enter_context(RecordingFile(write))
         _print_exchanges(exchanges, file, as_json, timed=timed, names=names)
+        if recording is not None:
+            unread.end()
+            note_cut_lines(recording)
 
 
 def refuse_for_other(source: str, options: Mapping[str, object], kind: str) -> None:
@@ -217,24 +234,62 @@ def refuse_for_line(source: str, ports: tuple[int, ...], protocol: SerialProtoco
             raise EncodeError(f"{option} is for a recording, which {source} is not")
 
 
-def _standard_input() -> bytes:
-    if sys.stdin is None:  # `<&-`
-        raise PortError("-: standard input is closed")
-    try:
-        return sys.stdin.buffer.read()
-    except OSError as error:
-        raise PortError(f"-: {error.strerror or error}") from None
+def opened_recording(source: str, seconds: float | None) -> RecordingSource:
+    """Return a recording, for `-` of standard input. Raise BarewireError if it is empty, EncodeError for --seconds."""
+    if seconds is not None:
+        raise EncodeError("--seconds is for a line; a recording ends by itself")
+    if source == "-":
+        if sys.stdin is None:  # `<&-`
+            raise PortError("-: standard input is closed")
+        stream: BinaryIO = sys.stdin.buffer
+    else:
+        stream = opened_file(source)
+        click.get_current_context().call_on_close(stream.close)
+
+    def read(size: int) -> bytes:
+        try:
+            return cast(BufferedReader, stream).read1(size)
+        except KeyboardInterrupt:
+            if Path(source).is_file():
+                raise
+            return b""  # Ctrl-C ends what is still being written
+        except OSError as error:
+            raise PortError(f"{source}: {error.strerror or error}") from None
+
+    recording = RecordingSource(read)
+    if not recording.start:
+        raise BarewireError(f"{source}: the {'input' if source == '-' else 'file'} is empty; expected {_FORMATS}")
+    return recording
 
 
 def recording_content(source: str, seconds: float | None) -> bytes:
-    """Return the bytes of a recording, of standard input for `-`. Raise BarewireError for an empty one, EncodeError for
-    `--seconds`."""
-    if seconds is not None:
-        raise EncodeError("--seconds is for a line; a recording ends by itself")
-    data = _standard_input() if source == "-" else file_content(source)
-    if not data:
-        raise BarewireError(f"{source}: the {'input' if source == '-' else 'file'} is empty; expected {_FORMATS}")
-    return data
+    """Return the bytes of a whole recording. As `opened_recording`."""
+    return opened_recording(source, seconds).whole()
+
+
+def is_can_source(recording: RecordingSource) -> bool:
+    """Return whether this is a recording of CAN. Of a pipe, no more is read than is needed to decide that."""
+    while not is_can_recording(recording.start):
+        if is_capture(recording.start):
+            return is_can_recording(recording.whole())
+        if len(recording.start) > _DECISIVE or _has_modbus(recording.start) or not recording.more():
+            return False
+    return True
+
+
+def _has_modbus(start: bytes) -> bool:
+    try:
+        log = read_modbus_log(start[: start.rfind(b"\n") + 1])
+    except DecodeError:
+        return False
+    return any(isinstance(item, LoggedBytes) for item in log.items)
+
+
+def note_cut_lines(recording: RecordingSource) -> None:
+    """Print which lines were too long."""
+    if cut := recording.cut:
+        lines = f"line {cut[0]}" if len(cut) == 1 else f"{len(cut)} lines, the first of them line {cut[0]},"
+        click.echo(f"barewire: the end of {lines} was left out: too many characters", err=True)
 
 
 # Modbus
@@ -250,18 +305,60 @@ def replayed(
         raise BarewireError(f"{source}: {error.text}; expected {_FORMATS}") from None
 
 
-def _print_unread(log: ModbusLog, as_json: bool) -> None:
-    """Print the lines that hold no frame, as objects or in short on stderr, and the notes about the log."""
-    left = [item for item in log.items if isinstance(item, Unread)]
-    for note in log.notes:
-        click.echo(f"barewire: {note}", err=True)
-    if as_json:
-        for item in left:
-            print_json({"event": "unread", "line": item.line, "text": item.text, "why": item.why})
-        return
-    if left:
-        lines = "1 line holds" if len(left) == 1 else f"{len(left)} lines hold"
-        click.echo(f"barewire: {lines} no bytes of a frame, the first is line {left[0].line}: {left[0].text}", err=True)
+class UnreadPrinter:
+    """Prints the lines that hold no frame, as objects or in short on stderr, and the notes about a log."""
+
+    def __init__(self, nothing: str, *, as_json: bool) -> None:
+        self._nothing, self._as_json = nothing, as_json
+        self._first: dict[bool, Unread] = {}  # by whether they look as if they held bytes
+        self._numbers: Counter[bool] = Counter()
+
+    def items(self, items: Iterable[LoggedBytes | RecordedItem]) -> None:
+        """Print or count those of the items that are unread."""
+        for item in items:
+            if not isinstance(item, Unread):
+                continue
+            if self._as_json:
+                print_json({"event": "unread", "line": item.line, "text": item.text, "why": item.why})
+            self._first.setdefault(item.why == UNREADABLE, item)
+            self._numbers[item.why == UNREADABLE] += 1
+
+    def parts(self, parts: Iterable[ModbusLog]) -> Iterator[ModbusLog]:
+        """Yield the parts of a log, with their notes and unread lines printed."""
+        for log in parts:
+            for note in log.notes:
+                click.echo(f"barewire: {note}", err=True)
+            self.items(log.items)
+            yield log
+
+    def end(self) -> None:
+        """Print how many lines are unread, unless each was printed."""
+        for has_bytes, first in sorted(self._first.items()) if not self._as_json else ():
+            number = self._numbers[has_bytes]
+            lines = "1 line holds" if number == 1 else f"{number} lines hold"
+            what = "bytes that cannot be read" if has_bytes else self._nothing
+            click.echo(f"barewire: {lines} {what}, the first is line {first.line}: {first.text}", err=True)
+
+
+def modbus_parts(
+    source: str,
+    recording: RecordingSource,
+    ports: tuple[int, ...],
+    protocol: SerialProtocol | None,
+    unread: UnreadPrinter,
+) -> tuple[ModbusLog, Iterator[ModbusLog]]:
+    """Return the first part of a recording of Modbus, and the others as they come. Raise BarewireError for another."""
+    if protocol is not None and is_capture(recording.start):
+        raise EncodeError(f"--protocol is for a log or dump: in {source} each packet has its own")
+
+    def read() -> Iterator[ModbusLog]:
+        try:
+            yield from read_modbus_parts(recording, ports=MODBUS_PORTS | set(ports), protocol=protocol)
+        except DecodeError as error:
+            raise BarewireError(f"{source}: {error.text}; expected {_FORMATS}") from None
+
+    parts = unread.parts(read())
+    return next(parts), parts
 
 
 def _print_exchanges(

@@ -10,6 +10,8 @@ The formats:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from io import BytesIO
+from itertools import chain
 
 from barewire.canopen.frame import AnyFrame
 from barewire.errors import DecodeError
@@ -20,15 +22,16 @@ from barewire_workbench.recordings import pcapng
 from barewire_workbench.recordings.asc import is_asc, read_asc
 from barewire_workbench.recordings.blf import BLF_MAGIC, read_blf
 from barewire_workbench.recordings.can_notes import is_can_notes, read_can_notes
-from barewire_workbench.recordings.candump import has_times, is_candump, log_line, read_candump
+from barewire_workbench.recordings.candump import are_differences, has_times, is_candump, log_line, read_candump
 from barewire_workbench.recordings.conformance_log import is_conformance_log, read_conformance_log
 from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread, unread
 from barewire_workbench.recordings.python_can_text import is_python_can_text, read_python_can_text
 from barewire_workbench.recordings.socketcan import SOCKETCAN, from_packet, is_can_packet, to_packet
+from barewire_workbench.recordings.source import RecordingSource
 from barewire_workbench.recordings.trc import is_trc, read_trc
 
 BUSES_MAX = 64
-_TEXT_FORMS: tuple[tuple[Callable[[str], bool], Callable[[str], Iterator[RecordedItem]]], ...] = (
+_TEXT_FORMS: tuple[tuple[Callable[[str], bool], Callable[[Iterable[str]], Iterator[RecordedItem]]], ...] = (
     (is_trc, read_trc),
     (is_python_can_text, read_python_can_text),
     (is_asc, read_asc),
@@ -38,6 +41,8 @@ _TEXT_FORMS: tuple[tuple[Callable[[str], bool], Callable[[str], Iterator[Recorde
 )
 _INSPECTED = 0x1_0000
 """The number of bytes at the beginning that decide which format a text has."""
+_LONGEST_LINE = 10_000
+"""Characters of a line that are read; a CAN FD frame has less than 300."""
 
 
 def is_can_recording(data: bytes) -> bool:
@@ -76,27 +81,33 @@ def _text(data: bytes) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return data.decode("cp1252", "replace")
+        return _of_windows(data)
 
 
-def read_recording(data: bytes) -> Iterator[RecordedItem]:
-    """Return the frames, and the parts that cannot be read, in the order of the file.
+def _of_windows(data: bytes) -> str:
+    return data.decode("cp1252", "replace")
+
+
+def read_recording(recording: bytes | RecordingSource) -> Iterator[RecordedItem]:
+    """Return the frames, and the parts that cannot be read, in the order of the file; of a text as they come.
 
     >>> [str(item.frame) for item in read_recording(b"(1.5) can0 705#05")]
     ['705#05']
 
     Raises DecodeError if the bytes are not a recording of CAN.
     """
-    if pcapng.is_capture(data):
-        return _read_capture(data)
-    if data[:4] == BLF_MAGIC:
-        return read_blf(data)
-    start = _text(data[:_INSPECTED])
+    source = RecordingSource(BytesIO(recording).read) if isinstance(recording, bytes) else recording
+    if pcapng.is_capture(source.start):
+        return _read_capture(source.whole())
+    if source.start[:4] == BLF_MAGIC:
+        return read_blf(source.whole())
+    start = _text(source.start[:_INSPECTED])
     for is_form, read in _TEXT_FORMS:
         if is_form(start):
-            return read(_text(data))
+            lines = chain.from_iterable(source.text_parts(_of_windows, _LONGEST_LINE))
+            return read_candump(lines, are_differences(start)) if read is read_candump else read(lines)
     text = "not a recording of CAN: expected candump, ASC, BLF, TRC, pcapng, pcap, text of python-can or a CiA log"
-    raise DecodeError("value", data[:16], 0, text)
+    raise DecodeError("value", source.start[:16], 0, text)
 
 
 def _read_capture(data: bytes) -> Iterator[RecordedItem]:

@@ -2,6 +2,7 @@
 
 The files, in reading order:
 
+    source                    the bytes of a recording as they come, in parts of whole lines
     model                     the items of a CAN recording
     candump, asc, blf, trc, python_can_text, conformance_log      file formats for CAN
     pcapng                    packets of capture files

@@ -19,11 +19,11 @@ the format (statistics, status, other buses, comments) are skipped.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError
-from barewire_workbench.recordings.model import FD_LENGTHS, Dropped, Recorded, RecordedItem, unread
+from barewire_workbench.recordings.model import FD_LENGTHS, Dropped, Recorded, RecordedItem, split_lines, unread
 
 _EDL = 0x1000
 """The flag for CAN FD in a CANFD line; without it the line has a classical frame."""
@@ -54,7 +54,7 @@ def is_asc(text: str) -> bool:
     return bool(lines) and _START.match(lines[0]) is not None
 
 
-def read_asc(text: str) -> Iterator[RecordedItem]:
+def read_asc(text: str | Iterable[str]) -> Iterator[RecordedItem]:
     """Yield the frames of the file.
 
     >>> text = "base hex  timestamps absolute\\n 0.5 1  705  Rx   d 1 05\\n"
@@ -62,7 +62,7 @@ def read_asc(text: str) -> Iterator[RecordedItem]:
     [(0.5, '1', '705#05')]
     """
     base, relative, now = 16, False, 0.0
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(split_lines(text), start=1):
         if header := _BASE.match(line):
             base, relative = (16 if header[1].lower() == "hex" else 10), header[2].lower() == "relative"
             continue

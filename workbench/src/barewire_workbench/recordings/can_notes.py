@@ -9,11 +9,11 @@ The last form may have a date and the name of the bus before it. The frames coun
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from barewire.errors import DecodeError
 from barewire_workbench.recordings.can_text import parse_can
-from barewire_workbench.recordings.model import Recorded, RecordedItem, unread
+from barewire_workbench.recordings.model import Recorded, RecordedItem, split_lines, unread
 
 _STEP = 0.001
 _BUS = "can0"
@@ -37,14 +37,14 @@ def is_can_notes(text: str) -> bool:
     return bool(lines) and all(_PLAIN.fullmatch(line) or _DIRECTED.fullmatch(line) for line in lines)
 
 
-def read_can_notes(text: str) -> Iterator[RecordedItem]:
+def read_can_notes(text: str | Iterable[str]) -> Iterator[RecordedItem]:
     """Yield the frames, 1 ms apart.
 
     >>> [str(item.frame) for item in read_can_notes("60B   [2]  40 0A\\n67F Tx SD  2  23 14")]
     ['60B#400A', '67F#2314']
     """
     now = 0.0
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(split_lines(text), start=1):
         if not line.strip():
             continue
         now += _STEP

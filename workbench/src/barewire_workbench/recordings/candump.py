@@ -18,13 +18,13 @@ one before: times since the first line only increase.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 
 from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError
 from barewire_workbench.frames.result import text_error
-from barewire_workbench.recordings.model import FD_LENGTHS, FD_MAX, Dropped, Recorded, RecordedItem, unread
+from barewire_workbench.recordings.model import FD_LENGTHS, FD_MAX, Dropped, Recorded, RecordedItem, split_lines, unread
 
 _STEP = 0.001
 """Seconds between two lines without times."""
@@ -178,10 +178,10 @@ class _Times:
         return self._now
 
 
-def _are_differences(lines: list[str]) -> bool:
+def are_differences(text: str) -> bool:
     """Return whether the times are differences (-t d): small, and not always increasing."""
     last = -1.0
-    for line in lines:
+    for line in text.splitlines():
         match = _TIME.match(_ANSI.sub("", line).strip())
         if match is None:
             continue
@@ -218,17 +218,18 @@ def has_times(text: str) -> bool:
     return any(_TIME.match(line) for line in plain)
 
 
-def read_candump(text: str) -> Iterator[RecordedItem]:
-    """Yield the frames of a log or of screen output.
+def read_candump(text: str | Iterable[str], differences: bool | None = None) -> Iterator[RecordedItem]:
+    """Yield the frames of a log or of screen output. `differences` tells what the times are; by default the text does.
 
     >>> [str(item.frame) for item in read_candump("(1.5) can0 705#05\\n  can0  705   [1]  7F")]
     ['705#05', '705#7F']
     """
-    lines = text.splitlines()
-    times = _Times(_are_differences(lines))
+    if differences is None:
+        differences = isinstance(text, str) and are_differences(text)
+    times = _Times(differences)
     now = 0.0
-    for number, line in enumerate(lines, start=1):
-        plain = _ANSI.sub("", line)
+    for number, line in enumerate(split_lines(text), start=1):
+        plain = _ANSI.sub("", line) if "\x1b" in line else line
         if not plain.strip() or plain.startswith("\t") or plain.lstrip().startswith("# "):
             continue  # empty, the text of -e for the error frame above, a comment
         plain = plain.strip()

@@ -18,10 +18,10 @@ read by analogy.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, CanFrame
-from barewire_workbench.recordings.model import Recorded, RecordedItem, unread
+from barewire_workbench.recordings.model import Recorded, RecordedItem, split_lines, unread
 
 _STEP = 0.001
 """Seconds between two lines."""
@@ -40,14 +40,14 @@ def is_conformance_log(text: str) -> bool:
     return any((match := _CAN.match(line)) and _FRAME.match(match["text"]) for line in text.splitlines())
 
 
-def read_conformance_log(text: str) -> Iterator[RecordedItem]:
+def read_conformance_log(text: str | Iterable[str]) -> Iterator[RecordedItem]:
     """Yield the frames of a log.
 
     >>> [(str(item.frame), item.sent) for item in read_conformance_log("Test CAN : CAN1  000 Tx SD  2  81 04")]
     [('000#8104', True)]
     """
     now = 0.0
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(split_lines(text), start=1):
         found = _CAN.match(line)
         if found is None:
             continue

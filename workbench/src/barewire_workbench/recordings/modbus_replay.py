@@ -7,7 +7,8 @@ NumberedSniffer              for each TCP connection
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
+from itertools import chain
 from typing import Literal, NamedTuple, TypeAlias
 
 from barewire.ascii import AsciiLine
@@ -67,15 +68,19 @@ def replay_log(
         text = "a protocol is stated for a log or dump; in a capture each packet has its own"
         raise EncodeError(text, "protocol")
     log = read_modbus_log(data, ports=ports, protocol=protocol)
-    return Replayed(log, _events(log, window, protocol))
+    return Replayed(log, replay_parts(log, (), window, protocol))
 
 
-def _events(log: ModbusLog, window: float, protocol: SerialProtocol | None) -> Iterator[SnifferEvent]:
-    sniffers = LogSniffers(log, window, protocol)
-    for item in log.items:
-        if isinstance(item, LoggedBytes):
-            for _, event in sniffers.feed(item):
-                yield event
+def replay_parts(
+    first: ModbusLog, others: Iterable[ModbusLog], window: float = WINDOW, protocol: SerialProtocol | None = None
+) -> Iterator[SnifferEvent]:
+    """Yield the events of a log that is read part by part."""
+    sniffers = LogSniffers(first, window, protocol)
+    for log in chain([first], others):
+        for item in log.items:
+            if isinstance(item, LoggedBytes):
+                for _, event in sniffers.feed(item):
+                    yield event
     for _, event in sniffers.end():
         yield event
 

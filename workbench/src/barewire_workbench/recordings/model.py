@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple, TypeAlias
 
 from barewire.canopen.frame import AnyFrame
@@ -51,8 +52,13 @@ RecordedItem: TypeAlias = Recorded | Dropped | Unread
 _TEXT_SHOWN = 60
 
 
+def split_lines(text: str | Iterable[str]) -> Iterable[str]:
+    """Return the lines of a text; lines that come one by one, as of a pipe, are returned as they are."""
+    return text.splitlines() if isinstance(text, str) else text
+
+
 def unread(at: float, line: int, error: DecodeError | str, text: str) -> Unread:
     """Return an `Unread` item; a long text is cut."""
     why = error.text if isinstance(error, DecodeError) else error
-    clean = "".join(character if character.isprintable() else "." for character in text.strip())
+    clean = "".join(character if character.isprintable() else "." for character in text.strip()[: _TEXT_SHOWN + 1])
     return Unread(at, line, why, clean if len(clean) <= _TEXT_SHOWN else f"{clean[: _TEXT_SHOWN - 3]}...")

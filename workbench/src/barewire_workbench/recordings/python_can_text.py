@@ -11,12 +11,12 @@ from __future__ import annotations
 import re
 from base64 import b64decode
 from binascii import Error as Base64Error
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError
 from barewire_workbench.frames.result import text_error
-from barewire_workbench.recordings.model import FD_MAX, Recorded, RecordedItem, unread
+from barewire_workbench.recordings.model import FD_MAX, Recorded, RecordedItem, split_lines, unread
 
 _HEAD = "timestamp,arbitration_id,extended,remote,error,dlc,data"
 _LINE = re.compile(
@@ -39,14 +39,14 @@ def is_python_can_text(text: str) -> bool:
     return any(line.strip() == _HEAD or _LINE.match(line) for line in text.splitlines()[:20])
 
 
-def read_python_can_text(text: str) -> Iterator[RecordedItem]:
+def read_python_can_text(text: str | Iterable[str]) -> Iterator[RecordedItem]:
     """Yield the frames of printed lines, or of a CSV file.
 
     >>> [str(item.frame) for item in read_python_can_text("1.5,0x705,0,0,0,1,BQ==")]
     ['705#05']
     """
     now = 0.0
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(split_lines(text), start=1):
         if not line.strip() or line.strip() == _HEAD:
             continue
         found = _LINE.match(line) or _ROW.fullmatch(line.strip())

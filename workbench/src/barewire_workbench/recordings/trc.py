@@ -12,12 +12,12 @@ Times are milliseconds from the start. An identifier of 8 digits is an extended 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from barewire.canopen.frame import DATA_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError
 from barewire_workbench.frames.result import text_error
-from barewire_workbench.recordings.model import FD_MAX, Recorded, RecordedItem, unread
+from barewire_workbench.recordings.model import FD_MAX, Recorded, RecordedItem, split_lines, unread
 
 _EPOCH = 25569.0
 """Days from 1899-12-30 to 1970-01-01."""
@@ -47,7 +47,7 @@ def is_trc(text: str) -> bool:
     return False
 
 
-def read_trc(text: str) -> Iterator[RecordedItem]:
+def read_trc(text: str | Iterable[str]) -> Iterator[RecordedItem]:
     """Yield the frames of a trace file.
 
     >>> text = ";$FILEVERSION=1.1\\n  1)  1059.9  Rx  0605  8  40 41 60 00 00 00 00 00"
@@ -55,7 +55,7 @@ def read_trc(text: str) -> Iterator[RecordedItem]:
     [(1.0599, '605#4041600000000000')]
     """
     start, now, columns = 0.0, 0.0, ""
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(split_lines(text), start=1):
         if line.startswith(";"):
             if found := _START.match(line):
                 start = now = (float(found[1]) - _EPOCH) * 86400.0

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 import click
 
-from barewire.errors import BarewireError, DecodeError, EncodeError
+from barewire.errors import BarewireError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen_with
 from barewire.modbus.framing import Line
@@ -24,8 +24,12 @@ from barewire_workbench.cli.arguments import (
     protocol_option,
 )
 from barewire_workbench.cli.sniff import (
+    UnreadPrinter,
+    is_can_source,
     live_frames,
-    recording_content,
+    modbus_parts,
+    note_cut_lines,
+    opened_recording,
     refuse_for_line,
     refuse_for_other,
     seconds_option,
@@ -35,12 +39,10 @@ from barewire_workbench.cli.sniff import (
 from barewire_workbench.diagnosis.logs.can_log import CanLogDiagnosis
 from barewire_workbench.diagnosis.logs.modbus_log import LiveDiagnosis, ModbusLogDiagnosis
 from barewire_workbench.diagnosis.logs.verdict import LineVerdict, LogFinding
-from barewire_workbench.monitor.recording import is_can_recording, read_recording
-from barewire_workbench.recordings.modbus_log import read_modbus_log
-from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS
+from barewire_workbench.monitor.recording import read_recording
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
-from barewire_workbench.recordings.model import RecordedItem, Unread
-from barewire_workbench.recordings.pcapng import is_capture
+from barewire_workbench.recordings.model import RecordedItem
+from barewire_workbench.recordings.source import RecordingSource
 
 _SHOWN = 5
 """Findings with the same code and place that are printed; the others are counted."""
@@ -97,20 +99,22 @@ def diagnose_command(
     """
     printer = _Printer(as_json=output_form(form, as_json=as_json) == "json", everything=everything)
     endpoint = Endpoint.parse(source) if "://" in source else None
-    data = b"" if endpoint is not None else recording_content(source, seconds)
-    is_can = (endpoint is not None and endpoint.scheme == "can") or is_can_recording(data)
+    recording = None if endpoint is not None else opened_recording(source, seconds)
+    is_can = is_can_source(recording) if recording is not None else Endpoint.parse(source).scheme == "can"
     for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol}
     for_can: dict[str, object] = {"--device": devices, "--node": nodes, "--bus": bus, "--complete": complete}
     refuse_for_other(source, for_modbus if is_can else for_can, "Modbus" if is_can else "a CAN bus")
     if endpoint is not None:
         refuse_for_line(source, ports, protocol)
     if is_can:
-        items = read_recording(data) if endpoint is None else live_frames(endpoint, seconds)
+        items = read_recording(recording) if recording is not None else live_frames(Endpoint.parse(source), seconds)
         _diagnose_can(items, CanLogDiagnosis(known_nodes(devices, nodes), bus, complete=complete), printer)
-    elif endpoint is None:
-        _diagnose_log(source, data, WINDOW if window is None else window, ports, protocol, printer)
+    elif recording is not None:
+        _diagnose_log(source, recording, WINDOW if window is None else window, ports, protocol, printer)
     else:
-        _diagnose_line(endpoint, seconds, WINDOW if window is None else window, printer)
+        _diagnose_line(Endpoint.parse(source), seconds, WINDOW if window is None else window, printer)
+    if recording is not None:
+        note_cut_lines(recording)
     return printer.status
 
 
@@ -120,6 +124,8 @@ class _Printer:
     def __init__(self, *, as_json: bool, everything: bool) -> None:
         self.status = 0
         self._as_json, self._everything = as_json, everything
+        self.unread = UnreadPrinter("no frame", as_json=as_json)
+        """Prints the lines that hold no frame."""
         self._kinds: Counter[tuple[str, str]] = Counter()
 
     def findings(self, findings: Iterable[LogFinding]) -> None:
@@ -145,38 +151,22 @@ class _Printer:
             else:
                 print(f"{name}  {verdict.sentence}" if name else verdict.sentence)
 
-    def unread(self, items: list[Unread]) -> None:
-        """Print the lines that hold no frame: as objects, or in short on stderr."""
-        if self._as_json:
-            for item in items:
-                print_json({"event": "unread", "line": item.line, "text": item.text, "why": item.why})
-        elif items:
-            lines = "1 line holds" if len(items) == 1 else f"{len(items)} lines hold"
-            click.echo(f"barewire: {lines} no frame, the first is line {items[0].line}: {items[0].text}", err=True)
-
 
 # Modbus
 
 
 def _diagnose_log(
     source: str,
-    data: bytes,
+    recording: RecordingSource,
     window: float,
     ports: tuple[int, ...],
     protocol: SerialProtocol | None,
     printer: _Printer,
 ) -> None:
-    if protocol is not None and is_capture(data):
-        raise EncodeError(f"--protocol is for a log or dump: in {source} each packet has its own")
-    try:
-        log = read_modbus_log(data, ports=MODBUS_PORTS | set(ports), protocol=protocol)
-    except DecodeError as error:
-        raise BarewireError(f"{source}: {error.text}; expected a recording that `barewire sniff` reads") from None
-    for note in log.notes:
-        click.echo(f"barewire: {note}", err=True)
-    printer.unread([item for item in log.items if isinstance(item, Unread)])
-    diagnosis = ModbusLogDiagnosis(log, window, protocol)
-    printer.findings(diagnosis.findings())
+    first, others = modbus_parts(source, recording, ports, protocol, printer.unread)
+    diagnosis = ModbusLogDiagnosis(first, window, protocol)
+    printer.findings(diagnosis.findings(others))
+    printer.unread.end()
     printer.verdicts(diagnosis.verdicts())
 
 
@@ -202,5 +192,6 @@ def _diagnose_can(items: Iterable[RecordedItem | float], diagnosis: CanLogDiagno
     printer.findings(diagnosis.end())
     if diagnosis.only is not None and diagnosis.seen and diagnosis.only not in diagnosis.seen:
         raise BarewireError(f"--bus {diagnosis.only}: no frames on it; there are frames on {', '.join(diagnosis.seen)}")
-    printer.unread(diagnosis.unread)
+    printer.unread.items(diagnosis.unread)
+    printer.unread.end()
     printer.verdicts(diagnosis.verdicts())

@@ -9,6 +9,7 @@ The two ways:
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import chain
 
 from barewire.modbus.framing import Line
 from barewire.modbus.sniffer import WINDOW, Sniffer, SnifferEvent
@@ -50,9 +51,9 @@ class ModbusLogDiagnosis:
                 diagnosis.name = other
         return tracked
 
-    def findings(self) -> Iterator[LogFinding]:
-        """Yield the findings, in the order in which they are certain."""
-        for item in self.log.items:
+    def findings(self, others: Iterable[ModbusLog] = ()) -> Iterator[LogFinding]:
+        """Yield the findings, in the order in which they are certain. `others` are the parts behind the log."""
+        for item in chain(self.log.items, chain.from_iterable(part.items for part in others)):
             if isinstance(item, LoggedBytes):
                 self._place = item.line, item.from_client
                 for tracked in self._tracked.get(item.connection, ()):

@@ -11,10 +11,10 @@ The files, in reading order:
     marked          lines with a direction in a word: Modbus Poll, QModMaster, Docklight, own logs ...
     segments        captures: TCP segments in order, RTU in datagrams
     direction       decimal or hexadecimal, which protocol, which side: decided by the frames of the whole log
-    reader          recognises the form: `read_modbus_log`
+    reader          recognises the form: `read_modbus_log`, and part by part `read_modbus_parts`
 """
 
 from barewire_workbench.recordings.modbus_log.model import LoggedBytes, ModbusLog
-from barewire_workbench.recordings.modbus_log.reader import read_modbus_log
+from barewire_workbench.recordings.modbus_log.reader import UNREADABLE, read_modbus_log, read_modbus_parts
 
-__all__ = ["LoggedBytes", "ModbusLog", "read_modbus_log"]
+__all__ = ["UNREADABLE", "LoggedBytes", "ModbusLog", "read_modbus_log", "read_modbus_parts"]

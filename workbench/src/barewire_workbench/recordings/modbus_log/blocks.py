@@ -107,8 +107,8 @@ def _with_sent_crc(lines: list[str], content: FormContent) -> FormContent:
         entries.append(entry)
     if not added:
         return content
-    text = f"line {added[0]}: Sent packet is printed without the CRC that eModbus sends; it is added to "
-    return FormContent(entries, content.known, (f"{text}{counted(len(added), 'frame')}",))
+    text = "Sent packet is printed without the CRC that eModbus sends; it is added to "
+    return FormContent(entries, content.known, ((added[0], f"{text}{counted(len(added), 'frame')}"),))
 
 
 def _is_without_crc(data: bytes) -> bool:

@@ -21,7 +21,7 @@ _RARE = 4
 """One of so many pieces at least is a frame in a log of Modbus TCP."""
 _MOST_BYTES = 260
 """A longer piece is not one frame."""
-_PROTOCOLS: tuple[ProtocolName, ...] = ("rtu", "tcp", "ascii")
+PROTOCOLS: tuple[ProtocolName, ...] = ("rtu", "tcp", "ascii")
 
 
 def frame_pdu(protocol: ProtocolName, data: bytes) -> bytes | None:
@@ -42,9 +42,9 @@ def frame_pdu(protocol: ProtocolName, data: bytes) -> bytes | None:
 
 def frames_by_protocol(pieces: Iterable[bytes]) -> dict[ProtocolName, int]:
     """Return how many of the pieces are one whole frame, for each protocol."""
-    counts: dict[ProtocolName, int] = dict.fromkeys(_PROTOCOLS, 0)
+    counts: dict[ProtocolName, int] = dict.fromkeys(PROTOCOLS, 0)
     for data in pieces:
-        for protocol in _PROTOCOLS:
+        for protocol in PROTOCOLS:
             pdu = frame_pdu(protocol, data)
             counts[protocol] += pdu is not None and (protocol != "tcp" or _has_its_length(pdu))
     return counts
@@ -68,25 +68,23 @@ def common_protocol(pieces: Sequence[bytes]) -> ProtocolName | None:
     return best if counts[best] else None
 
 
-def with_one_notation(entries: list[LogEntry]) -> list[LogEntry]:
-    """Return the entries with their bytes read in one notation: hexadecimal, or decimal if that is proved.
+def is_decimal(entries: list[LogEntry]) -> bool:
+    """Return whether the digits of the entries are decimal numbers and not hexadecimal ones.
 
-    Raises DecodeError if the digits are frames in neither or in both.
+    Raises DecodeError if they are frames in neither or in both.
     """
     as_decimal = [entry.decimal for entry in entries if entry.decimal is not None]
     as_hex = [entry.data for entry in entries if entry.data is not None]
     if len(as_hex) == len(entries) and len(as_decimal) < len(entries):
-        return entries
+        return False
     if len(as_hex) < len(entries) and len(as_decimal) == len(entries):
-        return [entry._replace(data=entry.decimal) for entry in entries]
+        return True
     frames = [sum(frames_by_protocol(pieces).values()) for pieces in (as_hex, as_decimal)]
     if frames[0] == frames[1] and as_hex != as_decimal:
         line = next((entry.line for entry in entries if entry.decimal is not None), entries[0].line)
         text = f"line {line}: hexadecimal or decimal? no frame of the log decides it; write hexadecimal numbers with 0x"
         raise DecodeError("value", b"", 0, text)
-    if frames[1] > frames[0]:
-        return [entry._replace(data=entry.decimal) for entry in entries]
-    return entries
+    return frames[1] > frames[0]
 
 
 def recorder_is_client(entries: Sequence[LogEntry], protocol: ProtocolName | None) -> bool | None:
@@ -103,11 +101,11 @@ def recorder_is_client(entries: Sequence[LogEntry], protocol: ProtocolName | Non
     return None if votes == 0 else votes > 0
 
 
-def with_transactions(items: list[LoggedBytes | Unread]) -> list[LoggedBytes | Unread]:
+def with_transactions(items: list[LoggedBytes | Unread], open_numbers: set[bytes]) -> list[LoggedBytes | Unread]:
     """Return the pieces of Modbus TCP with their direction: the first frame with a transaction number is a request,
-    the next one its response, unless its shape tells. A piece of several frames becomes several."""
+    the next one its response, unless its shape tells. A piece of several frames becomes several. `open_numbers` are
+    those of the requests without a response, before and after."""
     done: list[LoggedBytes | Unread] = []
-    open_numbers: set[bytes] = set()
     for item in items:
         if isinstance(item, Unread) or item.protocol != "tcp" or item.from_client is not None:
             done.append(item)

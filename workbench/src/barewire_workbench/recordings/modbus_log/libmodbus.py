@@ -17,6 +17,7 @@ from barewire_workbench.recordings.modbus_log.stamps import find_stamp
 
 _SENT = re.compile(r"(?:\[[0-9A-F]{2}\]){2,}")
 _RECEIVED = re.compile(r"(?:<[0-9A-F]{2}>)+")
+_NO_BRACKETS = str.maketrans("", "", "[]<>")
 _WAITS = {"Waiting for a confirmation": True, "Waiting for an indication": False, "Waiting for a indication": False}
 _SILENT = re.compile(r"ERROR Connection timed out|ERROR .*timed out: select")
 _OTHER = re.compile(
@@ -25,30 +26,35 @@ _OTHER = re.compile(
 )
 
 
-def read_libmodbus(lines: list[str]) -> FormContent:
-    """Return the entries of a debug output.
+def read_libmodbus(lines: list[str], decided: object = None) -> FormContent:
+    """Return the entries of a debug output. `decided` is whether a client wrote the part before.
 
     >>> [entry.sent for entry in read_libmodbus(["[01][83]", "Waiting for a confirmation...", "<01><83>"]).entries]
     [True, False]
     """
     entries: list[LogEntry] = []
     known: set[int] = set()
-    client: bool | None = None
+    client = decided if isinstance(decided, bool) else None
     for number, line in enumerate(lines, start=1):
-        for text, is_client in _WAITS.items():
-            client = is_client if text in line else client
-        rows = [(found, True) for found in _SENT.finditer(line)]
-        rows += [(found, False) for found in _RECEIVED.finditer(line)]
-        stamp = find_stamp(line[: min(found.start() for found, _ in rows)]) if rows else None
-        for found, sent in sorted(rows, key=lambda row: row[0].start()):
-            data = bytes.fromhex(re.sub(r"[^0-9A-F]", "", found[0]))
-            entries.append(LogEntry(number, data, sent, stamp=None if stamp is None else stamp[0]))
-        if not rows and _SILENT.search(line):
+        if "[" in line or "<" in line:
+            rows = [(found, True) for found in _SENT.finditer(line)]
+            rows += [(found, False) for found in _RECEIVED.finditer(line)]
+            if rows:
+                rows.sort(key=lambda row: row[0].start())
+                stamp = find_stamp(line[: rows[0][0].start()])
+                for found, sent in rows:
+                    data = bytes.fromhex(found[0].translate(_NO_BRACKETS))
+                    entries.append(LogEntry(number, data, sent, stamp=None if stamp is None else stamp[0]))
+                known.add(number)
+                continue
+        if "Waiting for a" in line:
+            client = next((is_client for text, is_client in _WAITS.items() if text in line), client)
+        if _SILENT.search(line):
             entries.append(LogEntry(number, b"", False))
-        if rows or _OTHER.search(line):
+        if _OTHER.search(line):
             known.add(number)
-    if not any(entry.data for entry in entries):
+    if not any(entry.data for entry in entries) and decided is None:
         return FormContent([], set())
     if client is not None:
         entries = [entry._replace(from_client=entry.sent is client) for entry in entries]
-    return FormContent(entries, known)
+    return FormContent(entries, known, decided="unknown" if client is None else client)

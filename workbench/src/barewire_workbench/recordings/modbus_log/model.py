@@ -13,6 +13,7 @@ What a form returns, before times, direction and protocol are decided for the wh
 
 from __future__ import annotations
 
+from collections.abc import Set
 from typing import NamedTuple
 
 from barewire_workbench.frames.result import ProtocolName
@@ -74,8 +75,15 @@ class LogEntry(NamedTuple):
 
 
 class FormContent(NamedTuple):
-    """What one form reads of a text: its entries, the lines that it knows to hold no new bytes, and what it notes."""
+    """What one form reads of a part of a text, in which lines count from 1.
+
+    `known` are the lines without new bytes, `notes` what there is to say, each with its line, `unreadable` the lines
+    with words of the form behind which something else than bytes stands. `decided` is given to the form again with the
+    next part of the text.
+    """
 
     entries: list[LogEntry]
     known: set[int]
-    notes: tuple[str, ...] = ()
+    notes: tuple[tuple[int, str], ...] = ()
+    unreadable: Set[int] = frozenset()
+    decided: object = None

@@ -24,24 +24,31 @@ from barewire_workbench.recordings.bytelog import without_remark
 _H = r"[0-9A-Fa-f]"
 _END = re.compile(r"\s*(?:\(\d+(?: bytes)?\)|\[\d+ bytes\])?[\s,;.)\]}>'\"]*(?:[;|\t] ?\d{1,4}[;\s]*)?$")
 _FORMS = tuple(
-    re.compile(form)
-    for form in (
-        rf"(?P<ascii>(?<!\w):(?:{_H}{{2}}){{3,}})(?:\\r\\n|\\r|\\n|<CR><LF>|\[CR\]\[LF\])?",
-        rf"(?P<list>(?<![\w])0[xX]{_H}{{1,2}}(?:[\s,;\-:]+0[xX]{_H}{{1,2}})*)",
-        rf"(?P<list>(?:\\x{_H}{{2}})+)",
-        rf"(?P<list>(?:\[(?:0x)?{_H}{{2}}\]\s*)+)",
-        rf"(?P<list>(?:<(?:0x)?{_H}{{2}}>\s*)+)",
-        rf"(?P<list>(?<![\w]){_H}{{2}}[hH](?:[\s,]+{_H}{{2}}[hH])*)",
-        rf"(?P<list>(?<!\w)(?<!\d[\-:,|]){_H}{{1,2}}(?:\s+{_H}{{1,2}}){{1,}})",
-        rf"(?P<list>(?<!\w)(?<!\d-){_H}{{1,2}}(?:-{_H}{{1,2}}){{1,}})",
-        rf"(?P<list>(?<!\w)(?<!\d:){_H}{{2}}(?::{_H}{{2}}){{1,}})",
-        rf"(?P<list>(?<!\w)(?<!\d,){_H}{{1,2}}(?:,\s*{_H}{{1,2}}){{1,}})",
-        r"(?P<decimal>(?<![\w,])\d{1,3}(?:,\s*\d{1,3}){1,})",
-        r"(?P<decimal>(?<![\w,])\d{1,3}(?:\s+\d{1,3}){1,})",
-        rf"(?P<list>(?<![\w]){_H}{{4}}(?:\s+{_H}{{4}})*(?:\s+{_H}{{2}})?)",
-        rf"(?P<list>(?<![\w])(?:{_H}{{2}}){{4,}})",
+    (needed, re.compile(form))
+    for needed, form in (
+        (":", rf"(?P<ascii>(?<!\w):(?:{_H}{{2}}){{3,}})(?:\\r\\n|\\r|\\n|<CR><LF>|\[CR\]\[LF\])?"),
+        ("xX", rf"(?P<list>(?<![\w])0[xX]{_H}{{1,2}}(?:[\s,;\-:]+0[xX]{_H}{{1,2}})*)"),
+        ("\\", rf"(?P<list>(?:\\x{_H}{{2}})+)"),
+        ("[", rf"(?P<list>(?:\[(?:0x)?{_H}{{2}}\]\s*)+)"),
+        ("<", rf"(?P<list>(?:<(?:0x)?{_H}{{2}}>\s*)+)"),
+        ("hH", rf"(?P<list>(?<![\w]){_H}{{2}}[hH](?:[\s,]+{_H}{{2}}[hH])*)"),
+        ("", rf"(?P<list>(?<!\w)(?<!\d[\-:,|]){_H}{{1,2}}(?:\s+{_H}{{1,2}}){{1,}})"),
+        ("-", rf"(?P<list>(?<!\w)(?<!\d-){_H}{{1,2}}(?:-{_H}{{1,2}}){{1,}})"),
+        (":", rf"(?P<list>(?<!\w)(?<!\d:){_H}{{2}}(?::{_H}{{2}}){{1,}})"),
+        (",", rf"(?P<list>(?<!\w)(?<!\d,){_H}{{1,2}}(?:,\s*{_H}{{1,2}}){{1,}})"),
+        (",", r"(?P<decimal>(?<![\w,])\d{1,3}(?:,\s*\d{1,3}){1,})"),
+        ("", r"(?P<decimal>(?<![\w,])\d{1,3}(?:\s+\d{1,3}){1,})"),
+        ("", rf"(?P<list>(?<![\w]){_H}{{4}}(?:\s+{_H}{{4}})*(?:\s+{_H}{{2}})?)"),
+        ("", rf"(?P<list>(?<![\w])(?:{_H}{{2}}){{4,}})"),
     )
 )
+"""Each with characters one of which it needs, if there are such: most lines are not searched for most forms."""
+_BLANKS = "".join(chr(code) for code in range(0x3001) if chr(code).isspace())
+_AT_THE_END = f"0123456789abcdefABCDEF{_BLANKS}xXhHrnRLyts\\[](){{}}<>:,;.|'\"-"
+"""All characters of bytes in any notation, and of what may follow them."""
+_PAIRS = re.compile(rf"(?P<mark>[xXrRtTsSnL]{{0,3}}[:>\])-]{{0,3}} {{1,20}})?(?P<bytes>{_H}{{2}}(?: {_H}{{2}})+)\s*")
+"""The notation of nearly all logs, behind the end of a word: no other form reads more of it."""
+_REMARKS = frozenset("<←/#;(")
 _LITERAL = re.compile(r"""(?<!\w)b(?P<string>'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
 _COUNT = re.compile(r"(?<=\W)(?P<opened>[(\[]?)(?P<count>\d{1,4}) ?bytes?[)\]]?\s*$", re.IGNORECASE)
 """A count without brackets could be a byte, too: it has to be right."""
@@ -64,24 +71,38 @@ def split_octets(line: str) -> Octets | None:
     >>> split_octets("TX: 1, 3, 0, 22, 0, 2, 37, 207").decimal.hex(" "), split_octets("nothing at all")
     ('01 03 00 16 00 02 25 cf', None)
     """
-    if found := _COUNT.search(line):
+    if ("yte" in line or "YTE" in line) and (found := _COUNT.search(line)):
         octets = _split(line[: found.start()])
         is_right = octets is not None and int(found["count"]) in map(len, filter(None, octets[1:]))
         return octets if is_right or found["opened"] else None
-    return _split(line) or (_split(plain) if (plain := without_remark(line)) != line else None)
+    octets = _split(line)
+    if octets is None and not _REMARKS.isdisjoint(line) and (plain := without_remark(line)) != line:
+        return _split(plain)
+    return octets
 
 
 def _split(line: str) -> Octets | None:
     """Split a line that has nothing but punctuation, or a count in brackets, behind its bytes."""
     literal = None
-    for literal in _LITERAL.finditer(line):  # noqa: B007 - the last one, as below
-        pass
+    if "'" in line or '"' in line:
+        for literal in _LITERAL.finditer(line):  # noqa: B007 - the last one, as below
+            pass
     if literal is not None and _END.match(line, literal.end()):
         return _of_literal(line, literal)
     best: re.Match[str] | None = None
-    for form in _FORMS:
+    start = len(line.rstrip(_AT_THE_END))
+    end = line[start:]
+    if (pairs := _PAIRS.fullmatch(end.lstrip())) and (pairs["mark"] or start == 0):
+        digits = pairs["bytes"]
+        data = bytes.fromhex(digits)
+        before = line[: len(line) - len(pairs[0]) + pairs.start("bytes")]
+        is_hex = not digits.replace(" ", "").isdecimal()
+        return Octets(before, data, None if is_hex else _decimal(digits.split(), digits))
+    for needed, form in _FORMS:
+        if needed and needed[0] not in end and needed[-1] not in end:
+            continue
         found = None
-        for found in form.finditer(line):  # noqa: B007 - the last one: a search with an end would take quadratic time
+        for found in form.finditer(line, start):  # noqa: B007 - the last one: a search with an end would take quadratic time
             pass
         if found is not None and _END.match(line, found.end()) and (best is None or found.start() < best.start()):
             best = found

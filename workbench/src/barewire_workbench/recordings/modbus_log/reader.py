@@ -9,18 +9,22 @@ in a log of bytes only, an error with its line.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container
+from collections import deque
+from collections.abc import Callable, Container, Iterator
+from io import BytesIO
 
 from barewire.errors import DecodeError
+from barewire_workbench.frames.input.hexdump import dump_line
 from barewire_workbench.frames.result import ProtocolName
-from barewire_workbench.recordings.bytelog import Chunk, parse_log
+from barewire_workbench.recordings.bytelog import DUMP_OFFSET, Chunk, Log, parse_log
 from barewire_workbench.recordings.modbus_log.blocks import read_blocks
 from barewire_workbench.recordings.modbus_log.bytewise import read_bytewise
 from barewire_workbench.recordings.modbus_log.direction import (
+    PROTOCOLS,
     common_protocol,
     frame_pdu,
+    is_decimal,
     recorder_is_client,
-    with_one_notation,
     with_transactions,
 )
 from barewire_workbench.recordings.modbus_log.libmodbus import read_libmodbus
@@ -37,6 +41,7 @@ from barewire_workbench.recordings.modbus_log.wireshark import read_wireshark, w
 from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS
 from barewire_workbench.recordings.model import Unread, unread
 from barewire_workbench.recordings.pcapng import is_capture
+from barewire_workbench.recordings.source import RecordingSource
 
 _OF_PACKETS: dict[str, Callable[[list[str], Container[int]], FormContent]] = {
     "JSON": read_json,
@@ -44,27 +49,38 @@ _OF_PACKETS: dict[str, Callable[[list[str], Container[int]], FormContent]] = {
     "Wireshark": read_wireshark,
 }
 """Exports of packets: which of them are Modbus depends on the ports."""
-FORMS: dict[str, Callable[[list[str]], FormContent]] = {
+FORMS: dict[str, Callable[[list[str], object], FormContent]] = {
     "pymodbus": read_pymodbus,
     "libmodbus": read_libmodbus,
-    "MinimalModbus": read_minimalmodbus,
-    "strace": read_syscalls,
-    "bytes with characters": read_bytewise,
+    "MinimalModbus": lambda lines, _: read_minimalmodbus(lines),
+    "strace": lambda lines, _: read_syscalls(lines),
+    "bytes with characters": lambda lines, _: read_bytewise(lines),
 }
 """Forms with words of their own. Two of them that differ about a line are an error."""
+_BY_LINES = frozenset({"pymodbus", "libmodbus", "MinimalModbus", "marked"})
+"""Forms in which a line has whole entries, so that a part of the log can be read before the rest is there."""
+_UNDECIDED_MAX = 4_000_000
+"""Characters of a text without a form; more of them are no log."""
 _LONGEST_LINE = 20_000
+"""Characters; no form looks into a longer line."""
 _GENERAL: dict[str, Callable[[list[str]], FormContent]] = {"blocks": read_blocks, "marked": read_marked}
 """Forms of many programs, for the lines that no other form knows."""
 _SHORTEST = 4
 """Bytes of the shortest frame."""
 _LINES_MAX = 20
 """The most lines of one frame."""
+UNREADABLE = "the bytes in this line cannot be read"
+"""Why a line is unread that looks as if it held bytes of a frame."""
+_LOOKS_LIKE_BYTES = re.compile(
+    r"(?:\b(?:0[xX])?[0-9A-Fa-f]{2}\b[\s,;|:-]?){4}|(?:\b0[xX][0-9A-Fa-f]{1,2}\b[\s,;|:-]?){2}"
+)
 _FRAME = re.compile(r"FRAME=[^;]*")
 """The field of a frame in `DATE=...;FRAME=01-03-...;SLAVE=1;`, as monitors write it."""
 _COLOURS = re.compile(r"\x1b\[[0-9;]{0,20}[mK]")
 """What sets the colours of a terminal."""
 _TIME_OF_DAY = re.compile(r"\s*[(\[]?\d{1,2}:\d{2}:\d")
 """Hours, minutes and seconds, as `bytelog` reads them: they begin again at midnight."""
+_ASCII = bytes(range(0x80))
 _BLANKS_MAX = 200
 _BLANKS = re.compile(rf"\s{{{_BLANKS_MAX},}}")
 """More blanks than any column has."""
@@ -84,159 +100,312 @@ def read_modbus_log(
     """
     if is_capture(data):
         return ModbusLog(tuple(read_segments(data, ports)), "capture", True)
-    text = _COLOURS.sub("", _text(data))
-    lines = [("" if line.lstrip().startswith("#") else line) for line in text.splitlines()]
-    form, content = _read_forms(lines, ports)
-    if not content.entries and (why := without_bytes(lines)) is not None:
-        raise DecodeError("value", b"", 0, why)
-    if not content.entries:
-        return _bytes_only(text, lines, protocol)
-    return _decided(form, content, lines, protocol)
+    parts = RecordingSource(BytesIO(data).read).text_parts(_decode)
+    return _LogReader(ports, protocol).read_rest([_plain(line) for lines in parts for line in lines])
 
 
-def _text(data: bytes) -> str:
-    """Return the text of a log: UTF-8, UTF-16 with its mark (PowerShell), or Latin-1 if nearly all of it is ASCII."""
-    try:
-        if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            return data.decode("utf-16")
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        if 0 not in data and sum(byte < 0x80 for byte in data) > 0.7 * len(data):
-            return data.decode("latin-1")
-        raise DecodeError("character", data[:16], 0, f"neither a capture nor text: {error.reason}") from None
+def read_modbus_parts(
+    source: RecordingSource, *, ports: Container[int] = MODBUS_PORTS, protocol: ProtocolName | None = None
+) -> Iterator[ModbusLog]:
+    """Yield a recording part by part, each as soon as it is there, if its form allows that: one whose entries have
+    several lines, or a capture, is one part. What the first part shows is decided for the others. As `read_modbus_log`.
+    """
+    if is_capture(source.start):
+        yield read_modbus_log(source.whole(), ports=ports)
+        return
+    reader, waiting, tried = _LogReader(ports, protocol), list[str](), 0
+    for lines in source.text_parts(_decode):
+        waiting += [_plain(line) for line in lines]
+        size = sum(map(len, waiting)) if reader.form is None else 0
+        if reader.form is not None or (size >= 2 * tried and not reader.needs_all):
+            tried = size
+            log, waiting = reader.read_part(waiting)
+            if log is not None:
+                yield log
+    if waiting or reader.form is None:
+        yield reader.read_rest(waiting)
 
 
-def _read_forms(lines: list[str], ports: Container[int]) -> tuple[str, FormContent]:
-    """Return the names and the common content of all forms that the lines have."""
-    short = [_BLANKS.sub(" " * _BLANKS_MAX, line) if len(line) <= _LONGEST_LINE else "" for line in lines]
-    by_place: dict[tuple[int, int], LogEntry] = {}
-    owners: dict[int, str] = {}
-    known: set[int] = set()
-    notes: list[str] = []
-    contents = [(name, read_packets(lines, ports)) for name, read_packets in _OF_PACKETS.items()]
-    contents += [(name, read(short)) for name, read in FORMS.items()]
-    for name, content in contents:
-        for place, entry in enumerate(content.entries):
-            owner = owners.setdefault(entry.line, name)
-            if owner == name:
+def _plain(line: str) -> str:
+    """Return a line without colours, and without the text of a comment."""
+    if "\x1b" in line:
+        line = _COLOURS.sub("", line)
+    return "" if line.lstrip().startswith("#") else line
+
+
+def _decode(data: bytes) -> str:
+    """Return the text of a log that is not in UTF-8 or UTF-16: Latin-1 if nearly all of it is ASCII."""
+    if 0 not in data and len(data.translate(None, _ASCII)) < 0.3 * len(data):
+        return data.decode("latin-1")
+    raise DecodeError("character", data[:16], 0, "neither a capture nor text: these are not its characters")
+
+
+class _LogReader:
+    """Reads a log part by part. `form` is None until a part has shown it; `needs_all` tells that this form cannot be
+    read in parts."""
+
+    def __init__(self, ports: Container[int], protocol: ProtocolName | None) -> None:
+        self.form: str | None = None
+        self.needs_all = False
+        self._ports = ports
+        self._protocol = protocol
+        self._offset = 0  # lines of the parts before
+        self._states: dict[str, object] | None = None  # what the forms have decided, once they are known
+        self._is_decimal: bool | None = None
+        self._client: bool | None = None
+        self._clock = LogClock()
+        self._before: LogEntry | None = None
+        self._now = 0.0
+        self._open_numbers: set[bytes] = set()
+        self._bytes: Log | None = None  # the part before, of a log of bytes only
+        self._is_prefixed = False
+
+    def read_part(self, lines: list[str]) -> tuple[ModbusLog | None, list[str]]:
+        """Return what the lines hold, and the lines to read again with the next ones: all of them as long as the form
+        is not known, otherwise those of an entry that may go on."""
+        if self.form is None:
+            is_long = sum(map(len, lines)) > _UNDECIDED_MAX
+            try:
+                log = _LogReader(self._ports, self._protocol).read_rest(lines)
+            except DecodeError:
+                if is_long:
+                    raise
+                return None, lines
+            pieces = [item.data for item in log.items if isinstance(item, LoggedBytes)]
+            if common_protocol(pieces) is None and not is_long:
+                return None, lines
+            if not _is_by_lines(log.form, lines):
+                self.needs_all = True
+                return None, lines
+        size = len(lines) - self._unfinished(lines)
+        return (self.read_rest(lines[:size]) if size else None), lines[size:]
+
+    def _unfinished(self, lines: list[str]) -> int:
+        """Return the number of lines at the end that may be a part of a frame: bytes that are no whole frame."""
+        for number, line in enumerate(reversed(lines[-_LINES_MAX:]), start=1):
+            octets = split_octets(line) if len(line) <= _LONGEST_LINE else None
+            if octets is None:
+                return 0
+            if any(frame_pdu(name, data) is not None for name in PROTOCOLS for data in octets[1:] if data):
+                return number - 1
+            if octets.before.strip():
+                return number
+        return 0
+
+    def read_rest(self, lines: list[str]) -> ModbusLog:
+        """Return what the lines hold: the last ones of the log, or all of them."""
+        if self.form == "bytes":
+            log = self._bytes_only(lines)
+        else:
+            form, content = self._read_forms(lines)
+            if self.form is None and not content.entries:
+                if (why := without_bytes(lines)) is not None:
+                    raise DecodeError("value", b"", 0, why)
+                log = self._bytes_only(lines)
+            else:
+                log = self._decided(self.form or form, content, lines)
+        self.form = log.form
+        self._offset += len(lines)
+        return log
+
+    def _read_forms(self, lines: list[str]) -> tuple[str, FormContent]:
+        """Return the names and the common content of all forms that the lines have."""
+        short = [
+            line
+            if len(line) < _BLANKS_MAX
+            else _BLANKS.sub(" " * _BLANKS_MAX, line)
+            if len(line) <= _LONGEST_LINE
+            else ""
+            for line in lines
+        ]
+        states, self._states = self._states, {}
+        by_place: dict[tuple[int, int], LogEntry] = {}
+        owners: dict[int, str] = {}
+        known: set[int] = set()
+        unreadable: set[int] = set()
+        notes: list[tuple[int, str]] = []
+        contents = []
+        if states is None:
+            contents = [(name, read_packets(lines, self._ports)) for name, read_packets in _OF_PACKETS.items()]
+        for name, read in FORMS.items():
+            if states is None or name in states:
+                contents.append((name, read(short, states and states[name])))
+        for name, content in contents:
+            for place, entry in enumerate(content.entries):
+                owner = owners.setdefault(entry.line, name)
+                if owner == name:
+                    by_place[entry.line, place] = entry
+                elif not _same(by_place, entry):
+                    text = f"line {self._offset + entry.line} reads as {owner} and as {name}, with different bytes"
+                    raise DecodeError("value", b"", 0, text)
+            if content.entries or states is not None:
+                known |= content.known
+                self._states[name] = content.decided
+            unreadable |= content.unreadable
+            notes += content.notes
+        for name, read_general in _GENERAL.items():
+            if states is not None and name != "marked":
+                continue
+            left = [
+                "" if number in known or number in unreadable else line for number, line in enumerate(short, start=1)
+            ]
+            content = read_general(left)
+            for place, entry in enumerate(content.entries):
                 by_place[entry.line, place] = entry
-            elif not _same(by_place, entry):
-                text = f"line {entry.line} reads as {owner} and as {name}, with different bytes"
-                raise DecodeError("value", b"", 0, text)
-        known |= content.known if content.entries else set()
-        notes += content.notes
-    for name, read in _GENERAL.items():
-        content = read(["" if number in known else line for number, line in enumerate(short, start=1)])
-        for place, entry in enumerate(content.entries):
-            by_place[entry.line, place] = entry
-            owners[entry.line] = name
-        known |= content.known if content.entries else set()
-        notes += content.notes
-    names = [name for name in (*_OF_PACKETS, *FORMS, *_GENERAL) if name in owners.values()]
-    return " and ".join(names), FormContent([by_place[place] for place in sorted(by_place)], known, tuple(notes))
+                owners[entry.line] = name
+            known |= content.known if content.entries else set()
+            notes += content.notes
+        names = [name for name in (*_OF_PACKETS, *FORMS, *_GENERAL) if name in owners.values()]
+        entries = [by_place[place] for place in sorted(by_place)]
+        return " and ".join(names), FormContent(entries, known, tuple(notes), unreadable)
+
+    def _decided(self, form: str, content: FormContent, lines: list[str]) -> ModbusLog:
+        """Return the log with everything decided that its frames prove."""
+        entries, left = list(content.entries), list[int]()
+        taken = {entry.line for entry in entries} | content.known
+        for number, line in enumerate(lines, start=1):
+            if number in content.unreadable:
+                left.append(number)
+                continue
+            if number in taken or not line.strip():
+                continue
+            octets = None
+            if len(line) <= _LONGEST_LINE:
+                stamp = find_stamp(line)
+                octets = split_octets(line if stamp is None else line[stamp[2] :])
+            if octets is not None and not octets.before.strip(" \t:,;|-"):
+                entries.append(LogEntry(number, octets.data, None, None, stamp and stamp[0], octets.decimal))
+            else:
+                left.append(number)
+        entries.sort(key=lambda entry: entry.line)
+        log = self._assembled(form, entries, [(number, lines[number - 1]) for number in left])
+        notes = tuple(f"line {self._offset + number}: {text}" for number, text in content.notes)
+        return log._replace(notes=notes + log.notes)
+
+    def _assembled(self, form: str, entries: list[LogEntry], left: list[tuple[int, str]]) -> ModbusLog:
+        """Return the log of these entries; `left` are the lines that no form knows.
+
+        Raises DecodeError if no frame is in it and more lines are left than read: that is no log of Modbus.
+        """
+        if self._is_decimal is None:
+            self._is_decimal = is_decimal(entries)
+        if self._is_decimal:
+            entries = [entry._replace(data=entry.decimal) for entry in entries]
+        if self._protocol is None:
+            self._protocol = common_protocol([entry.data for entry in entries if entry.data])
+        protocol = self._protocol
+        if self.form is None and protocol is None and len(left) > len(entries):
+            number, line = left[0]
+            shown = unread(0.0, number, "", line).text
+            raise DecodeError("value", b"", 0, f"line {number}: no form of log has such a line: {shown}")
+        if self._client is None:
+            self._client = recorder_is_client(entries, protocol)
+        clock, client, offset = self._clock, self._client, self._offset
+        if not clock.timed and (first := next((entry for entry in entries if entry.stamp is not None), None)):
+            # what stands before the first time is not earlier than the made-up 0
+            clock.read(first.stamp, offset + first.line)
+        items: list[LoggedBytes | Unread] = []
+        waiting = deque(left)
+        before = self._before
+        for entry in entries:
+            while waiting and waiting[0][0] < entry.line:
+                items.append(self._left(*waiting.popleft()))
+            from_client = entry.from_client
+            if from_client is None and entry.sent is not None and client is not None:
+                from_client = entry.sent is client
+            is_more = before is not None and before.sent is False and entry.sent is False
+            at = self._now = clock.read(entry.stamp, offset + entry.line, step=not is_more)
+            items.append(
+                LoggedBytes(at, entry.data or b"", offset + entry.line, from_client, protocol, entry.connection)
+            )
+            before = entry
+        self._before = before
+        items += [self._left(*row) for row in waiting]
+        if protocol == "tcp":
+            items = with_transactions(items, self._open_numbers)
+        return ModbusLog(tuple(items), form, clock.timed, self._new_notes())
+
+    def _new_notes(self) -> tuple[str, ...]:
+        notes, self._clock.notes = self._clock.notes, []
+        return tuple(notes)
+
+    def _left(self, number: int, line: str) -> Unread:
+        has_bytes = _LOOKS_LIKE_BYTES.search(line, 0, _LONGEST_LINE) is not None
+        why = UNREADABLE if has_bytes else "no bytes of a frame in this line"
+        if len(line) > _LONGEST_LINE:
+            why = f"a line of more than {_LONGEST_LINE:,} characters"
+        return unread(self._now, self._offset + number, why, line)
+
+    def _bytes_only(self, lines: list[str]) -> ModbusLog:
+        """Read a log of bytes with or without times or prefixes, or a dump."""
+        log = None
+        if not self._is_prefixed:
+            try:
+                log = parse_log("\n".join(lines), self._bytes, self._offset)
+            except DecodeError:
+                if self.form is not None:
+                    raise
+        if log is None:
+            prefixed = self._prefixed(lines)
+            if prefixed is None:
+                parse_log("\n".join(lines))  # raises its error
+                raise AssertionError
+            return prefixed
+        chunks, numbers = ([*log.chunks], [*log.lines]) if log.timed else _unwrapped(log.chunks, log.lines)
+        self._protocol = self._protocol or common_protocol([chunk.data for chunk in chunks])
+        items = list[LoggedBytes | Unread]()
+        for chunk, number in zip(chunks, numbers):
+            of_day = _TIME_OF_DAY.match(lines[number - 1]) is not None
+            line = self._offset + number
+            at = self._clock.read(Stamp(chunk.at, None, of_day), line) if log.timed else chunk.at
+            items.append(LoggedBytes(at, chunk.data, line, None, self._protocol))
+        self._bytes = log._replace(chunks=log.chunks[-1:]) if log.chunks else self._bytes
+        items = with_transactions(items, self._open_numbers)
+        return ModbusLog(tuple(items), "bytes", log.timed, self._new_notes())
+
+    def _prefixed(self, lines: list[str]) -> ModbusLog | None:
+        """Read lines that end with bytes, behind any text: `COM3: 01 03 ...`, `FRAME=01-03-...`. None unless frames
+        prove it, or if some lines have a text and others do not, as a typing error in a log of bytes makes it."""
+        entries: list[LogEntry] = []
+        left: list[tuple[int, str]] = []
+        prefixes: set[bool] = set()
+        for number, line in enumerate(lines, start=1):
+            octets = None
+            if len(line) <= _LONGEST_LINE:
+                stamp = find_stamp(line)
+                plain = line if stamp is None else line[: stamp[1]] + " " * (stamp[2] - stamp[1]) + line[stamp[2] :]
+                field = _FRAME.search(plain)
+                octets = split_octets(plain[: field.end()] if field else plain)
+            if octets is not None and len(octets.data or octets.decimal or b"") >= _SHORTEST:
+                entries.append(LogEntry(number, octets.data, None, None, stamp and stamp[0], octets.decimal))
+                prefixes.add(bool(octets.before.strip(" \t:,;|-[]()")))
+            elif line.strip():
+                left.append((number, line))
+        if not self._is_prefixed:
+            pieces = [piece for entry in entries for piece in (entry.data, entry.decimal) if piece]
+            if len(prefixes) != 1 or len(left) > len(entries) or common_protocol(pieces) is None:
+                return None
+        log = self._assembled("bytes", entries, left)
+        self._is_prefixed = True
+        return log
+
+
+def _is_by_lines(form: str, lines: list[str]) -> bool:
+    """Return whether such a log can be read in parts; the lines are its first ones. A line of a dump or of an export
+    has less than an entry."""
+    if form == "bytes":
+        return not any(DUMP_OFFSET.match(line) or dump_line(line) for line in lines)
+    names = set(form.split(" and "))
+    return names <= _BY_LINES and not _is_json(lines) and ("marked" not in names or without_bytes(lines) is None)
+
+
+def _is_json(lines: list[str]) -> bool:
+    first = next((line.strip() for line in lines if line.strip()), "")
+    return first == "[" or first.startswith(('[{"', '{"'))
 
 
 def _same(found: dict[tuple[int, int], LogEntry], entry: LogEntry) -> bool:
     return any(line == entry.line and other.data == entry.data for (line, _), other in found.items())
-
-
-def _decided(form: str, content: FormContent, lines: list[str], protocol: ProtocolName | None) -> ModbusLog:
-    """Return the log with everything decided that its frames prove."""
-    entries, left = list(content.entries), []
-    taken = {entry.line for entry in entries} | content.known
-    for number, line in enumerate(lines, start=1):
-        if number in taken or not line.strip():
-            continue
-        stamp = find_stamp(line)
-        octets = split_octets(line if stamp is None else line[stamp[2] :])
-        if octets is not None and not octets.before.strip(" \t:,;|-"):
-            entries.append(LogEntry(number, octets.data, None, None, stamp and stamp[0], octets.decimal))
-        else:
-            left.append(number)
-    entries.sort(key=lambda entry: entry.line)
-    log = assembled(form, entries, [(number, lines[number - 1]) for number in left], protocol)
-    return log._replace(notes=content.notes + log.notes)
-
-
-def assembled(
-    form: str, entries: list[LogEntry], left: list[tuple[int, str]], protocol: ProtocolName | None = None
-) -> ModbusLog:
-    """Return the log of these entries; `left` are the lines that no form knows.
-
-    Raises DecodeError if no frame is in it and more lines are left than read: that is no log of Modbus.
-    """
-    entries = with_one_notation(entries)
-    pieces = [entry.data for entry in entries if entry.data]
-    found = common_protocol(pieces)
-    if found is None and len(left) > len(entries):
-        number, line = left[0]
-        shown = unread(0.0, number, "", line).text
-        raise DecodeError("value", b"", 0, f"line {number}: no form of log has such a line: {shown}")
-    protocol = protocol or found
-    client = recorder_is_client(entries, protocol)
-    clock, before = LogClock(), None
-    if first := next((entry for entry in entries if entry.stamp is not None), None):
-        clock.read(first.stamp, first.line)  # what stands before the first time is not earlier than the made-up 0
-    items: list[LoggedBytes | Unread] = []
-    waiting = list(left)
-    for entry in entries:
-        while waiting and waiting[0][0] < entry.line:
-            items.append(_left(items, *waiting.pop(0)))
-        from_client = entry.from_client
-        if from_client is None and entry.sent is not None and client is not None:
-            from_client = entry.sent is client
-        is_more = before is not None and before.sent is False and entry.sent is False
-        at = clock.read(entry.stamp, entry.line, step=not is_more)
-        items.append(LoggedBytes(at, entry.data or b"", entry.line, from_client, protocol, entry.connection))
-        before = entry
-    items += [_left(items, *row) for row in waiting]
-    if protocol == "tcp":
-        items = with_transactions(items)
-    return ModbusLog(tuple(items), form, clock.timed, tuple(clock.notes))
-
-
-def _left(items: list[LoggedBytes | Unread], number: int, line: str) -> Unread:
-    return unread(items[-1].at if items else 0.0, number, "no bytes of a frame in this line", line)
-
-
-def _bytes_only(text: str, lines: list[str], protocol: ProtocolName | None) -> ModbusLog:
-    """Read a log of bytes with or without times or prefixes, or a dump."""
-    try:
-        log = parse_log(text)
-    except DecodeError:
-        if (prefixed := _prefixed(lines, protocol)) is None:
-            raise
-        return prefixed
-    chunks, numbers = ([*log.chunks], [*log.lines]) if log.timed else _unwrapped(log.chunks, log.lines)
-    found = protocol or common_protocol([chunk.data for chunk in chunks])
-    clock, items = LogClock(), list[LoggedBytes | Unread]()
-    for chunk, line in zip(chunks, numbers):
-        of_day = _TIME_OF_DAY.match(lines[line - 1]) is not None
-        at = clock.read(Stamp(chunk.at, None, of_day), line) if log.timed else chunk.at
-        items.append(LoggedBytes(at, chunk.data, line, None, found))
-    return ModbusLog(tuple(with_transactions(items)), "bytes", log.timed, tuple(clock.notes))
-
-
-def _prefixed(lines: list[str], protocol: ProtocolName | None) -> ModbusLog | None:
-    """Read lines that end with bytes, behind any text: `COM3: 01 03 ...`, `FRAME=01-03-...`. None unless frames prove
-    it, or if some lines have a text and others do not, as a typing error in a log of bytes makes it."""
-    entries: list[LogEntry] = []
-    left: list[tuple[int, str]] = []
-    prefixes: set[bool] = set()
-    for number, line in enumerate(lines, start=1):
-        stamp = find_stamp(line)
-        plain = line if stamp is None else line[: stamp[1]] + " " * (stamp[2] - stamp[1]) + line[stamp[2] :]
-        field = _FRAME.search(plain)
-        octets = split_octets(plain[: field.end()] if field else plain)
-        if octets is not None and len(octets.data or octets.decimal or b"") >= _SHORTEST:
-            entries.append(LogEntry(number, octets.data, None, None, stamp and stamp[0], octets.decimal))
-            prefixes.add(bool(octets.before.strip(" \t:,;|-[]()")))
-        elif line.strip():
-            left.append((number, line))
-    pieces = [piece for entry in entries for piece in (entry.data, entry.decimal) if piece]
-    if len(prefixes) != 1 or len(left) > len(entries) or common_protocol(pieces) is None:
-        return None
-    return assembled("bytes", entries, left, protocol)
 
 
 def _unwrapped(chunks: list[Chunk], numbers: list[int]) -> tuple[list[Chunk], list[int]]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from datetime import date
+from functools import lru_cache
 
 from barewire_workbench.recordings.modbus_log.model import Stamp
 
@@ -47,12 +48,13 @@ def find_stamp(text: str) -> tuple[Stamp, int, int] | None:
     >>> find_stamp("(12.5) 01 03"), find_stamp("01 03 00 00")
     ((Stamp(seconds=12.5, day=None, of_day=False), 0, 6), None)
     """
-    if found := _DATED.search(text):
-        return Stamp(_of_day(found), _day(found), True), found.start(), found.end()
-    if found := _TIME.search(text):
-        return Stamp(_of_day(found), None, True), found.start(), found.end()
-    if found := _SHORT.match(text):
-        return Stamp(60 * int(found["minutes"]) + _number(found["seconds"])), found.start(), found.end()
+    if ":" in text:
+        if found := _DATED.search(text):
+            return Stamp(_of_day(found), _day(found), True), found.start(), found.end()
+        if found := _TIME.search(text):
+            return Stamp(_of_day(found), None, True), found.start(), found.end()
+        if found := _SHORT.match(text):
+            return Stamp(60 * int(found["minutes"]) + _number(found["seconds"])), found.start(), found.end()
     if found := _SECONDS.match(text):
         return Stamp(_number(found[1] or found[2])), found.start(), found.end()
     return None
@@ -83,6 +85,11 @@ def _day(found: re.Match[str]) -> int | None:
         if not stated:
             return None
         year, month, day = int(stated), _MONTHS.get(found["name"].lower(), 0), int(found["nday"])
+    return _day_number(year, month, day)
+
+
+@lru_cache(16)
+def _day_number(year: int, month: int, day: int) -> int | None:
     try:
         return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
     except ValueError:
