@@ -86,7 +86,7 @@ def unregister(request: type[AnyRequest]) -> None:
 def known_requests() -> list[type[AnyRequest]]:
     """Return every registered request class, by function code."""
     known = [table.get(number) for table in (_functions, _encapsulated) for number in (*table.classes, *table.names)]
-    return sorted(filter(None, known), key=lambda request: request.function_code)
+    return sorted(filter(None, known), key=lambda request: (request.function_code, request.mei_type or 0))
 
 
 def request_class(pdu: bytes) -> type[AnyRequest] | None:

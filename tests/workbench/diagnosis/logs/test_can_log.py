@@ -113,13 +113,17 @@ def test_a_verdict_has_its_numbers_and_what_else_it_may_be() -> None:
     )
 
 
+NO_FAULT = {"nothing-wrong", "refused", "open"}
+"""The verdicts on a good bus: some of these runs have aborts and emergencies, or end within a transfer."""
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_a_good_recording_has_no_finding(seed: int) -> None:
     frames = good_recording(seed)
     for known in ((), (az3_known(),)):
         findings, verdicts = diagnosed(frames, *known)
         assert [found.sentence for found in findings] == []
-        assert [verdict.code for verdict in verdicts] == ["nothing-wrong"]
+        assert {verdict.code for verdict in verdicts} <= NO_FAULT
 
 
 @pytest.mark.parametrize("known", [(), (az3_known(),)], ids=["plain", "described"])
@@ -128,7 +132,7 @@ def test_a_run_with_every_service_has_no_finding_wherever_the_recording_begins(k
     for first in (0, 3, 50, 400, 1000, 2000):
         findings, verdicts = diagnosed(frames[first:], *known)
         assert [found.sentence for found in findings] == []
-        assert [verdict.code for verdict in verdicts] == ["nothing-wrong"]
+        assert {verdict.code for verdict in verdicts} <= NO_FAULT
 
 
 def test_a_search_for_nodes_is_no_dead_unit() -> None:
@@ -183,6 +187,10 @@ def test_what_the_recorder_lost_is_no_fault_of_the_bus() -> None:
     log.feed(5.0)
     log.end()
     assert [(verdict.code, verdict.evidence) for _, verdict in log.verdicts()] == [
-        ("nothing-wrong", "1 frame of 0 nodes, 0 SDO answers; the recording lacks frames at 1 place")
+        (
+            "open",
+            "1 SDO transfer with node 5 without its end; "
+            "1 frame of 0 nodes, 0 SDO answers; the recording lacks frames at 1 place",
+        )
     ]
     assert [item.line for item in log.unread] == [1]

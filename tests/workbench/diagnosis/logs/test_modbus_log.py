@@ -36,6 +36,9 @@ from tests.workbench.diagnosis.logs.modbus_cases import (
 SAMPLES = Path(__file__).parents[2] / "recordings" / "modbus_log" / "samples"
 N81, E81 = CharacterFormat(8, "N", 1), CharacterFormat(8, "E", 1)
 
+NO_FAULT = {"nothing-wrong", "refused", "open"}
+"""The verdicts on a good line: most of these logs have exceptions, and some end before a response."""
+
 GOOD = [
     (framing, source, form)
     for framing, devices in DEVICES.items()
@@ -51,7 +54,7 @@ def test_a_good_recording_has_no_finding(framing: str, source: str, form: str, s
     traffic = of_tables(framing, seed) if source == "tables" else of_device(framing, source, seed)
     findings, verdicts = diagnosed(log_of(traffic, form, seed))
     assert [found.sentence for found in findings] == []
-    assert [(verdict.code, verdict.text) for verdict in verdicts] == [("nothing-wrong", "nothing wrong")]
+    assert {verdict.code for verdict in verdicts} <= NO_FAULT
 
 
 @pytest.mark.parametrize("form", ["times", "marks", "words", "capture", "pieces"])
@@ -60,7 +63,7 @@ def test_a_recording_may_begin_and_end_anywhere(form: str) -> None:
     for first in range(0, 12, 3):
         findings, verdicts = diagnosed(log_of(traffic[first : len(traffic) - first], form))
         assert [found.sentence for found in findings] == []
-        assert [verdict.code for verdict in verdicts] == ["nothing-wrong"]
+        assert {verdict.code for verdict in verdicts} <= NO_FAULT
 
 
 def read(unit: int, start: float, *, words: int = 2, late: float = 0.02) -> Traffic:
@@ -202,9 +205,9 @@ INJECTED = {
     "noise:0.6": {"no-bias"},
     "wrong-unit:0.5": {"nothing-proved"},
     "late:0.4": {"nothing-proved"},
-    "split:0.7": {"nothing-wrong"},
-    "paced:0.5": {"nothing-wrong", "nothing-proved"},  # a long response takes longer than the time for it
-    "exception:0.5": {"nothing-wrong"},
+    "split:0.7": {"refused"},
+    "paced:0.5": {"refused", "nothing-proved"},  # a long response takes longer than the time for it
+    "exception:0.5": {"refused"},
 }
 
 
@@ -216,10 +219,12 @@ def test_the_faults_of_the_simulators_are_named_for_what_they_are(faults: str, s
     assert len(verdicts) == 1
 
 
-def test_the_end_of_a_recording_proves_nothing() -> None:
+def test_a_request_at_the_end_of_a_recording_is_open() -> None:
     findings, verdicts = diagnosed(log_of(polls(4, 1)[:-1], "times"))
     assert findings == []
-    assert [verdict.code for verdict in verdicts] == ["nothing-wrong"]
+    assert [(verdict.code, verdict.evidence.partition(";")[0]) for verdict in verdicts] == [
+        ("open", "1 request to unit 1 at the end")
+    ]
 
 
 def test_a_client_that_repeats_a_request_after_its_time_out_is_no_echo() -> None:
@@ -330,7 +335,7 @@ def test_seven_bits_and_parity_read_as_eight_bits() -> None:
 def test_recordings_of_other_programs_have_no_finding_but_their_silent_unit(name: str) -> None:
     findings, verdicts = diagnosed((SAMPLES / name).read_bytes())
     assert {(found.finding.code, found.place) for found in findings} <= {("no-answer", "unit 9")}
-    assert [verdict.code for verdict in verdicts] == ["nothing-proved" if findings else "nothing-wrong"]
+    assert {verdict.code for verdict in verdicts} <= ({"nothing-proved"} if findings else NO_FAULT)
 
 
 def test_two_connections_have_their_own_verdicts() -> None:

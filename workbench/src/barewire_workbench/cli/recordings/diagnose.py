@@ -87,7 +87,7 @@ def diagnose_command(
     A FILE (- is standard input) is any recording that `barewire sniff` reads. A line or bus is listened to until
     Ctrl-C, or for --seconds; nothing is sent.
 
-    The exit status is 0 if nothing is wrong, 1 if something is, or if the command fails.
+    The exit status is 0 if nothing is wrong, 1 if something is, was refused or is open, or if the command fails.
 
     \b
     barewire diagnose poll.log

@@ -10,6 +10,7 @@ device accepts are none either, since a receiver ignores them; a read request wi
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
@@ -94,6 +95,7 @@ class BusDiagnosis:
         self.counts = BusCounts()
         self.found = FindingCounts()
         self.unsettled = Unsettled()
+        self._not_awaited: Counter[int] = Counter()  # SDO transfers by node without their end
         self.gaps = 0
         self._dialects = {node.node: node.commands for node in described}
         self._requests: dict[int, list[InitiatingFrame]] = {}  # channel -> its last two initiating requests
@@ -129,10 +131,14 @@ class BusDiagnosis:
         found = [pair for event in self.monitor.end(now) for pair in self._event(event, None)]
         found += [proved for node, proved in self._searched.items() if not self.counts.is_search(node)]
         self._searched.clear()
+        for node, number in self._not_awaited.items():
+            if not self.counts.heard or not self.counts.may_be_search(node):
+                self.unsettled.open[f"SDO transfer with node {node} without its end"] += number
+        self._not_awaited.clear()
         return self._at(found, now, 0)
 
     def verdicts(self) -> list[LineVerdict]:
-        """Return what the numbers show about the bus; if no fault, what devices refused or reported, and what is open."""
+        """Return what the numbers show about the bus; if no fault, what devices refused, and what is open."""
         counts = self.counts
         causes = counts.verdicts()
         answered = sum(counts.asked.values()) - sum(counts.unanswered.values())
@@ -145,7 +151,7 @@ class BusDiagnosis:
         if not causes and self.found.total:
             evidence = self.found.with_all(seen, self.unsettled)
             causes.append(LineVerdict("nothing-proved", "the findings show no common cause", evidence))
-        found = causes or self.unsettled.verdicts()
+        found = causes or self.unsettled.verdicts(seen)
         return found or [LineVerdict("nothing-wrong", "nothing wrong", seen)]
 
     def _at(self, found: Iterable[Proved], now: float, line: int) -> list[LogFinding]:
@@ -266,7 +272,7 @@ class BusDiagnosis:
                 if event.by == "server":
                     yield from self._refused(event, place)
         elif event.outcome == "cut" and event.began is not None:
-            self.unsettled.open[f"SDO transfer with node {node} at the end"] += 1
+            self._not_awaited[node] += 1
 
     def _unanswered(self, event: SdoTransferReport, place: str) -> Iterator[Proved]:
         node, state = event.node, self.monitor.nodes.state(event.node, event.at)
@@ -276,8 +282,7 @@ class BusDiagnosis:
             return
         waited = 0.0 if event.began is None else event.at - event.began
         if waited < _WAITS:  # another request came so soon that the answer was not awaited, or the log has no times
-            if not self.counts.heard or not self.counts.may_be_search(node):
-                self.unsettled.open[f"SDO request to node {node}"] += 1
+            self._not_awaited[node] += 1
             return
         self.counts.transfer(node, event.index, answered=False)
         finding = Finding("no-answer", f"no answer about {place}", f"nothing from node {node} for {waited:.3f} s")

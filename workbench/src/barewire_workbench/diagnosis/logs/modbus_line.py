@@ -126,7 +126,7 @@ class LineDiagnosis:
         if not causes and self.found.total:
             evidence = self.found.with_all(counts.seen(), self.unsettled)
             causes.append(LineVerdict("nothing-proved", "the findings show no common cause", evidence))
-        found = causes or self.unsettled.verdicts()
+        found = causes or self.unsettled.verdicts(counts.seen())
         return found or [LineVerdict("nothing-wrong", "nothing wrong", counts.seen())]
 
     def _log_finding(self, unit: int, finding: Finding, at: float, line: int) -> LogFinding:

@@ -27,7 +27,7 @@ class ModbusLogDiagnosis:
     >>> from barewire_workbench.recordings.modbus_log import read_modbus_log
     >>> log = ModbusLogDiagnosis(read_modbus_log(b"1.0 01 03 00 00 00 02 C4 0B\\n1.1 01 83 02 C0 F1\\n"))
     >>> list(log.findings()), log.verdicts()[0][1].text
-    ([], 'nothing wrong')
+    ([], 'a device refused or reported something')
     """
 
     def __init__(self, log: ModbusLog, window: float = WINDOW, protocol: SerialProtocol | None = None) -> None:

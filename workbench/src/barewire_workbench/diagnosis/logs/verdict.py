@@ -77,8 +77,8 @@ class Unsettled:
 
     >>> unsettled = Unsettled()
     >>> unsettled.refused["exception 02 of unit 5"] += 2
-    >>> [verdict.sentence for verdict in unsettled.verdicts()]
-    ['verdict: a device refused or reported something [refused]: 2 exception 02 of unit 5']
+    >>> [verdict.sentence for verdict in unsettled.verdicts("9 frames")]
+    ['verdict: a device refused or reported something [refused]: 2 exception 02 of unit 5; 9 frames']
     """
 
     def __init__(self) -> None:
@@ -91,14 +91,16 @@ class Unsettled:
     def __str__(self) -> str:
         return "; ".join(_most(kinds) for kinds in (self.refused, self.open) if kinds)
 
-    def verdicts(self) -> list[LineVerdict]:
-        """Return at most one verdict on each of the two."""
-        found = []
+    def verdicts(self, seen: str) -> list[LineVerdict]:
+        """Return at most one verdict on each of the two; `seen` is what was counted."""
+        verdicts: list[LineVerdict] = []
         if self.refused:
-            found.append(LineVerdict("refused", "a device refused or reported something", _most(self.refused)))
+            evidence = f"{_most(self.refused)}; {seen}"
+            verdicts.append(LineVerdict("refused", "a device refused or reported something", evidence))
         if self.open:
-            found.append(LineVerdict("open", "not every request and response has its other half", _most(self.open)))
-        return found
+            evidence = f"{_most(self.open)}; {seen}"
+            verdicts.append(LineVerdict("open", "not every request and response has its other half", evidence))
+        return verdicts
 
 
 def _most(kinds: Counter[str]) -> str:
