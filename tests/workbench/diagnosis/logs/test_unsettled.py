@@ -21,6 +21,9 @@ from tests.workbench.diagnosis.logs.modbus_cases import Sent, Traffic, diagnosed
 
 FORM = {"rtu": "times", "ascii": "times", "tcp": "capture"}
 Exchange = tuple[int, bytes, bytes]
+"""The unit, and the PDUs of the request and its response."""
+Answers = dict[int, list[tuple[float, int, bytes]]]
+"""By the place of an exchange: the time after its request, the unit and the PDU of what is sent instead."""
 
 
 def exchanges(random: Random) -> list[Exchange]:
@@ -38,29 +41,25 @@ def exchanges(random: Random) -> list[Exchange]:
     return made
 
 
-def traffic_of(framing: str, pairs: list[Exchange], *, answers: dict[int, list[tuple[float, int, bytes]]]) -> Traffic:
-    """Return the frames: a request each 2 s, its response after 20 ms. `answers` replaces those of an exchange, each
-    with the time after its request, the unit and the PDU."""
+def frame_of(framing: str, unit: int, pdu: bytes, transaction: int) -> bytes:
+    if framing == "tcp":
+        return tcp_frame(unit, pdu, transaction)
+    return (rtu_frame if framing == "rtu" else ascii_frame)(unit, pdu)
+
+
+def traffic_of(framing: str, pairs: list[Exchange], answers: Answers) -> Traffic:
+    """Return the frames: a request each 2 s, its response after 20 ms, unless `answers` replaces it."""
     traffic: Traffic = []
     for place, (unit, request, response) in enumerate(pairs):
         at = 10.0 + 2.0 * place
-        for late, sender, pdu, from_client in (
-            (0.0, unit, request, True),
-            *((*answer, False) for answer in answers.get(place, [(0.02, unit, response)])),
-        ):
-            frame = {
-                "rtu": rtu_frame,
-                "ascii": ascii_frame,
-                "tcp": lambda unit, pdu, number=place + 1: tcp_frame(unit, pdu, number),
-            }[framing](sender, pdu)
-            traffic.append(Sent(at + late, frame, from_client))
+        traffic.append(Sent(at, frame_of(framing, unit, request, place), True))
+        for seconds, sender, pdu in answers.get(place, [(0.02, unit, response)]):
+            traffic.append(Sent(at + seconds, frame_of(framing, sender, pdu, place), False))
     return sorted(traffic, key=lambda sent: sent.at)
 
 
-def verdicts_of(framing: str, pairs: list[Exchange], answers: dict[int, list[tuple[float, int, bytes]]]) -> list[str]:
-    return [
-        verdict.code for verdict in diagnosed(log_of(traffic_of(framing, pairs, answers=answers), FORM[framing]))[1]
-    ]
+def verdicts_of(framing: str, pairs: list[Exchange], answers: Answers) -> list[str]:
+    return [verdict.code for verdict in diagnosed(log_of(traffic_of(framing, pairs, answers), FORM[framing]))[1]]
 
 
 READ, VALUES = bytes.fromhex("03 0010 0002"), bytes.fromhex("03 04 0017 0007")
