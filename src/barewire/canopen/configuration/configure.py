@@ -65,23 +65,23 @@ def plain_writes(changes: Iterable[Difference], cycle: int | None = None) -> Ite
     decide whether a step before is needed; None: it is always done.
     """
     changes = sorted(changes, key=_order)
-    consumers = [one for one in changes if one.entry.index == _CONSUMERS and one.entry.sub]
-    for one in consumers if len(consumers) > 1 else []:
-        if one.present != 0:
-            yield one.entry, bytes(4)
-    overflow = next((one for one in changes if one.entry.index == OVERFLOW), None)
-    wanted_cycle = next((one for one in changes if one.entry.index == CYCLE), None)
+    consumers = [change for change in changes if change.entry.index == _CONSUMERS and change.entry.sub]
+    for change in consumers if len(consumers) > 1 else []:
+        if change.present != 0:
+            yield change.entry, bytes(4)
+    overflow = next((change for change in changes if change.entry.index == OVERFLOW), None)
+    wanted_cycle = next((change for change in changes if change.entry.index == CYCLE), None)
     if overflow is not None and (cycle is None or cycle):
         yield _CYCLE_ENTRY, bytes(4)
-    channels = [one for one in changes if one.entry.index in _SDO_CHANNELS and one.entry.sub in (1, 2)]
-    for one in channels:
-        yield from _switched_off(one)
-    for one in changes:
-        if one.entry.index in (_SYNC, _TIME, _EMCY):
-            yield from _switched_off(one)
-        if one is overflow or (one is wanted_cycle and overflow is not None):
+    channels = [change for change in changes if change.entry.index in _SDO_CHANNELS and change.entry.sub in (1, 2)]
+    for change in channels:
+        yield from _switched_off(change)
+    for change in changes:
+        if change.entry.index in (_SYNC, _TIME, _EMCY):
+            yield from _switched_off(change)
+        if change is overflow or (change is wanted_cycle and overflow is not None):
             continue
-        yield one.entry, one.entry.codec.encode(one.wanted)
+        yield change.entry, change.entry.codec.encode(change.wanted)
     if overflow is not None:
         yield overflow.entry, overflow.entry.codec.encode(overflow.wanted)
         if wanted_cycle is not None:
@@ -90,23 +90,25 @@ def plain_writes(changes: Iterable[Difference], cycle: int | None = None) -> Ite
             yield _CYCLE_ENTRY, cycle.to_bytes(4, "little")
 
 
-def _switched_off(one: Difference) -> Iterator[tuple[Entry, bytes]]:
+def _switched_off(change: Difference) -> Iterator[tuple[Entry, bytes]]:
     """Yield the write that switches a service off with its present identifier, if its identifier changes."""
-    present = one.present if isinstance(one.present, int) else None
-    if not isinstance(one.wanted, int) or (present is not None and not (present ^ one.wanted) & ~(_BIT30 | _BIT31)):
+    present = change.present if isinstance(change.present, int) else None
+    if not isinstance(change.wanted, int):
         return
-    before = one.wanted if present is None else present
-    if one.entry.index in (_SYNC, _TIME):  # bit 30 produces, bit 31 (of 1012h) consumes
-        off = before & ~(_BIT30 | _BIT31) if one.entry.index == _TIME else before & ~_BIT30
+    if present is not None and not (present ^ change.wanted) & ~(_BIT30 | _BIT31):
+        return  # the identifier stays
+    before = change.wanted if present is None else present
+    if change.entry.index in (_SYNC, _TIME):  # bit 30 produces, bit 31 (of 1012h) consumes
+        off = before & ~(_BIT30 | _BIT31) if change.entry.index == _TIME else before & ~_BIT30
     else:
         off = before | _BIT31
-    if off not in (present, one.wanted):
-        yield one.entry, off.to_bytes(4, "little")
+    if off not in (present, change.wanted):
+        yield change.entry, off.to_bytes(4, "little")
 
 
-def _order(one: Difference) -> tuple[int, bool, int]:
+def _order(change: Difference) -> tuple[int, bool, int]:
     """Sort by address; in an SDO channel the node-ID (:03) comes before the COB-IDs, which switch it on."""
-    return one.entry.index, one.entry.index in _SDO_CHANNELS and one.entry.sub in (1, 2), one.entry.sub
+    return change.entry.index, change.entry.index in _SDO_CHANNELS and change.entry.sub in (1, 2), change.entry.sub
 
 
 STORE_TIMEOUT = 10.0

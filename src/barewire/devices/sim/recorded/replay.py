@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from barewire.codecs import Layout
 from barewire.devices.sim.recorded.learn import READS, WRITES, RecordedAnswer, RecordedRequest, RecordedUnit
@@ -42,6 +42,14 @@ class _Verbatim(Response):
         return self.pdu
 
 
+class _WriteAnswer(NamedTuple):
+    """The answer to a write, and where the reads go on: after the time `at`, ahead or `back`."""
+
+    answer: RecordedAnswer
+    at: float | None
+    back: bool
+
+
 class _Track:
     """The answers to one request, and which of them is the next."""
 
@@ -60,24 +68,24 @@ class _Track:
             self._next = row + 1, 0
         return answer
 
-    def take_write(self, values: tuple[int, ...]) -> tuple[RecordedAnswer, float | None, bool] | None:
-        """Return the answer to a write of these values, its time, and whether it is before the one given last.
+    def take_write(self, values: tuple[int, ...]) -> _WriteAnswer | None:
+        """Return the answer to a write of these values; `back` if it is before the one given last.
 
         They are searched from the next one on, and then from the first one on. None: these values were never written.
         The time is None if the recording ends with writes of these values: then nothing follows them.
         """
         row, given = self._next
         rows = range(len(self._answers))
-        for found in (*rows[row:], *rows[:row]):
-            answer = self._answers[found]
+        for candidate in (*rows[row:], *rows[:row]):
+            answer = self._answers[candidate]
             if answer.wrote != values:
                 continue
-            given = given if found == row else 0
-            is_over = found == rows[-1] and given >= answer.times
+            given = given if candidate == row else 0
+            is_over = candidate == rows[-1] and given >= answer.times
             at = None if is_over else answer.time_of(given)
-            has_more = given + 1 < answer.times or found == rows[-1]
-            self._next = (found, min(given + 1, answer.times)) if has_more else (found + 1, 0)
-            return answer, at, found < row
+            has_more = given + 1 < answer.times or candidate == rows[-1]
+            self._next = (candidate, min(given + 1, answer.times)) if has_more else (candidate + 1, 0)
+            return _WriteAnswer(answer, at, back=candidate < row)
         return None
 
     def go_to(self, at: float, *, back: bool) -> None:
@@ -193,13 +201,13 @@ class ReplayedUnit:
             values = tuple(map(int, request.bits if table == "coil" else request.registers))
         places = {(table, address + offset): value for offset, value in enumerate(values)}
         track = self._writes.get((function, address, len(values)))
-        found = None if track is None else track.take_write(values)
+        written = None if track is None else track.take_write(values)
         done = request.response(address, request.value if function in (5, 6) else len(values))
-        if found is not None:
-            answer, at, back = found
-            if at is not None:
+        if written is not None:
+            answer = written.answer
+            if written.at is not None:
                 for read in self._reads.values():
-                    read.go_to(at, back=back)
+                    read.go_to(written.at, back=written.back)
             if answer.exception is None and not answer.silent and answer.pdu is None:
                 self._present.update(places)
                 for place in places:
