@@ -22,6 +22,7 @@ pytestmark = [pytest.mark.needs("chromium"), pytest.mark.long]
 VIEWS = ("frame", "log", "steps", "values", "drive")
 _LOADED = 60_000
 """The longest time in milliseconds for Python to load, on a machine that does much else."""
+expect.set_options(timeout=_LOADED)
 
 
 @pytest.fixture(scope="module")
@@ -144,6 +145,7 @@ def test_tabs_work_by_arrow_keys(page: Page) -> None:
 def test_registers_and_a_wrong_register(page: Page) -> None:
     show(page, "values", text="3F8C CCCD 0001", start="0", type="f32", value="1.1")
     expect(page.locator("#values-result")).to_contain_text("1.100000023841858")
+    expect(page.locator("#placed-result")).to_contain_text("Stored as the nearest f32")  # the last that is shown
     page.get_by_role("button", name="values from register 1").press("Enter")
     expect(page.locator("#values-result")).to_contain_text("From register 1 on")
     page.get_by_role("textbox", name="Registers").fill("3F8C CC")
