@@ -94,6 +94,7 @@ clean: ## remove what was built or installed here
 # One stamp file for each extra: $(VENV)/installed-dev says that barewire[dev] is installed there.
 $(VENV)/installed-%: pyproject.toml workbench/pyproject.toml | $(VENV)/bin/pip
 	@echo "installing barewire[$*] and barewire-workbench into $(VENV)"
+	@rm -rf src/*.egg-info workbench/src/*.egg-info # setuptools would keep old names in them
 	@$(BIN)/python -m pip install -qq --editable '.[$*]' --editable ./workbench
 	@touch $@
 
