@@ -48,7 +48,10 @@ for ignored in (signal.SIGINT, signal.SIGHUP):
 
 ROOT = Path(__file__).parent.parent
 PROGRAMS = ROOT / ".ci" / "apt-packages.txt"
-FIRST = ["test_docs.py", "interop", "test_terminals.py", "io", "website", "workbench/cli", "workbench/live", "model"]
+FIRST = [
+    *("model/test_one_line.py", "test_docs.py", "interop", "test_terminals.py"),
+    *("io", "website", "workbench/cli", "workbench/live", "model"),
+]
 """The files and directories whose tests take longest, in the order in which they are run."""
 NO_SKIPS = "BAREWIRE_NO_SKIPS"
 
