@@ -189,7 +189,7 @@ def test_what_the_recorder_lost_is_no_fault_of_the_bus() -> None:
     assert [(verdict.code, verdict.evidence) for _, verdict in log.verdicts()] == [
         (
             "open",
-            "1 SDO transfer with node 5 without its end; "
+            "1 SDO transfer with node 5 without its other half; "
             "1 frame of 0 nodes, 0 SDO answers; the recording lacks frames at 1 place",
         )
     ]

@@ -95,7 +95,7 @@ class BusDiagnosis:
         self.counts = BusCounts()
         self.found = FindingCounts()
         self.unsettled = Unsettled()
-        self._not_awaited: Counter[int] = Counter()  # SDO transfers by node without their end
+        self._not_awaited: Counter[int] = Counter()  # SDO transfers by node of which a part was not seen
         self.gaps = 0
         self._dialects = {node.node: node.commands for node in described}
         self._requests: dict[int, list[InitiatingFrame]] = {}  # channel -> its last two initiating requests
@@ -133,7 +133,7 @@ class BusDiagnosis:
         self._searched.clear()
         for node, number in self._not_awaited.items():
             if not self.counts.heard or not self.counts.may_be_search(node):
-                self.unsettled.open[f"SDO transfer with node {node} without its end"] += number
+                self.unsettled.open[f"SDO transfer with node {node} without its other half"] += number
         self._not_awaited.clear()
         return self._at(found, now, 0)
 
@@ -166,6 +166,7 @@ class BusDiagnosis:
 
     def _error_frame(self, frame: ErrorFrame, now: float) -> Iterator[Proved]:
         before, counter = self.counts.errors, self.counts.counter
+        self.unsettled.refused["error frame of the controller"] += 1
         self.counts.note(frame, now)
         self._errors += self.counts.errors - before
         is_passive = counter < ERROR_PASSIVE <= self.counts.counter and self._errors < PROVES
@@ -271,7 +272,9 @@ class BusDiagnosis:
                 self.unsettled.refused[f"abort {event.abort or 0:08X}h by {by} {node}"] += 1
                 if event.by == "server":
                     yield from self._refused(event, place)
-        elif event.outcome == "cut" and event.began is not None:
+        elif event.outcome == "aborted":
+            self.unsettled.refused[f"abort {event.abort or 0:08X}h on the channel of node {node}"] += 1
+        else:  # its beginning or its end is not in the recording
             self._not_awaited[node] += 1
 
     def _unanswered(self, event: SdoTransferReport, place: str) -> Iterator[Proved]:

@@ -291,8 +291,9 @@ class LineDiagnosis:
                 text = "the two bytes of the transaction identifier are exchanged"
                 proof = f"the request has {asked.transaction:04X}h, the response {event.transaction:04X}h"
                 yield Located(event.unit, Finding("header-byte-order", text, proof), event.at, self._line_now())
-            elif self.counts.frames > 1:  # a recording may begin between a request and its response
+            else:
                 self.unsettled.open[f"response of unit {event.unit} without its request"] += 1
+                self._note_refusal(event)
             return
         if event.request.transaction is not None:
             self._open.pop(event.request.transaction, None)
@@ -306,8 +307,7 @@ class LineDiagnosis:
             return
         unit.answered += 1
         unit.streak = 0
-        if event.pdu[0] & EXCEPTION_BIT:
-            self.unsettled.refused[f"exception {event.pdu[1:2].hex() or 'without a code'} of unit {event.unit}"] += 1
+        self._note_refusal(event)
         if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] == _ILLEGAL_ADDRESS:
             for finding in exchange_findings(event.request, event, "address-base"):
                 if int.from_bytes(event.request.pdu[1:3], "big") > _FIVE_DIGITS:
@@ -315,6 +315,10 @@ class LineDiagnosis:
         if event.late:
             unit.late += 1
             yield self._late(event, f"{event.seconds:.3f} s after its request, behind the next one")
+
+    def _note_refusal(self, event: ResponseSeen) -> None:
+        if event.pdu[0] & EXCEPTION_BIT:
+            self.unsettled.refused[f"exception {event.pdu[1:2].hex() or 'without a code'} of unit {event.unit}"] += 1
 
     def _note_request(self, request: RequestSeen) -> None:
         self._last_request = request
