@@ -185,6 +185,10 @@ class ClientLine(UnitsOnLine):
         if self.allowed and not self.is_over and self.choices.take((False, True)):
             raise PortError("the cable is not back")
 
+    def jitter(self) -> float:
+        """Return the random part of the next pause between two attempts to connect."""
+        return self.choices.take((0.0, 0.5, 1.0))
+
     def connection_ended(self) -> None:
         """Drop what was under way to a socket; what a serial line still sends goes to the next one."""
         self.failures += 1

@@ -4,8 +4,9 @@
                                           |  units on a line or connection (`units`)
     tasks    -->  AsyncModbusClient  -->  |
 
-Nothing but the port and the clock is replaced (`virtual_threads`, `virtual_loop`), and the client gets a URL, a
-time-out and, unless a setup has some, no options. A run consists of stretches:
+Nothing but the port, the clock and the random part of the pauses between attempts to connect (`jitter`) is replaced
+(`virtual_threads`, `virtual_loop`), and the client gets a URL, a time-out and, unless a setup has some, no options. A
+run consists of stretches:
 
     trouble    answers are late by any time in the window, lost, damaged, doubled, exceptions; questions are given up at
                any time (a cancelled task, an exception in a thread), or begin just before the window of an earlier one
@@ -115,7 +116,7 @@ def _play_threads(line: ClientLine, shares: list[Iterator[Step]]) -> ModbusClien
         patch.object(connection, "exchange", partial(fast_path.exchange, clock=clock)),
         patch.object(client_module, "dialer", lambda _: partial(VirtualPort, line, threads)),
     ):
-        client = ModbusClient(line.clients.carrier.url, timeout=TIMEOUT, **line.options)
+        client = ModbusClient(line.clients.carrier.url, timeout=TIMEOUT, jitter=line.jitter, **line.options)
 
         def ask(step: Ask) -> None:
             ASKING.set(step)
@@ -220,7 +221,7 @@ def _play_tasks(line: ClientLine, shares: list[Iterator[Step]]) -> AsyncModbusCl
         options = dict(line.options)
         if (in_flight := line.choices.take(line.clients.in_flight)) > 1:
             options["in_flight"] = in_flight
-        client = AsyncModbusClient(line.clients.carrier.url, timeout=TIMEOUT, **options)
+        client = AsyncModbusClient(line.clients.carrier.url, timeout=TIMEOUT, jitter=line.jitter, **options)
         async with client:
             await asyncio.gather(*(work(client, steps) for steps in shares))
             _check_bound(line)

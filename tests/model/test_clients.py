@@ -56,6 +56,15 @@ def test_nor_with_any_option(carrier: str) -> None:
     assert not tally.wrong, tally.wrong[0]
 
 
+@pytest.mark.parametrize("world", ["blocking", "asyncio"])
+def test_a_run_is_repeated_by_its_choices(world: World) -> None:
+    setup = replace(default_options("ASCII"), worlds=(world,), fail_after=(None, 0.05, 0.4))
+    play, dice = clients_scenario(setup, Tally()), random.Random(1)
+    for _ in range(8):
+        first = play(Choices(dice=dice))
+        assert play(Choices(first.choices.script)).log == first.log
+
+
 def test_every_option_of_a_client_is_played() -> None:
     in_urls = {
         option.partition("=")[0]

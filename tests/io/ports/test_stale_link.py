@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusServer
-from barewire.errors import PortError
+from barewire.errors import NoAnswer, PortError
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import Table
 from tests.helpers import refused
@@ -113,6 +113,7 @@ def test_the_terminal_in_which_a_program_runs_is_refused(use: Callable[[str], ob
 
 def test_a_link_to_the_number_that_the_next_terminal_gets_is_replaced(tmp_path: Path) -> None:
     link = tmp_path / "line"
+    others: list[Exception] = []
     for _ in range(20):
         ours, theirs = os.openpty()
         link.unlink(missing_ok=True)
@@ -120,13 +121,15 @@ def test_a_link_to_the_number_that_the_next_terminal_gets_is_replaced(tmp_path: 
         os.close(ours)
         os.close(theirs)
         try:
-            server = ModbusServer(f"rtu://{link}", {1: Table()})
-        except PortError:  # the server of a test in another process has got that number
-            continue
-        with server, ModbusClient(server.url, timeout=5) as client:
-            assert client.read_holding_registers(0, 1) == (0,)
-        return
-    raise AssertionError("each of 20 numbers was taken")
+            with (
+                ModbusServer(f"rtu://{link}", {1: Table()}) as server,
+                ModbusClient(server.url, timeout=5) as client,
+            ):
+                assert client.read_holding_registers(0, 1) == (0,)
+            return
+        except (PortError, NoAnswer) as error:  # a test in another process has got that number
+            others.append(error)
+    raise AssertionError(f"each of 20 numbers was taken: {others}")
 
 
 def test_a_link_whose_terminal_is_gone(tmp_path: Path) -> None:
