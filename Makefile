@@ -21,7 +21,7 @@ demo: $(VENV)/installed-all ## watch it work: three devices, two protocols, no h
 	@$(BIN)/barewire demo
 
 check: style types ## what to run while you work, in less than a minute: format, lint, types, the tests that do not wait
-	$(BIN)/pytest -rs -n auto --dist loadfile -m "not long" --ignore=tests/io --ignore=tests/workbench/cli \
+	$(BIN)/pytest -rs -n auto --dist loadfile -m "not long and not proof" --ignore=tests/io --ignore=tests/workbench/cli \
 	  --ignore=tests/workbench/live --ignore=tests/interop $(ARGS)
 
 test: style types suite ## everything a change must pass: format, lint, types, then all tests

@@ -32,6 +32,11 @@ modest = settings(max_examples=30, deadline=None, derandomize=True, database=Non
 """For property tests: 60 examples, the same in every run."""
 
 
+def part_or_whole(part: T, whole: T) -> list[Any]:
+    """The values of a parameter: a part of a search, and the whole, which `make proof` and .ci/run search."""
+    return [part, pytest.param(whole, marks=pytest.mark.proof)]
+
+
 def free_port() -> int:
     """A TCP port of the loopback interface on which no server listens.
 

@@ -23,11 +23,8 @@ from __future__ import annotations
 
 import doctest
 import importlib
-import os
 import re
 import shlex
-import subprocess
-import sys
 import traceback
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -36,6 +33,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from tests.workbench.cli.helpers import run_here
 from tools import rooms
 
 pytestmark = pytest.mark.long
@@ -48,7 +46,6 @@ PAGES = [
     *sorted((ROOT / "docs").rglob("*.md")),
     *sorted((ROOT / "vectors").glob("*.md")),
 ]
-BAREWIRE = Path(sys.executable).with_name("barewire")
 
 
 def named(file: Path) -> str:
@@ -159,20 +156,9 @@ def run_console(block: Block, page: str) -> str:
         if {"|", ">", ">>", "<", "&", "&&", ";"} & set(words):
             return f"{page}:{line}: no shell runs this, so no pipes: write the command alone, or mark the block\n"
         try:
-            run = subprocess.run(
-                [BAREWIRE, *words[1:]],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                env=os.environ | terminal,
-                encoding="utf-8",
-                timeout=60,
-                check=False,
-            )
-        except FileNotFoundError:
-            return f"{page}:{line}: {BAREWIRE} is not there; `make test` installs it\n"
-        except subprocess.TimeoutExpired:
-            return f"{page}:{line}: $ {shlex.join(words)}\nstill running after 60 s\n"
+            run = run_here(*words[1:], environment=terminal, one_stream=True)
+        except TimeoutError as error:
+            return f"{page}:{line}: {error}\n"
         got = [line.rstrip() for line in run.stdout.rstrip().splitlines()]
         if not fits(expected, got) if expected else run.returncode != 0:
             return (

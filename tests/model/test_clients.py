@@ -14,6 +14,7 @@ from barewire.io.modbus.carriers import ModbusOptions
 from barewire.modbus import Adu, Bus, EchoLine, Noise
 from barewire.modbus.client import bus
 from barewire.rtu import RtuLine
+from tests.helpers import part_or_whole
 from tests.model.choices import Choices, run_random
 from tests.model.client_setups import (
     CARRIERS,
@@ -41,18 +42,23 @@ NOT_PLAYED = {
 """The options that do not reach anything between the port and the program."""
 
 
+RUNS = pytest.mark.parametrize("runs", part_or_whole(12, 40))
+
+
+@RUNS
 @pytest.mark.parametrize("carrier", ALL_CARRIERS)
-def test_no_answer_is_delivered_to_another_question_with_default_options(carrier: str) -> None:
+def test_no_answer_is_delivered_to_another_question_with_default_options(carrier: str, runs: int) -> None:
     tally = Tally()
-    run_random(clients_scenario(default_options(carrier), tally), 40)
+    run_random(clients_scenario(default_options(carrier), tally), runs)
     assert not tally.wrong, tally.wrong[0]
-    assert min(tally.right, tally.exceptions, tally.no_answer, tally.cancelled) > 20
+    assert min(tally.right, tally.exceptions, tally.no_answer, tally.cancelled) > runs // 4
 
 
+@RUNS
 @pytest.mark.parametrize("carrier", ALL_CARRIERS)
-def test_nor_with_any_option(carrier: str) -> None:
+def test_nor_with_any_option(carrier: str, runs: int) -> None:
     tally = Tally()
-    run_random(clients_scenario(every_option(carrier), tally), 40)
+    run_random(clients_scenario(every_option(carrier), tally), runs)
     assert not tally.wrong, tally.wrong[0]
 
 
@@ -77,16 +83,17 @@ def test_every_option_of_a_client_is_played() -> None:
 
 @pytest.mark.parametrize("world", ["blocking", "asyncio"])
 @pytest.mark.parametrize("carrier", ["RTU", "TCP", "TCP, any_transaction"])
+@pytest.mark.parametrize("step", part_or_whole(4, 1))
 def test_an_exception_at_any_line_neither_loses_a_pending_answer_nor_the_turn_on_the_line(
-    carrier: str, world: World
+    carrier: str, world: World, step: int
 ) -> None:
     tally = Tally()
     setup = replace(errors_at_lines(carrier), worlds=(world,), length=16, stretches=("trouble",))
-    for line in range(300):
+    for line in range(0, 300, step):
         play = clients_scenario(replace(setup, lines_until_error=(None, None, line)), tally)
         play(Choices(dice=random.Random(line)))
     assert not tally.wrong, tally.wrong[0]
-    assert min(tally.right, tally.cancelled) > 300
+    assert min(tally.right, tally.cancelled) > 300 / step
 
 
 def finds(setup: Clients, planted: type[Bus], monkeypatch: pytest.MonkeyPatch) -> bool:

@@ -1,7 +1,7 @@
 """A hostile master configures devices in every way their objects allow; afterwards they answer and beat.
 
     exhaustive   each device, every letter of its whole alphabet (120 to 367 letters); the device of the EDS, every
-                 sequence of two letters of its small alphabet (70 letters, 4,900 sequences)
+                 sequence of two letters of its small alphabet (70 letters, 4,900 sequences; in `make proof`)
     random       sequences of three to nine letters and single writes, always the same ones
 
 `make hostile` does more (`tools/hostile_master.py`): every sequence of two letters of the whole alphabets, and more
@@ -48,7 +48,7 @@ def test_the_letters_change_the_device(name: str) -> None:
     assert master.sent > 20 * len(letters)
 
 
-@pytest.mark.long
+@pytest.mark.proof
 def test_every_sequence_of_two_letters() -> None:
     master = MASTERS["EDS"]()
     letters = master.letters(small=True)

@@ -22,12 +22,17 @@ pytestmark = pytest.mark.long
 
 
 LARGE = {"two questions, repeated", "two questions, echo, others ask another unit"}
-"""In the tests these are played on one framing; `make proof` plays every alphabet on each."""
+"""`make test` plays none of these, and each other alphabet on one framing; `make proof` plays every one on each."""
 
 
-def on_framings(names: Iterable[str], *framings: Framing) -> list[tuple[str, Framing]]:
-    """Return each alphabet with each framing, and a large one with the last framing only."""
-    return [(name, framing) for name in names for framing in (framings[-1:] if name in LARGE else framings)]
+def on_framings(names: Iterable[str], *framings: Framing) -> list[Any]:
+    """Return each alphabet with each framing; those of `make proof` are marked."""
+    pairs = []
+    for number, name in enumerate(names):
+        for place, framing in enumerate(framings):
+            is_in_proof = name in LARGE or place != number % len(framings)
+            pairs.append(pytest.param(name, framing, marks=[pytest.mark.proof] if is_in_proof else []))
+    return pairs
 
 
 @pytest.mark.parametrize(("name", "framing"), on_framings(SMALL, "rtu", "ascii", "tcp"))

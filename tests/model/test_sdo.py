@@ -115,7 +115,7 @@ def test_a_doubled_request_can_confirm_the_next_download_of_the_same_object_if_t
 
 
 @pytest.mark.parametrize("server", [SdoServer, RefusingServer])
-@pytest.mark.parametrize("mode", ["plain", "expedited", "segments", "blocks"])
+@pytest.mark.parametrize("mode", ["plain", "expedited", "segments", pytest.param("blocks", marks=pytest.mark.proof)])
 def test_two_clients_on_one_channel_get_their_own_values_or_errors(server: type[SdoServer], mode: Mode) -> None:
     tally = TwoTally()
     assert run_all(two_clients_scenario(TwoClients(modes=(mode,), server=server), tally)) > 100

@@ -10,11 +10,13 @@ import pytest
 from barewire.canopen import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.codecs.numbers import Number
-from barewire.devices.description.load import load
+from barewire.devices.description.load import load, names
 from barewire.devices.parameter import ObjectAt, Parameter
+from barewire.devices.sim import simulator
 from barewire.errors import BarewireError, EncodeError
 from barewire.modbus import ModbusException
-from barewire.modbus.messages.registers import WriteSingleRegister
+from barewire.modbus.messages.registers import ReadInputRegisters, WriteMultipleRegisters, WriteSingleRegister
+from tests.devices.sim.bench import Bench
 from tests.devices.sim.wires import WIRES, CanopenWire, ModbusWire, Wire, canopen
 
 pytestmark = pytest.mark.long
@@ -176,6 +178,58 @@ def _forced(line: ModbusWire, parameter: Parameter, value: Value) -> int | None:
     except ModbusException as declined:
         return declined.code
     return 0
+
+
+@pytest.mark.parametrize("name", names())
+def test_what_no_function_reads_is_refused(name: str) -> None:
+    bench = Bench(simulator(name))
+    for parameter in load(name).parameters:
+        if parameter.modbus is not None and not parameter.readable:
+            # The address of the event index has another meaning for reads.
+            expected = 0 if parameter.name == "Event index" else 2
+            assert bench.refused(ReadInputRegisters(parameter.modbus.address, 1)) == expected, parameter.name
+
+
+@pytest.mark.parametrize("name", ["az3", "csd-mt"])  # no range of the ADXL is smaller than that of its type
+def test_a_number_out_of_range_is_refused_with_03_and_changes_nothing(name: str) -> None:
+    bench, tried = Bench(simulator(name)), 0
+    for parameter in load(name).parameters:
+        place = parameter.modbus
+        if place is None or place.partial or not (parameter.readable and parameter.writable):
+            continue
+        # Nothing writes input registers, and the last one is of another firmware, see ADDRESS 3, 4.
+        if place.table == "input" or parameter.name == "MODBUS FAIL THRESHOLD TIME":
+            continue
+        if parameter.type[0] not in "iu" or parameter.maximum is None:
+            continue
+        highest = Number(parameter.type).maximum
+        if highest * parameter.scale <= parameter.maximum:
+            continue
+        before = bench.read(parameter.name)
+        words = Parameter("", parameter.type, modbus=place).to_registers(highest)
+        assert bench.refused(WriteMultipleRegisters(place.address, words)) == 3, parameter.name
+        assert bench.read(parameter.name) == before, parameter.name
+        tried += 1
+    assert tried > 40
+
+
+def test_a_value_written_over_canopen_is_read_over_modbus() -> None:
+    tried = 0
+    for parameter in load("az3").parameters:
+        place = parameter.object
+        if place is None or parameter.modbus is None or not parameter.writable or parameter.name in PUSHED["az3"]:
+            continue
+        if place.index in PDO_RECORDS or parameter.name == "CAN BITRATE INDEX":
+            continue
+        bench = Bench(simulator("az3"))
+        bench.frames()  # the boot-up message
+        before = bench.upload(place.index, place.sub)
+        assert isinstance(before, bytes), parameter.name
+        value = next((value for value in wanted(parameter) if value != parameter.default), 0)
+        assert bench.download(place.index, place.sub, parameter.to_object(value, before)) == 0, parameter.name
+        assert same(parameter, bench.read(parameter.name), value), parameter.name
+        tried += 1
+    assert tried > 170
 
 
 @pytest.mark.parametrize("number", range(4))

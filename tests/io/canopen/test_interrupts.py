@@ -3,7 +3,7 @@
 A signal handler, Ctrl-C and a lack of memory raise anywhere. Here an exception is raised before each line of barewire
 that a transfer executes, at its first and at its last execution (`tests.interrupts`), in virtual time. Then three
 further transfers are made with a server that answers late and in order; of the blocking client from another thread,
-which would hang if a lock were kept.
+which would hang if a lock were kept. `make test` raises at every eighth of these lines, `make proof` at each.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from barewire.canopen.bus.channel_locks import ChannelLock
 from barewire.errors import BarewireError
 from barewire.io.canopen.bus.async_bus import AsyncStream
 from barewire.io.canopen.client import channels_locked
-from tests.interrupts import Interrupt, in_a_thread, interrupt, leaves_lock
+from tests.helpers import part_or_whole
+from tests.interrupts import Interrupt, check_lines, in_a_thread, interrupt, leaves_lock
 from tests.io.canopen.virtual_can import Coming, NumberedStore, VirtualCan, value_of
 
 # An exception raised while a generator is freed is only reported.
@@ -183,47 +184,45 @@ def chosen_lines(run: Callable[[int | None], int]) -> list[int]:
     return sorted({*first.values(), *latest.values()})
 
 
-def check_every_line(run: Callable[[int | None], int], *, lines: int = 50) -> None:
-    """Play a run with an exception at each of the chosen lines, more than `lines`, and report all that fail."""
+def check_chosen_lines(run: Callable[[int | None], int], step: int, name: str, *, lines: int = 50) -> None:
+    """Play a run with an exception at every `step`th of the chosen lines, of which there are more than `lines`."""
     run(None)  # imports what is loaded when it is needed
-    failures: dict[int, str] = {}
     chosen = chosen_lines(run)
     assert len(chosen) > lines
-    for at in chosen:
-        try:
-            run(at)
-        except Exception as failure:
-            failures[at] = repr(failure)[:200]
-    assert not failures, (len(failures), len(chosen), failures)
+    check_lines(run, chosen, step, name)
 
 
-@pytest.mark.long
+EVERY_EIGHTH = pytest.mark.parametrize("step", part_or_whole(8, 1))
+
+
+@EVERY_EIGHTH
 @pytest.mark.parametrize("delays", DELAYS)
 @pytest.mark.parametrize("mode", LENGTHS)
 @pytest.mark.parametrize("verb", ["upload", "download"])
-def test_an_exception_at_any_line(verb: str, mode: str, delays: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_exception_at_any_line(
+    verb: str, mode: str, delays: str, step: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def run(at: int | None) -> int:
         with monkeypatch.context() as patch:
             return blocking_run(Transfers(verb, mode, DELAYS[delays], patch), at, KeyboardInterrupt)
 
-    check_every_line(run)
+    check_chosen_lines(run, step, f"{verb} {mode} {delays}")
 
 
 # An event loop reports an Exception of a callback and goes on, but Ctrl-C leaves it.
+@EVERY_EIGHTH
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
 @pytest.mark.parametrize("delays", DELAYS)
-@pytest.mark.parametrize(
-    "mode", ["expedited", *(pytest.param(mode, marks=pytest.mark.long) for mode in ("segments", "blocks"))]
-)
+@pytest.mark.parametrize("mode", LENGTHS)
 @pytest.mark.parametrize("verb", ["upload", "download"])
 def test_an_exception_at_any_line_of_asyncio(
-    verb: str, mode: str, delays: str, error: type[BaseException], monkeypatch: pytest.MonkeyPatch
+    verb: str, mode: str, delays: str, error: type[BaseException], step: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def run(at: int | None) -> int:
         with monkeypatch.context() as patch:
             return asyncio_run(Transfers(verb, mode, DELAYS[delays], patch), at, error)
 
-    check_every_line(run)
+    check_chosen_lines(run, step, f"{verb} {mode} {delays} {error}")
     gc.collect()  # a coroutine that was not awaited is reported here, not in the next test
 
 
@@ -260,7 +259,7 @@ def test_a_stream_of_asyncio_goes_on_after_an_exception_while_a_frame_is_read(mo
                 loop.close()
         return lines
 
-    check_every_line(run, lines=20)
+    check_chosen_lines(run, 1, "", lines=20)
 
 
 class TwiceWaking:
