@@ -94,6 +94,16 @@ def test_the_fault_of_a_can_frame_is_said_with_its_proof_unless_the_device_is_kn
     assert "diagnosis" not in known
 
 
+def test_the_bytes_of_an_rtu_frame_are_explained_as_can_and_said_to_be_one() -> None:
+    command = ("explain", "can", "01 03 00 00 00 0A C5 CD")
+    verdict, finding = output_of(*command, "--check").splitlines()[-2:]
+    assert verdict == "valid: not in the predefined connection set: 7 bytes"
+    assert finding.startswith(
+        "diagnosis: the bytes are a good RTU frame: to explain them so, give rtu in place of can "
+    )
+    assert json.loads(output_of(*command, "--json"))["valid"] is True
+
+
 def test_a_frame_as_svg_html_and_json() -> None:
     frame = ("explain", "rtu", "01 03 00 00 00 02 C4 0B")
     assert ElementTree.fromstring(output_of(*frame, "--format", "svg")).get("class") == "bw"

@@ -15,8 +15,9 @@ from barewire_workbench.diagnosis.can import explain_diagnosed_can
 from barewire_workbench.diagnosis.modbus.exchange import ExpectedValue, cannot_answer, decoded, diagnose_exchange
 from barewire_workbench.diagnosis.modbus.expected import addresses_of_table, expected_values, float_values
 from barewire_workbench.diagnosis.modbus.frame import with_diagnosis
-from barewire_workbench.diagnosis.modbus.good import good_ascii
+from barewire_workbench.diagnosis.modbus.good import good_ascii, good_rtu, good_tcp, proof_of
 from barewire_workbench.frames.canopen.frame import explain_can
+from barewire_workbench.frames.findings import Finding
 from barewire_workbench.frames.input.text import parse_ascii, parse_hex
 from barewire_workbench.frames.modbus.frames import explain_ascii, explain_rtu, explain_tcp
 from barewire_workbench.frames.result import Explanation, FrameRole, ProtocolName
@@ -59,15 +60,16 @@ def explain_text(protocol: str, text: str, role: str | None = None) -> Explanati
     CR LF, as lines copied from a screen do.
     """
     checked = _checked(protocol, role)
-    if protocol == "can":
-        return explain_diagnosed_can(parse_any_can(text))
     characters = parse_ascii(text)
     if protocol == "ascii":
         return _typed_ascii(text, characters, checked)
-    if good_ascii(characters) is not None:
-        return _with_hint(explain(protocol, characters, checked), text, checked)
     try:
-        return _with_hint(explain(protocol, parse_hex(text), checked), text, checked)
+        if protocol == "can":
+            explanation = _typed_can(text, checked)
+        else:
+            data = characters if good_ascii(characters) is not None else parse_hex(text)
+            explanation = explain(protocol, data, checked)
+        return _with_hint(explanation, text, checked)
     except DecodeError as error:
         other = _other(protocol, text, checked)
         raise DecodeError(error.reason, error.data, error.at, error.text + other) if other else error from None
@@ -123,6 +125,22 @@ def _typed_ascii(text: str, characters: bytes, role: FrameRole | None) -> Explan
         found = with_diagnosis(explain_ascii(codes, role, typed=True), codes, role)
         explanation = found if found.diagnosis else explanation
     return _with_hint(explanation, text, role)
+
+
+def _typed_can(text: str, role: FrameRole | None) -> Explanation:
+    """Explain a text as a CAN frame. Most short texts are one, so those that are a good Modbus frame are said to be."""
+    explanation = explain_diagnosed_can(parse_any_can(text))
+    try:
+        data = parse_hex(text)
+    except DecodeError:
+        return explanation
+    for good in (good_rtu(data, role), good_tcp(data, role)):
+        if good is not None:
+            name = "RTU" if good.protocol == "rtu" else "Modbus TCP"
+            words = f"the bytes are a good {name} frame: to explain them so, give {good.protocol} in place of can"
+            finding = Finding("modbus-on-can", words, proof_of(data, good))
+            return replace(explanation, diagnosis=(finding, *explanation.diagnosis))
+    return explanation
 
 
 def _with_hint(explanation: Explanation, text: str, role: FrameRole | None = None) -> Explanation:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import re
+import sys
 from collections import Counter
 from collections.abc import Callable
 
@@ -137,3 +139,58 @@ def test_a_short_frame_is_found_behind_what_a_wrong_receiver_has_read(
     first = explain("rtu", damage(bytes.fromhex(frame))).diagnosis[0]
     assert (first.code, text in first.text) == (code, True), first
     assert frame in first.proof
+
+
+@pytest.mark.parametrize(
+    ("heard_bytes", "sent", "code"),
+    [
+        ("06 1E 60 00 7E E6 80 00 66 18 60 FE", "01 03 04 00 E7 0B C0 4D 64", "baud-rate"),
+        ("03 3F FC E3 00 C4 C3 24 C4", "01 0F FE D9 00 52 34 25", "baud-rate"),
+        ("7D DF F7 CB 8D 0A", "05 04 02 04 9A CA 5B", "inverted"),
+        ("BF DF 75 FD 99 3F 19 00", "02 04 56 4C 00 33 60 73", "inverted"),
+        ("CB 97 5A 84 C5 FF F9 17 4D 00", "A4 16 6B CA 2F 1D 00 03 74 59", "inverted"),
+    ],
+)
+def test_a_frame_of_large_numbers_is_found_behind_what_a_wrong_receiver_has_read(
+    heard_bytes: str, sent: str, code: str
+) -> None:
+    first = explain("rtu", bytes.fromhex(heard_bytes)).diagnosis[0]
+    assert (first.code, sent in first.proof) == (code, True), first
+
+
+WITHOUT_CRC = re.split(
+    r"\s{2,}|\n",
+    """
+01 01 00 13 00 25           01 01 05 CD 6B B2 0E 1B     01 02 00 C4 00 16           01 02 03 AC DB 35
+01 03 00 00 00 0A           01 03 04 00 00 41 C8        01 03 06 02 2B 00 00 00 64  01 04 0F B1 00 02
+01 04 02 00 0A              01 05 00 AC FF 00           01 06 00 01 00 03           01 07
+01 08 00 00 A5 37           01 0F 00 13 00 0A           01 0F 00 13 00 0A 02 CD 01  01 10 00 01 00 02
+01 10 00 01 00 02 04 00 0A 01 02  01 16 00 04 00 F2 00 25  01 83 02
+01 17 00 03 00 06 00 0E 00 03 06 00 FF 00 FF 00 FF
+""".strip(),
+)
+
+
+def calls_of_explain(data: bytes) -> int:
+    """Return how many Python functions are called to explain the bytes."""
+    explain("rtu", data)  # a function is loaded when its code comes for the first time
+    calls, former = Counter[str](), sys.getprofile()
+    sys.setprofile(lambda frame, event, argument: calls.update((event,)))
+    try:
+        explain("rtu", data)
+    finally:
+        sys.setprofile(former)
+    return calls["call"]
+
+
+@pytest.mark.parametrize("frame", [*WITHOUT_CRC, "5D 01 D9 C9 04 CB"])
+def test_a_frame_without_its_crc_is_explained_in_few_calls(frame: str) -> None:
+    assert explain("rtu", bytes.fromhex(frame)).diagnosis[0].code == "crc-missing"
+    assert calls_of_explain(bytes.fromhex(frame)) < 8000
+
+
+@pytest.mark.parametrize("frame", WITHOUT_CRC)
+def test_a_frame_with_a_wrong_crc_or_cut_is_explained_in_few_calls(frame: str) -> None:
+    body = bytes.fromhex(frame)
+    assert calls_of_explain(body + bytes(byte ^ 0x55 for byte in crc(body))) < 10_000
+    assert calls_of_explain(body[:-1]) < 10_000

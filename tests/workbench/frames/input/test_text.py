@@ -112,6 +112,7 @@ def test_ambiguous_text_is_refused(text: str, words: str) -> None:
         ("rtu", ":01040FB1000239", "; as ascii it is a request to unit 1"),
         ("rtu", ":01030000000A", "; as ascii: no LRC; with F2 it is a request to unit 1"),
         ("ascii", "01 04 0F B1 00 02 22 F8", "; as rtu it is a request to unit 1"),
+        ("can", "00 05 00 00 FF 00 8D EB", "; as rtu it is a request to unit 0, Write Single Coil"),
     ],
 )
 def test_the_hint_names_another_protocol(protocol: str, text: str, words: str) -> None:
@@ -137,6 +138,40 @@ def test_bytes_as_programs_print_them(text: str) -> None:
 def test_unreadable_text_gets_a_hint_too() -> None:
     with pytest.raises(DecodeError, match=re.escape("; as can it is SDO request to node 5")):
         explain_text("tcp", "605#4041600000000000")
+    with pytest.raises(DecodeError, match=re.escape("; as tcp it is a request to unit 1")):
+        explain_text("can", "00 01 00 00 00 06 01 03 00 00 00 0A")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("01 03 00 00 00 0A C5 CD", ["good RTU frame", "rtu in place of can", "unit 1, Read Holding Registers, 10"]),
+        ("0x01 0x83 0x02 0xC0 0xF1", ["good RTU frame", "a response from unit 1, exception 02"]),
+        ("11 05 00 AC FF 00 4E 8B", ["good RTU frame", "a request to unit 17, Write Single Coil"]),
+        ("12 34 00 00 00 03 01 83 02", ["good Modbus TCP frame", "tcp in place of can", "transaction 4660"]),
+    ],
+)
+def test_a_modbus_frame_that_can_be_read_as_a_can_frame_is_said_to_be_one(text: str, words: list[str]) -> None:
+    explanation = explain_text("can", text)
+    assert (explanation.protocol, explanation.valid) == ("can", True)
+    first = explanation.diagnosis[0]
+    assert first.code == "modbus-on-can"
+    assert all(part in first.line for part in words), first.line
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "605 40 41 60 00 00 00 00 00",
+        "001#030000000AC5CD",
+        "can0  705   [1]  05",
+        "01 03 00 00 00 0A C5 CE",
+        "01 03 00 00 00 0A",
+        "00 01 05",
+    ],
+)
+def test_a_can_frame_that_is_no_flawless_modbus_frame_is_only_that(text: str) -> None:
+    assert "modbus-on-can" not in [finding.code for finding in explain_text("can", text).diagnosis]
 
 
 @pytest.mark.parametrize(

@@ -47,6 +47,7 @@ DiagnosisCode = Literal[
     "address-byte-order",
     "word-order",
     # CAN
+    "modbus-on-can",
     "sdo-read-command",
     "sdo-toggle",
     "sdo-size",
@@ -105,6 +106,7 @@ MEANINGS: dict[DiagnosisCode, str] = {
     "address-base": "A register was asked for by its number in a manual (40001), and not by its address (0).",
     "address-byte-order": "An address or a quantity was sent low byte first; it goes high byte first.",
     "word-order": "The registers of the value are in another order; in that order the value is plausible.",
+    "modbus-on-can": "The bytes are a good Modbus frame, too; of other bytes at most one in 65,536 is.",
     "sdo-read-command": "An SDO read was requested with the command byte of an answer (43h) instead of 40h.",
     "sdo-toggle": "Two segments in a row have the same toggle bit: one of the two sides repeated a segment.",
     "sdo-size": "The size announced at the start of a transfer is not that of the data sent.",

@@ -72,6 +72,9 @@ FORMATS = (
 )
 """8E1 is the default of Modbus, 8N2 and 8O1 are allowed, 8N1 is what most devices have [MB-SERIAL 2.5.1]."""
 
+_DATA_BITS = tuple(tuple(byte >> place & 1 for place in range(8)) for byte in range(256))
+"""The bits of each byte in the order in which they are sent."""
+
 
 def character_levels(byte: int, form: CharacterFormat) -> tuple[int, ...]:
     """Return the level of each bit of one character.
@@ -141,7 +144,7 @@ class UartLine:
 
         >>> line = UartLine(FORMATS[0], ReceiverFault(faster=2))
         >>> [f"{byte:02X}" for byte in sorted(line.characters(line.idle, bytes.fromhex("06 1e")))][:3]
-        ['01', '11', '21']
+        ['01', '41', '61']
         """
         found: dict[int, tuple[Receiver, int]] = {}
         start, count = self._step(receiver, (0,), heard, 0)
@@ -163,9 +166,17 @@ class UartLine:
     def _step(
         self, receiver: Receiver, levels: tuple[int, ...], heard: bytes, count: int
     ) -> tuple[Receiver | None, int]:
-        """Let the receiver hear some bits. None if it delivers anything else than `heard` has at `count`."""
+        """Let the receiver hear some bits. None if it delivers anything else than `heard` has at `count`, or will do so
+        because of the bits that it has sampled of the next byte."""
         after, more = self._hear(receiver, levels)
-        return (after if heard[count : count + len(more)] == more else None), count + len(more)
+        total = count + len(more)
+        if heard[count:total] != more:
+            return None, total
+        if after.samples:
+            data = after.samples[1 : 1 + self.form.data_bits]
+            if total >= len(heard) or _DATA_BITS[heard[total]][: len(data)] != data:
+                return None, total
+        return after, total
 
     def _hear(self, receiver: Receiver, levels: tuple[int, ...]) -> tuple[Receiver, bytes]:
         """Return the receiver after some bits of the sender, and the bytes that it has delivered meanwhile."""

@@ -115,7 +115,7 @@ def missing(unit_and_pdu: bytes, checksum: int, role: FrameRole | None = None) -
             continue
         # The bytes to come are tried as small numbers. An error in one of them says nothing about those that came.
         tried = [whole for last in range(3) if (whole := _completed(pdu, measure, last)) is not None]
-        errors = [explain_pdu(whole, which).error for whole in tried]
+        errors = (explain_pdu(whole, which).error for whole in tried)
         if any(error is None or error.at >= len(pdu) for error in errors):
             is_least = len({len(whole) for whole in tried}) > 1
             found.append(Missing(which, size + checksum + 1 - len(unit_and_pdu), is_least))

@@ -1,8 +1,10 @@
 """What is wrong with bytes that are not a good RTU frame: each fault is tried, and a good frame is its proof.
 
 If the CRC does not fit, the order of `RTU_TRIALS` is that of the findings: first readings that use every byte as it is,
-then frames inside the bytes, then a checksum in another form, then one change of the bytes, then another reading of the
-line, and last what only the length shows.
+then frames inside the bytes, then a checksum in another form, then one change of the bytes, then a whole message
+without its CRC, then another reading of the line, and last the beginning of a frame. Another reading of the line takes
+longer than all other trials. Of the frames that are read at a wrong baud rate, one in a hundred looks like a whole
+message without a CRC, and is not read in another way then.
 """
 
 from __future__ import annotations
@@ -93,6 +95,13 @@ def _complemented(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
         yield Finding("inverted", "every data bit is inverted", proof_of(frame, good))
 
 
+def _without_crc(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
+    """A whole message without a CRC; it may still be the beginning of a longer one."""
+    for finding in checksum.bare(data, role):
+        yield finding
+        yield from _cut(data, role)
+
+
 def _cut(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
     for rest in missing(data, 2, role):
         yield Finding("cut-frame", rest.text(), f"{digits(data)} ...")
@@ -105,8 +114,9 @@ RTU_TRIALS: tuple[tuple[Trial, ...], ...] = (
     (frames_inside,),
     (checksum.span, checksum.kind),
     (one_change.byte_count, one_change.one_bit, one_change.one_less, one_change.one_more),
+    (_without_crc,),
     (misread,),
-    (checksum.bare, _cut),
+    (_cut,),
 )
 """Steps of the diagnosis: a later step is tried only if no earlier one has found anything."""
 
