@@ -10,7 +10,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 NEW    := import sys; sys.exit(sys.version_info < (3, 11))
 # Tests run in four processes, one file at a time in each, because many of them wait. One process: WORKERS=
-WORKERS ?= -n 4 --dist loadfile --no-loadscope-reorder
+WORKERS ?= -n 6 --dist loadfile --no-loadscope-reorder
 PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
             $$p -c '$(NEW)' 2>/dev/null && echo $$p && exit; done; echo python3)
 
