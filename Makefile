@@ -9,7 +9,7 @@ unexport PYTHONDONTWRITEBYTECODE
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 NEW    := import sys; sys.exit(sys.version_info < (3, 11))
-# Tests run in four processes, one file at a time in each, because many of them wait. One process: WORKERS=
+# Tests run in six processes, one file at a time in each, because many of them wait. One process: WORKERS=
 WORKERS ?= -n 6 --dist loadfile --no-loadscope-reorder
 PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
             $$p -c '$(NEW)' 2>/dev/null && echo $$p && exit; done; echo python3)
@@ -45,7 +45,8 @@ bench: $(VENV)/installed-bench ## our work beside that of other libraries and ha
 	  --benchmark-json=build/bench.json $(ARGS)
 	@$(BIN)/python tools/bench_page.py build/bench.json
 
-proof: $(VENV)/installed-bench ## every order of late answers, ours and those of other clients; writes docs/explanation/late-answers.md
+proof: $(VENV)/installed-dev $(VENV)/installed-bench ## whole searches, then every order of late answers, ours and those of other clients; writes docs/explanation/late-answers.md
+	$(BIN)/pytest -rs $(WORKERS) -m proof
 	@$(BIN)/python tools/late_answers.py $(ARGS)
 
 scoreboard: $(VENV)/installed-dev peers ## what other stacks make of the vectors; writes docs/reference/scoreboard.md; ARGS=names
