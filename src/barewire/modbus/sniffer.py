@@ -373,10 +373,8 @@ def shapes(pdu: bytes) -> tuple[bool, bool]:
 
 def _fits(request: Request[Any] | None, asked: bytes, pdu: bytes) -> bool:
     """Whether `pdu` answers the request `asked`. If `asked` could not be decoded, the function code alone decides."""
-    if pdu[:1] == bytes([asked[0] | EXCEPTION_BIT]):
-        return True
     if request is None:
-        return pdu[:1] == asked[:1]
+        return pdu[0] & ~EXCEPTION_BIT == asked[0]
     try:
         request.read_response(pdu)
     except ModbusException:

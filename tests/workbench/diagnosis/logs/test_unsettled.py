@@ -1,4 +1,4 @@
-"""A log ends with "nothing wrong" only if all is good: a hundred logs are, and in 87 one thing is not.
+"""A log ends with "nothing wrong" only if all is good: a hundred logs are, and in 114 one thing is not.
 
 client   01 03 00 10 00 02                             05 06 00 01 00 03
 unit                         01 03 04 00 17 00 07                          05 06 00 01 00 03        good
@@ -71,6 +71,9 @@ FLAWS: dict[str, tuple[bytes, list[tuple[float, int, bytes]]]] = {
     "the response of another unit": (READ, [(0.02, 3, VALUES)]),
     "the response to another function": (READ, [(0.02, 2, bytes.fromhex("04 04 0017 0007"))]),
     "a response of another length": (READ, [(0.02, 2, bytes.fromhex("03 06 0017 0007 0009"))]),
+    "a response without values": (READ, [(0.02, 2, bytes.fromhex("03 00"))]),
+    "the response to another function without values": (READ, [(0.02, 2, bytes.fromhex("04 00"))]),
+    "an exception of three bytes": (READ, [(0.02, 2, bytes.fromhex("83 02 00"))]),
     "the echo of another address": (WRITE, [(0.02, 2, bytes.fromhex("06 0002 0003"))]),
 }
 

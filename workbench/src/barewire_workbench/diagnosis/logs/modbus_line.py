@@ -24,13 +24,13 @@ from barewire.modbus.sniffer import (
     ResponseMissing,
     ResponseSeen,
     SnifferEvent,
+    answers,
     shapes,
 )
 from barewire_workbench.diagnosis.logs.can_verdict import PROVES
 from barewire_workbench.diagnosis.logs.examine import Examiner
 from barewire_workbench.diagnosis.logs.modbus_pieces import Piece
 from barewire_workbench.diagnosis.logs.modbus_response import (
-    answers,
     exchange_findings,
     lost_end,
     response_size,
@@ -353,7 +353,7 @@ class LineDiagnosis:
     def _fits(self, request: RequestSeen, event: ResponseSeen) -> bool:
         if request.transaction != event.transaction or event.at - request.at > _LATE_AFTER:
             return False
-        return request.unit == event.unit and answers(request, event)
+        return answers(request, event.unit, event.pdu)
 
     def _is_second(self, before: ResponseSeen, event: ResponseSeen) -> bool:
         same = before.unit == event.unit and before.pdu[0] & ~EXCEPTION_BIT == event.pdu[0] & ~EXCEPTION_BIT

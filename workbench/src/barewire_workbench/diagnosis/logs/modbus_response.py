@@ -26,12 +26,6 @@ def exchange_findings(request: RequestSeen, response: ResponseSeen, code: Diagno
     return found
 
 
-def answers(request: RequestSeen, response: ResponseSeen) -> bool:
-    """Return whether a response can be that to a request."""
-    frames = encode(request.unit, request.pdu), encode(response.unit, response.pdu)
-    return not any(finding.code == "wrong-answer" for finding in diagnose_exchange("rtu", *frames))
-
-
 def response_size(pdu: bytes) -> int | None:
     """Return the bytes of the whole RTU frame that answers a request, None if the request does not tell.
 
