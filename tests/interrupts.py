@@ -103,7 +103,7 @@ def is_not_started(value: object) -> bool:
     return inspect.iscoroutine(value) and inspect.getcoroutinestate(value) == inspect.CORO_CREATED
 
 
-def in_a_thread(work: Callable[[], None], seconds: float, kept: str) -> None:
+def in_a_thread(work: Callable[[], object], seconds: float, kept: str) -> None:
     """Run `work` in another thread, and raise its error. It fails after so many seconds: `kept` is not given back."""
     errors: list[BaseException] = []
 

@@ -12,6 +12,7 @@ import pytest
 from barewire import ModbusClient, ModbusServer, Table
 from barewire.errors import EncodeError
 from tests.helpers import free_port
+from tests.interrupts import in_a_thread
 
 TEXT = "the client is used inside one of its own callbacks (watch=, a handler of its log, ...)"
 
@@ -24,19 +25,13 @@ def url() -> Iterator[str]:
 
 def ends(work: Callable[[], object]) -> BaseException | None:
     """The error of `work`, in a thread of its own, which must end."""
-    raised: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            work()
-        except BaseException as error:
-            raised.append(error)
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    thread.join(20)
-    assert not thread.is_alive(), "waits for ever"
-    return raised[0] if raised else None
+    try:
+        in_a_thread(work, 20, "the line")
+    except AssertionError:
+        raise
+    except BaseException as error:
+        return error
+    return None
 
 
 USES: list[Callable[[ModbusClient], object]] = [

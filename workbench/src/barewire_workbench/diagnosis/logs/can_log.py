@@ -21,7 +21,13 @@ from barewire.canopen.nmt.messages import NmtState
 from barewire.canopen.sdo.messages import InitiateUpload
 from barewire_workbench.diagnosis.can import diagnose_can
 from barewire_workbench.diagnosis.logs.can_verdict import ERROR_PASSIVE, PROVES, BusCounts
-from barewire_workbench.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding, Unsettled
+from barewire_workbench.diagnosis.logs.verdict import (
+    FindingCounts,
+    LineVerdict,
+    LogFinding,
+    Unsettled,
+    verdicts_without_cause,
+)
 from barewire_workbench.frames.findings import DiagnosisCode, Finding
 from barewire_workbench.frames.result import counted
 from barewire_workbench.monitor import BUS_RULES, CanMonitor, KnownNode
@@ -148,11 +154,7 @@ class BusDiagnosis:
         if not causes and not counts.frames and not self.found.total:
             errors = counted(counts.errors, "error frame")
             causes.append(LineVerdict("nothing-heard", "no frame was received", errors))
-        if not causes and self.found.total:
-            evidence = self.found.with_all(seen, self.unsettled)
-            causes.append(LineVerdict("nothing-proved", "the findings show no common cause", evidence))
-        found = causes or self.unsettled.verdicts(seen)
-        return found or [LineVerdict("nothing-wrong", "nothing wrong", seen)]
+        return causes or verdicts_without_cause(self.found, self.unsettled, seen)
 
     def _at(self, found: Iterable[Proved], now: float, line: int) -> list[LogFinding]:
         result = []

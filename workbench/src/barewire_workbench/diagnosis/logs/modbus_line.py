@@ -37,7 +37,13 @@ from barewire_workbench.diagnosis.logs.modbus_response import (
     shown_digits,
 )
 from barewire_workbench.diagnosis.logs.modbus_verdict import LineCounts
-from barewire_workbench.diagnosis.logs.verdict import FindingCounts, LineVerdict, LogFinding, Unsettled
+from barewire_workbench.diagnosis.logs.verdict import (
+    FindingCounts,
+    LineVerdict,
+    LogFinding,
+    Unsettled,
+    verdicts_without_cause,
+)
 from barewire_workbench.frames.findings import DiagnosisCode, Finding
 from barewire_workbench.frames.modbus.pdu import explain_pdu
 from barewire_workbench.frames.result import FrameRole, ProtocolName, counted
@@ -123,11 +129,7 @@ class LineDiagnosis:
         causes = counts.verdicts()
         if not counts.frames and not counts.noise_bytes:
             causes.append(LineVerdict("nothing-heard", "nothing was received", "no byte"))
-        if not causes and self.found.total:
-            evidence = self.found.with_all(counts.seen(), self.unsettled)
-            causes.append(LineVerdict("nothing-proved", "the findings show no common cause", evidence))
-        found = causes or self.unsettled.verdicts(counts.seen())
-        return found or [LineVerdict("nothing-wrong", "nothing wrong", counts.seen())]
+        return causes or verdicts_without_cause(self.found, self.unsettled, counts.seen())
 
     def _log_finding(self, unit: int, finding: Finding, at: float, line: int) -> LogFinding:
         place = ", ".join(filter(None, (self.name, f"unit {unit}" if unit else "")))

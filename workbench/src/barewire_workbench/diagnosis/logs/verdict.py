@@ -153,10 +153,6 @@ class FindingCounts:
     def __str__(self) -> str:
         return _most(self._kinds)
 
-    def with_all(self, seen: str, unsettled: Unsettled) -> str:
-        """Return the findings, what was seen, and what is not settled, as the evidence of a verdict."""
-        return "; ".join(filter(None, (str(self), seen, str(unsettled))))
-
     def add(self, code: str, place: str) -> None:
         """Count a finding."""
         self.total += 1
@@ -186,3 +182,14 @@ class LineVerdict(NamedTuple):
     def as_dict(self) -> dict[str, object]:
         """Return the verdict for `json.dumps`."""
         return {"event": "verdict", **self._asdict()}
+
+
+def verdicts_without_cause(found: FindingCounts, unsettled: Unsettled, seen: str) -> list[LineVerdict]:
+    """Return the verdicts on a line or bus whose numbers show no fault; `seen` is what was counted.
+
+    Findings come first, then what devices refused and what is open, and only without both nothing is wrong.
+    """
+    if found.total:
+        evidence = "; ".join(filter(None, (str(found), seen, str(unsettled))))
+        return [LineVerdict("nothing-proved", "the findings show no common cause", evidence)]
+    return unsettled.verdicts(seen) or [LineVerdict("nothing-wrong", "nothing wrong", seen)]
