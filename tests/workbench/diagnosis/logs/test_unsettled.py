@@ -16,6 +16,7 @@ from barewire.ascii import encode as ascii_frame
 from barewire.canopen import CanFrame
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
+from barewire_workbench.api import explain_exchange
 from tests.workbench.diagnosis.logs.can_cases import Frames, diagnosed as can_diagnosed
 from tests.workbench.diagnosis.logs.modbus_cases import Sent, Traffic, diagnosed, log_of
 
@@ -93,6 +94,18 @@ def test_one_flaw_is_not_nothing_wrong(framing: str, flaw: str, place: int) -> N
         assert codes == ["refused"]
     if flaw == "no response" and place == 5:
         assert codes == ["open"]
+
+
+@pytest.mark.parametrize("framing", ["rtu", "ascii", "tcp"])
+@pytest.mark.parametrize(
+    "flaw", [flaw for flaw, (_, answers) in FLAWS.items() if answers and flaw != "a late response"]
+)
+def test_what_is_wrong_in_a_log_is_wrong_in_explain(framing: str, flaw: str) -> None:
+    request, ((_, unit, response),) = FLAWS[flaw]
+    frames = [frame_of(framing, *sent, 7) for sent in ((2, request), (unit, response))]
+    texts = [frame.decode() if framing == "ascii" else frame.hex(" ") for frame in frames]
+    explained = explain_exchange(framing, *texts)
+    assert bool(explained.diagnosis) is (flaw != "an exception")
 
 
 @pytest.mark.parametrize("seed", range(25))
