@@ -68,6 +68,7 @@ from barewire_workbench.recordings.modbus_log import (
     read_modbus_log,
     read_modbus_parts,
 )
+from barewire_workbench.recordings.modbus_log.segments import is_can_capture
 from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS, PacketBuilder
 from barewire_workbench.recordings.modbus_replay import Replayed, SerialProtocol, replay_log, replay_parts
 from barewire_workbench.recordings.model import Recorded, RecordedItem, Unread
@@ -166,7 +167,9 @@ def sniff_command(
     if write is not None:
         check_not_overwritten("--write", write, source, *devices)
     recording = None if endpoint is not None else opened_recording(source, seconds)
-    is_can = is_can_source(recording) if recording is not None else Endpoint.parse(source).scheme == "can"
+    if is_drawn and recording is not None:
+        recording.whole()
+    is_can = is_can_source(recording, ports) if recording is not None else Endpoint.parse(source).scheme == "can"
     for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol, "--unit": units}
     for_can: dict[str, object] = {"--node": nodes, "--bus": bus, "--only": only}
     for_can |= {"--complete": complete, "--all": everything}
@@ -267,11 +270,11 @@ def recording_content(source: str, seconds: float | None) -> bytes:
     return opened_recording(source, seconds).whole()
 
 
-def is_can_source(recording: RecordingSource) -> bool:
+def is_can_source(recording: RecordingSource, ports: Iterable[int] = ()) -> bool:
     """Return whether this is a recording of CAN. Of a pipe, no more is read than is needed to decide that."""
+    if is_capture(recording.start):
+        return is_can_capture(recording, MODBUS_PORTS.union(ports))
     while not is_can_recording(recording.start):
-        if is_capture(recording.start):
-            return is_can_recording(recording.whole())
         if len(recording.start) > _DECISIVE or _has_modbus(recording.start) or not recording.more():
             return False
     return True
@@ -336,8 +339,9 @@ class UnreadPrinter:
         for has_bytes, first in sorted(self._first.items()) if not self._as_json else ():
             number = self._numbers[has_bytes]
             lines = "1 line holds" if number == 1 else f"{number} lines hold"
+            text = first.text or first.why
             what = "bytes that cannot be read" if has_bytes else self._nothing
-            click.echo(f"barewire: {lines} {what}, the first is line {first.line}: {first.text}", err=True)
+            click.echo(f"barewire: {lines} {what}, the first is line {first.line}: {text}", err=True)
 
 
 def modbus_parts(

@@ -9,8 +9,7 @@ The formats:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from io import BytesIO
+from collections.abc import Callable, Container, Iterable, Iterator
 from itertools import chain
 
 from barewire.canopen.frame import AnyFrame
@@ -24,6 +23,8 @@ from barewire_workbench.recordings.blf import BLF_MAGIC, read_blf
 from barewire_workbench.recordings.can_notes import is_can_notes, read_can_notes
 from barewire_workbench.recordings.candump import are_differences, has_times, is_candump, log_line, read_candump
 from barewire_workbench.recordings.conformance_log import is_conformance_log, read_conformance_log
+from barewire_workbench.recordings.modbus_log.segments import is_can_capture
+from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS
 from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread, unread
 from barewire_workbench.recordings.python_can_text import is_python_can_text, read_python_can_text
 from barewire_workbench.recordings.socketcan import SOCKETCAN, from_packet, is_can_packet, to_packet
@@ -45,7 +46,7 @@ _LONGEST_LINE = 10_000
 """Characters of a line that are read; a CAN FD frame has less than 300."""
 
 
-def is_can_recording(data: bytes) -> bool:
+def is_can_recording(data: bytes, ports: Container[int] = MODBUS_PORTS) -> bool:
     """Return whether this is a recording of a CAN bus, in a format that `read_recording` reads.
 
     >>> is_can_recording(b"(1.5) can0 705#05"), is_can_recording(b"12.5 01 03 00 00 00 02 C4 0B")
@@ -54,10 +55,7 @@ def is_can_recording(data: bytes) -> bool:
     if data[:4] == BLF_MAGIC:
         return True
     if pcapng.is_capture(data):
-        try:
-            return any(is_can_packet(packet) for packet in pcapng.iter_packets(data))
-        except DecodeError:
-            return False
+        return is_can_capture(RecordingSource.of(data), ports)
     text = _text(data[:_INSPECTED])
     return any(is_form(text) for is_form, _ in _TEXT_FORMS)
 
@@ -96,11 +94,11 @@ def read_recording(recording: bytes | RecordingSource) -> Iterator[RecordedItem]
 
     Raises DecodeError if the bytes are not a recording of CAN.
     """
-    source = RecordingSource(BytesIO(recording).read) if isinstance(recording, bytes) else recording
+    source = RecordingSource.of(recording)
     if pcapng.is_capture(source.start):
-        return _read_capture(source.whole())
+        return _read_capture(source)
     if source.start[:4] == BLF_MAGIC:
-        return read_blf(source.whole())
+        return read_blf(source)
     start = _text(source.start[:_INSPECTED])
     for is_form, read in _TEXT_FORMS:
         if is_form(start):
@@ -110,12 +108,12 @@ def read_recording(recording: bytes | RecordingSource) -> Iterator[RecordedItem]
     raise DecodeError("value", source.start[:16], 0, text)
 
 
-def _read_capture(data: bytes) -> Iterator[RecordedItem]:
-    now, number = 0.0, 0
-    try:
-        for number, packet in enumerate(pcapng.iter_packets(data), start=1):
-            if not is_can_packet(packet):
-                continue
+def _read_capture(source: RecordingSource) -> Iterator[RecordedItem]:
+    now = 0.0
+    for number, packet in source.packets:
+        if isinstance(packet, DecodeError):  # the file is broken after the last packet
+            yield unread(now, number, packet, "")
+        elif is_can_packet(packet):
             now = packet.at
             if packet.dropped:
                 yield Dropped(now, packet.interface, packet.dropped)
@@ -123,8 +121,6 @@ def _read_capture(data: bytes) -> Iterator[RecordedItem]:
                 yield Recorded(now, packet.interface, from_packet(packet), number)
             except DecodeError as error:
                 yield unread(now, number, error, packet.data.hex(" "))
-    except DecodeError as error:  # the file is broken after the last packet
-        yield unread(now, number + 1, error, "")
 
 
 class BusMonitors:

@@ -51,7 +51,7 @@ def recording_picture(
 
     Raises DecodeError if the bytes are not a recording, BarewireError if there is no word of a drive in it.
     """
-    is_can = is_can_recording(data)
+    is_can = is_can_recording(data, options.ports)
     if picture == "states":
         if not is_can and device is None:
             raise BarewireError(f"{name}: the states of a drive on Modbus need its description: --device NAME")
@@ -74,7 +74,7 @@ def _states(
     device: Device | None,
     number: int | None,
 ) -> StatesPicture:
-    if device is None or is_can_recording(data):
+    if device is None or is_can_recording(data, options.ports):
         station, drives = "node", can_drive_words(read_recording(data), known, options.bus)
         timed = is_timed(data)
     else:

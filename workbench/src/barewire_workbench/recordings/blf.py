@@ -19,15 +19,19 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
+from itertools import chain
 
 from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError
 from barewire_workbench.recordings.model import FD_LENGTHS, FD_MAX, Dropped, Recorded, RecordedItem, unread
+from barewire_workbench.recordings.source import RecordingSource
 
 BLF_MAGIC, _OBJECT = b"LOGG", b"LOBJ"
 _CONTAINER, _LOST = 10, 125
+_HEADER_MAX = 0x1_0000
+"""The longest possible header of a file; Vector's tools write 144 bytes."""
 _OBJECT_MAX = 0x80_0000
 """The longest possible object; a longer one is damaged."""
 _CONTAINER_MAX = 0x400_0000
@@ -48,26 +52,31 @@ class _Objects:
     """Splits a stream, received in pieces, into objects."""
 
     def __init__(self) -> None:
-        self._rest = b""
+        self._pieces: list[bytes] = []
+        self._needed = 0  # bytes of the object that is not complete
+        self._lost = 0
 
     def feed(self, data: bytes, *, last: bool) -> Iterator[bytes | int]:
-        """Yield complete objects; a number stands for that many bytes that are not an object."""
-        data, position, lost = self._rest + data, 0, 0
-        self._rest = b""
+        """Yield complete objects; a number stands for that many bytes before the next one that are not an object."""
+        self._pieces.append(data)
+        if not last and sum(map(len, self._pieces)) < self._needed:
+            return
+        data, position, lost = b"".join(self._pieces), 0, self._lost
+        self._pieces, self._needed, self._lost = [], 0, 0
         while True:
             found = data.find(_OBJECT, position)
             if found < 0:
                 rest = data[position:]
                 if not last:
-                    self._rest = rest[-len(_OBJECT) + 1 :]
-                    rest = rest[: len(rest) - len(self._rest)]
+                    self._pieces = [rest[-len(_OBJECT) + 1 :]]
+                    rest = rest[: -len(_OBJECT) + 1]
                 lost += len(rest) if len(rest) > 3 or any(rest) else 0
                 break
             lost += found - position if found - position > 3 or lost else 0
             size, object_type = _HEAD.unpack_from(data, found)[3:] if found + _HEAD.size <= len(data) else (0, 0)
             is_possible = _HEAD.size <= size <= (_FRAME_OBJECT_MAX if object_type in _FRAMES else _OBJECT_MAX)
             if not last and (is_possible or not size) and found + max(size, _HEAD.size) > len(data):
-                self._rest = data[found:]
+                self._pieces, self._needed = [data[found:]], size
                 break
             if not is_possible or found + size > len(data):
                 if object_type == _CONTAINER and is_possible and data.find(_OBJECT, found + 4) < 0:
@@ -81,25 +90,30 @@ class _Objects:
                 lost = 0
             yield data[found : found + size]
             position = found + size
-        if lost:
+        if lost and last:
             yield lost
+        else:
+            self._lost = lost
 
 
-def read_blf(data: bytes) -> Iterator[RecordedItem]:
+def read_blf(recording: bytes | RecordingSource) -> Iterator[RecordedItem]:
     """Yield the frames of a BLF file, and its damaged parts.
 
     >>> list(read_blf(b"LOGG"))[0].why
     'the BLF file is damaged: its header is cut off'
     """
-    if len(data) < _START_AT + _TIMES.size:
+    source = RecordingSource.of(recording)
+    head = source.take(_START_AT + 2 * _TIMES.size)
+    if len(head) < _START_AT + _TIMES.size:
         yield unread(0.0, 1, "the BLF file is damaged: its header is cut off", "")
         return
-    if _header_size(data) > len(data):
-        yield unread(0.0, 1, f"the BLF file is damaged: a header of {_header_size(data)} bytes", "")
+    size = max(int.from_bytes(head[4:8], "little"), _START_AT + 2 * _TIMES.size)
+    if size > _HEADER_MAX or len(head) + len(source.take(size - len(head))) < size:
+        yield unread(0.0, 1, f"the BLF file is damaged: a header of {size} bytes", "")
         return
-    start = _start(data)
+    start = _start(head)
     now, number, buses = start, 0, set[str]()
-    for piece in _pieces(data):
+    for piece in _pieces(source.parts()):
         if isinstance(piece, str):
             number += 1
             yield unread(now, number, f"the BLF file is damaged here: {piece}", "")
@@ -111,10 +125,10 @@ def read_blf(data: bytes) -> Iterator[RecordedItem]:
             yield item
 
 
-def _pieces(data: bytes) -> Iterator[bytes | int | str]:
+def _pieces(parts: Iterable[bytes]) -> Iterator[bytes | int | str]:
     """Yield objects, also from containers; a number for bytes outside of objects; a text for a damaged container."""
-    inner = _Objects()
-    for outer in _Objects().feed(data[_header_size(data) :], last=True):
+    splitter, inner = _Objects(), _Objects()
+    for outer in chain.from_iterable(splitter.feed(part, last=not part) for part in chain(parts, [b""])):
         if isinstance(outer, int) or _kind(outer) != _CONTAINER:
             yield outer
             continue
@@ -124,10 +138,6 @@ def _pieces(data: bytes) -> Iterator[bytes | int | str]:
         else:
             yield from inner.feed(unpacked, last=False)
     yield from inner.feed(b"", last=True)
-
-
-def _header_size(data: bytes) -> int:
-    return max(int.from_bytes(data[4:8], "little"), _START_AT + 2 * _TIMES.size)
 
 
 def _start(data: bytes) -> float:

@@ -10,7 +10,8 @@ interfaces, both byte orders, other units and offsets of time; unknown blocks ar
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from io import BytesIO
 from typing import NamedTuple
 
 from barewire.errors import DecodeError
@@ -18,6 +19,10 @@ from barewire.errors import DecodeError
 ETHERNET = 1
 _SECTION, _INTERFACE, _OLD, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 _MAGIC = 0x1A2B3C4D
+_BLOCK = 12
+"""Bytes of a block without a body."""
+_BLOCK_MAX = 0x100_0000
+"""The longest possible block or packet, as in Wireshark; a longer one is damaged."""
 _PCAP = {0xA1B2C3D4: 1_000_000, 0xA1B23C4D: 1_000_000_000}
 """Magic number of a pcap file -> units of its times per second."""
 _RESOLUTION, _NAME, _OFFSET = 9, 2, 14
@@ -73,12 +78,23 @@ def is_capture(data: bytes) -> bool:
 
 def read_packets(data: bytes) -> list[Packet]:
     """Return the packets of a pcapng or pcap file. Raises DecodeError if it is cut off, damaged or neither of them."""
-    return list(iter_packets(data))
+    return list(iter_packets(BytesIO(data).read))
 
 
-def iter_packets(data: bytes) -> Iterator[Packet]:
-    """Iterate over the packets, so that the packets before a damaged place can be used."""
-    return _read_pcap(data) if _pcap_order(data) else _read_pcapng(data)
+def iter_packets(read: Callable[[int], bytes]) -> Iterator[Packet]:
+    """Iterate over the packets as they come. `read` returns as many bytes as asked for; fewer only at the end."""
+    head = read(_BLOCK)
+    return _read_pcap(head, read) if _pcap_order(head) else _read_pcapng(head, read)
+
+
+def numbered_packets(read: Callable[[int], bytes]) -> Iterator[tuple[int, Packet | DecodeError]]:
+    """Iterate over the packets with their numbers, from 1. Where the file is damaged, the error is the last of them."""
+    number = 0
+    try:
+        for number, packet in enumerate(iter_packets(read), start=1):
+            yield number, packet
+    except DecodeError as error:
+        yield number + 1, error
 
 
 def _pcap_order(data: bytes) -> str | None:
@@ -88,40 +104,44 @@ def _pcap_order(data: bytes) -> str | None:
     return None
 
 
-def _read_pcap(data: bytes) -> Iterator[Packet]:
-    order = _pcap_order(data)
-    if len(data) < 24:
-        raise DecodeError("short", data[:32], len(data[:32]), f"a pcap file has a header of 24 bytes, here {len(data)}")
-    unit = _PCAP[struct.unpack_from(f"{order}I", data)[0]]
-    link = struct.unpack_from(f"{order}I", data, 20)[0] & 0xFFFF
+def _read_pcap(head: bytes, read: Callable[[int], bytes]) -> Iterator[Packet]:
+    order = _pcap_order(head)
+    head += read(24 - len(head))
+    if len(head) < 24:
+        raise DecodeError("short", head, len(head), f"a pcap file has a header of 24 bytes, here {len(head)}")
+    unit = _PCAP[struct.unpack_from(f"{order}I", head)[0]]
+    link = struct.unpack_from(f"{order}I", head, 20)[0] & 0xFFFF
     position = 24
-    while position < len(data):
-        if position + 16 > len(data):
-            raise _cut(data, position)
-        seconds, fraction, size, _ = struct.unpack_from(f"{order}4I", data, position)
-        if position + 16 + size > len(data):
-            raise _cut(data, position)
-        yield Packet(seconds + fraction / unit, data[position + 16 : position + 16 + size], link)
+    while head := read(16):
+        if len(head) < 16:
+            raise _cut(head, position)
+        seconds, fraction, size, _ = struct.unpack(f"{order}4I", head)
+        data = read(size) if size <= _BLOCK_MAX else b""
+        if len(data) < size:
+            raise _cut(head, position)
+        yield Packet(seconds + fraction / unit, data, link)
         position += 16 + size
 
 
-def _read_pcapng(data: bytes) -> Iterator[Packet]:
+def _read_pcapng(head: bytes, read: Callable[[int], bytes]) -> Iterator[Packet]:
     order = "<"
     interfaces: list[_Interface] = []
     position = 0
-    while position < len(data):
-        if position + 12 > len(data):
-            raise _cut(data, position)
-        if data[position : position + 4] == _SECTION.to_bytes(4, "big"):
-            magic = data[position + 8 : position + 12]
-            if magic not in (_MAGIC.to_bytes(4, "little"), _MAGIC.to_bytes(4, "big")):
-                raise DecodeError("value", data[position : position + 12], 8, "a section without its magic number")
-            order = "<" if magic == _MAGIC.to_bytes(4, "little") else ">"
+    while head:
+        if len(head) < _BLOCK:
+            raise _cut(head, position)
+        if head[:4] == _SECTION.to_bytes(4, "big"):
+            if head[8:] not in (_MAGIC.to_bytes(4, "little"), _MAGIC.to_bytes(4, "big")):
+                raise DecodeError("value", head, 8, "a section without its magic number")
+            order = "<" if head[8:] == _MAGIC.to_bytes(4, "little") else ">"
             interfaces = []
-        block_type, size = struct.unpack_from(f"{order}II", data, position)
-        if size < 12 or size % 4 or position + size > len(data):
-            raise _cut(data, position)
-        body = data[position + 8 : position + size - 4]
+        block_type, size = struct.unpack_from(f"{order}II", head)
+        if size < _BLOCK or size % 4 or size > _BLOCK_MAX:
+            raise _cut(head, position)
+        block = head + read(size - _BLOCK)
+        if len(block) < size:
+            raise _cut(block, position)
+        body = block[8:-4]
         if block_type == _INTERFACE and len(body) >= 8:
             interfaces.append(_interface(body, order, len(interfaces)))
         elif block_type in (_ENHANCED, _OLD) and len(body) >= 20:
@@ -133,14 +153,15 @@ def _read_pcapng(data: bytes) -> Iterator[Packet]:
                 dropped = 0 if dropped == 0xFFFF else dropped  # not known
             if number >= len(interfaces):
                 text = f"a packet of interface {number} at byte {position}, but the file has {len(interfaces)}"
-                raise DecodeError("value", data[position : position + 16], 8, text)
+                raise DecodeError("value", block[:16], 8, text)
             link, unit, name, start = interfaces[number]
             yield Packet(start + ((high << 32) + low) / unit, body[20 : 20 + captured], link, name, dropped)
         elif block_type == _SIMPLE and len(body) >= 4 and interfaces:
             yield Packet(0.0, body[4 : 4 + struct.unpack_from(f"{order}I", body)[0]], interfaces[0].link)
         elif position == 0 and block_type != _SECTION:
-            raise DecodeError("value", data[:12], 0, "neither a pcapng nor a pcap file")
+            raise DecodeError("value", head, 0, "neither a pcapng nor a pcap file")
         position += size
+        head = read(_BLOCK)
 
 
 class _Interface(NamedTuple):
@@ -176,8 +197,6 @@ def _unit(options: dict[int, bytes]) -> int:
     return int(2 ** (resolution[0] & 0x7F) if resolution[0] & 0x80 else 10 ** resolution[0])
 
 
-def _cut(data: bytes, position: int) -> DecodeError:
-    shown = data[position : position + 16]
-    return DecodeError(
-        "short", shown, len(shown), f"the capture is cut off or damaged at byte {position} of {len(data)}"
-    )
+def _cut(block: bytes, position: int) -> DecodeError:
+    shown = block[:16]
+    return DecodeError("short", shown, len(shown), f"the capture is cut off or damaged at byte {position}")

@@ -100,7 +100,7 @@ def diagnose_command(
     printer = _Printer(as_json=output_form(form, as_json=as_json) == "json", everything=everything)
     endpoint = Endpoint.parse(source) if "://" in source else None
     recording = None if endpoint is not None else opened_recording(source, seconds)
-    is_can = is_can_source(recording) if recording is not None else Endpoint.parse(source).scheme == "can"
+    is_can = is_can_source(recording, ports) if recording is not None else Endpoint.parse(source).scheme == "can"
     for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol}
     for_can: dict[str, object] = {"--device": devices, "--node": nodes, "--bus": bus, "--complete": complete}
     refuse_for_other(source, for_modbus if is_can else for_can, "Modbus" if is_can else "a CAN bus")

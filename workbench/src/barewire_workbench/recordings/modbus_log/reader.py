@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Container, Iterator
-from io import BytesIO
 
 from barewire.errors import DecodeError
 from barewire_workbench.frames.input.hexdump import dump_line
@@ -98,9 +97,13 @@ def read_modbus_log(
     `protocol` is that of the bytes of a log; by default its frames tell. Raises DecodeError, with the number of the
     line, if the bytes are no recording.
     """
+    source = RecordingSource.of(data)
     if is_capture(data):
-        return ModbusLog(tuple(read_segments(data, ports)), "capture", True)
-    parts = RecordingSource(BytesIO(data).read).text_parts(_decode)
+        items = tuple(read_segments(source.packets, ports))
+        if items and isinstance(items[-1], Unread):
+            raise DecodeError("short", b"", 0, items[-1].why)
+        return ModbusLog(items, "capture", True)
+    parts = source.text_parts(_decode)
     return _LogReader(ports, protocol).read_rest([_plain(line) for lines in parts for line in lines])
 
 
@@ -108,10 +111,15 @@ def read_modbus_parts(
     source: RecordingSource, *, ports: Container[int] = MODBUS_PORTS, protocol: ProtocolName | None = None
 ) -> Iterator[ModbusLog]:
     """Yield a recording part by part, each as soon as it is there, if its form allows that: one whose entries have
-    several lines, or a capture, is one part. What the first part shows is decided for the others. As `read_modbus_log`.
+    several lines is one part. What the first part shows is decided for the others. As `read_modbus_log`.
     """
     if is_capture(source.start):
-        yield read_modbus_log(source.whole(), ports=ports)
+        is_empty = True
+        for item in read_segments(source.packets, ports):
+            is_empty = False
+            yield ModbusLog((item,), "capture", True)
+        if is_empty:
+            yield ModbusLog((), "capture", True)
         return
     reader, waiting, tried = _LogReader(ports, protocol), list[str](), 0
     for lines in source.text_parts(_decode):

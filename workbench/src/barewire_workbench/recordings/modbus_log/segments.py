@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterable, Iterator
+from itertools import chain
 
+from barewire.errors import DecodeError
 from barewire_workbench.recordings.modbus_log.model import LoggedBytes
-from barewire_workbench.recordings.modbus_packets import ConnectionKey, modbus_payload
-from barewire_workbench.recordings.pcapng import read_packets
+from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS, ConnectionKey, modbus_payload
+from barewire_workbench.recordings.model import Unread, unread
+from barewire_workbench.recordings.pcapng import Packet
+from barewire_workbench.recordings.socketcan import is_can_packet
+from barewire_workbench.recordings.source import RecordingSource
 
 _EARLY_SEGMENTS = 64
 """The most segments that wait for a missing one before it is skipped."""
+_DIRECTIONS = 4096
+"""The most directions of connections whose order is known: of the others the next segment is the first."""
 
 
 class _Reassembly:
@@ -44,19 +51,45 @@ class _Reassembly:
         return None
 
 
-def read_segments(data: bytes, ports: Container[int]) -> Iterator[LoggedBytes]:
-    """Yield the Modbus bytes of a capture; `line` is the number of the packet. Raises DecodeError if it is damaged."""
+def read_segments(
+    packets: Iterable[tuple[int, Packet | DecodeError]], ports: Container[int]
+) -> Iterator[LoggedBytes | Unread]:
+    """Yield the Modbus bytes of a capture; `line` is the number of the packet. The place where it is damaged is the
+    last item. Raises DecodeError if nothing is before it."""
     reassemblies: dict[tuple[ConnectionKey, bool], _Reassembly] = {}
-    for number, packet in enumerate(read_packets(data), start=1):
+    at: float | None = None
+    for number, packet in packets:
+        if isinstance(packet, DecodeError):
+            if at is None:
+                raise packet
+            yield unread(at, number, packet, "")
+            return
         payload = modbus_payload(packet, ports)
         if payload is None:
             continue
         piece, name = payload.data, _connection_text(payload.connection)
         if payload.sequence is not None:
-            segments = reassemblies.setdefault((payload.connection, payload.from_client), _Reassembly())
+            direction = payload.connection, payload.from_client
+            known = reassemblies.pop(direction, None)
+            segments = reassemblies[direction] = known or _Reassembly()
+            if len(reassemblies) > _DIRECTIONS:
+                del reassemblies[next(iter(reassemblies))]
             piece = segments.put(payload.sequence, payload.data)
         if piece:
-            yield LoggedBytes(payload.at, piece, number, payload.from_client, payload.protocol, name)
+            at = payload.at
+            yield LoggedBytes(at, piece, number, payload.from_client, payload.protocol, name)
+
+
+def is_can_capture(source: RecordingSource, ports: Container[int] = MODBUS_PORTS) -> bool:
+    """Return whether the first packet of CAN or of Modbus is one of CAN. Those before it, which are neither, are passed
+    over, so that they need not be kept."""
+    for found in source.packets:
+        packet = found[1]
+        is_can = isinstance(packet, Packet) and is_can_packet(packet)
+        if is_can or isinstance(packet, DecodeError) or modbus_payload(packet, ports) is not None:
+            source.packets = chain([found], source.packets)
+            return is_can
+    return False
 
 
 def _connection_text(connection: ConnectionKey) -> str:
