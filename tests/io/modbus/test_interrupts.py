@@ -29,6 +29,9 @@ from tests.interrupts import check_lines, in_a_thread, interrupt
 from tests.modbus.client.slow import TIMING, InTime
 from tests.model.virtual_loop import VirtualLoop, VirtualSelector
 
+# An exception raised while a generator is freed is only reported.
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+
 TIMEOUT, WINDOW = 0.3, 0.9
 RTU: Callable[[], Line] = lambda: RtuLine(TIMING, role="server", units=(1, 2))  # noqa: E731
 CARRIERS: dict[str, tuple[str, Callable[[], Line]]] = {

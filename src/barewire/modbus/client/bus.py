@@ -176,7 +176,9 @@ class Bus(RequestRecord):
         give_up = heard.now + timeout
         while True:
             now = self._pass_over(heard)
-            quiet = max(line.quiet_at, line.deadline or line.quiet_at)
+            quiet, deadline = line.quiet_at, line.deadline
+            if deadline is not None and deadline > quiet:
+                quiet = deadline
             if heard.item is None and now >= quiet:
                 return now
             if now >= give_up:
@@ -343,6 +345,8 @@ class Bus(RequestRecord):
         while now < unit_state.free_at:
             heard = yield Listen(unit_state.free_at)
             now = self._pass_over(heard)
+        if not self.state.pending:
+            return now
         return (yield from self._prove_gone(unit, request, timeout, now, may_probe and self.recovery == "probe"))
 
     def _prove_gone(
