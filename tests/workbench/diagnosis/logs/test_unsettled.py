@@ -108,6 +108,16 @@ def test_what_is_wrong_in_a_log_is_wrong_in_explain(framing: str, flaw: str) -> 
     assert bool(explained.diagnosis) is (flaw != "an exception")
 
 
+@pytest.mark.parametrize(("framing", "check"), [("rtu", "CRC ok"), ("ascii", "LRC ok"), ("tcp", "transaction 2")])
+def test_the_proof_of_a_wrong_answer_names_what_its_framing_has(framing: str, check: str) -> None:
+    pairs = exchanges(Random(2))
+    request, answers = FLAWS["the response of another unit"]
+    pairs[2] = (2, request, b"")
+    findings, _ = diagnosed(log_of(traffic_of(framing, pairs, {2: answers}), FORM[framing]))
+    (proof,) = [found.finding.proof for found in findings if found.finding.code == "wrong-answer"]
+    assert proof.endswith(f"; {check}")
+
+
 @pytest.mark.parametrize("seed", range(25))
 @pytest.mark.parametrize("framing", ["rtu", "ascii", "tcp"])
 def test_a_good_log_has_nothing_wrong(framing: str, seed: int) -> None:

@@ -311,7 +311,7 @@ class LineDiagnosis:
         unit.streak = 0
         self._note_refusal(event)
         if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] == _ILLEGAL_ADDRESS:
-            for finding in exchange_findings(event.request, event, "address-base"):
+            for finding in exchange_findings(self.protocol, event.request, event, "address-base"):
                 if int.from_bytes(event.request.pdu[1:3], "big") > _FIVE_DIGITS:
                     yield Located(event.unit, finding, event.at, self._line_now())
         if event.late:
@@ -336,7 +336,7 @@ class LineDiagnosis:
         if request is None:
             return None
         self._spoiled.append((request.unit, request.at))
-        return next(iter(exchange_findings(request, event, "wrong-answer")), None)
+        return next(iter(exchange_findings(self.protocol, request, event, "wrong-answer")), None)
 
     def _exchanged(self, event: ResponseSeen) -> RequestSeen | None:
         """Return the open request that a TCP response answers if the bytes of its transaction are exchanged."""
@@ -384,7 +384,7 @@ class LineDiagnosis:
             return
         stray = following if isinstance(following, ResponseSeen) and following.request is None else None
         if stray is not None and self._late_for(stray) is None:
-            wrong = exchange_findings(request, stray, "wrong-answer")
+            wrong = exchange_findings(self.protocol, request, stray, "wrong-answer")
             if wrong:
                 unit.wrong += 1
                 unit.streak = 0

@@ -2,28 +2,42 @@
 
 from __future__ import annotations
 
+from barewire.ascii import frame as ascii_frame
 from barewire.modbus.messages.registry import measure_response
 from barewire.modbus.sniffer import RequestSeen, ResponseSeen
 from barewire.rtu.crc import crc16
 from barewire.rtu.frame import encode
+from barewire.tcp import frame as tcp_frame
 from barewire_workbench.diagnosis.modbus.exchange import diagnose_exchange
 from barewire_workbench.diagnosis.modbus.rtu import diagnose_rtu
 from barewire_workbench.frames.findings import DiagnosisCode, Finding
+from barewire_workbench.frames.result import ProtocolName
 
 _SHOWN = 32
 """The most bytes in the text of a finding."""
 
 
-def exchange_findings(request: RequestSeen, response: ResponseSeen, code: DiagnosisCode) -> list[Finding]:
-    """Return the findings with this code on a request and what came after it; the framing does not matter.
+def exchange_findings(
+    protocol: ProtocolName, request: RequestSeen, response: ResponseSeen, code: DiagnosisCode
+) -> list[Finding]:
+    """Return the findings with this code on a request and what came after it.
 
     A response whose byte count is wrong is a wrong answer, too: it has a finding of its own.
     """
-    frames = encode(request.unit, request.pdu), encode(response.unit, response.pdu)
-    found = [finding for finding in diagnose_exchange("rtu", *frames) if finding.code == code]
+    asked = _frame(protocol, request.transaction, request.unit, request.pdu)
+    answered = _frame(protocol, request.transaction, response.unit, response.pdu)
+    found = [finding for finding in diagnose_exchange(protocol, asked, answered) if finding.code == code]
     if not found and code == "wrong-answer" and response.message is None and response.pdu[0] == request.pdu[0]:
-        return [finding for finding in diagnose_rtu(frames[1], "response") if finding.code == "byte-count"]
+        whole = encode(response.unit, response.pdu)
+        return [finding for finding in diagnose_rtu(whole, "response") if finding.code == "byte-count"]
     return found
+
+
+def _frame(protocol: ProtocolName, transaction: int | None, unit: int, pdu: bytes) -> bytes:
+    """Return the frame with this PDU. The transaction is that of the request in both, since the sniffer paired them."""
+    if protocol == "tcp":
+        return tcp_frame.encode(unit, pdu, transaction or 0)
+    return (ascii_frame.encode if protocol == "ascii" else encode)(unit, pdu)
 
 
 def response_size(pdu: bytes) -> int | None:
