@@ -237,7 +237,7 @@ class LineDiagnosis:
             yield Located(unit, findings[0], noise.end, noise.line)
             return
         counts.kinds["no-frame"] += 1
-        text = f"{counted(len(noise.data))} that are not a frame" + (", where a response was due" if unit else "")
+        text = f"{counted(len(noise.data))} outside of a frame" + (", where a response was due" if unit else "")
         yield Located(unit, Finding("no-frame", text, shown_digits(noise.data)), noise.end, noise.line)
 
     # Events: requests and responses

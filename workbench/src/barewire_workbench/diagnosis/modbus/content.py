@@ -34,7 +34,7 @@ def left_over(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
             continue
         rest = body[size + 1 :]
         if (good := good_body(body[: size + 1], role)) is not None:
-            text = f"{counted(len(rest))} behind the PDU, {digits(rest)}, and the CRC is over them too"
+            text = f"{counted(len(rest))} behind the PDU, {digits(rest)}, which the CRC includes"
             yield Finding("byte-extra", text, f"without {digits(rest)} it is {without_checksum(good)}")
 
 

@@ -104,7 +104,7 @@ def _left_over(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
             rest = data[PREFIX + 1 + size :]
             frame = data[:4] + (size + 1).to_bytes(2, "big") + data[PREFIX : PREFIX + 1 + size]
             if (good := good_tcp(frame, role)) is not None:
-                text = f"{counted(len(rest))} behind the PDU, {clipped_digits(rest)}, and the length counts them"
+                text = f"{counted(len(rest))} behind the PDU, {clipped_digits(rest)}, which the length includes"
                 yield Finding("byte-extra", text, proof_of(frame, good))
 
 
