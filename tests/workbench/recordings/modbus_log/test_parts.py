@@ -30,6 +30,10 @@ def cut(data: bytes, size: int) -> list[bytes]:
     return [data[start : start + size] for start in range(0, len(data), size)]
 
 
+def octal(data: bytes) -> str:
+    return "".join(f"\\{byte:o}" for byte in data)
+
+
 @pytest.mark.parametrize("size", [17, 50, 333, 2000])
 @pytest.mark.parametrize("path", sorted(SAMPLES.iterdir()), ids=lambda path: path.name)
 def test_the_parts_of_a_log_are_the_whole(path: Path, size: int) -> None:
@@ -51,9 +55,12 @@ def test_the_parts_of_a_log_are_the_whole(path: Path, size: int) -> None:
         lambda at, asked, data: f"{data.hex(' ')}\n",
         lambda at, asked, data: f"COM3: {data.hex(' ')}\n",
         lambda at, asked, data: f"{'Tx' if asked else 'Rx'}: {data[:3].hex(' ')}\n {data[3:].hex(' ')}\n",
+        lambda at, asked, data: (
+            f'10:31:{at:06.3f} {"write" if asked else "read"}(3, "{octal(data)}", 99) = {len(data)}\n'
+        ),
         lambda at, asked, data: f"10:31:{at:06.3f} {'TX' if asked else 'RX'}: {', '.join(map(str, data))}\n",
     ],
-    ids=["times", "bytes", "prefix", "continued", "decimal"],
+    ids=["times", "bytes", "prefix", "continued", "strace", "decimal"],
 )
 @pytest.mark.parametrize("size", [30, 111, 1000])
 def test_each_entry_is_read_when_it_is_there(size: int, form: object) -> None:
@@ -112,3 +119,11 @@ def test_what_the_first_part_shows_is_not_decided_again(monkeypatch: pytest.Monk
     parts: list[ModbusLog] = list(read_modbus_parts(source_of([text] * 50)))
     assert len(parts) == 50
     assert sum(looked) <= 4
+
+
+def test_a_descriptor_that_carries_frames_later_is_a_line_of_its_own() -> None:
+    calls = [f'write({number}, "{octal(READ)}", 8) = 8\n'.encode() for number in (3, 3, 4, 3)]
+    parts = read_modbus_parts(source_of([b'read(4, "\\0\\1", 9) = 2\n', *calls]))
+    assert [(item.line, getattr(item, "connection", None)) for part in parts for item in part.items] == [
+        (2, ""), (3, ""), (4, "4"), (5, ""),
+    ]  # fmt: skip

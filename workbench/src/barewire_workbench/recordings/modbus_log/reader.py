@@ -52,11 +52,11 @@ FORMS: dict[str, Callable[[list[str], object], FormContent]] = {
     "pymodbus": read_pymodbus,
     "libmodbus": read_libmodbus,
     "MinimalModbus": lambda lines, _: read_minimalmodbus(lines),
-    "strace": lambda lines, _: read_syscalls(lines),
+    "strace": read_syscalls,
     "bytes with characters": lambda lines, _: read_bytewise(lines),
 }
 """Forms with words of their own. Two of them that differ about a line are an error."""
-_BY_LINES = frozenset({"pymodbus", "libmodbus", "MinimalModbus", "marked"})
+_BY_LINES = frozenset({"pymodbus", "libmodbus", "MinimalModbus", "strace", "marked"})
 """Forms in which a line has whole entries, so that a part of the log can be read before the rest is there."""
 _UNDECIDED_MAX = 4_000_000
 """Characters of a text without a form; more of them are no log."""
