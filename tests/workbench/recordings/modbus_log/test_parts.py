@@ -13,6 +13,7 @@ from barewire.rtu import encode
 from barewire_workbench.monitor.recording import read_recording
 from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog, read_modbus_log, read_modbus_parts
 from barewire_workbench.recordings.modbus_log.model import FormContent
+from barewire_workbench.recordings.modbus_replay import replay, replay_parts
 from barewire_workbench.recordings.model import Unread
 from barewire_workbench.recordings.source import LINE_MAX, RecordingSource
 from tests.helpers import unhex
@@ -119,6 +120,19 @@ def test_what_the_first_part_shows_is_not_decided_again(monkeypatch: pytest.Monk
     parts: list[ModbusLog] = list(read_modbus_parts(source_of([text] * 50)))
     assert len(parts) == 50
     assert sum(looked) <= 4
+
+
+@pytest.mark.parametrize("size", [10_000, 65_536])
+def test_a_long_dump_is_read_in_parts(size: int) -> None:
+    data = b"".join(READ + REFUSED for _ in range(20_000))
+    rows = [f"{at:08x}: {data[at : at + 16].hex(' ', 2)}  ................\n" for at in range(0, len(data), 16)]
+    text = "".join(rows).encode()
+    parts = list(read_modbus_parts(source_of(cut(text, size))))
+    items = [item for part in parts for item in part.items if isinstance(item, LoggedBytes)]
+    assert b"".join(item.data for item in items) == data
+    assert len(parts) > 5
+    assert {item.at for item in items} == {0.0}
+    assert list(replay_parts(parts[0], parts[1:])) == list(replay(text))
 
 
 def test_a_descriptor_that_carries_frames_later_is_a_line_of_its_own() -> None:
