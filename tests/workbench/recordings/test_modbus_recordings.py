@@ -22,6 +22,7 @@ from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from barewire_workbench.frames.modbus.exchange_text import ExchangeLines, exchange_as_dict
 from barewire_workbench.recordings.bytelog import _STEP, Chunk, parse_log
+from barewire_workbench.recordings.modbus_log import LoggedBytes, read_modbus_log
 from barewire_workbench.recordings.modbus_packets import PacketBuilder, modbus_payload
 from barewire_workbench.recordings.modbus_replay import replay
 from barewire_workbench.recordings.pcapng import Packet, file_header, is_capture, packet_block, read_packets
@@ -217,6 +218,16 @@ def test_the_characters_of_a_dump_are_not_read_as_bytes() -> None:
     assert chunk.data == b"0123456789ABCDEF"
     with refused(DecodeError, "neither a capture nor text"):
         replay(b"\xff\xfe\x00")
+
+
+def test_an_offset_of_a_dump_that_is_a_frame_by_itself_is_an_offset() -> None:
+    """01 B0 is the CRC of 00 00: the line at 1B0h was read as an exchange, and no other line of the dump at all."""
+    data = b"".join(rtu_frame(1, pdu) for _ in range(100) for pdu in (READ, VALUES))
+    rows = [f"{at:08x}: {data[at : at + 16].hex(' ', 2)}  ................\n" for at in range(0, len(data), 16)]
+    log = read_modbus_log("".join(rows).encode())
+    assert log.form == "bytes"
+    assert b"".join(item.data for item in log.items if isinstance(item, LoggedBytes)) == data
+    assert names(list(replay("".join(rows).encode()))) == ["RequestSeen", "ResponseSeen"] * 100
 
 
 def test_a_response_that_is_a_request_without_its_last_byte() -> None:

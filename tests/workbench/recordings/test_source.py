@@ -3,19 +3,27 @@ there."""
 
 from __future__ import annotations
 
+import struct
+import tracemalloc
+from collections import deque
 from collections.abc import Callable, Iterator
 
 import pytest
 
 from barewire.canopen import CanFrame
+from barewire.errors import DecodeError
 from barewire.rtu import encode as rtu_frame
+from barewire.tcp import encode as tcp_frame
 from barewire_workbench.monitor.recording import CanRecordingWriter, read_recording
 from barewire_workbench.recordings.modbus_log.reader import read_modbus_parts
+from barewire_workbench.recordings.modbus_log.segments import is_can_capture, read_segments
 from barewire_workbench.recordings.modbus_packets import PacketBuilder
 from barewire_workbench.recordings.modbus_replay import replay_parts
-from barewire_workbench.recordings.pcapng import file_header, packet_block
+from barewire_workbench.recordings.model import Recorded, Unread
+from barewire_workbench.recordings.pcapng import Packet, file_header, interface_block, packet_block
+from barewire_workbench.recordings.socketcan import SOCKETCAN, to_packet
 from barewire_workbench.recordings.source import PART, START, RecordingSource
-from tests.helpers import unhex
+from tests.helpers import refused, unhex
 from tests.workbench.recordings.test_blf import blf, classical, container
 
 READ, VALUES = unhex("03 0000 0002"), unhex("03 04 0017 0007")
@@ -78,3 +86,70 @@ def test_the_first_item_is_there_before_the_rest_is_read(form: str) -> None:
     items = read(RecordingSource(take))
     next(items)
     assert position <= START + 2 * PART < len(data)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_memory_does_not_grow_with_the_recording(form: str) -> None:
+    make, read = FORMS[form]
+    data = make(20_000)
+    peaks = []
+    for size in (len(data) // 4, len(data)):
+        source = RecordingSource.of(data[:size])  # what is cut off is an Unread
+        tracemalloc.start()
+        deque(read(source), maxlen=0)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < peaks[0] + 4 * PART
+
+
+def test_a_modbus_capture_that_is_cut_off_is_read_up_to_there() -> None:
+    data = modbus_capture(3)
+    parts = list(read_modbus_parts(RecordingSource.of(data[:-5])))
+    *good, bad = [item for part in parts for item in part.items]
+    assert [item.line for item in good] == [1, 2, 3, 4, 5]
+    assert isinstance(bad, Unread)
+    assert (bad.line, bad.why) == (6, f"the capture is cut off or damaged at byte {len(data) - 84}")
+    with refused(DecodeError, "damaged at byte 48"):
+        next(read_modbus_parts(RecordingSource.of(data[:60])))
+
+
+def test_a_block_of_a_length_that_none_has_is_not_read() -> None:
+    asked = list[int]()
+
+    def take(size: int) -> bytes:
+        asked.append(size)
+        return bytes(size)
+
+    source = RecordingSource.of(file_header() + struct.pack("<II", 6, 0x7FFF_FFFC) + bytes(4))
+    source._read = take
+    (found,) = source.packets
+    assert isinstance(found[1], DecodeError)
+    assert asked == []
+
+
+def test_the_first_packet_of_a_protocol_shows_which_recording_it_is() -> None:
+    other = packet_block(0.0, bytes(60))
+    modbus, can = modbus_capture(1), can_capture(1)
+    can_behind = interface_block(SOCKETCAN) + packet_block(2.0, to_packet(CanFrame(0x705, b"\5")), 1)
+    for data, is_can in ((modbus, False), (can, True), (file_header() + other * 5000 + can_behind, True)):
+        source = RecordingSource.of(data)
+        assert is_can_capture(source) is is_can
+        if is_can:
+            assert [item.bus for item in read_recording(source) if isinstance(item, Recorded)] in (["can0"], ["1"])
+    source = RecordingSource.of(modbus + can_behind)
+    assert not is_can_capture(source)
+    assert [item.line for part in read_modbus_parts(source) for item in part.items] == [1, 2]
+
+
+def test_connections_whose_order_is_known_are_bounded() -> None:
+    """The reassembly forgets the connections that are silent the longest."""
+    whole, port = PacketBuilder().tcp(tcp_frame(1, READ, 1), from_client=True), 34
+    packets = (
+        (number, Packet(number, whole[:port] + struct.pack(">H", 1024 + number) + whole[port + 2 :]))
+        for number in range(1, 20_000)
+    )
+    tracemalloc.start()
+    assert sum(1 for _ in read_segments(packets, {502})) == 19_999
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8_000_000

@@ -13,6 +13,7 @@ from barewire.rtu import encode
 from barewire_workbench.monitor.recording import read_recording
 from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog, read_modbus_log, read_modbus_parts
 from barewire_workbench.recordings.modbus_log.model import FormContent
+from barewire_workbench.recordings.modbus_replay import replay, replay_parts
 from barewire_workbench.recordings.model import Unread
 from barewire_workbench.recordings.source import LINE_MAX, RecordingSource
 from tests.helpers import unhex
@@ -28,6 +29,10 @@ def source_of(pieces: list[bytes]) -> RecordingSource:
 
 def cut(data: bytes, size: int) -> list[bytes]:
     return [data[start : start + size] for start in range(0, len(data), size)]
+
+
+def octal(data: bytes) -> str:
+    return "".join(f"\\{byte:o}" for byte in data)
 
 
 @pytest.mark.parametrize("size", [17, 50, 333, 2000])
@@ -51,9 +56,12 @@ def test_the_parts_of_a_log_are_the_whole(path: Path, size: int) -> None:
         lambda at, asked, data: f"{data.hex(' ')}\n",
         lambda at, asked, data: f"COM3: {data.hex(' ')}\n",
         lambda at, asked, data: f"{'Tx' if asked else 'Rx'}: {data[:3].hex(' ')}\n {data[3:].hex(' ')}\n",
+        lambda at, asked, data: (
+            f'10:31:{at:06.3f} {"write" if asked else "read"}(3, "{octal(data)}", 99) = {len(data)}\n'
+        ),
         lambda at, asked, data: f"10:31:{at:06.3f} {'TX' if asked else 'RX'}: {', '.join(map(str, data))}\n",
     ],
-    ids=["times", "bytes", "prefix", "continued", "decimal"],
+    ids=["times", "bytes", "prefix", "continued", "strace", "decimal"],
 )
 @pytest.mark.parametrize("size", [30, 111, 1000])
 def test_each_entry_is_read_when_it_is_there(size: int, form: object) -> None:
@@ -112,3 +120,24 @@ def test_what_the_first_part_shows_is_not_decided_again(monkeypatch: pytest.Monk
     parts: list[ModbusLog] = list(read_modbus_parts(source_of([text] * 50)))
     assert len(parts) == 50
     assert sum(looked) <= 4
+
+
+@pytest.mark.parametrize("size", [10_000, 65_536])
+def test_a_long_dump_is_read_in_parts(size: int) -> None:
+    data = b"".join(READ + REFUSED for _ in range(20_000))
+    rows = [f"{at:08x}: {data[at : at + 16].hex(' ', 2)}  ................\n" for at in range(0, len(data), 16)]
+    text = "".join(rows).encode()
+    parts = list(read_modbus_parts(source_of(cut(text, size))))
+    items = [item for part in parts for item in part.items if isinstance(item, LoggedBytes)]
+    assert b"".join(item.data for item in items) == data
+    assert len(parts) > 5
+    assert {item.at for item in items} == {0.0}
+    assert list(replay_parts(parts[0], parts[1:])) == list(replay(text))
+
+
+def test_a_descriptor_that_carries_frames_later_is_a_line_of_its_own() -> None:
+    calls = [f'write({number}, "{octal(READ)}", 8) = 8\n'.encode() for number in (3, 3, 4, 3)]
+    parts = read_modbus_parts(source_of([b'read(4, "\\0\\1", 9) = 2\n', *calls]))
+    assert [(item.line, getattr(item, "connection", None)) for part in parts for item in part.items] == [
+        (2, ""), (3, ""), (4, "4"), (5, ""),
+    ]  # fmt: skip

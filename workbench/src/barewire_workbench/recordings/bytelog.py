@@ -20,6 +20,9 @@ from barewire_workbench.frames.input.text import parse_hex
 _STEP = 0.1
 """Seconds between two lines without times: long enough to end a frame, short enough to wait for an answer."""
 
+_PIECE = 0x1000
+"""Bytes of a piece of a dump that is read part by part."""
+
 DUMP_OFFSET = re.compile(r"(?:0x)?[0-9A-Fa-f]{6,8}(?:: ?|  )(?=[0-9A-Fa-f]{2})")
 _TIME = re.compile(r"[(\[]?(?:(?:(\d{1,12}):)?(\d{1,12}):)?(\d{1,12}[.,]\d+|\d{1,12}(?=[)\]]))[)\]]?:?\s+")
 _MARK = re.compile(r"(?:<-|->|[<>]|[RT]X:?)\s*", re.IGNORECASE)
@@ -81,7 +84,7 @@ def parse_log(text: str, before: Log | None = None, lines_before: int = 0) -> Lo
         elif (chunks or before is not None) and not timed:
             now += _STEP
         data = _bytes(_MARK.sub("", content, count=1), lines_before + number)
-        if offset is not None and dumped:
+        if offset is not None and dumped and (before is None or len(chunks[-1].data) < _PIECE):
             chunks[-1] = Chunk(chunks[-1].at, chunks[-1].data + data)
         elif data:
             chunks.append(Chunk(now, data))

@@ -51,6 +51,8 @@ _SINGLE = re.compile(r"(?<![\w.])(?:0x|\\x)?([0-9A-Fa-f]{2})[\]>]?\s*$")
 _SEPARATORS = re.compile(r"[\s:=>#\[(<\])-]*")
 _JOINT = re.compile(r"[\s,;|\[(]*(?:-+>|<-+|=+>|<=+|[→⇒←⇐/<>])?[\s,;:|\[(]*$")
 """What may stand between two frames of one line, apart from a word."""
+_OFFSET = re.compile(r"[0-9A-Fa-f]{6,8}")
+"""What stands before a colon in a line of a dump, and may be a frame by itself: 01B0 is the CRC of 0000."""
 _SHORTEST = 4
 """Bytes of the shortest frame."""
 _NOTHING = re.compile(r"['\"\])]*\s?[:=]\s*(?:b?''|b?\"\")?\s*")
@@ -125,6 +127,8 @@ def _exchange(last: Octets, number: int) -> list[LogEntry]:
     if joint is None or (word is None and not joint[0].strip()):
         return []
     before = before[: joint.start()]
+    if joint[0].strip() == ":" and _OFFSET.fullmatch(before):
+        return []
     octets = split_octets(before)
     if octets is None or len(octets.data or octets.decimal or b"") < _SHORTEST:
         return []

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Container, Iterator
+from math import inf
 
 from barewire.errors import DecodeError
 from barewire_workbench.frames.input.hexdump import dump_line
@@ -52,14 +53,16 @@ FORMS: dict[str, Callable[[list[str], object], FormContent]] = {
     "pymodbus": read_pymodbus,
     "libmodbus": read_libmodbus,
     "MinimalModbus": lambda lines, _: read_minimalmodbus(lines),
-    "strace": lambda lines, _: read_syscalls(lines),
+    "strace": read_syscalls,
     "bytes with characters": lambda lines, _: read_bytewise(lines),
 }
 """Forms with words of their own. Two of them that differ about a line are an error."""
-_BY_LINES = frozenset({"pymodbus", "libmodbus", "MinimalModbus", "marked"})
+_BY_LINES = frozenset({"pymodbus", "libmodbus", "MinimalModbus", "strace", "marked"})
 """Forms in which a line has whole entries, so that a part of the log can be read before the rest is there."""
 _UNDECIDED_MAX = 4_000_000
 """Characters of a text without a form; more of them are no log."""
+_DUMP_WHOLE = 0x4_0000
+"""Characters of a dump that is one piece; a longer one is read in parts."""
 _LONGEST_LINE = 20_000
 """Characters; no form looks into a longer line."""
 _GENERAL: dict[str, Callable[[list[str]], FormContent]] = {"blocks": read_blocks, "marked": read_marked}
@@ -125,7 +128,7 @@ def read_modbus_parts(
     for lines in source.text_parts(_decode):
         waiting += [_plain(line) for line in lines]
         size = sum(map(len, waiting)) if reader.form is None else 0
-        if reader.form is not None or (size >= 2 * tried and not reader.needs_all):
+        if reader.form is not None or (size >= 2 * tried and size >= reader.least):
             tried = size
             log, waiting = reader.read_part(waiting)
             if log is not None:
@@ -149,12 +152,12 @@ def _decode(data: bytes) -> str:
 
 
 class _LogReader:
-    """Reads a log part by part. `form` is None until a part has shown it; `needs_all` tells that this form cannot be
-    read in parts."""
+    """Reads a log part by part. `form` is None until a part has shown it; with less than `least` characters this form
+    cannot be read in parts."""
 
     def __init__(self, ports: Container[int], protocol: ProtocolName | None) -> None:
         self.form: str | None = None
-        self.needs_all = False
+        self.least = 0.0
         self._ports = ports
         self._protocol = protocol
         self._offset = 0  # lines of the parts before
@@ -172,7 +175,8 @@ class _LogReader:
         """Return what the lines hold, and the lines to read again with the next ones: all of them as long as the form
         is not known, otherwise those of an entry that may go on."""
         if self.form is None:
-            is_long = sum(map(len, lines)) > _UNDECIDED_MAX
+            size = sum(map(len, lines))
+            is_long = size > _UNDECIDED_MAX
             try:
                 log = _LogReader(self._ports, self._protocol).read_rest(lines)
             except DecodeError:
@@ -180,10 +184,12 @@ class _LogReader:
                     raise
                 return None, lines
             pieces = [item.data for item in log.items if isinstance(item, LoggedBytes)]
-            if common_protocol(pieces) is None and not is_long:
+            is_dump = log.form == "bytes" and any(map(DUMP_OFFSET.match, lines))
+            if common_protocol(pieces) is None and not is_long and not is_dump:
                 return None, lines
-            if not _is_by_lines(log.form, lines):
-                self.needs_all = True
+            if is_dump or not _is_by_lines(log.form, lines):
+                self.least = _DUMP_WHOLE if is_dump else inf
+            if size < self.least:
                 return None, lines
         size = len(lines) - self._unfinished(lines)
         return (self.read_rest(lines[:size]) if size else None), lines[size:]
@@ -360,7 +366,8 @@ class _LogReader:
                 raise AssertionError
             return prefixed
         chunks, numbers = ([*log.chunks], [*log.lines]) if log.timed else _unwrapped(log.chunks, log.lines)
-        self._protocol = self._protocol or common_protocol([chunk.data for chunk in chunks])
+        if self.form is None:
+            self._protocol = self._protocol or common_protocol([chunk.data for chunk in chunks])
         items = list[LoggedBytes | Unread]()
         for chunk, number in zip(chunks, numbers):
             of_day = _TIME_OF_DAY.match(lines[number - 1]) is not None
@@ -402,7 +409,7 @@ def _is_by_lines(form: str, lines: list[str]) -> bool:
     """Return whether such a log can be read in parts; the lines are its first ones. A line of a dump or of an export
     has less than an entry."""
     if form == "bytes":
-        return not any(DUMP_OFFSET.match(line) or dump_line(line) for line in lines)
+        return not any(map(dump_line, lines))
     names = set(form.split(" and "))
     return names <= _BY_LINES and not _is_json(lines) and ("marked" not in names or without_bytes(lines) is None)
 

@@ -24,8 +24,8 @@ _CALL = re.compile(
 _WRITES = frozenset({"write", "send", "sendto"})
 
 
-def read_syscalls(lines: list[str]) -> FormContent:
-    r"""Return the calls on the descriptors that carry frames.
+def read_syscalls(lines: list[str], decided: object = None) -> FormContent:
+    r"""Return the calls on the descriptors that carry frames. `decided` has the names of those known before.
 
     >>> read_syscalls([r'write(3, "\1\203\2\300\361", 5) = 5']).entries[0][1:3]
     (b'\x01\x83\x02\xc0\xf1', True)
@@ -34,7 +34,11 @@ def read_syscalls(lines: list[str]) -> FormContent:
     known: set[int] = set()
     for number, line in enumerate(lines, start=1):
         found = _CALL.fullmatch(line)
-        if found is None or found["cut"] or int(found["size"]) <= 0:
+        if found is None:
+            continue
+        if '"...' not in line:
+            known.add(number)
+        if found["cut"] or int(found["size"]) <= 0:
             continue
         try:
             data = parse_string_literal(found["string"])
@@ -46,13 +50,12 @@ def read_syscalls(lines: list[str]) -> FormContent:
         sent = found["call"] in _WRITES
         at = None if stamp is None else stamp[0]
         entries.append(LogEntry(number, data[: int(found["size"])], sent, stamp=at, connection=found["number"]))
-    carrying = {entry.connection for entry in entries if _is_frame(entry.data or b"")}
-    entries = [entry for entry in entries if entry.connection in carrying]
-    if len(carrying) == 1:
-        entries = [entry._replace(connection="") for entry in entries]
-    if carrying:
-        known.update(number for number, line in enumerate(lines, 1) if _CALL.fullmatch(line) and '"...' not in line)
-    return FormContent(entries, known)
+    names = dict(decided) if isinstance(decided, dict) else {}
+    others = (entry for entry in entries if entry.connection not in names)
+    carrying = {entry.connection for entry in others if _is_frame(entry.data or b"")}
+    names |= {number: "" if not names and len(carrying) == 1 else number for number in carrying}
+    entries = [entry._replace(connection=names[entry.connection]) for entry in entries if entry.connection in names]
+    return FormContent(entries, known if names else set(), decided=names)
 
 
 def _is_frame(data: bytes) -> bool:
