@@ -335,6 +335,11 @@ class NumberedSniffer:
             events.append(ResponseMissing(self._open.pop(next(iter(self._open))), now))
         return events
 
+    @property
+    def deadline(self) -> float | None:
+        """When the time of an open request is over; None if none is open."""
+        return min(asked.at for asked in self._open.values()) + self._window if self._open else None
+
     def end(self, now: float) -> list[SnifferEvent]:
         """End the recording: an open request is unanswered, or its time was not over."""
         missing = self.wait(now)

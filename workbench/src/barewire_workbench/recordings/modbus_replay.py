@@ -112,6 +112,9 @@ class LogSniffers:
         self._serial: dict[str, Sniffer] = {}
         self._numbered: dict[str, NumberedSniffer] = {}
         self._directions: dict[str, bool | None] = {}
+        self._waiting: dict[str, None] = {}  # the names of those for which something may become due
+        self.touched: dict[str, None] = {}
+        """The names of the lines and connections that the last `feed` may have changed."""
         self._now = self._swept = items[0].at if items else 0.0
 
     def __repr__(self) -> str:
@@ -119,16 +122,25 @@ class LogSniffers:
 
     def feed(self, item: LoggedBytes) -> Iterator[tuple[str, SnifferEvent]]:
         """Take the next bytes of the log, and yield their events, after those that were due before."""
-        now = self._now = item.at
+        now, name = item.at, item.connection
+        self._now, self.touched = now, {}
         if now >= self._swept + self._window:
-            self._swept = now
-            for name, pair in self._numbered.items():
-                yield from ((name, event) for event in pair.wait(now))
-            for name, sniffer in self._serial.items():
-                yield from ((name, event) for event in _waited(sniffer, now))
-        name = item.connection
+            self._swept, self.touched = now, self._waiting.copy()
+            yield from self._sweep(now)
+        self.touched[name] = self._waiting[name] = None
         for event in self._numbered_feed(item) if self._is_numbered(item) else self._serial_feed(item):
             yield name, event
+
+    def _sweep(self, now: float) -> Iterator[tuple[str, SnifferEvent]]:
+        """Yield what was due before `now`. A log may have a connection for each request, so that most of them are over:
+        one for which nothing can become due is passed over until it has bytes again."""
+        for name in self.touched:
+            if (pair := self._numbered.get(name)) is not None:
+                yield from ((name, event) for event in pair.wait(now))
+            if (sniffer := self._serial.get(name)) is not None:
+                yield from ((name, event) for event in _waited(sniffer, now))
+            if all(machine is None or machine.deadline is None for machine in (pair, sniffer)):
+                del self._waiting[name]
 
     def _is_numbered(self, item: LoggedBytes) -> bool:
         return item.protocol == "tcp" and item.from_client is not None and not self._has_protocol
@@ -155,6 +167,7 @@ class LogSniffers:
 
     def end(self) -> Iterator[tuple[str, SnifferEvent]]:
         """End the log, and yield the events of what is still undecided."""
+        self.touched = dict.fromkeys([*self._serial, *self._numbered])
         for name, sniffer in self._serial.items():
             yield from ((name, event) for event in sniffer.end(self._now))
         for name, pair in self._numbered.items():

@@ -46,9 +46,11 @@ class ModbusLogDiagnosis:
         self._tracked.setdefault(name, []).append(tracked)
         if name not in self.lines:
             self.lines[name] = LineDiagnosis(protocol, timed=self.log.timed)
-        if len(self.lines) > 1:
+        if len(self.lines) == 2:  # one alone has no name
             for other, diagnosis in self.lines.items():
                 diagnosis.name = other
+        elif len(self.lines) > 2:
+            self.lines[name].name = name
         return tracked
 
     def findings(self, others: Iterable[ModbusLog] = ()) -> Iterator[LogFinding]:
@@ -67,10 +69,10 @@ class ModbusLogDiagnosis:
         by_line: dict[str, list[SnifferEvent]] = {}
         for name, event in events:
             by_line.setdefault(name, []).append(event)
-        for name, diagnosis in self.lines.items():
+        for name in self._sniffers.touched:
             pieces = [piece for tracked in self._tracked[name] for piece in tracked.take()]
             if pieces or name in by_line:
-                yield from diagnosis.take(pieces, by_line.get(name, ()))
+                yield from self.lines[name].take(pieces, by_line.get(name, ()))
 
     def verdicts(self) -> list[tuple[str, LineVerdict]]:
         """Return the verdicts on each line or connection, with its name; the name is empty if there is only one."""
