@@ -125,6 +125,19 @@ def test_the_echo_of_a_request_that_was_given_up_is_not_its_late_response() -> N
     assert [event for event in events if isinstance(event, Adu)] == [bytes_to_adu(ANSWER)]
 
 
+def test_an_echo_that_comes_after_the_port_was_opened_again_is_no_late_response() -> None:
+    """The line is a new one then, and the answers of the requests before stay pending."""
+    bus = Bus(line_of())
+    with pytest.raises(WriteOutcomeUnknown):
+        play(bus.ask(1, WriteSingleRegister(1, 2), timeout=0.1), answering())
+    pending = bus.state.pending
+    bus.continue_on(line_of())
+    bus.overhear(WRITE, 0.12)
+    assert bus.state.pending == pending != []
+    bus.overhear(WRITE, 0.2)
+    assert bus.state.pending == []
+
+
 def test_the_echoes_of_two_equal_requests_are_both_removed() -> None:
     """And with the first of them not the echo of a request between them."""
     line, broadcast = line_of(), encode(0, WriteSingleRegister(1, 2).encode())

@@ -30,7 +30,7 @@ from tests.model.client_setups import (
 from tests.model.clients import clients_scenario
 from tests.model.one_line import Tally
 from tests.model.test_one_line import Forgetful
-from tests.model.units import READ, READ_IMAGE
+from tests.model.units import DIAGNOSE, READ, READ_IMAGE, SLOW_ECHO, WRITE
 
 pytestmark = pytest.mark.long
 ALL_CARRIERS = [*CARRIERS, *OTHER_CARRIERS]
@@ -176,6 +176,21 @@ def test_the_checker_finds_a_line_that_looks_for_frames_in_damaged_ones(monkeypa
     monkeypatch.setattr(RtuLine, "_divide", hunt_as_a_listener)
     setup = default_options("RTU")
     setup = replace(setup, line=replace(setup.line, questions=(READ, READ_IMAGE)), stretches=("trouble",))
+    assert finds(setup, Bus, monkeypatch)
+
+
+@BOTH_WORLDS
+def test_the_checker_finds_a_client_that_forgets_the_echo_when_it_opens_the_port_again(
+    monkeypatch: pytest.MonkeyPatch, world: World
+) -> None:
+    """A mistake of barewire that the checker found only in the hundred thousandth run, as a port hardly ever failed."""
+    setup = default_options("RTU, echo")
+    line = replace(setup.line, questions=(WRITE, DIAGNOSE), adapters=(SLOW_ECHO,))
+    setup = replace(setup, line=line, worlds=(world,), fail_after=(None, None, 0.005, 0.01), stretches=("trouble",))
+    tally = Tally()
+    run_random(clients_scenario(setup, tally), 60)
+    assert not tally.wrong, tally.wrong[0]
+    monkeypatch.setattr(EchoLine, "continue_from", lambda line, before: None)
     assert finds(setup, Bus, monkeypatch)
 
 

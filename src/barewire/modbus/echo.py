@@ -130,6 +130,12 @@ class EchoLine:
         for request in self._unseen:
             request.until = min(request.until, now + _ECHO_WITHIN)
 
+    def continue_from(self, before: Line) -> None:
+        """Expect the echoes that the line of a connection before this one has not received: a port that failed may be
+        opened again within the delay of an adapter."""
+        if isinstance(before, EchoLine):
+            self._unseen = before._unseen
+
     def answers(self, adu: Adu) -> bool:
         """Return the answer of the inner line."""
         return self.line.answers(adu)

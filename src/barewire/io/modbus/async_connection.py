@@ -247,7 +247,8 @@ class AsyncConnection:
         for other, box, line in zip(self.lanes, boxes, lines):
             box.connected(write, link.sent)
             line.sent(clock())  # a client waits for a silence of the line before its first request
-            other.bus.line, other.box = line, box
+            other.bus.continue_on(line)
+            other.box = box
         return boxes[self.lanes.index(lane)]
 
     def drop(self, why: str) -> None:

@@ -60,7 +60,7 @@ _MOST_PROBES = 16
 class Bus(RequestRecord):
     """A client's line. It runs one conversation at a time; a caller with several puts them in a `FairQueue`.
 
-    line           the framing; after a reconnect it may be replaced between two requests, and answers stay pending
+    line           the framing; after a reconnect `continue_on` replaces it between two requests
     recovery       how a pending answer is excluded: "probe" (default) or "wait", see above
     late_window    seconds after a request was sent in which its answer may come (default: three times the longest
                    time-out of a request on this bus so far, or of `timeout`, if that is longer)
@@ -99,6 +99,13 @@ class Bus(RequestRecord):
         sibling = copy(self)
         sibling.line, sibling._open = line, None
         return sibling
+
+    def continue_on(self, line: Line) -> None:
+        """Use the line of a new connection from here on. Answers stay pending, and echoes expected."""
+        take_over = getattr(line, "continue_from", None)  # of an `EchoLine`, which most clients do not load
+        if take_over is not None:
+            take_over(self.line)
+        self.line = line
 
     def ask(
         self,
