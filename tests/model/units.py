@@ -264,7 +264,11 @@ class UnitsOnLine:
             frame += frame
         if fate is Fate.IN_PIECES:
             self.coming.append(Arrival(at, frame[:4], None))
-            at, frame = at + self.duration(frame[4:]) + 0.0012, frame[4:]  # a pause between t1.5 and t3.5
+            # A pause between t1.5 and t3.5; but on TCP nothing comes between the pieces of a frame.
+            pause = 1e-9 if self.setup.framing == "tcp" else self.duration(frame[4:]) + 0.0012
+            at, frame = at + pause, frame[4:]
+            if not self.setup.numbered:
+                self._answered_at[unit] = at
         if at == echo.at:  # in one piece with the echo
             echo.data, echo.number, echo.is_echo = echo.data + frame, number, False
         else:
