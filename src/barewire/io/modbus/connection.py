@@ -178,9 +178,8 @@ class Connection:
         watch = watch_both(self._watch, self._log.watch())
         line = self._new_line()
         line.sent(time.monotonic())  # a client waits for a silence of the line before its first request
-        self.bus.continue_on(
-            line
-        )  # before the port: bytes of the old connection must not stand before those of the new one
+        # Before the port is there: bytes of the old connection must not stand before those of the new one.
+        self.bus.continue_on(line)
         self.port = port if watch is None else Trace(port, watch)
         end_after_fork(self)
         self.back_off.reset()

@@ -138,16 +138,13 @@ class SerialPort:
     def send(self, item: bytes) -> None:
         """Send bytes. Returns when the last one is on the wire, as far as the system reports."""
         ends = time.monotonic() + (self._pace.duration(len(item)) if self._pace else 0.0)
-        directs = self._rts or self._set_direction is not None
         try:
-            if directs:
-                self.set_direction(sending=True)
+            self.set_direction(sending=True)
             try:
                 self._serial.write(item)
                 self._serial.flush()
             finally:
-                if directs:
-                    self.set_direction(sending=False)
+                self.set_direction(sending=False)
         except PortError:
             raise
         except _FAILURES as error:

@@ -40,7 +40,7 @@ from barewire_workbench.recordings.modbus_log.tables import read_csv, read_json
 from barewire_workbench.recordings.modbus_log.wireshark import read_wireshark, without_bytes
 from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS
 from barewire_workbench.recordings.model import Unread, unread
-from barewire_workbench.recordings.pcapng import is_capture
+from barewire_workbench.recordings.pcapng import is_capture, read_packets
 from barewire_workbench.recordings.source import RecordingSource
 
 _OF_PACKETS: dict[str, Callable[[list[str], Container[int]], FormContent]] = {
@@ -100,13 +100,9 @@ def read_modbus_log(
     `protocol` is that of the bytes of a log; by default its frames tell. Raises DecodeError, with the number of the
     line, if the bytes are no recording.
     """
-    source = RecordingSource.of(data)
     if is_capture(data):
-        items = tuple(read_segments(source.packets, ports))
-        if items and isinstance(items[-1], Unread):
-            raise DecodeError("short", b"", 0, items[-1].why)
-        return ModbusLog(items, "capture", True)
-    parts = source.text_parts(_decode)
+        return ModbusLog(tuple(read_segments(enumerate(read_packets(data), start=1), ports)), "capture", True)
+    parts = RecordingSource.of(data).text_parts(_decode)
     return _LogReader(ports, protocol).read_rest([_plain(line) for lines in parts for line in lines])
 
 
