@@ -232,6 +232,22 @@ def test_a_value_written_over_canopen_is_read_over_modbus() -> None:
     assert tried > 170
 
 
+def test_pdo_records_and_the_index_of_the_bit_rate_have_their_defaults_over_canopen() -> None:
+    bench, tried = Bench(simulator("az3")), 0
+    bench.frames()
+    for parameter in load("az3").parameters:
+        place = parameter.object
+        if place is not None and place.index in PDO_RECORDS:
+            data = bench.upload(place.index, place.sub)
+            assert isinstance(data, bytes), parameter.name
+            assert parameter.from_object(data) == parameter.default, parameter.name
+            tried += 1
+    assert tried > 50
+    index = bench.parameter("CAN BITRATE INDEX").object  # 2068h is also CAN BIT RATE, which can be written
+    assert index is not None
+    assert bench.upload(index.index, index.sub) == b"\x05\x00"
+
+
 @pytest.mark.parametrize("number", range(4))
 def test_pdo_records_can_be_written_in_the_order_of_cia_301(number: int) -> None:
     """Communication and mapping records of the AZ3, every entry, in the order that CiA 301 requires."""

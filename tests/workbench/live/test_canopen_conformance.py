@@ -26,7 +26,6 @@ from barewire_workbench.live.canopen_conformance import NodeCaseResult, conform_
 from barewire_workbench.live.unfinished import Unfinished
 from barewire_workbench.vectors.answers.nodes.conformance import plain_device
 from tests.helpers import free_port, refused
-from tests.io.peers import again
 from tests.workbench.cli.helpers import COMMAND, run_command, run_here, simulated_at
 from tests.workbench.conform.canopen.described import RIGHT, device as described_device
 from tests.workbench.conform.canopen.devices import ADDRESS, LARGE, NODE, plain
@@ -67,14 +66,11 @@ def device() -> Iterator[None]:
 
 def held(**which: Any) -> list[NodeCaseResult]:
     """Our device against cases."""
-
-    def run(patience: str) -> list[NodeCaseResult]:
-        with CanopenServer(URL, device=plain()):
-            return list(conform_can(Endpoint.parse(f"{URL}&timeout={patience}"), **which))
-
-    return again(run, "0.1", "5")
+    with CanopenServer(URL, device=plain()):
+        return list(conform_can(Endpoint.parse(url()), **which))
 
 
+@patient
 def test_our_device_passes() -> None:
     results = held(large=LARGE, only=("SDO", "SEG", "BLK", "LSS-1", "NMT-1"))
     assert [result.failure for result in results if result.failure] == []
@@ -121,6 +117,7 @@ def test_a_missing_large_object_is_an_error() -> None:
         list(conform_can(Endpoint.parse(url()), large=(0x2FFF, 0)))
 
 
+@patient
 def test_gentle_leaves_out_cases_that_change_values() -> None:
     results = held(gentle=True, only=("SDO", "TPD"))
     assert [result.failure for result in results if result.failure] == []

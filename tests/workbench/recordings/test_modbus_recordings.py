@@ -220,14 +220,19 @@ def test_the_characters_of_a_dump_are_not_read_as_bytes() -> None:
         replay(b"\xff\xfe\x00")
 
 
+def dump_of(data: bytes) -> bytes:
+    """The bytes as `xxd` shows them."""
+    rows = (f"{at:08x}: {data[at : at + 16].hex(' ', 2)}  ................\n" for at in range(0, len(data), 16))
+    return "".join(rows).encode()
+
+
 def test_an_offset_of_a_dump_that_is_a_frame_by_itself_is_an_offset() -> None:
     """01 B0 is the CRC of 00 00: the line at 1B0h was read as an exchange, and no other line of the dump at all."""
     data = b"".join(rtu_frame(1, pdu) for _ in range(100) for pdu in (READ, VALUES))
-    rows = [f"{at:08x}: {data[at : at + 16].hex(' ', 2)}  ................\n" for at in range(0, len(data), 16)]
-    log = read_modbus_log("".join(rows).encode())
+    log = read_modbus_log(dump_of(data))
     assert log.form == "bytes"
     assert b"".join(item.data for item in log.items if isinstance(item, LoggedBytes)) == data
-    assert names(list(replay("".join(rows).encode()))) == ["RequestSeen", "ResponseSeen"] * 100
+    assert names(list(replay(dump_of(data)))) == ["RequestSeen", "ResponseSeen"] * 100
 
 
 def test_a_response_that_is_a_request_without_its_last_byte() -> None:

@@ -18,6 +18,7 @@ from barewire_workbench.recordings.model import Unread
 from barewire_workbench.recordings.source import LINE_MAX, RecordingSource
 from tests.helpers import unhex
 from tests.workbench.recordings.modbus_log.test_programs import SAMPLES
+from tests.workbench.recordings.test_modbus_recordings import dump_of
 
 READ, REFUSED = encode(1, unhex("03 0005 0002")), encode(1, unhex("83 02"))
 
@@ -125,8 +126,7 @@ def test_what_the_first_part_shows_is_not_decided_again(monkeypatch: pytest.Monk
 @pytest.mark.parametrize("size", [10_000, 65_536])
 def test_a_long_dump_is_read_in_parts(size: int) -> None:
     data = b"".join(READ + REFUSED for _ in range(20_000))
-    rows = [f"{at:08x}: {data[at : at + 16].hex(' ', 2)}  ................\n" for at in range(0, len(data), 16)]
-    text = "".join(rows).encode()
+    text = dump_of(data)
     parts = list(read_modbus_parts(source_of(cut(text, size))))
     items = [item for part in parts for item in part.items if isinstance(item, LoggedBytes)]
     assert b"".join(item.data for item in items) == data
