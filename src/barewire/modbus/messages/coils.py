@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 
 from barewire.codecs import Field, Layout, pack_bits, unpack_bits
 from barewire.errors import DecodeError, EncodeError
-from barewire.modbus.messages.base import Request, Response, check_list, check_range
+from barewire.modbus.messages.base import Message, Request, Response, check_list, check_range
 
 READ_COILS_LIMIT = 2000
 WRITE_COILS_LIMIT = 1968
@@ -37,11 +37,6 @@ def _is_bit(value: object) -> bool:
         return value in _BITS
     except TypeError:
         return False
-
-
-def _check_coil(value: bool | int) -> None:
-    if not _is_bit(value):
-        raise EncodeError(f"value = {value!r}: expected True or False", "value")
 
 
 def _bit_fields(found: list[Field], name: str) -> list[Field]:
@@ -152,11 +147,8 @@ class ReadDiscreteInputs(ReadCoils):
 
 
 @dataclass(frozen=True, slots=True)
-class WriteSingleCoilResponse(Response):
-    """The request, repeated.                                                              [MB-APP 6.5]
-
-    05 | address 2 | FF00 or 0000
-    """
+class _CoilValue(Message):
+    """What request and response of Write Single Coil have in common: all of it."""
 
     address: int
     value: bool
@@ -167,7 +159,8 @@ class WriteSingleCoilResponse(Response):
 
     def __post_init__(self) -> None:
         check_range("address", self.address, 0, 0xFFFF, self)
-        _check_coil(self.value)
+        if not _is_bit(self.value):
+            raise EncodeError(f"value = {self.value!r}: expected True or False", "value")
 
     def encode(self) -> bytes:
         return self.layout.pack(self.function_code, self.address, ON if self.value else OFF)
@@ -184,15 +177,23 @@ class WriteSingleCoilResponse(Response):
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
         """Return the fields, with the value in words."""
-        found = cls.layout.fields(pdu)
-        if len(found) > 2:
-            word = {ON: "on", OFF: "off"}.get(int(str(found[2].value)), "neither on (FF00h) nor off (0000h)")
-            found[2] = found[2]._replace(meaning=word)
-        return found
+        fields = cls.layout.fields(pdu)
+        if len(fields) > 2:
+            word = {ON: "on", OFF: "off"}.get(int(str(fields[2].value)), "neither on (FF00h) nor off (0000h)")
+            fields[2] = fields[2]._replace(meaning=word)
+        return fields
 
 
 @dataclass(frozen=True, slots=True)
-class WriteSingleCoil(Request[WriteSingleCoilResponse]):
+class WriteSingleCoilResponse(_CoilValue, Response):
+    """The request, repeated.                                                              [MB-APP 6.5]
+
+    05 | address 2 | FF00 or 0000
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class WriteSingleCoil(_CoilValue, Request[WriteSingleCoilResponse]):
     """Switch one coil on (FF00h) or off (0000h); no other value exists.                   [MB-APP 6.5]
 
         05 | address 2 | value 2
@@ -201,30 +202,8 @@ class WriteSingleCoil(Request[WriteSingleCoilResponse]):
     '05 00 ac ff 00'
     """
 
-    address: int
-    value: bool
-
-    name: ClassVar[str] = "Write Single Coil"
-    function_code: ClassVar[int] = 0x05
-    layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "value")
     response: ClassVar[type[Response]] = WriteSingleCoilResponse
     writes: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF, self)
-        _check_coil(self.value)
-
-    def encode(self) -> bytes:
-        return self.layout.pack(self.function_code, self.address, ON if self.value else OFF)
-
-    @classmethod
-    def decode(cls, pdu: bytes) -> Self:
-        same = WriteSingleCoilResponse.decode(pdu)
-        return cls(same.address, same.value)
-
-    @classmethod
-    def fields(cls, pdu: bytes) -> list[Field]:
-        return WriteSingleCoilResponse.fields(pdu)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
-from barewire.modbus.messages.base import Request, Response, check_range, check_registers
+from barewire.modbus.messages.base import Message, Request, Response, check_range, check_registers
 from barewire.modbus.messages.registers import READ_REGISTERS_LIMIT, ReadHoldingRegistersResponse, register_fields
 
 _WRITE_LIMIT = 121
@@ -28,11 +28,8 @@ def masked(register: int, and_mask: int, or_mask: int) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class MaskWriteRegisterResponse(Response):
-    """The request, repeated.                                                              [MB-APP 6.16]
-
-    16 | address 2 | AND mask 2 | OR mask 2
-    """
+class _Masks(Message):
+    """What request and response of Mask Write Register have in common: all of it."""
 
     address: int
     and_mask: int
@@ -49,13 +46,20 @@ class MaskWriteRegisterResponse(Response):
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
         """Return the fields, with the effect of each mask."""
-        found = cls.layout.fields(pdu)
         words = ("", "", "bits to keep", "value of the bits that are not kept")
-        return [field._replace(meaning=meaning) for field, meaning in zip(found, words)]
+        return [field._replace(meaning=meaning) for field, meaning in zip(cls.layout.fields(pdu), words)]
 
 
 @dataclass(frozen=True, slots=True)
-class MaskWriteRegister(Request[MaskWriteRegisterResponse]):
+class MaskWriteRegisterResponse(_Masks, Response):
+    """The request, repeated.                                                              [MB-APP 6.16]
+
+    16 | address 2 | AND mask 2 | OR mask 2
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class MaskWriteRegister(_Masks, Request[MaskWriteRegisterResponse]):
     """Change some bits of one holding register and keep the others.                       [MB-APP 6.16]
 
         16 | address 2 | AND mask 2 | OR mask 2          new = (old AND and) OR (or AND NOT and)
@@ -66,23 +70,8 @@ class MaskWriteRegister(Request[MaskWriteRegisterResponse]):
     To set the bits of `mask` to those of `value`: `MaskWriteRegister(address, ~mask & 0xFFFF, value & mask)`.
     """
 
-    address: int
-    and_mask: int
-    or_mask: int
-
-    name: ClassVar[str] = "Mask Write Register"
-    function_code: ClassVar[int] = 0x16
-    layout: ClassVar[Layout] = MaskWriteRegisterResponse.layout
     response: ClassVar[type[Response]] = MaskWriteRegisterResponse
     writes: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        for name in ("address", "and_mask", "or_mask"):
-            check_range(name, getattr(self, name), 0, 0xFFFF, self)
-
-    @classmethod
-    def fields(cls, pdu: bytes) -> list[Field]:
-        return MaskWriteRegisterResponse.fields(pdu)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ILLEGAL_DATA_VALUE
-from barewire.modbus.messages.base import R, Request, Response, check_range, check_registers
+from barewire.modbus.messages.base import Message, R, Request, Response, check_range, check_registers
 from barewire.modbus.messages.registers import register_rows
 
 _REFERENCE_TYPE = 6
@@ -186,12 +186,22 @@ class ReadFileRecord(_FileRequest[ReadFileRecordResponse]):
         return found
 
 
-@dataclass(frozen=True, slots=True)
-class WriteFileRecordResponse(Response):
-    """The request, repeated.                                                              [MB-APP 6.15]
+def _records(records: Iterable[Sequence[Any]]) -> tuple[FileRecord, ...]:
+    """Return the groups as `FileRecord`, after checking each."""
+    records = list(records)
+    for _, _, registers in records:
+        check_registers(registers)
+        from_registers(registers)  # raises EncodeError for a value outside 0..65535
+    found = tuple(FileRecord(file, record, tuple(map(index, registers))) for file, record, registers in records)
+    for group in found:
+        _check_place(group.file, group.record, len(group.registers))
+    check_range("byte_count", sum(_PLACE.size + 2 * len(group.registers) for group in found), 9, _BYTES_LIMIT)
+    return found
 
-    15 | byte count | for each group:  06 | file 2 | record 2 | length 2, in registers | registers ...
-    """
+
+@dataclass(frozen=True, slots=True)
+class _WrittenRecords(Message):
+    """What request and response of Write File Record have in common: all of it."""
 
     records: Sequence[tuple[int, int, Sequence[int]]]
 
@@ -241,21 +251,16 @@ class WriteFileRecordResponse(Response):
         return found
 
 
-def _records(records: Iterable[Sequence[Any]]) -> tuple[FileRecord, ...]:
-    """Return the groups as `FileRecord`, after checking each."""
-    records = list(records)
-    for _, _, registers in records:
-        check_registers(registers)
-        from_registers(registers)  # raises EncodeError for a value outside 0..65535
-    found = tuple(FileRecord(file, record, tuple(map(index, registers))) for file, record, registers in records)
-    for group in found:
-        _check_place(group.file, group.record, len(group.registers))
-    check_range("byte_count", sum(_PLACE.size + 2 * len(group.registers) for group in found), 9, _BYTES_LIMIT)
-    return found
+@dataclass(frozen=True, slots=True)
+class WriteFileRecordResponse(_WrittenRecords, Response):
+    """The request, repeated.                                                              [MB-APP 6.15]
+
+    15 | byte count | for each group:  06 | file 2 | record 2 | length 2, in registers | registers ...
+    """
 
 
 @dataclass(frozen=True, slots=True)
-class WriteFileRecord(_FileRequest[WriteFileRecordResponse]):
+class WriteFileRecord(_WrittenRecords, _FileRequest[WriteFileRecordResponse]):
     """Write groups of records, each `(file, record, registers)`.                          [MB-APP 6.15]
 
         15 | byte count | for each group:  06 | file 2 | record 2 | length 2, in registers | registers ...
@@ -264,24 +269,5 @@ class WriteFileRecord(_FileRequest[WriteFileRecordResponse]):
     '15 0d 06 00 04 00 07 00 03 06 af 04 be 10 0d'
     """
 
-    records: Sequence[tuple[int, int, Sequence[int]]]
-
-    name: ClassVar[str] = "Write File Record"
-    function_code: ClassVar[int] = 0x15
-    layout: ClassVar[Layout] = WriteFileRecordResponse.layout
     response: ClassVar[type[Response]] = WriteFileRecordResponse
     writes: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "records", _records(self.records))
-
-    def encode(self) -> bytes:
-        return WriteFileRecordResponse(self.records).encode()
-
-    @classmethod
-    def decode(cls, pdu: bytes) -> Self:
-        return cls(WriteFileRecordResponse.decode(pdu).records)
-
-    @classmethod
-    def fields(cls, pdu: bytes) -> list[Field]:
-        return WriteFileRecordResponse.fields(pdu)

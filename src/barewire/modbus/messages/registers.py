@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Self
 
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
-from barewire.modbus.messages.base import Request, Response, check_range, check_registers
+from barewire.modbus.messages.base import Message, Request, Response, check_range, check_registers
 
 READ_REGISTERS_LIMIT = 125
 _WRITE_LIMIT = 123
@@ -189,11 +189,8 @@ def _with_row(cls: type[Any], row: tuple[int, ...]) -> ReadHoldingRegistersRespo
 
 
 @dataclass(frozen=True, slots=True)
-class WriteSingleRegisterResponse(Response):
-    """The request, repeated.                                                              [MB-APP 6.6]
-
-    06 | address 2 | value 2
-    """
+class _RegisterValue(Message):
+    """What request and response of Write Single Register have in common: all of it."""
 
     address: int
     value: int
@@ -208,7 +205,15 @@ class WriteSingleRegisterResponse(Response):
 
 
 @dataclass(frozen=True, slots=True)
-class WriteSingleRegister(Request[WriteSingleRegisterResponse]):
+class WriteSingleRegisterResponse(_RegisterValue, Response):
+    """The request, repeated.                                                              [MB-APP 6.6]
+
+    06 | address 2 | value 2
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class WriteSingleRegister(_RegisterValue, Request[WriteSingleRegisterResponse]):
     """Write one holding register.                                                         [MB-APP 6.6]
 
         06 | address 2 | value 2
@@ -217,18 +222,8 @@ class WriteSingleRegister(Request[WriteSingleRegisterResponse]):
     '06 00 01 00 03'
     """
 
-    address: int
-    value: int
-
-    name: ClassVar[str] = "Write Single Register"
-    function_code: ClassVar[int] = 0x06
-    layout: ClassVar[Layout] = Layout(">BHH", "function_code", "address", "value")
     response: ClassVar[type[Response]] = WriteSingleRegisterResponse
     writes: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        check_range("address", self.address, 0, 0xFFFF, self)
-        check_range("value", self.value, 0, 0xFFFF, self)
 
 
 @dataclass(frozen=True, slots=True)
