@@ -13,8 +13,8 @@ from fractions import Fraction
 
 import pytest
 
+from barewire.devices.modbus_access import Member, PlannedRead, block_decoder
 from barewire.devices.parameter import ModbusAt, Parameter
-from barewire.devices.plan import Member, PlannedRead, block_decoder
 from bench.race import Factory, Race, Work, entries
 
 

@@ -210,8 +210,8 @@ REFUSED = {
     ),
     "a framing imports no whole room": ("barewire/rtu/line.py", "from barewire.modbus import Adu"),
     "only rtu imports messages": ("barewire/tcp/line.py", "from barewire.modbus.messages import registry"),
-    "devices import no framing": ("barewire/devices/plan.py", "from barewire.rtu.line import RtuLine"),
-    "devices import no io": ("barewire/devices/sim/az3/machine.py", "from barewire.io.engine import blocking"),
+    "devices import no framing": ("barewire/devices/modbus_access.py", "from barewire.rtu.line import RtuLine"),
+    "devices import no io": ("barewire/devices/sim/az3.py", "from barewire.io.engine import blocking"),
     "the workbench has no ports": ("barewire_workbench/api.py", "from barewire.io import endpoint"),
     "frames import no cli": ("barewire_workbench/frames/modbus/frames.py", "from ...cli import table"),
     "the stack does not know the workbench": (

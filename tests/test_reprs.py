@@ -27,7 +27,7 @@ from barewire.canopen.gateway import GatewaySession
 from barewire.codecs import Layout
 from barewire.devices import CanopenAccess, Drive, ModbusAccess, Reading, load, names
 from barewire.devices.description.export_eds import export
-from barewire.devices.drive.report import DriveStatus
+from barewire.devices.drive import DriveStatus
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.io import CanBus
 from barewire.io.canopen.node import ObjectReading, ObjectReadings

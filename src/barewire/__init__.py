@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from barewire.canopen.abort_codes import SdoAbort as SdoAbort
     from barewire.devices.description.load import load as load
     from barewire.devices.device import UnknownName as UnknownName
-    from barewire.devices.drive.report import DriveStuck as DriveStuck
+    from barewire.devices.drive import DriveStuck as DriveStuck
     from barewire.errors import (
         BarewireError as BarewireError,
         DecodeError as DecodeError,
@@ -80,7 +80,7 @@ __getattr__, __dir__, __all__ = lazy(
         "modbus.client.line_state": "WriteOutcomeUnknown",
         "canopen.abort_codes": "SdoAbort",
         "devices.device": "UnknownName",
-        "devices.drive.report": "DriveStuck",
+        "devices.drive": "DriveStuck",
     },
 )
 __all__ += ["__version__"]

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from barewire.devices import load, names
-from barewire.devices.plan import PlannedRead, block_decoder, plan_reads
+from barewire.devices.modbus_access import PlannedRead, block_decoder, plan_reads
 
 
 def one_by_one(block: PlannedRead, content: list[int]) -> dict[str, object]:

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.devices import Device, ModbusAt, ModbusSettings, Parameter, load, plan_reads, plan_writes
+from barewire.devices.modbus_access import PlannedRead, PlannedWrite, known_addresses
 from barewire.devices.parameter import TableName
-from barewire.devices.plan import PlannedRead, PlannedWrite, known_addresses
 from barewire.errors import EncodeError
 from tests.helpers import modest, refused
 

@@ -12,8 +12,8 @@ import pytest
 
 from barewire import AsyncCanopenClient, CanopenServer, ModbusServer, connect, connect_async
 from barewire.devices import UnknownName, load
-from barewire.devices.drive.cia402 import State
-from barewire.devices.drive.report import DriveProgress, DriveStuck
+from barewire.devices.cia402 import State
+from barewire.devices.drive import DriveProgress, DriveStuck
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import EncodeError, PortError
 from tests.helpers import refused

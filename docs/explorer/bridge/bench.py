@@ -17,8 +17,8 @@ from barewire.canopen import CanFrame, Channel
 from barewire.codecs import Value
 from barewire.conversation import Conversation, Item, Wire
 from barewire.devices.canopen_access import read_canopen, write_canopen
+from barewire.devices.cia402 import DriveCommand, State, state_of
 from barewire.devices.device import drive_roles
-from barewire.devices.drive.cia402 import DriveCommand, State, state_of
 from barewire.devices.modbus_access import read_modbus, write_modbus
 from barewire.devices.parameter import Reading
 from barewire.devices.sim import MachineUnits, Simulator, simulator

@@ -12,12 +12,13 @@ The files, in reading order:
     parameter         one named value, its unit, its range and its addresses
     device            all parameters of a machine, and its settings on each bus
     description/      TOML -> Device, the checks of the format, Device -> EDS;  catalog/  three machines as TOML
-    plan              parameters -> the fewest Modbus requests; registers -> values
     request_checks    typed text -> a value; checks before anything is sent
-    modbus_access, canopen_access     read and write by name
+    modbus_access     read and write by name over Modbus, with the fewest requests
+    canopen_access    the same over CANopen, one transfer for each object
     raw_address       parameters by address instead of a name
     sdo_dialects      SDO variants of known devices
-    drive/            moves any drive of CiA 402
+    cia402            states, status words and control words of a drive
+    drive             moves any drive of CiA 402
     sim/              the three machines of the catalogue, simulated
 """
 
@@ -26,9 +27,18 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.devices.canopen_access import read_canopen as read_canopen, write_canopen as write_canopen
+    from barewire.devices.canopen_access import (
+        CanopenAccess as CanopenAccess,
+        read_canopen as read_canopen,
+        write_canopen as write_canopen,
+    )
+    from barewire.devices.cia402 import (
+        State as State,
+        next_control_word as next_control_word,
+        state_of as state_of,
+    )
+    from barewire.devices.description.check import DescriptionError as DescriptionError
     from barewire.devices.description.load import load as load, names as names
-    from barewire.devices.description.rules import DescriptionError as DescriptionError
     from barewire.devices.device import (
         CanopenSettings as CanopenSettings,
         Device as Device,
@@ -37,22 +47,20 @@ if TYPE_CHECKING:
         ModbusSettings as ModbusSettings,
         UnknownName as UnknownName,
     )
-    from barewire.devices.drive.access import CanopenAccess as CanopenAccess, ModbusAccess as ModbusAccess
-    from barewire.devices.drive.cia402 import (
-        State as State,
-        next_control_word as next_control_word,
-        state_of as state_of,
+    from barewire.devices.drive import Drive as Drive, DriveStuck as DriveStuck
+    from barewire.devices.modbus_access import (
+        ModbusAccess as ModbusAccess,
+        plan_reads as plan_reads,
+        plan_writes as plan_writes,
+        read_modbus as read_modbus,
+        write_modbus as write_modbus,
     )
-    from barewire.devices.drive.drive import Drive as Drive
-    from barewire.devices.drive.report import DriveStuck as DriveStuck
-    from barewire.devices.modbus_access import read_modbus as read_modbus, write_modbus as write_modbus
     from barewire.devices.parameter import (
         ModbusAt as ModbusAt,
         ObjectAt as ObjectAt,
         Parameter as Parameter,
         Reading as Reading,
     )
-    from barewire.devices.plan import plan_reads as plan_reads, plan_writes as plan_writes
 
 __getattr__, __dir__, __all__ = lazy(
     __name__,
@@ -60,13 +68,10 @@ __getattr__, __dir__, __all__ = lazy(
         "description.load": "load names",
         "device": "Device ModbusSettings CanopenSettings DriveRoles DevicePdo UnknownName",
         "parameter": "Parameter ModbusAt ObjectAt Reading",
-        "description.rules": "DescriptionError",
-        "modbus_access": "read_modbus write_modbus",
-        "canopen_access": "read_canopen write_canopen",
-        "plan": "plan_reads plan_writes",
-        "drive.cia402": "State state_of next_control_word",
-        "drive.drive": "Drive",
-        "drive.report": "DriveStuck",
-        "drive.access": "ModbusAccess CanopenAccess",
+        "description.check": "DescriptionError",
+        "modbus_access": "read_modbus write_modbus plan_reads plan_writes ModbusAccess",
+        "canopen_access": "read_canopen write_canopen CanopenAccess",
+        "cia402": "State state_of next_control_word",
+        "drive": "Drive DriveStuck",
     },
 )

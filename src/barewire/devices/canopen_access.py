@@ -10,12 +10,12 @@ One bit of an object is read, changed and written back, as parts of registers ar
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from barewire.canopen import CanFrame, Channel, SdoDialect, download, fit, upload
 from barewire.canopen.sdo.client.channel import channel_to
 from barewire.codecs import Value
-from barewire.conversation import DEFAULT_TIMEOUT, Conversation
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Listen
 from barewire.devices.device import Device
 from barewire.devices.parameter import ObjectAt, Parameter, Reading
 from barewire.devices.request_checks import (
@@ -129,3 +129,30 @@ def _object(device: Device, parameter: Parameter) -> ObjectAt:
         raise EncodeError(f"{parameter.name} has no object on CANopen: {elsewhere}", parameter.name)
     _ = parameter.object_size  # text has no size: refused before anything is sent
     return parameter.object
+
+
+class CanopenAccess:
+    """Access to the drive at the other end of an SDO channel."""
+
+    def __init__(self, channel: Channel, device: Device, *, timeout: float = DEFAULT_TIMEOUT) -> None:
+        self.channel, self.device, self.timeout = channel, device, timeout
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.device.name}, {self.channel!r}>"
+
+    def read(self, names: Sequence[str]) -> Conversation[CanFrame, list[Reading]]:
+        """Read with one upload for each object."""
+        return read_canopen(self.channel, self.device, names, timeout=self.timeout)
+
+    def write(self, values: Mapping[str, Value]) -> Conversation[CanFrame, None]:
+        """Check all values, then write them."""
+        return write_canopen(self.channel, self.device, values, timeout=self.timeout)
+
+    def wait(self, until: float) -> Conversation[CanFrame, float]:
+        """Wait, and pass received frames to the channel."""
+        while True:
+            received = yield Listen(until)
+            if received.item is not None:
+                self.channel.receive(received.item)
+            if received.now >= until:
+                return received.now

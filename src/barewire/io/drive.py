@@ -22,8 +22,7 @@ from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, Self, Type
 from barewire.codecs import Value
 from barewire.conversation import Conversation, Listen, Send
 from barewire.devices.device import Device
-from barewire.devices.drive.drive import Drive
-from barewire.devices.drive.report import DriveProgress, DriveStatus
+from barewire.devices.drive import Drive, DriveProgress, DriveStatus
 from barewire.devices.parameter import Reading
 from barewire.io.engine import blocking
 from barewire.io.engine.methods import CLIENTS, AsyncioClient, BlockingClient, Method, called_on_class, documented

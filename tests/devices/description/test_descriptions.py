@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.devices import DescriptionError, load
-from barewire.devices.description.rules import PARAMETER
+from barewire.devices.description.check import PARAMETER
 from barewire.errors import BarewireError
 from tests.helpers import modest, refused
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from barewire.devices.description.check import KeyLines, KeyPath
 from barewire.devices.description.load import CATALOG
-from barewire.devices.description.rules import KeyLines, KeyPath
 
 TEXT = '''\
 top = 1  # [not.a.header]

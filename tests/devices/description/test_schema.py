@@ -12,7 +12,7 @@ from jsonschema import Draft202012Validator
 
 from barewire.canopen import STANDARD
 from barewire.devices import DescriptionError, load, names
-from barewire.devices.description import rules
+from barewire.devices.description import check as rules
 from barewire.devices.description.load import CATALOG
 from barewire.devices.sdo_dialects import AZ3
 from tests.devices.description.test_descriptions import HEAD, HEAD_ERRORS, row, write

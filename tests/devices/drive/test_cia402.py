@@ -6,7 +6,7 @@ from itertools import product
 
 import pytest
 
-from barewire.devices.drive.cia402 import (
+from barewire.devices.cia402 import (
     STATUS_PATTERNS,
     TRANSITIONS,
     DriveCommand,

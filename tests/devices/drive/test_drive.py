@@ -10,11 +10,9 @@ import pytest
 
 from barewire.canopen import CanFrame, Channel
 from barewire.conversation import Conversation, play
-from barewire.devices import Device, load
-from barewire.devices.drive.access import CanopenAccess, ModbusAccess
-from barewire.devices.drive.cia402 import State
-from barewire.devices.drive.drive import Drive
-from barewire.devices.drive.report import DriveProgress, DriveStatus, DriveStuck
+from barewire.devices import CanopenAccess, Device, ModbusAccess, load
+from barewire.devices.cia402 import State
+from barewire.devices.drive import Drive, DriveProgress, DriveStatus, DriveStuck
 from barewire.devices.sim import Az3, CsdMt, Simulator, simulator
 from barewire.errors import EncodeError
 from barewire.modbus import Bus, Server

@@ -11,8 +11,7 @@ import pytest
 
 from barewire.conversation import Conversation
 from barewire.devices import Reading
-from barewire.devices.drive.drive import Drive
-from barewire.devices.drive.report import DriveProgress
+from barewire.devices.drive import Drive, DriveProgress
 from barewire.devices.sim.csd_mt.environment import Span
 from barewire.errors import EncodeError
 from barewire.modbus import ModbusException

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.canopen import CanFrame
+from barewire.devices.cia402 import State, state_of
 from barewire.devices.description.load import names
-from barewire.devices.drive.cia402 import State, state_of
 from barewire.devices.sim import simulator
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.messages.registers import WriteMultipleRegisters, WriteSingleRegister

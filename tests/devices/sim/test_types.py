@@ -7,8 +7,8 @@ from typing import assert_type
 from barewire import ModbusServer
 from barewire.devices import load
 from barewire.devices.sim import Adxl, Az3, CsdMt, Simulator, simulator
-from barewire.devices.sim.core.canopen import CanopenAdapter
-from barewire.devices.sim.core.modbus import ModbusAdapter
+from barewire.devices.sim.canopen import CanopenAdapter
+from barewire.devices.sim.modbus import ModbusAdapter
 
 
 def of_simulators_by_name() -> None:

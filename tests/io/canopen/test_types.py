@@ -11,7 +11,7 @@ from barewire.canopen.emcy import EmcyEvent
 from barewire.canopen.nmt.heartbeat import HeartbeatEvent
 from barewire.canopen.pdo.named_values import PdoReceived
 from barewire.codecs import Value
-from barewire.devices.drive.report import DriveStatus
+from barewire.devices.drive import DriveStatus
 from barewire.devices.parameter import Reading
 from barewire.io.canopen.bus.async_bus import AsyncRunning, AsyncStream
 from barewire.io.canopen.bus.event_stream import Stream

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from barewire import ModbusServer, connect
-from barewire.devices.drive.cia402 import State
-from barewire.devices.drive.report import DriveProgress, DriveStatus
+from barewire.devices.cia402 import State
+from barewire.devices.drive import DriveProgress, DriveStatus
 from barewire.devices.sim import CsdMt, simulator
 from barewire.io.drive import DriveClient
 from barewire_workbench.cli.app import run_command_line

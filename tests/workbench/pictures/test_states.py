@@ -7,7 +7,7 @@ import re
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from barewire.devices.drive.cia402 import STATUS_PATTERNS, TRANSITIONS, DriveCommand, State
+from barewire.devices.cia402 import STATUS_PATTERNS, TRANSITIONS, DriveCommand, State
 from barewire.errors import EncodeError
 from barewire_workbench.pictures.picture import as_svg
 from barewire_workbench.pictures.registers import TYPES, RegistersPicture

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.devices import State, load, state_of
-from barewire.devices.drive.cia402 import after, command_of
+from barewire.devices.cia402 import after, command_of
 from barewire.errors import DecodeError, EncodeError
 from barewire_workbench.steps import Steps, control_word_steps, parse_word, status_word_steps
 

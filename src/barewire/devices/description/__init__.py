@@ -4,7 +4,6 @@ The files, in reading order:
 
     load            name or path -> Device
     build           the tables of the files -> Device, Parameter
-    check           whether a description of a user follows the format
-    rules           the rules for single keys, and the line of a key for errors
+    check           whether a description of a user follows the format; errors with file, line and key
     export_eds      Device -> EDS
 """

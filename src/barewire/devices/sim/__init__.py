@@ -11,18 +11,22 @@ themselves change between requests.
 Simulated: every parameter of the description, at its address or object, with its type, rights and range; the function
 codes, limits and exceptions of each device; the CiA 402 states and status words; ramps and trapezoids of the right
 duration; a soft start that takes the acceleration time; PDOs, SYNC, heartbeat and NMT of the AZ3; saved parameters and
-power-off. Simplified: currents, torques, temperatures and their curves. Only stored: what the heads of `adxl.machine`,
-`az3.machine` and `csd_mt.machine` list. What the manuals leave open is decided in one place, and documented there. The
+power-off. Simplified: currents, torques, temperatures and their curves. Only stored: what the heads of `adxl`,
+`az3` and `csd_mt.machine` list. What the manuals leave open is decided in one place, and documented there. The
 environment of a machine (a supply that fails, a switch that is passed) is set by attributes that the same heads list.
 
 In reading order:
 
-    core      the store, the adapters for Modbus and CANopen, `Simulator`: any device without behaviour
-    motion    trajectories in closed form, the CiA 402 axis
-    adxl      the soft starter
-    az3       the servo drive
-    csd_mt    the stepper drive
-    recorded  machines that repeat what they said on a recorded line: `recorded_units("pump.toml")`
+    store             every parameter with its value, its rights and its hooks
+    modbus, canopen   the adapters through which the buses access the store
+    machine           `Simulator` joins them: any device without behaviour
+    trajectory        motion in closed form
+    cia402_axis       states of a drive, and the motion that they allow
+    adxl              the soft starter; adxl_motor: its motor
+    az3               the servo drive; az3_motion: its units, limits, brake and measured values
+    csd_mt/           the stepper drive
+    recorded          what the units of a recorded line answered, learned and kept as TOML
+    replay            units that repeat it: `recorded_units("pump.toml")`
 """
 
 from __future__ import annotations
@@ -33,11 +37,11 @@ from typing import Literal, overload
 
 from barewire.devices.description.load import load
 from barewire.devices.device import Device
-from barewire.devices.sim.adxl.machine import Adxl
-from barewire.devices.sim.az3.machine import Az3
-from barewire.devices.sim.core.simulator import MachineUnits, Simulator
+from barewire.devices.sim.adxl import Adxl
+from barewire.devices.sim.az3 import Az3
 from barewire.devices.sim.csd_mt.machine import CsdMt
-from barewire.devices.sim.recorded.replay import recorded_units
+from barewire.devices.sim.machine import MachineUnits, Simulator
+from barewire.devices.sim.replay import recorded_units
 
 _SIMULATORS: dict[str, type[Simulator]] = {"adxl": Adxl, "az3": Az3, "csd-mt": CsdMt}
 """The machines with behaviour, by the name of their description."""

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from barewire.canopen.eds.eds_file import Eds
     from barewire.canopen.object_dictionary import ObjectDictionary
-    from barewire.devices.sim.core.simulator import Simulator
+    from barewire.devices.sim.machine import Simulator
     from barewire.io.canopen.bus.async_bus import AsyncRunning
     from barewire.io.canopen.bus.receiving import WatchFrames
     from barewire.io.fault_injection.targets import GivenFaults

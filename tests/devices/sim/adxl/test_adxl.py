@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.devices.sim import simulator
-from barewire.devices.sim.adxl.modbus import EventList
+from barewire.devices.sim.adxl import EventList
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId
 from barewire.modbus.messages.registers import (

@@ -8,7 +8,7 @@ import pytest
 
 from barewire.ascii import AsciiLine, frame as ascii_frame
 from barewire.devices.sim import MachineUnits, simulator
-from barewire.devices.sim.adxl.machine import REBOOT_TAKES
+from barewire.devices.sim.adxl import REBOOT_TAKES
 from barewire.modbus.adu import Adu
 from barewire.modbus.messages.registers import (
     ReadInputRegisters,

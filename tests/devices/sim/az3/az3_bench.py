@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from barewire.devices.drive.cia402 import State, state_of
+from barewire.devices.cia402 import State, state_of
 from barewire.devices.sim import Az3, simulator
 from tests.devices.sim.bench import Bench
 

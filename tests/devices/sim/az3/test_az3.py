@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from barewire.devices.drive.cia402 import State
+from barewire.devices.cia402 import State
 from barewire.errors import EncodeError
 from barewire.modbus.messages.coils import ReadCoils, ReadDiscreteInputs, WriteMultipleCoils, WriteSingleCoil
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId

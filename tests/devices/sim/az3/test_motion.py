@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.devices.drive.cia402 import State
+from barewire.devices.cia402 import State
 from tests.devices.sim.az3.az3_bench import az3_bench, drive, enable, state
 from tests.devices.sim.bench import Bench
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire.devices.drive.cia402 import State
+from barewire.devices.cia402 import State
 from barewire.modbus.messages.registers import (
     ReadInputRegisters,
     WriteMultipleRegisters,

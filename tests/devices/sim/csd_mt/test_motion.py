@@ -6,7 +6,7 @@ from math import sqrt
 
 import pytest
 
-from barewire.devices.drive.cia402 import State
+from barewire.devices.cia402 import State
 from barewire.modbus.messages.registers import WriteMultipleRegisters
 from tests.devices.sim.csd_mt.csd_mt_bench import VELOCITY, CsdBench
 

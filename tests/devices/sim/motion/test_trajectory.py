@@ -7,7 +7,7 @@ from math import inf, sqrt
 import pytest
 from hypothesis import given, strategies as st
 
-from barewire.devices.sim.motion.trajectory import Trajectory
+from barewire.devices.sim.trajectory import Trajectory
 
 RATES = st.floats(1.0, 1e6)
 

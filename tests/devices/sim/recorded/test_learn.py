@@ -6,8 +6,15 @@ from typing import Any
 
 import pytest
 
-from barewire.devices.sim.recorded.learn import RecordedAnswer, RecordedLine, RecordedRequest, learn_line
-from barewire.devices.sim.recorded.toml import from_toml, is_recorded, to_toml
+from barewire.devices.sim.recorded import (
+    RecordedAnswer,
+    RecordedLine,
+    RecordedRequest,
+    from_toml,
+    is_recorded,
+    learn_line,
+    to_toml,
+)
 from barewire.errors import EncodeError
 from barewire.modbus import (
     ExceptionResponse,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from barewire.devices.sim.recorded.replay import ReplayedUnit, recorded_units
-from barewire.devices.sim.recorded.toml import from_toml
+from barewire.devices.sim.recorded import from_toml
+from barewire.devices.sim.replay import ReplayedUnit, recorded_units
 from barewire.errors import EncodeError
 from barewire.modbus import (
     Delayed,

@@ -6,9 +6,8 @@ from random import Random
 
 import pytest
 
-from barewire.devices.sim.recorded.learn import learn_line
-from barewire.devices.sim.recorded.replay import ReplayedUnit
-from barewire.devices.sim.recorded.toml import from_toml, to_toml
+from barewire.devices.sim.recorded import from_toml, learn_line, to_toml
+from barewire.devices.sim.replay import ReplayedUnit
 from barewire.modbus import (
     MaskWriteRegister,
     ModbusException,

@@ -16,9 +16,9 @@ from rich.console import Console
 from rich.progress import Progress as Bar, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from barewire import BarewireError, NoAnswer, PortError, Refused, connect, load
+from barewire.devices.cia402 import State
 from barewire.devices.device import Device, drive_roles
-from barewire.devices.drive.cia402 import State
-from barewire.devices.drive.report import DriveProgress, DriveStatus, DriveStuck, bit_names
+from barewire.devices.drive import DriveProgress, DriveStatus, DriveStuck, bit_names
 from barewire.devices.parameter import show
 from barewire.devices.request_checks import check_mode
 from barewire.errors import shown

@@ -18,7 +18,7 @@ from barewire import EncodeError, ModbusServer, Table
 from barewire.devices.description.load import DEVICE_FILE
 from barewire.devices.request_checks import parse_value
 from barewire.devices.sim import MachineUnits, Simulator, recorded_units, simulator
-from barewire.devices.sim.recorded.toml import is_recorded
+from barewire.devices.sim.recorded import is_recorded
 from barewire.errors import shown
 from barewire.io.canopen.bus.receiving import inside_one_process
 from barewire.io.endpoint import Endpoint

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from barewire.canopen.frame import CanFrame
+from barewire.devices.cia402 import command_of, state_of
 from barewire.devices.device import Device, drive_roles
-from barewire.devices.drive.cia402 import command_of, state_of
 from barewire.devices.parameter import ModbusAt
 from barewire.errors import DecodeError
 from barewire.modbus.messages.base import EXCEPTION_BIT

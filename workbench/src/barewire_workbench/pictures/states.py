@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal, NamedTuple
 
-from barewire.devices.drive.cia402 import TRANSITIONS, DriveCommand, State, command_of, state_of
+from barewire.devices.cia402 import TRANSITIONS, DriveCommand, State, command_of, state_of
 from barewire.errors import DecodeError, EncodeError
 from barewire_workbench.frames.result import counted
 from barewire_workbench.pictures.drawing import Drawing, Tile

@@ -3,7 +3,7 @@
     status word 0637h & 006Fh = 0027h     operation enabled
     control word 000Fh                    bits 7 3 2 1 0 = 0 1 1 1 1: enable operation
 
-`devices.drive.cia402` has the tables that the package drives by; the steps here find the row by their own arithmetic.
+`devices.cia402` has the tables that the package drives by; the steps here find the row by their own arithmetic.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from barewire.devices.device import Device
-from barewire.devices.drive.cia402 import (
+from barewire.devices.cia402 import (
     CONTROL_PATTERNS,
     STATUS_PATTERNS,
     TRANSITIONS,
@@ -23,6 +22,7 @@ from barewire.devices.drive.cia402 import (
     next_control_word,
     state_of,
 )
+from barewire.devices.device import Device
 from barewire.errors import DecodeError, EncodeError, shown
 from barewire_workbench.steps.model import Steps, StepSection, StepTable, grouped_bits
 

@@ -33,20 +33,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from barewire.codecs import Value
+from barewire.devices.cia402 import FAULT_STATES, State
 from barewire.devices.device import Device, ModbusSettings
-from barewire.devices.drive.cia402 import FAULT_STATES, State
-from barewire.devices.sim.core.modbus import ModbusAdapter
-from barewire.devices.sim.core.simulator import Simulator
-from barewire.devices.sim.core.store import Declined
-from barewire.devices.sim.csd_mt.axis import StepperAxis
-from barewire.devices.sim.csd_mt.context import FOLLOWING, NO_POWER, Context, TimedAction
-from barewire.devices.sim.csd_mt.edges import Edges
-from barewire.devices.sim.csd_mt.environment import Environment
-from barewire.devices.sim.csd_mt.inputs import Inputs
-from barewire.devices.sim.csd_mt.registers import ServiceRegisters
-from barewire.devices.sim.csd_mt.shaft import Shaft
-from barewire.devices.sim.csd_mt.thermal import ThermalModel
-from barewire.devices.sim.motion.cia402_axis import (
+from barewire.devices.sim.cia402_axis import (
     CURRENT_ON,
     HOMING,
     IMMEDIATELY,
@@ -54,6 +43,14 @@ from barewire.devices.sim.motion.cia402_axis import (
     REACHED,
     VELOCITY,
 )
+from barewire.devices.sim.csd_mt.axis import StepperAxis
+from barewire.devices.sim.csd_mt.environment import FOLLOWING, NO_POWER, Context, Environment, TimedAction
+from barewire.devices.sim.csd_mt.inputs import Edges, Inputs
+from barewire.devices.sim.csd_mt.registers import ServiceRegisters, ThermalModel
+from barewire.devices.sim.csd_mt.shaft import Shaft
+from barewire.devices.sim.machine import Simulator
+from barewire.devices.sim.modbus import ModbusAdapter
+from barewire.devices.sim.store import Declined
 from barewire.modbus.messages.base import Response
 
 _MODES = (0, POSITION, VELOCITY, HOMING)

@@ -18,9 +18,8 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from math import inf
 
-from barewire.devices.sim.csd_mt.context import Context, TimedAction
-from barewire.devices.sim.csd_mt.environment import REVOLUTION
-from barewire.devices.sim.motion.trajectory import ShaftMotion, Trajectory, wrapped
+from barewire.devices.sim.csd_mt.environment import REVOLUTION, Context, TimedAction
+from barewire.devices.sim.trajectory import ShaftMotion, Trajectory, wrapped
 
 EDGE = 1e-3
 """A switch and a wall are this many steps thick, so that one passage is one event."""

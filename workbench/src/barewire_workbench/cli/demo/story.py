@@ -19,7 +19,7 @@ from barewire import NoAnswer
 from barewire.canopen import CanFrame
 from barewire.codecs import Value
 from barewire.devices import Reading
-from barewire.devices.drive.report import DriveStatus
+from barewire.devices.drive import DriveStatus
 from barewire.devices.sim import Simulator, simulator
 from barewire.io.machine import MachineClient
 from barewire.io.ports.trace import Direction

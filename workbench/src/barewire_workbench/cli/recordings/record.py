@@ -8,8 +8,7 @@ from pathlib import Path
 
 import click
 
-from barewire.devices.sim.recorded.learn import ANSWERS_LIMIT, READS, RecordedLine, RecordedRequest, learn_line
-from barewire.devices.sim.recorded.toml import to_toml
+from barewire.devices.sim.recorded import ANSWERS_LIMIT, READS, RecordedLine, RecordedRequest, learn_line, to_toml
 from barewire.errors import BarewireError, EncodeError, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen

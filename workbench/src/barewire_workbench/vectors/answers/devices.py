@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 from barewire.codecs import Value, get_bit
-from barewire.devices.drive.cia402 import (
+from barewire.devices.cia402 import (
     CONTROL_PATTERNS,
     STATUS_PATTERNS,
     TRANSITIONS,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from barewire import connect
 from barewire.canopen.sdo.messages import ExpeditedDownload, decode_sdo_request
 from barewire.devices import load
-from barewire.devices.drive.cia402 import STATUS_PATTERNS, State, after, command_of, state_of
+from barewire.devices.cia402 import STATUS_PATTERNS, State, after, command_of, state_of
 from barewire.errors import BarewireError, EncodeError
 from barewire.io.endpoint import Endpoint
 from barewire.modbus import WriteMultipleRegisters, WriteSingleRegister, decode_request

@@ -1,4 +1,4 @@
-"""The motion of the AZ3: its units, its limits, its brake.                          [ST.TEC.022, ST.TEC.071, CiA 402]
+"""The motion of the AZ3: units, limits, brake, phasing, measured values.           [ST.TEC.022, ST.TEC.071, CiA 402]
 
         user units --velocity factor, polarity, limits--> Cia402Axis --> trajectory in increments and seconds
 
@@ -14,7 +14,7 @@ The brake, with BRAKE ACTIVATION on:
 BRAKE VALUE shows whether it is open; with BRAKE ACTIVATION off it is an output that a client sets. The guides give the
 names and the times (in ms) only; the sequence is that of other drives with parameters of these names.
 
-Phasing of the AZ3: the alignment of motor and encoder.                                          [ST.TEC.022]
+Phasing, the alignment of motor and encoder:
 
         START PHASING, ABSOLUTE ENCODER PHASING START, ALIGNMENT REQUEST
                 alignment current for T ALIGN, then the captures are stored; the first two end with AUTO-PHASED MOTOR on
@@ -23,17 +23,33 @@ Phasing of the AZ3: the alignment of motor and encoder.                         
 
 Simulated: the time, the current, the captures and the results above. The motor needs no phasing to turn. T ALIGN is
 taken in tenths of a millisecond, the unit of the other times on that page of the guide.
+
+The measured values:
+
+        axis --> position, velocity --> flywheel and friction --> torque --> current --> DC link voltage, temperature
+
+Simplified: the motor is a flywheel with friction, so torque follows acceleration and speed. In torque mode the shaft is
+held, and only the torque moves towards TARGET TORQUE. The heatsink has no time constant.
+
+The guides list some measured values as read/write (HEATSINK TEMPERATURE, CUSTOM POSITION ACTUAL VALUE, SENSORLESS
+MEASURED SPEED). A write to one is accepted and has no effect, because each read computes the value.
 """
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from collections.abc import Callable
+from functools import partial
+from math import inf, isfinite, pi
+from typing import TYPE_CHECKING
 
-from barewire.devices.drive.cia402 import State, Transition
-from barewire.devices.sim.core.machine import MachineClock
-from barewire.devices.sim.core.store import MachineStore
-from barewire.devices.sim.motion.cia402_axis import CURRENT_ON, HALT, NEW_SET_POINT, POSITION, VELOCITY, Cia402Axis
-from barewire.devices.sim.motion.trajectory import wrapped
+from barewire.devices.cia402 import State, Transition
+from barewire.devices.sim.cia402_axis import CURRENT_ON, HALT, NEW_SET_POINT, POSITION, TORQUE, VELOCITY, Cia402Axis
+from barewire.devices.sim.store import MachineClock, MachineStore
+from barewire.devices.sim.trajectory import Trajectory, wrapped
+
+if TYPE_CHECKING:
+    pass
+
 
 CAPTURES = 7
 _TENTHS_OF_MS = 1e-4
@@ -245,3 +261,118 @@ class Az3Axis(Cia402Axis):
         super().tick(now)
         if was is State.QUICK_STOP_ACTIVE and self.state is not was:
             self._brake_holds_at = self.trajectory.ends_at + self.brake_time("BRAKE ENGAGE TIME")
+
+
+_INERTIA, _FRICTION = 2e-4, 2e-4
+"""kg m², Nm s: a small motor with some load."""
+
+_SUPPLY = 48.0
+_SUPPLY_RESISTANCE = 0.05
+_AMBIENT = 25.0
+_WARMING = 0.5  # °C per ampere
+
+_MONITORED: dict[int, str] = {
+    1: "VELOCITY ACTUAL VALUE",
+    2: "POSITION ACTUAL VALUE",
+    3: "TORQUE ACTUAL VALUE",
+    4: "RMS CURRENT",
+    5: "VBUS MEAN",
+    6: "TARGET VELOCITY",
+    7: "HEATSINK TEMPERATURE",
+}
+"""The values that CHANNEL_SEL_1 to 4 can select, besides 8, the voltage reference. Other numbers show 0."""
+
+_REFERENCE = 8
+
+
+class Measurements:
+    """The measured values of one drive. They are computed when they are read."""
+
+    def __init__(
+        self, clock: MachineClock, store: MachineStore, settings: Az3Settings, axis: Az3Axis, phasing: Phasing
+    ) -> None:
+        self.clock, self.store, self.settings, self.axis, self.phasing = clock, store, settings, axis, phasing
+        self.supply = _SUPPLY
+        """Volts of the supply."""
+        self._torque = Trajectory()
+        self._reference = Trajectory()
+        measures: dict[str, Callable[[], float]] = {
+            "POSITION ACTUAL VALUE": lambda: self._position(32),
+            "CUSTOM POSITION ACTUAL VALUE": lambda: self._position(16),
+            "VELOCITY ACTUAL VALUE": self._velocity,
+            "VL VELOCITY ACTUAL VALUE": self._velocity,
+            "CUSTOM VELOCITY ACTUAL VALUE": self._velocity,
+            "SENSORLESS MEASURED SPEED": self._velocity,
+            "TORQUE ACTUAL VALUE": self._torque_permille,
+            "TORQUE DEMAND": self._torque_permille,
+            "TORQUE ACTUAL VALUE NM": self._torque_nm,
+            "TORQUE SHAFT VALUE": self._torque_nm,
+            "CURRENT ACTUAL VALUE": self._torque_permille,
+            "RMS CURRENT": self._current,
+            "IQRMSX10": lambda: 10 * self._current(),
+            "DC LINK CIRCUIT VOLTAGE": lambda: 1000 * self._bus_voltage(),
+            "VBUS MEAN": self._bus_voltage,
+            "HEATSINK TEMPERATURE": lambda: _AMBIENT + _WARMING * self._current(),
+        }
+        for name, read in measures.items():
+            store.measure(name, read)
+        for index in range(CAPTURES):
+            store.measure(f"PHASE DATA INCREMENTAL CAPTURES {index}", partial(phasing.captures.__getitem__, index))
+        for channel in range(1, 5):
+            store.measure(f"MONITOR VAR {channel}", partial(self._monitor, channel))
+
+    def restart(self) -> None:
+        """Restart as at power-on, without torque and voltage reference."""
+        self._torque, self._reference = Trajectory(), Trajectory()
+
+    # Set-points on ramps
+
+    def follow_torque(self) -> None:
+        """Ramp the torque with TORQUE SLOPE to TARGET TORQUE, or to 0 outside torque mode (‰ of the rated torque)."""
+        on = self.axis.mode == TORQUE and self.axis.state is State.OPERATION_ENABLED
+        slope = self.settings.torque_slope()
+        self._torque.move(self.clock.now, self.settings.target_torque() if on else 0.0, slope, slope, slope, jerky=True)
+
+    def follow_reference(self) -> None:
+        """Move the voltage reference to V REF SETPOINT on its ramp, in volts."""
+        on = self.axis.state is State.OPERATION_ENABLED
+        target = self.store.number("V REF SETPOINT") if on else 0.0
+        slope = self.settings.voltage_ramp(target - self._reference.position(self.clock.now))
+        self._reference.move(self.clock.now, target, slope, slope, slope, jerky=True)
+
+    # Values
+
+    def _position(self, bits: int) -> int:
+        return wrapped(self.settings.shown_position(self.axis.trajectory.position(self.clock.now)), bits)
+
+    def _velocity(self) -> float:
+        return self.settings.shown_velocity(self.axis.trajectory.velocity(self.clock.now))
+
+    def _torque_nm(self) -> float:
+        """Return the torque of torque mode, and what flywheel and friction take."""
+        if self.axis.state not in CURRENT_ON:
+            return 0.0
+        now, trajectory = self.clock.now, self.axis.trajectory
+        commanded = self._torque.position(now) / 1000 * self.settings.rated_torque
+        turn = 2 * pi / self.settings.increments
+        return commanded + turn * (_INERTIA * trajectory.acceleration(now) + _FRICTION * trajectory.velocity(now))
+
+    def _torque_permille(self) -> float:
+        return 1000 * self._torque_nm() / self.settings.rated_torque
+
+    def _current(self) -> float:
+        """Return the current in A: the rated current gives the rated torque; phasing takes the alignment current."""
+        if self.phasing.in_progress:
+            return self.store.number("ALIGNMENT CURRENT")
+        return abs(self._torque_permille()) / 1000 * self.store.number("MOTOR RATED CURRENT") / 1000
+
+    def _bus_voltage(self) -> float:
+        """Return the supply voltage, which drops a little under current."""
+        return max(0.0, self.supply - _SUPPLY_RESISTANCE * self._current())
+
+    def _monitor(self, channel: int) -> float:
+        selected = self.store.whole(f"CHANNEL_SEL_{channel}")
+        if selected == _REFERENCE:
+            return self._reference.position(self.clock.now)
+        name = _MONITORED.get(selected)
+        return self.store.number(name) if name else 0.0

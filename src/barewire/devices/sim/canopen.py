@@ -30,8 +30,7 @@ from barewire.canopen.sdo.dialect import STANDARD
 from barewire.codecs import Value, get_bit, set_bit
 from barewire.devices.device import CanopenSettings, DevicePdo
 from barewire.devices.sdo_dialects import DIALECTS
-from barewire.devices.sim.core.machine import SimulatedMachine
-from barewire.devices.sim.core.store import Cell, Declined, DeclineReason
+from barewire.devices.sim.store import Cell, Declined, DeclineReason, SimulatedMachine
 
 _ABORT_CODES: dict[DeclineReason, AbortCode] = {
     "place": AbortCode.NO_OBJECT,

@@ -5,8 +5,8 @@
         MODES OF OPERATION  1 position   3 velocity   4 torque
 
 Simulated: the CiA 402 states; position, velocity and torque mode with their ramps, units, limits and the brake
-(`motion`); phasing (`phasing`); saving, defaults, addresses and bit rate (`memory`); torque, current and voltage
-(`measurements`); errors with their emergencies; the device identification of Modbus. The drive has no quick stop option
+and phasing (`az3_motion`); saving, defaults, addresses and bit rate (`Memory`); torque, current and voltage
+(`az3_motion`); errors with their emergencies; the device identification of Modbus. The drive has no quick stop option
 code, so its default, 2, is used: it brakes and changes to SWITCH ON DISABLED by itself.
 
 The environment is set with `supply` (volts; above V BUS MAX it is fault 3210h, without voltage while the motor has
@@ -20,7 +20,20 @@ SELECTORs with SPEED, POSITION and TORQUE VALUE 1 to 4, digital inputs and outpu
 sensorless, thermistor and braking resistor settings, current and speed controllers, STO, START, EMCY-CODE, DIRECTION
 CHANGE LOCK, following error and position window (this shaft follows exactly), position range limits, option codes
 605Bh and 605Ch, BOOT OPTIONS, baud rate and parity. The guides do not state which variable a CHANNEL_SEL number
-selects; the list in `measurements` is this simulator's own.
+selects; the list in `az3_motion` is this simulator's own.
+
+The non-volatile memory:
+
+        STORE ALL PARAMETERS = 65766173h ("save")   saves all writable parameters and the PDO records
+                             any other value        refused: abort 0800 0020h [CiA 301, 1010h], on Modbus exception 03
+        EEPROM PARAMETERS CLEANING                  defaults from the next reset on
+        EEPROM DIAGNOSTIC LOG CLEANING              no errors in ERROR CODE 1 to 8
+        EEPROM TOTAL CLEANING                       both, and the results of the phasing
+
+Node-ID (BOOT CAN NODE), bit rate (CAN BIT RATE) and MODBUS ADDRESS take effect when the drive restarts: at power-on, a
+software reset, NMT reset node, and for the first two NMT reset communication. The guides do not state when. Unsaved
+values are lost in all of these cases but the last. With a node-ID outside 1..127 the drive is silent on CAN; a number
+without a bit rate in the guide selects the default.
 """
 
 from __future__ import annotations
@@ -32,13 +45,14 @@ from typing import TYPE_CHECKING, Any
 
 from barewire.canopen.nmt.messages import NmtState
 from barewire.codecs import Value, get_bit, set_bit
-from barewire.devices.device import Device
-from barewire.devices.drive.cia402 import FAULT_STATES, DriveCommand, State
-from barewire.devices.sim.az3.memory import Measurements, Memory
-from barewire.devices.sim.az3.motion import Az3Axis, Az3Settings, Phasing
-from barewire.devices.sim.core.modbus import ModbusAdapter
-from barewire.devices.sim.core.simulator import Simulator, parse_setting
-from barewire.devices.sim.motion.cia402_axis import CURRENT_ON
+from barewire.devices.cia402 import FAULT_STATES, DriveCommand, State
+from barewire.devices.device import CanopenSettings, Device
+from barewire.devices.parameter import show
+from barewire.devices.sim.az3_motion import Az3Axis, Az3Settings, Measurements, Phasing
+from barewire.devices.sim.cia402_axis import CURRENT_ON
+from barewire.devices.sim.machine import Simulator, parse_setting
+from barewire.devices.sim.modbus import ModbusAdapter
+from barewire.devices.sim.store import Declined, MachineStore
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.messages.base import Response
 from barewire.modbus.messages.identification import (
@@ -48,8 +62,73 @@ from barewire.modbus.messages.identification import (
     ReadDeviceIdentificationResponse,
 )
 
-if TYPE_CHECKING:  # a simulator without CAN loads no CANopen
-    from barewire.devices.sim.core.canopen import CanopenAdapter
+if TYPE_CHECKING:
+    from barewire.devices.sim.canopen import CanopenAdapter
+
+
+_SAVE = 0x65766173
+"""The letters "save", the signature of CiA 301 for 1010h:01. The guides give no value: this one is assumed."""
+
+_BIT_RATES = {3: 20_000, 4: 50_000, 5: 125_000, 6: 250_000, 7: 500_000, 9: 1_000_000}
+"""By the number in CAN BIT RATE (CANopen guide, chapter 4)."""
+
+_DEFAULT_BIT_RATE = 5
+_COMMANDS_AT_REST = {"CONTROL WORD": 0, "TARGET VELOCITY": 0, "TARGET TORQUE": 0}
+"""Commands are not saved: a drive that is switched on waits for new ones."""
+
+
+class Memory:
+    """The saved parameters of one drive, and the node-ID and bit rate that it uses."""
+
+    def __init__(self, store: MachineStore, canopen: CanopenAdapter | None, settings: CanopenSettings | None) -> None:
+        self.store, self.canopen = store, canopen
+        self.node = 0
+        """The node-ID in use."""
+        self.bit_rate = _DEFAULT_BIT_RATE
+        """The number of the bit rate in use."""
+        if settings is not None:
+            numbers = {rate: number for number, rate in _BIT_RATES.items()}
+            self.deliver("BOOT CAN NODE", settings.node)
+            self.deliver("CAN BIT RATE", numbers.get(settings.bitrate, _DEFAULT_BIT_RATE))
+            self.node, self.bit_rate = settings.node, store.whole("CAN BIT RATE")
+        store.veto("STORE ALL PARAMETERS", self._check_signature)
+        store.after("STORE ALL PARAMETERS", self._save)
+
+    def deliver(self, name: str, value: Value) -> None:
+        """Set the value of a parameter at delivery."""
+        self.store.cell(name).default = value
+        self.store[name] = value
+
+    def take_addresses(self) -> None:
+        """Take node-ID and bit rate from their parameters, as the drive restarts."""
+        if self.canopen is None:
+            return
+        number = self.store.whole("CAN BIT RATE")
+        self.bit_rate = number if number in _BIT_RATES else _DEFAULT_BIT_RATE
+        self.node = self.store.whole("BOOT CAN NODE")
+        self.canopen.take_address(self.node if 1 <= self.node <= 127 else None, _BIT_RATES[self.bit_rate])
+
+    def _check_signature(self, value: Value) -> None:
+        if value != _SAVE:
+            raise Declined("signature", f"{show(value)} stores nothing: expected {_SAVE}, the letters 'save'")
+
+    def _save(self, value: Value) -> None:
+        """Save every writable parameter: the guides do not list which are saved."""
+        saved = self.store.snapshot(
+            lambda cell: cell.parameter.writable and (cell.measured is None or bool(cell.parts))
+        )
+        at_rest = {name: value for name, value in _COMMANDS_AT_REST.items() if name in saved}
+        self.store.saved = saved | at_rest
+        if self.canopen is not None:
+            self.canopen.save_records()
+        self.store["STORE ALL PARAMETERS"] = 0
+
+    def clear(self) -> None:
+        """Delete the saved parameters and PDO records."""
+        self.store.saved = {}
+        if self.canopen is not None:
+            self.canopen.forget_records()
+
 
 _IDENTIFICATION = ((0, b"TEM"), (1, b"AZ3"), (2, b"1.84"))
 """VendorName, ProductCode, MajorMinorRevision: the newest firmware that the guides name."""

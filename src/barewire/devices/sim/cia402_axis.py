@@ -5,7 +5,7 @@
         status word  <-- state bits, 9 remote, 10 target reached, 12 by mode ---------------------------'
 
 Drives differ in their `AxisSettings`: units, limits, and the source of the values. Their additions (delays, inputs,
-limit switches and homing in `csd_mt.axis`, a brake in `az3.motion`) override the methods that are marked as hooks.
+limit switches and homing in `csd_mt.axis`, a brake in `az3_motion`) override the methods that are marked as hooks.
 Everything is in steps and seconds. The bits 4 to 8 of the control word depend on the mode: 4 new set-point or homing
 start, 5 change immediately, 6 relative, 8 halt (CSD MT manual, ch. 12, register 1040).
 """
@@ -15,8 +15,8 @@ from __future__ import annotations
 from math import inf
 from typing import Protocol
 
-from barewire.devices.drive.cia402 import TRANSITIONS, DriveCommand, State, Transition, command_of, with_state
-from barewire.devices.sim.motion.trajectory import Trajectory, wrapped
+from barewire.devices.cia402 import TRANSITIONS, DriveCommand, State, Transition, command_of, with_state
+from barewire.devices.sim.trajectory import Trajectory, wrapped
 
 POSITION, VELOCITY, TORQUE, HOMING = 1, 3, 4, 6
 NEW_SET_POINT, IMMEDIATELY, RELATIVE, HALT = 0x10, 0x20, 0x40, 0x100

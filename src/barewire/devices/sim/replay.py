@@ -20,8 +20,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from barewire.codecs import Layout
-from barewire.devices.sim.recorded.learn import READS, WRITES, RecordedAnswer, RecordedRequest, RecordedUnit
-from barewire.devices.sim.recorded.toml import from_toml
+from barewire.devices.sim.recorded import READS, WRITES, RecordedAnswer, RecordedRequest, RecordedUnit, from_toml
 from barewire.errors import EncodeError
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.messages.base import Response

@@ -15,13 +15,12 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from barewire.devices.device import Device, suggest
-from barewire.devices.sim.core.machine import MachineClock
-from barewire.devices.sim.core.modbus import ModbusAdapter
-from barewire.devices.sim.core.store import MachineStore
+from barewire.devices.sim.modbus import ModbusAdapter
+from barewire.devices.sim.store import MachineClock, MachineStore
 from barewire.errors import EncodeError
 
 if TYPE_CHECKING:
-    from barewire.devices.sim.core.canopen import CanopenAdapter
+    from barewire.devices.sim.canopen import CanopenAdapter
 
 
 class Simulator:
@@ -51,7 +50,7 @@ class Simulator:
         self.canopen: CanopenAdapter | None = None
         if device.canopen is not None:
             # Imported here, so that a machine without CAN loads no CANopen.
-            from barewire.devices.sim.core.canopen import CanopenAdapter
+            from barewire.devices.sim.canopen import CanopenAdapter
 
             self.canopen = CanopenAdapter(self, device.canopen)
 

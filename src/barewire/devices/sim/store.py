@@ -1,4 +1,4 @@
-"""The values of a simulated machine: each stored once, by the name of its parameter, for both buses.
+"""The values of a simulated machine: each stored once, by the name of its parameter, for both buses; and its clock.
 
         Modbus adapter: images --.                                 .-- the machine's own code
                                  >--  from outside     from inside <
@@ -16,13 +16,57 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Literal
+from typing import Literal, Protocol
 
 from barewire.codecs import Value, get_bit, set_bit
 from barewire.codecs.numbers import Number
 from barewire.devices.device import fold
 from barewire.devices.parameter import Parameter
 from barewire.errors import BarewireError, EncodeError
+
+
+class MachineClock:
+    """The time of one machine in seconds, as it was last passed in. All parts of the machine share one clock.
+
+    >>> clock = MachineClock()
+    >>> clock.advance(5.0)
+    >>> clock.advance(7.5)
+    >>> clock.now, clock.uptime
+    (7.5, 2.5)
+    """
+
+    def __init__(self, now: float = 0.0) -> None:
+        self.now = now
+        self.on_since: float | None = None
+        """The time of power-on: the first time that was passed in, or the last power cycle."""
+
+    def advance(self, now: float) -> None:
+        """Set the time. A time before the present one is ignored."""
+        if self.on_since is None:
+            self.on_since = now
+        self.now = max(self.now, now)
+
+    @property
+    def uptime(self) -> float:
+        """Seconds since power-on."""
+        return 0.0 if self.on_since is None else self.now - self.on_since
+
+
+class SimulatedMachine(Protocol):
+    """The part of a machine that the bus adapters use: values, clock, and resets from a bus."""
+
+    store: MachineStore
+    clock: MachineClock
+
+    def tick(self, now: float) -> None:
+        """Advance to the time `now`: carry out everything that is due until then."""
+
+    def reset(self) -> None:
+        """Restore every value as at power-on (NMT reset node)."""
+
+    def reset_communication(self) -> None:
+        """React to an NMT reset communication; the saved values of 1000h to 1FFFh have been restored."""
+
 
 DeclineReason = Literal["place", "value", "signature", "state"]
 """place: no such address or object; value: no such value; signature: not the value that stores or restores; state: not
