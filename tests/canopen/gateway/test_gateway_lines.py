@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.canopen.gateway import GatewayError, GatewaySession
-from barewire.canopen.gateway.parser import parse_line, split_line
-from barewire.canopen.gateway.values import TYPE_NAMES, from_text, to_text
+from barewire.canopen.gateway.lines import TYPE_NAMES, from_text, split_line, to_text
+from barewire.canopen.gateway.session import parse_line
 from barewire.conversation import play
 from tests.canopen.gateway.test_gateway import answer_to
 

@@ -7,11 +7,9 @@
 
 Files, in reading order:
 
-    commands     each command as a value, and the error codes
-    values       words <-> bytes                    parser         line -> command
-    session      settings, execution of a line      lss_commands   execution of the LSS commands
-    notices      lines without a command of their own    pdos      PDOs that the gateway sends and receives
-    own_node     the gateway as a node of the net
+    lines        the text of lines, values, errors
+    session      the table of commands, and what each does; settings     lss_commands   the LSS commands
+    notices      lines without a command of their own; PDOs              own_node       the gateway as a node of the net
 
 The syntax and the numbers are those of CiA 309-3. Its text is not public, so they are taken from two open gateways that
 follow it. What both leave open is stated where it is decided: unsigned numbers are written in decimal (`x16` for
@@ -23,7 +21,7 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.canopen.gateway.commands import GatewayCode as GatewayCode, GatewayError as GatewayError
+    from barewire.canopen.gateway.lines import GatewayCode as GatewayCode, GatewayError as GatewayError
     from barewire.canopen.gateway.notices import Notices as Notices
     from barewire.canopen.gateway.own_node import GatewayNode as GatewayNode
     from barewire.canopen.gateway.session import GatewaySession as GatewaySession
@@ -31,7 +29,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__, __all__ = lazy(
     __name__,
     {
-        "commands": "GatewayCode GatewayError",
+        "lines": "GatewayCode GatewayError",
         "notices": "Notices",
         "own_node": "GatewayNode",
         "session": "GatewaySession",

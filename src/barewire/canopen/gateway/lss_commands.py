@@ -12,11 +12,9 @@ A service without a response ends with ERROR:103, except the global ones, which 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from barewire.canopen.cob_ids import NODE_MAX
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.gateway.commands import GatewayCode, GatewayError, LssCommand
+from barewire.canopen.gateway.lines import GatewayCode, GatewayError
 from barewire.canopen.lss.fastscan import assign_node_ids, fastscan
 from barewire.canopen.lss.master import (
     LSS_TIMEOUT,
@@ -27,14 +25,13 @@ from barewire.canopen.lss.master import (
     identify_unconfigured,
     inquire_address,
     inquire_node,
-    store_configuration,
     switch_global,
     switch_selective,
 )
 from barewire.canopen.lss.messages import UNCONFIGURED, LssAddress, LssRefused, LssService, LssState
 from barewire.conversation import Conversation
 
-_CODES = {
+_ERROR_CODES = {
     (LssService.CONFIGURE_NODE, 1): GatewayCode.LSS_NODE_ID,
     (LssService.CONFIGURE_BIT_TIMING, 1): GatewayCode.LSS_BIT_RATE,
     (LssService.STORE, 1): GatewayCode.LSS_STORING,
@@ -42,124 +39,102 @@ _CODES = {
 }
 
 
-def lss_error_code(refused: LssRefused) -> GatewayCode:
+def error_code(refused: LssRefused) -> GatewayCode:
     """Return the gateway's error code for a refusal of an LSS device."""
-    return _CODES.get((refused.service, refused.code), GatewayCode.LSS_ERROR)
+    return _ERROR_CODES.get((refused.service, refused.code), GatewayCode.LSS_ERROR)
 
 
-def run_lss(command: LssCommand) -> Conversation[CanFrame, str]:
-    """Execute an LSS command and return its answer. Raise GatewayError, LssRefused, NoAnswer or EncodeError."""
-    return _COMMANDS[command.service](*command.numbers)
+def switch_all(configuration: int) -> Conversation[CanFrame, None]:
+    """lss_switch_glob: switch all devices to configuration, or to waiting."""
+    return switch_global(LssState(configuration))
 
 
-def _switch_global(state: int) -> Conversation[CanFrame, str]:
-    if state > 1:
-        raise GatewayError(GatewayCode.SYNTAX, f"lss_switch_glob {state}: expected 0 (waiting) or 1 (configuration)")
-    yield from switch_global(LssState(state))
-    return "OK"
-
-
-def _switch_selective(*numbers: int) -> Conversation[CanFrame, str]:
-    vendor, product, revision, serial = numbers
+def switch_one(vendor: int, product: int, revision: int, serial: int) -> Conversation[CanFrame, None]:
+    """lss_switch_sel: switch the device with this address to configuration."""
     if not (yield from switch_selective(LssAddress(vendor, product, revision, serial))):
         raise GatewayError(GatewayCode.TIME_OUT, "no device with this address answered")
-    return "OK"
 
 
-def _set_node(node: int) -> Conversation[CanFrame, str]:
-    yield from configure_node(None if node == UNCONFIGURED else node)
-    return "OK"
+def set_node(node: int) -> Conversation[CanFrame, None]:
+    """lss_set_node: set the pending node-ID, FFh for none."""
+    return configure_node(None if node == UNCONFIGURED else node)
 
 
-def _configure_bit_rate(table: int, entry: int) -> Conversation[CanFrame, str]:
-    yield from configure_bit_timing(entry, table)
-    return "OK"
+def set_bit_rate(table: int, entry: int) -> Conversation[CanFrame, None]:
+    """lss_conf_bitrate."""
+    return configure_bit_timing(entry, table)
 
 
-def _activate(milliseconds: int) -> Conversation[CanFrame, str]:
-    yield from activate_bit_timing(milliseconds / 1000)
-    return "OK"
+def activate_bit_rate(milliseconds: int) -> Conversation[CanFrame, float]:
+    """lss_activate_bitrate."""
+    return activate_bit_timing(milliseconds / 1000)
 
 
-def _store() -> Conversation[CanFrame, str]:
-    yield from store_configuration()
-    return "OK"
-
-
-def _inquire(part: int | None = None) -> Conversation[CanFrame, str]:
-    """Return all four numbers of the address, or one: 0 to 3, or its command byte 5Ah to 5Dh."""
+def inquire(part: int | None = None) -> Conversation[CanFrame, str]:
+    """lss_inquire_addr: all four numbers of the address, or one: 0 to 3, or its command byte 5Ah to 5Dh."""
     if part is not None and part >= LssService.INQUIRE_VENDOR:
         part -= LssService.INQUIRE_VENDOR
     if part is not None and not 0 <= part <= 3:
         raise GatewayError(GatewayCode.SYNTAX, "lss_inquire_addr: expected 0..3, or 0x5A..0x5D, or nothing")
     address = yield from inquire_address()
-    return _shown(address) if part is None else f"0x{address[part]:08X}"
+    return _address_text(address) if part is None else f"0x{address[part]:08X}"
 
 
-def _node() -> Conversation[CanFrame, str]:
+def get_node() -> Conversation[CanFrame, str]:
+    """lss_get_node: the node-ID, FFh for none."""
     node = yield from inquire_node()
     return f"0x{UNCONFIGURED if node is None else node:02X}"
 
 
-def _identity(*numbers: int) -> Conversation[CanFrame, str]:
-    vendor, product, revision_low, revision_high, serial_low, serial_high = numbers
-    ranges = (revision_low, revision_high), (serial_low, serial_high)
-    if not (yield from identify_slaves(vendor, product, *ranges)):
+def identify(
+    vendor: int, product: int, revision_low: int, revision_high: int, serial_low: int, serial_high: int
+) -> Conversation[CanFrame, None]:
+    """lss_identity: ask whether a device is within these limits."""
+    if not (yield from identify_slaves(vendor, product, (revision_low, revision_high), (serial_low, serial_high))):
         raise GatewayError(GatewayCode.TIME_OUT, "no device within these limits answered")
-    return "OK"
 
 
-def _unconfigured() -> Conversation[CanFrame, str]:
+def identify_nonconfigured() -> Conversation[CanFrame, None]:
+    """lss_ident_nonconf: ask whether a device has no node-ID."""
     if not (yield from identify_unconfigured()):
         raise GatewayError(GatewayCode.TIME_OUT, "no device without a node-ID answered")
-    return "OK"
 
 
-def _fastscan(milliseconds: int = 0) -> Conversation[CanFrame, str]:
+def find_one(milliseconds: int = 0) -> Conversation[CanFrame, str]:
+    """_lss_fastscan: find one device without a node-ID."""
     address = yield from fastscan(timeout=_seconds(milliseconds))
     if address is None:
         raise GatewayError(GatewayCode.TIME_OUT, "there is no device without a node-ID")
-    return _shown(address)
+    return _address_text(address)
 
 
-def _all_nodes(milliseconds: int = 0, first: int = 2, store: int = 1, *scan: int) -> Conversation[CanFrame, str]:
-    """Find all devices without a node-ID, and assign node-IDs from `first` upwards.
+def assign_all(
+    milliseconds: int = 0, first: int = 2, store: int = 1, scan: list[int] | None = None
+) -> Conversation[CanFrame, str]:
+    """lss_allnodes: find all devices without a node-ID, and assign node-IDs from `first` upwards.
 
     `scan` has a scan type and a number for each part of the address: with type 2 the part must have this number, with 0
     and 1 it may have any.
     """
-    if not 1 <= first <= NODE_MAX or store > 1 or len(scan) not in (0, 8) or any(type > 2 for type in scan[::2]):
-        expected = "[timeout_ms [first_node 1..127 store 0|1 [scan_type 0..2 number, for each of the four parts]]]"
-        raise GatewayError(GatewayCode.SYNTAX, f"lss_allnodes: expected {expected}")
-    known = [number if type == 2 else None for type, number in zip(scan[::2], scan[1::2])] or [None] * 4
-    nodes, wait = range(first, NODE_MAX + 1), _seconds(milliseconds)
-    found = yield from assign_node_ids(nodes, known, store=bool(store), timeout=wait)
+    types, numbers = (scan or [0] * 8)[::2], (scan or [0] * 8)[1::2]
+    if len(types) + len(numbers) != 8 or any(type > 2 for type in types):
+        raise GatewayError(
+            GatewayCode.SYNTAX, "lss_allnodes: expected scan_type 0..2 and number for each of the four parts"
+        )
+    known = [number if type == 2 else None for type, number in zip(types, numbers)]
+    devices = yield from assign_node_ids(
+        range(first, NODE_MAX + 1), known, store=bool(store), timeout=_seconds(milliseconds)
+    )
     lines = [
-        f"# node {device.node}: {_shown(device.address)}{', not stored' if store and not device.stored else ''}"
-        for device in found
+        f"# node {device.node}: {_address_text(device.address)}{', not stored' if store and not device.stored else ''}"
+        for device in devices
     ]
-    return "\n".join([*lines, f"# {len(found)} found", "OK"])
+    return "\n".join([*lines, f"# {len(devices)} found", "OK"])
 
 
 def _seconds(milliseconds: int) -> float:
     return min(milliseconds, 60_000) / 1000 if milliseconds else LSS_TIMEOUT
 
 
-def _shown(address: LssAddress) -> str:
+def _address_text(address: LssAddress) -> str:
     return " ".join(f"0x{number:08X}" for number in address)
-
-
-_COMMANDS: dict[str, Callable[..., Conversation[CanFrame, str]]] = {
-    "lss_switch_glob": _switch_global,
-    "lss_switch_sel": _switch_selective,
-    "lss_set_node": _set_node,
-    "lss_conf_bitrate": _configure_bit_rate,
-    "lss_activate_bitrate": _activate,
-    "lss_store": _store,
-    "lss_inquire_addr": _inquire,
-    "lss_get_node": _node,
-    "lss_identity": _identity,
-    "lss_ident_nonconf": _unconfigured,
-    "_lss_fastscan": _fastscan,
-    "lss_allnodes": _all_nodes,
-}

@@ -5,52 +5,45 @@
         [2] 5 start              ->   000h 01 05                           ->   [2] OK
         [3] 5 r 0x6999 0         ->   605h ...  585h 80 ... 06020000h      ->   [3] ERROR:0x06020000 #...
 
+`COMMANDS` has a row for each command: its words, whom it is for, its arguments, and the method that executes it.
+The help, parsing and execution are derived from it.
+
 `answer` is a conversation. The caller also feeds every frame to `notices`. The lines of one connection are executed one
 after the other, in their order.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Literal, TypeAlias
+from collections.abc import Callable, Generator
+from functools import partial
+from typing import Any, Literal, NamedTuple
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.gateway.commands import (
-    CommandLine,
-    ConfigureGuarding,
-    ConfigureHeartbeat,
-    EnableIndication,
+from barewire.canopen.gateway import lss_commands as lss
+from barewire.canopen.gateway.lines import (
     GatewayCode,
-    GatewayCommand,
     GatewayError,
-    InitGateway,
-    LssCommand,
-    ReadPdo,
-    ReadSdo,
-    SendNmt,
-    SetOption,
-    SetPdo,
-    ShowInfo,
-    WritePdo,
-    WriteSdo,
+    Words,
     error_line,
+    from_text,
+    sequence_of,
+    split_line,
+    to_text,
+    width,
 )
-from barewire.canopen.gateway.lss_commands import lss_error_code, run_lss
-from barewire.canopen.gateway.notices import Notices
+from barewire.canopen.gateway.notices import EVENT, RTR, Notices, PdoSettings
 from barewire.canopen.gateway.own_node import GatewayNode
-from barewire.canopen.gateway.parser import parse_line, sequence_of
-from barewire.canopen.gateway.values import is_wrong_length, to_text
+from barewire.canopen.lss.master import store_configuration
 from barewire.canopen.lss.messages import LssRefused
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage
+from barewire.canopen.pdo.mapping import BITS_MAX
 from barewire.canopen.sdo.client.channel import Channel
 from barewire.canopen.sdo.client.download import download
 from barewire.canopen.sdo.client.upload import upload
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.conversation import Conversation, Heard, Listen, Send
-from barewire.errors import DecodeError, EncodeError, NoAnswer
-
-_ChannelOf: TypeAlias = Callable[[int], Channel]
+from barewire.errors import DecodeError, EncodeError, NoAnswer, shown
 
 _SDO_TIMEOUT = 0.5  # seconds, until `set sdo_timeout`
 MAX_LINE = 65_536
@@ -59,32 +52,33 @@ MAX_LINE = 65_536
 _BIT_RATE_UNCHANGED = 9
 """The entry of CiA 305's bit rate table that is no bit rate: "automatic"."""
 
-_HELP = """\
-[seq] [[net] node] r[ead] index sub [type]            SDO upload
-[seq] [[net] node] w[rite] index sub type value       SDO download
-[seq] [[net] node] start | stop | preop[erational] | reset node | reset comm[unication]
-[seq] [[net] node] enable guarding time_ms factor | disable guarding | enable heartbeat time_ms | disable heartbeat
-[seq] [net] set node n | set sdo_timeout ms | set sdo_block 0|1 ; [seq] set network n
-[seq] [net] set rpdo|tpdo n cob event|rtr|sync0..240 count (index sub type)...
-[seq] [net] set tpdox n cob type inhibit timer sync_start count (index sub type)...
-[seq] [net] r[ead] p[do] n | w[rite] p[do] n count value...
-[seq] [net] boot_up_indication enable|disable | _emcy_indication enable|disable | _bus_indication enable|disable
-[seq] [net] set heartbeat ms | set id n | init 9      with --node-id: the node of the gateway itself
-[seq] [net] lss_switch_glob 0|1 | lss_switch_sel vendor product revision serial | lss_set_node n | lss_get_node
-[seq] [net] lss_conf_bitrate table index | lss_activate_bitrate delay_ms | lss_store | lss_inquire_addr [0..3]
-[seq] [net] lss_identity vendor product rev_low rev_high serial_low serial_high | lss_ident_nonconf
-[seq] [net] _lss_fastscan [timeout_ms] | lss_allnodes [timeout_ms [first_node store [scan_type number]x4]]
-[seq] info version | help [lss|datatype]
-types: b i8..i64 u8..u64 x8..x64 r32 r64 vs os us d t td hex;  # begins a comment"""
+
+class Command(NamedTuple):
+    """A row of the table of commands.
+
+    to          whom it is for: the gateway itself, the gateway's own node, the net, LSS devices of the net,
+                a node, a node or all of them ("nodes"), or the SDO server of a node
+    arguments   their names, with limits or a reader below; those in brackets may be missing
+    run         the method of the session, or a function of `lss_commands`, that is called with the node, if it is for
+                one, and the arguments; it executes the command, or returns a conversation that does;
+                the text it returns is the answer, otherwise that is OK
+    help        a remark for the help
+    """
+
+    to: Literal["gateway", "own", "net", "lss", "node", "nodes", "sdo"]
+    arguments: str
+    run: Callable[..., object]
+    help: str = ""
 
 
-class _WrongType(Exception):
-    """The value that a node returned is not of the requested type."""
+class CommandLine(NamedTuple):
+    """A parsed line: its sequence number, net and node if they are given, the command and its arguments."""
 
-    def __init__(self, code: AbortCode, text: str) -> None:
-        super().__init__(text)
-        self.code = code
-        self.text = text
+    sequence: int
+    net: int | None
+    node: int | None
+    command: str
+    arguments: list[Any]
 
 
 class GatewaySession:
@@ -110,7 +104,7 @@ class GatewaySession:
         *,
         version: str = "",
         dialect: SdoDialect = STANDARD,
-        channel: _ChannelOf | None = None,
+        channel: Callable[[int], Channel] | None = None,
         remote: bool = True,
         indications: bool = False,
         own: GatewayNode | None = None,
@@ -144,16 +138,12 @@ class GatewaySession:
             sequence = sequence_of(text)[0]
             line = parse_line(text)
             answer = yield from self._execute(line)
-        except GatewayError as error:
-            return [error_line(sequence, error.code, str(error))]
-        except _WrongType as error:
-            return [error_line(sequence, error.code, error.text)]
-        except SdoAbort as error:
+        except (GatewayError, SdoAbort) as error:
             return [error_line(sequence, error.code, str(error))]
         except LssRefused as error:
-            return [error_line(sequence, lss_error_code(error), str(error))]
+            return [error_line(sequence, lss.error_code(error), str(error))]
         except NoAnswer as error:
-            code = AbortCode.TIMED_OUT if isinstance(line.command, (ReadSdo, WriteSdo)) else GatewayCode.TIME_OUT
+            code = AbortCode.TIMED_OUT if COMMANDS[line.command].to == "sdo" else GatewayCode.TIME_OUT
             return [error_line(sequence, code, str(error))]
         except EncodeError as error:
             return [error_line(sequence, GatewayCode.SYNTAX, str(error))]
@@ -164,143 +154,369 @@ class GatewaySession:
         """Return what a line needs for itself: an SDO channel, LSS, the gateway's own node, or nothing."""
         try:
             line = parse_line(text)
-            if isinstance(line.command, (ReadSdo, WriteSdo)):
+            to = COMMANDS[line.command].to
+            if to == "sdo":
                 node = self._node(line.node)
                 return "own" if self._is_own(node) else self._channel_of(node)
         except GatewayError:
             return None
-        if self.own is not None and _is_for_own_node(line.command):
+        if to == "own" and self.own is not None:
             return "own"
-        return "LSS" if isinstance(line.command, LssCommand) else None
+        return "LSS" if to == "lss" else None
+
+    def _execute(self, line: CommandLine) -> Conversation[CanFrame, str]:
+        command = COMMANDS[line.command]
+        arguments = line.arguments
+        if command.to != "gateway":
+            self._check_net(line.net)
+        if command.to in ("node", "nodes", "sdo"):
+            arguments = [self._node(line.node, all_too=command.to == "nodes"), *arguments]
+        result = command.run(*arguments) if command.to == "lss" else command.run(self, *arguments)
+        if isinstance(result, Generator):
+            result = yield from result
+        return result if isinstance(result, str) else "OK"
+
+    def _check_net(self, given: int | None) -> None:
+        net = self._default_net if given is None else given
+        if net is None:
+            raise GatewayError(GatewayCode.NO_DEFAULT_NET, "no net given, and no default: set network n")
+        if net != self.net:
+            raise GatewayError(GatewayCode.UNSUPPORTED_NET, f"net {net}: this gateway has net {self.net}")
+
+    def _node(self, given: int | None, *, all_too: bool = False) -> int:
+        node = self._default_node if given is None else given
+        if node is None:
+            raise GatewayError(GatewayCode.NO_DEFAULT_NODE, "no node given, and no default: set node n")
+        if not (0 if all_too else 1) <= node <= 127:
+            low = "0 for all, or " if all_too else ""
+            raise GatewayError(GatewayCode.UNSUPPORTED_NODE, f"node {node}: expected {low}1..127")
+        return node
+
+    # Settings and information
+
+    def _set_network(self, net: int) -> None:
+        if net not in (0, self.net):
+            raise GatewayError(GatewayCode.UNSUPPORTED_NET, f"net {net}: this gateway has net {self.net}")
+        self._default_net = net or None
+
+    def _set_node(self, node: int) -> None:
+        self._default_node = node or None
+
+    def _set_timeout(self, milliseconds: int) -> None:
+        self._timeout = milliseconds / 1000
+
+    def _set_block(self, block: int) -> None:
+        self._block = bool(block)
+
+    def _enable_indication(self, on: bool, *, kind: Literal["boot_up", "emcy", "bus"]) -> None:
+        self.notices.enabled[kind] = on
+
+    def _info_version(self) -> str:
+        return self._version or "barewire"
+
+    def _help(self) -> str:
+        return "\n".join([*_help_lines(), _TYPES, "OK"])
+
+    def _help_lss(self) -> str:
+        return "\n".join([*(line for line in _help_lines() if "lss_" in line), "OK"])
+
+    def _help_datatype(self) -> str:
+        return f"{_TYPES}\nOK"
+
+    # SDO and NMT
+
+    def _read(self, node: int, index: int, sub: int, type: str = "hex") -> Conversation[CanFrame, str]:
+        channel = self._channel(node)
+        data = yield from upload(channel, index, sub, timeout=self._timeout, block=self._block)
+        try:
+            return to_text(type, data)
+        except DecodeError as error:
+            # Only an object of another size than the type has an abort code of its own.
+            code = AbortCode.LENGTH if error.reason in ("short", "long") else AbortCode.INVALID_VALUE
+            text = f"{index:04X}h:{sub:02X}: {error.text}: {data[:16].hex(' ')}"
+            raise GatewayError(code, text) from None
+
+    def _write(self, node: int, index: int, sub: int, type: str, words: list[str]) -> Conversation[CanFrame, None]:
+        data = from_text(type, words)
+        block = self._block and len(data) > 4  # an expedited transfer takes 4 bytes
+        yield from download(self._channel(node), index, sub, data, timeout=self._timeout, block=block)
+
+    def _channel(self, node: int) -> Channel:
+        return Channel(node) if self._is_own(node) else self._channel_of(node)
 
     def _is_own(self, node: int) -> bool:
         return self.own is not None and self.own.device.node == node
 
-    def _execute(self, line: CommandLine) -> Conversation[CanFrame, str]:
-        command = line.command
-        if isinstance(command, ShowInfo):
-            return _help(command.part) if command.topic == "help" else self._version or "barewire"
-        if not (isinstance(command, SetOption) and command.name == "network"):
-            self._check_net(line.net)
-        if _is_for_own_node(command):
-            return (yield from self._own_node(command))
-        if isinstance(command, SetOption):
-            return self._set(command)
-        if isinstance(command, (ReadSdo, WriteSdo)):
-            return (yield from self._sdo_transfer(self._node(line.node), command))
-        if isinstance(command, SendNmt):
-            yield Send(NmtMessage(command.command, self._node(line.node, all_too=True)).encode())
-            return "OK"
-        if isinstance(command, LssCommand):
-            return (yield from run_lss(command))
-        return (yield from self._control(line, command))
+    def _nmt(self, node: int, *, command: NmtCommand) -> Conversation[CanFrame, None]:
+        yield Send(NmtMessage(command, node).encode())
 
-    def _check_net(self, net: int | None) -> None:
-        wanted = self._default_net if net is None else net
-        if wanted is None:
-            raise GatewayError(GatewayCode.NO_DEFAULT_NET, "no net given, and no default: set network n")
-        if wanted != self.net:
-            raise GatewayError(GatewayCode.UNSUPPORTED_NET, f"net {wanted}: this gateway has net {self.net}")
+    # Error control
 
-    def _node(self, node: int | None, *, all_too: bool = False) -> int:
-        wanted = self._default_node if node is None else node
-        if wanted is None:
-            raise GatewayError(GatewayCode.NO_DEFAULT_NODE, "no node given, and no default: set node n")
-        if not (0 if all_too else 1) <= wanted <= 127:
-            low = "0 for all, or " if all_too else ""
-            raise GatewayError(GatewayCode.UNSUPPORTED_NODE, f"node {wanted}: expected {low}1..127")
-        return wanted
+    def _enable_guarding(self, node: int, milliseconds: int, factor: int) -> Conversation[CanFrame, None]:
+        if not self._remote:
+            text = "this bus carries no remote frames: use enable heartbeat instead"
+            raise GatewayError(GatewayCode.NOT_SUPPORTED, text)
+        self.notices.guard(node, milliseconds / 1000, factor, (yield from _time()))
 
-    def _set(self, command: SetOption) -> str:
-        value = command.value
-        if command.name == "network":
-            if value not in (0, self.net):
-                raise GatewayError(GatewayCode.UNSUPPORTED_NET, f"net {value}: this gateway has net {self.net}")
-            self._default_net = value or None
-        elif command.name == "node":
-            self._default_node = value or None
-        elif command.name == "sdo_timeout":
-            self._timeout = value / 1000
-        else:
-            self._block = bool(value)
-        return "OK"
+    def _disable_guarding(self, node: int) -> Conversation[CanFrame, None]:
+        self.notices.guard(node, 0, 0, (yield from _time()))
 
-    def _own_node(self, command: GatewayCommand) -> Conversation[CanFrame, str]:
-        """Change the gateway's own node."""
-        own = self.own
-        if own is None:
+    def _set_consumer_time(self, node: int, milliseconds: int = 0) -> None:
+        self.notices.heartbeat(node, milliseconds / 1000)
+
+    # PDOs
+
+    def _set_pdo(self, number: int, cob_id: int, transmission: int, *more: Any, send: bool) -> None:
+        *times, types = more  # `tpdox` has three times before the objects, the other two have none
+        self.notices.set_pdo(PdoSettings(send, number, cob_id, transmission, types, *times))
+
+    def _read_pdo(self, number: int) -> str:
+        return f"{self.net} pdo {number} {self.notices.pdo(number, send=False).text()}"
+
+    def _write_pdo(self, number: int, words: list[str]) -> Conversation[CanFrame, None]:
+        pdo = self.notices.pdo(number, send=True)
+        pdo.write(words)
+        for frame in pdo.feed(None, (yield from _time())):
+            yield Send(frame)
+
+    # The gateway's own node
+
+    def _own_node(self) -> GatewayNode:
+        if self.own is None:
             text = "this gateway is not a node itself; barewire canopen-gateway --node-id N makes it one"
             raise GatewayError(GatewayCode.NOT_SUPPORTED, text)
-        if isinstance(command, SetOption) and command.name == "id":
-            own.next_id = command.value
-        elif isinstance(command, SetOption):
-            own.set_heartbeat(command.value)
-        elif isinstance(command, InitGateway):
-            if command.bit_rate != _BIT_RATE_UNCHANGED:
-                text = f"init {command.bit_rate}: the bit rate is that of the open interface; init 9 leaves it as it is"
-                raise GatewayError(GatewayCode.NOT_SUPPORTED, text)
-            yield Send(NmtMessage(NmtCommand.RESET_COMMUNICATION, own.device.node or 0).encode())
-        return "OK"
+        return self.own
 
-    def _sdo_transfer(self, node: int, command: ReadSdo | WriteSdo) -> Conversation[CanFrame, str]:
-        channel = Channel(node) if self._is_own(node) else self._channel_of(node)
-        if isinstance(command, WriteSdo):
-            block = self._block and len(command.data) > 4
-            yield from download(channel, command.index, command.sub, command.data, timeout=self._timeout, block=block)
-            return "OK"
-        data = yield from upload(channel, command.index, command.sub, timeout=self._timeout, block=self._block)
-        try:
-            return to_text(command.type, data)
-        except DecodeError as error:
-            code = AbortCode.LENGTH if is_wrong_length(error) else AbortCode.INVALID_VALUE
-            raise _WrongType(
-                code, f"{command.index:04X}h:{command.sub:02X}: {error.text}: {data[:16].hex(' ')}"
-            ) from None
+    def _set_heartbeat(self, milliseconds: int) -> None:
+        self._own_node().set_heartbeat(milliseconds)
 
-    def _control(
-        self,
-        line: CommandLine,
-        command: GatewayCommand,
-    ) -> Conversation[CanFrame, str]:
-        notices = self.notices
-        if isinstance(command, EnableIndication):
-            notices.enabled[command.kind] = command.on
-        elif isinstance(command, ConfigureHeartbeat):
-            notices.heartbeat(self._node(line.node), command.time / 1000)
-        elif isinstance(command, ConfigureGuarding):
-            if command.time and not self._remote:
-                text = "this bus carries no remote frames: use enable heartbeat instead"
-                raise GatewayError(GatewayCode.NOT_SUPPORTED, text)
-            now = yield from _time()
-            notices.guard(self._node(line.node), command.time / 1000, command.factor, now)
-        elif isinstance(command, SetPdo):
-            notices.set_pdo(command)
-        elif isinstance(command, ReadPdo):
-            pdo = notices.pdo(False, command.number)
-            return f"{self.net} pdo {command.number} {pdo.text()}"
-        elif isinstance(command, WritePdo):
-            notices.pdo(True, command.number).write(command.words)
-            for frame in notices.pdo(True, command.number).feed(None, (yield from _time())):
-                yield Send(frame)
-        return "OK"
+    def _set_id(self, node: int) -> None:
+        self._own_node().next_id = node
 
-
-def _is_for_own_node(command: GatewayCommand) -> bool:
-    """Return whether a command concerns the gateway's own node."""
-    return isinstance(command, InitGateway) or (isinstance(command, SetOption) and command.name in ("heartbeat", "id"))
-
-
-def _help(part: str) -> str:
-    """Return the help, or its lines about LSS or the data types, and OK."""
-    lines = _HELP.split("\n")
-    if part == "lss":
-        lines = [line for line in lines if "lss_" in line]
-    elif part == "datatype":
-        lines = lines[-1:]
-    return "\n".join([*lines, "OK"])
+    def _init(self, bit_rate: int) -> Conversation[CanFrame, None]:
+        own = self._own_node()
+        if bit_rate != _BIT_RATE_UNCHANGED:
+            text = f"init {bit_rate}: the bit rate is that of the open interface; init 9 leaves it as it is"
+            raise GatewayError(GatewayCode.NOT_SUPPORTED, text)
+        yield Send(NmtMessage(NmtCommand.RESET_COMMUNICATION, own.device.node or 0).encode())
 
 
 def _time() -> Conversation[CanFrame, float]:
     """Return the present time without waiting. A frame received with it is left to the notices."""
     heard: Heard[CanFrame] = yield Listen(float("-inf"))
     return heard.now
+
+
+# The table of commands ---------------------------------------------------------------------------------------------
+
+_Session = GatewaySession
+
+
+def _nmt(command: NmtCommand) -> Command:
+    return Command("nodes", "", partial(_Session._nmt, command=command), "NMT; node 0: all nodes")
+
+
+def _pdo(arguments: str, *, send: bool) -> Command:
+    return Command("net", arguments, partial(_Session._set_pdo, send=send), "no objects: remove it")
+
+
+def _indication(kind: Literal["boot_up", "emcy", "bus"], what: str) -> Command:
+    return Command("net", "enable|disable", partial(_Session._enable_indication, kind=kind), f"report {what}")
+
+
+COMMANDS: dict[str, Command] = {
+    "read": Command("sdo", "index sub [type]", _Session._read, "SDO upload"),
+    "write": Command("sdo", "index sub type value...", _Session._write, "SDO download"),
+    "start": _nmt(NmtCommand.START),
+    "stop": _nmt(NmtCommand.STOP),
+    "preoperational": _nmt(NmtCommand.ENTER_PRE_OPERATIONAL),
+    "reset node": _nmt(NmtCommand.RESET_NODE),
+    "reset communication": _nmt(NmtCommand.RESET_COMMUNICATION),
+    "enable guarding": Command("node", "time_ms factor", _Session._enable_guarding, "report when it becomes silent"),
+    "disable guarding": Command("node", "", _Session._disable_guarding),
+    "enable heartbeat": Command("node", "time_ms", _Session._set_consumer_time, "report when it becomes silent"),
+    "disable heartbeat": Command("node", "", _Session._set_consumer_time),
+    "set network": Command("gateway", "net", _Session._set_network, "default net, 0: none"),
+    "set node": Command("net", "node", _Session._set_node, "default node, 0: none"),
+    "set sdo_timeout": Command("net", "timeout_ms", _Session._set_timeout),
+    "set sdo_block": Command("net", "0|1", _Session._set_block, "1: block transfers"),
+    "set rpdo": _pdo("number cob_id transmission objects...", send=False),
+    "set tpdo": _pdo("number cob_id transmission objects...", send=True),
+    "set tpdox": _pdo("number cob_id transmission inhibit_100us timer_ms sync_start objects...", send=True),
+    "read pdo": Command("net", "number", _Session._read_pdo, "the values received last"),
+    "write pdo": Command("net", "number values...", _Session._write_pdo, "send a tpdo"),
+    "boot_up_indication": _indication("boot_up", "boot-ups"),
+    "_emcy_indication": _indication("emcy", "emergencies"),
+    "_bus_indication": _indication("bus", "errors of the CAN controller"),
+    "set heartbeat": Command("own", "interval_ms", _Session._set_heartbeat, "of the gateway itself, with --node-id"),
+    "set id": Command("own", "node_id", _Session._set_id, "of the gateway itself, from its next reset on"),
+    "init": Command("own", "bit_rate", _Session._init, "9: reset communication of the gateway itself"),
+    "lss_switch_glob": Command("lss", "0|1", lss.switch_all, "1: configuration, 0: waiting"),
+    "lss_switch_sel": Command("lss", "vendor product revision serial", lss.switch_one),
+    "lss_set_node": Command("lss", "new_node", lss.set_node, "255: none"),
+    "lss_conf_bitrate": Command("lss", "table entry", lss.set_bit_rate),
+    "lss_activate_bitrate": Command("lss", "delay_ms", lss.activate_bit_rate),
+    "lss_store": Command("lss", "", store_configuration),
+    "lss_inquire_addr": Command("lss", "[part]", lss.inquire, "0..3, or all four"),
+    "lss_get_node": Command("lss", "", lss.get_node),
+    "lss_identity": Command("lss", "vendor product rev_low rev_high serial_low serial_high", lss.identify),
+    "lss_ident_nonconf": Command("lss", "", lss.identify_nonconfigured),
+    "_lss_fastscan": Command("lss", "[scan_ms]", lss.find_one),
+    "lss_allnodes": Command(
+        "lss", "[scan_ms] [first_node] [0|1] [scan...]", lss.assign_all, "assign node-IDs, 1: store; type, number x4"
+    ),
+    "info version": Command("gateway", "", _Session._info_version),
+    "help": Command("gateway", "", _Session._help),
+    "help lss": Command("gateway", "", _Session._help_lss),
+    "help datatype": Command("gateway", "", _Session._help_datatype),
+}
+
+_SHORT = {"r": "read", "w": "write", "p": "pdo", "preop": "preoperational", "comm": "communication"}
+
+_LIMITS = {
+    "index": (0, 0xFFFF),
+    "sub": (0, 0xFF),
+    "net": (0, 127),
+    "node": (0, 127),
+    "node_id": (1, 127),
+    "timeout_ms": (1, 65_535),
+    "time_ms": (1, 65_535),
+    "interval_ms": (0, 65_535),
+    "factor": (1, 255),
+    "number": (1, 512),
+    "cob_id": (1, 0x7FF),
+    "inhibit_100us": (0, 0xFFFF),
+    "timer_ms": (0, 0xFFFF),
+    "sync_start": (0, 240),
+    "0|1": (0, 1),
+    "bit_rate": (0, 9),
+    "first_node": (1, 127),
+}
+"""The limits of numbers; those of all other numbers are 0 and FFFF FFFFh."""
+
+
+def _transmission(words: Words) -> int:
+    word = words.take("a transmission type").lower()
+    types = {"event": EVENT, "rtr": RTR, **{f"sync{period}": period for period in range(241)}}
+    if word not in types:
+        text = f"transmission type {shown(word)}: expected event, rtr or sync0..sync240"
+        raise GatewayError(GatewayCode.SYNTAX, text)
+    return types[word]
+
+
+def _objects(words: Words) -> tuple[str, ...]:
+    """Return the types of the objects of a PDO."""
+    types: list[str] = []
+    for _ in range(words.number("number of objects", 0, 64)):
+        for name in ("index", "sub"):
+            words.number(name, *_LIMITS[name])
+        types.append(words.type())
+        if not width(types[-1]):
+            raise GatewayError(GatewayCode.SYNTAX, f"type {types[-1]} has no fixed size: no PDO holds it")
+    bits = sum(map(width, types))
+    if bits > BITS_MAX:
+        raise GatewayError(GatewayCode.PDO_LENGTH_EXCEEDED, f"{bits} bits: a PDO has {BITS_MAX}")
+    return tuple(types)
+
+
+def _values(words: Words) -> list[str]:
+    """Return the words of the values of a PDO: a value may have two."""
+    count = words.number("number of values", 0, 64)
+    values = words.rest()
+    if len(values) < count:
+        raise GatewayError(GatewayCode.SYNTAX, f"{count} values were announced, but {len(values)} words follow")
+    return values
+
+
+def _enable(words: Words) -> bool:
+    word = words.take("enable or disable").lower()
+    if word not in ("enable", "disable"):
+        raise GatewayError(GatewayCode.SYNTAX, f"{shown(word)}: expected enable or disable")
+    return word == "enable"
+
+
+_READERS: dict[str, Callable[[Words], object]] = {
+    "type": Words.type,
+    "value...": Words.rest,
+    "transmission": _transmission,
+    "objects...": _objects,
+    "values...": _values,
+    "enable|disable": _enable,
+    "scan...": Words.numbers,
+}
+"""How the arguments are read that are not one number."""
+
+_TYPES = "types: b i8..i64 u8..u64 x8..x64 r32 r64 vs os us d t td hex;  # begins a comment"
+
+
+def _help_lines() -> list[str]:
+    """Return a line for each command, and the explanation of its words."""
+    lines = []
+    for words, command in COMMANDS.items():
+        address = {"gateway": "", "node": "[[net] node] ", "nodes": "[[net] node] ", "sdo": "[[net] node] "}
+        syntax = f"[seq] {address.get(command.to, '[net] ')}{words} {command.arguments}"
+        lines.append(f"{syntax:<74} {command.help}".rstrip())
+    return [
+        *lines,
+        "short: " + ", ".join(f"{short} = {word}" for short, word in _SHORT.items()),
+        "transmission: event, rtr, sync0..sync240; objects...: their number, then index sub type of each",
+    ]
+
+
+def parse_line(line: str) -> CommandLine:
+    """Parse a line.
+
+    >>> parse_line("[12] 1 5 r 0x6041 0 u16")
+    CommandLine(sequence=12, net=1, node=5, command='read', arguments=[24641, 0, 'u16'])
+
+    Capitals do not matter in the words of a command. A missing or unexpected word raises GatewayError 101, whose text
+    names it; an unknown command or setting 100.
+    """
+    sequence, rest = sequence_of(line)
+    words = Words(split_line(rest))
+    address: list[int] = []
+    while len(address) < 2 and words.peek()[:1].isdigit():
+        address.append(words.number("net or node", 0, 0xFFFF_FFFF))
+    name = _command_name(words)
+    command = COMMANDS[name]
+    arguments: list[Any] = []
+    for argument in command.arguments.split():
+        if argument.startswith("[") and not words:
+            break
+        arguments.append(_argument(argument.strip("[]"), words))
+    if words:
+        raise GatewayError(GatewayCode.SYNTAX, f"{shown(words.take(''))} is unexpected after the command")
+    node = None
+    if command.to in ("node", "nodes", "sdo"):
+        node = address.pop() if address else None  # a single number is the node
+    elif len(address) > 1:
+        raise GatewayError(GatewayCode.SYNTAX, "this command is for a net: it takes no node")
+    return CommandLine(sequence, address[0] if address else None, node, name, arguments)
+
+
+def _command_name(words: Words) -> str:
+    """Remove the one or two words of a command, and return its name in the table."""
+    word = words.take("a command").lower()
+    first = _SHORT.get(word, word)
+    second = words.peek()
+    name = f"{first} {_SHORT.get(second, second)}"
+    if name in COMMANDS:
+        words.take("")
+        return name
+    if first in COMMANDS:
+        return first
+    choices = [name.partition(" ")[2] for name in COMMANDS if name.startswith(f"{first} ")]
+    if choices:
+        expected = f"one of {', '.join(choices)}"
+        text = f"{first} {shown(words.take(expected))}: expected {expected}"
+        # CiA 309-3 has more settings than a gateway must have, but no other second words.
+        raise GatewayError(GatewayCode.NOT_SUPPORTED if first == "set" else GatewayCode.SYNTAX, text)
+    if word[:1].isdigit():
+        raise GatewayError(GatewayCode.SYNTAX, f"{shown(word)} is no command; at most a net and a node precede one")
+    raise GatewayError(GatewayCode.NOT_SUPPORTED, f"no command {shown(word)}; help lists them")
+
+
+def _argument(name: str, words: Words) -> object:
+    if name in _READERS:
+        return _READERS[name](words)
+    return words.number(name, *_LIMITS.get(name, (0, 0xFFFF_FFFF)))

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from barewire.canopen.frame import CanFrame, ErrorFrame
-from barewire.canopen.gateway.commands import GatewayCode, error_line
+from barewire.canopen.gateway.lines import GatewayCode, error_line
 from barewire.canopen.gateway.own_node import GatewayNode
 from barewire.canopen.gateway.session import MAX_LINE, GatewaySession
 from barewire.conversation import Conversation
