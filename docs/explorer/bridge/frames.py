@@ -10,8 +10,7 @@ from barewire.devices import Device, load
 from barewire.errors import EncodeError
 from barewire.rtu import encode as encode_rtu
 from barewire_workbench import Explanation, explain_text
-from barewire_workbench.api import explain_exchange
-from barewire_workbench.diagnosis.can import explain_diagnosed_can
+from barewire_workbench.api import explain_can_text, explain_exchange
 from barewire_workbench.frames.canopen.known_node import of_device
 from barewire_workbench.frames.input.text import parse_ascii, parse_hex
 from barewire_workbench.monitor.pdos import PdoTracker
@@ -40,7 +39,7 @@ def frame(protocol: str, text: str, role: str = "", request: str = "", device: s
         raise EncodeError(f"{len(text)} characters are more than one frame: paste them in the view Log")
     can: AnyFrame | None = parse_any_can(text) if protocol == "can" else None
     if isinstance(can, CanFrame) and device:
-        explanation = _explained_can(can, load(device))
+        explanation = _explained_can(text, can, load(device))
     elif request.strip() and can is None:
         explanation = explain_exchange(protocol, request, text, device=load(device) if device else None)
     else:
@@ -55,13 +54,13 @@ def frame(protocol: str, text: str, role: str = "", request: str = "", device: s
     }
 
 
-def _explained_can(can: CanFrame, device: Device) -> Explanation:
+def _explained_can(text: str, can: CanFrame, device: Device) -> Explanation:
     """Return the explanation of a frame of a node that is this device."""
     node = can.id & 0x7F
     if device.canopen is None or not node:
-        return explain_diagnosed_can(can)
+        return explain_can_text(text)
     known = of_device(device, node)
-    return explain_diagnosed_can(can, PdoTracker((known,)), {node: known.commands})
+    return explain_can_text(text, pdos=PdoTracker((known,)), dialects={node: known.commands})
 
 
 def _bytes(protocol: str, text: str, explanation: Explanation) -> list[dict[str, str]]:

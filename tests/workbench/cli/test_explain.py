@@ -102,6 +102,7 @@ def test_the_bytes_of_an_rtu_frame_are_explained_as_can_and_said_to_be_one() -> 
         "diagnosis: the bytes are a good RTU frame: to explain them so, give rtu in place of can "
     )
     assert json.loads(output_of(*command, "--json"))["valid"] is True
+    assert output_of(*command, "--device", "az3", "--node", "5").splitlines()[-2:] == [verdict, finding]
 
 
 def test_a_frame_as_svg_html_and_json() -> None:

@@ -4,26 +4,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import replace
 from typing import get_args
 
 from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.devices import Device
 from barewire.errors import DecodeError, EncodeError
-from barewire_workbench.diagnosis.can import explain_diagnosed_can
+from barewire_workbench.diagnosis.can import explain_diagnosed_can, modbus_on_can
 from barewire_workbench.diagnosis.modbus.exchange import ExpectedValue, cannot_answer, decoded, diagnose_exchange
 from barewire_workbench.diagnosis.modbus.expected import addresses_of_table, expected_values, float_values
 from barewire_workbench.diagnosis.modbus.frame import with_diagnosis
-from barewire_workbench.diagnosis.modbus.good import good_ascii, good_rtu, good_tcp, proof_of
-from barewire_workbench.frames.canopen.frame import explain_can
-from barewire_workbench.frames.findings import Finding
+from barewire_workbench.diagnosis.modbus.good import good_ascii
+from barewire_workbench.frames.canopen.frame import PdoDescriptions, explain_can
 from barewire_workbench.frames.input.text import parse_ascii, parse_hex
 from barewire_workbench.frames.modbus.frames import explain_ascii, explain_rtu, explain_tcp
 from barewire_workbench.frames.result import Explanation, FrameRole, ProtocolName
 from barewire_workbench.recordings.can_text import parse_any_can
 
 _PROTOCOLS: tuple[ProtocolName, ...] = get_args(ProtocolName)
+_NO_DIALECTS: Mapping[int, Container[int]] = {}
 _ROLES: tuple[FrameRole, ...] = get_args(FrameRole)
 
 
@@ -41,7 +41,7 @@ def explain(protocol: str, data: bytes | AnyFrame, role: str | None = None) -> E
     if isinstance(data, bytes | bytearray) == (protocol == "can"):
         raise EncodeError(f"{protocol}: expected {'a CanFrame' if protocol == 'can' else 'bytes'}, not {data!r}")
     if isinstance(data, CanFrame | FdFrame | ErrorFrame):
-        return explain_diagnosed_can(data)
+        return _with_modbus(explain_diagnosed_can(data), _bytes_with_identifier(data), checked)
     explainers: dict[str, Callable[[bytes, FrameRole | None], Explanation]] = {
         "rtu": explain_rtu,
         "ascii": explain_ascii,
@@ -65,7 +65,7 @@ def explain_text(protocol: str, text: str, role: str | None = None) -> Explanati
         return _typed_ascii(text, characters, checked)
     try:
         if protocol == "can":
-            explanation = _typed_can(text, checked)
+            explanation = explain_can_text(text, checked)
         else:
             data = characters if good_ascii(characters) is not None else parse_hex(text)
             explanation = explain(protocol, data, checked)
@@ -127,20 +127,38 @@ def _typed_ascii(text: str, characters: bytes, role: FrameRole | None) -> Explan
     return _with_hint(explanation, text, role)
 
 
-def _typed_can(text: str, role: FrameRole | None) -> Explanation:
-    """Explain a text as a CAN frame. Most short texts are one, so those that are a good Modbus frame are said to be."""
-    explanation = explain_diagnosed_can(parse_any_can(text))
+def explain_can_text(
+    text: str,
+    role: str | None = None,
+    pdos: PdoDescriptions | None = None,
+    dialects: Mapping[int, Container[int]] = _NO_DIALECTS,
+) -> Explanation:
+    """Explain a text as a CAN frame; `pdos` and `dialects` describe the nodes, as for `diagnose_can`.
+
+    Most short texts can be read as a CAN frame, so one that is a good Modbus frame gets that finding first.
+
+    Raises DecodeError for a text that is no CAN frame.
+    """
+    explanation = explain_diagnosed_can(parse_any_can(text), pdos, dialects)
     try:
-        data = parse_hex(text)
-    except DecodeError:
+        return _with_modbus(explanation, [parse_hex(text)], _checked("can", role))
+    except DecodeError:  # a form that only CAN has, such as 605#40
         return explanation
-    for good in (good_rtu(data, role), good_tcp(data, role)):
-        if good is not None:
-            name = "RTU" if good.protocol == "rtu" else "Modbus TCP"
-            words = f"the bytes are a good {name} frame: to explain them so, give {good.protocol} in place of can"
-            finding = Finding("modbus-on-can", words, proof_of(data, good))
-            return replace(explanation, diagnosis=(finding, *explanation.diagnosis))
-    return explanation
+
+
+def _with_modbus(explanation: Explanation, candidates: Iterable[bytes], role: FrameRole | None) -> Explanation:
+    finding = next(filter(None, (modbus_on_can(data, role) for data in candidates)), None)
+    return explanation if finding is None else replace(explanation, diagnosis=(finding, *explanation.diagnosis))
+
+
+def _bytes_with_identifier(frame: AnyFrame) -> list[bytes]:
+    """Return the bytes from which a text of hexadecimal digits becomes this frame: the first ones are its identifier.
+
+    01 03 00 00 00 0A C5 CD     001#030000000AC5CD          0103 00 00 ...     103#0000...
+    """
+    if not isinstance(frame, CanFrame) or frame.remote or frame.extended:
+        return []
+    return [frame.id.to_bytes(size) + frame.data for size in (1, 2) if frame.id < 256**size]
 
 
 def _with_hint(explanation: Explanation, text: str, role: FrameRole | None = None) -> Explanation:

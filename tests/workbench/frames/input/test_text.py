@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from barewire.errors import DecodeError, EncodeError
-from barewire_workbench import explain_text
+from barewire_workbench import explain, explain_text
 from barewire_workbench.frames.input.text import parse_ascii, parse_hex
+from barewire_workbench.recordings.can_text import parse_any_can
 
 
 @pytest.mark.parametrize(
@@ -157,6 +158,7 @@ def test_a_modbus_frame_that_can_be_read_as_a_can_frame_is_said_to_be_one(text: 
     first = explanation.diagnosis[0]
     assert first.code == "modbus-on-can"
     assert all(part in first.line for part in words), first.line
+    assert explain("can", parse_any_can(text)).diagnosis == explanation.diagnosis
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import click
 from barewire.canopen.frame import AnyFrame, CanFrame
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire_workbench import Explanation, explain_exchange, explain_text
+from barewire_workbench.api import explain_can_text
 from barewire_workbench.cli.arguments import (
     Choice,
     file_content,
@@ -19,7 +20,6 @@ from barewire_workbench.cli.arguments import (
     output_form,
     print_json,
 )
-from barewire_workbench.diagnosis.can import explain_diagnosed_can
 from barewire_workbench.frames.canopen.frame import explain_can, explain_segment
 from barewire_workbench.monitor import CanMonitor, event_as_dict, event_line
 from barewire_workbench.monitor.events import Gap, Loss, Violation
@@ -101,7 +101,7 @@ def explain_command(
             explanation = _explain_exchange(protocol, " ".join(frame), request, role, devices, nodes, floats)
         elif known:
             dialects = {node.node: node.commands for node in known}
-            explanation = explain_diagnosed_can(parse_any_can(" ".join(frame)), PdoTracker(tuple(known)), dialects)
+            explanation = explain_can_text(" ".join(frame), role, PdoTracker(tuple(known)), dialects)
         else:
             explanation = explain_text(protocol, " ".join(frame), role)
     except DecodeError as error:

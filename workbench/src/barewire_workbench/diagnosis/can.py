@@ -21,9 +21,10 @@ from barewire.canopen.frame import AnyFrame, CanFrame
 from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand
 from barewire.canopen.sdo.messages import ExpeditedDownload, ExpeditedUpload, InitiateUpload
 from barewire.errors import DecodeError
+from barewire_workbench.diagnosis.modbus.good import good_rtu, good_tcp, proof_of
 from barewire_workbench.frames.canopen.frame import PdoDescriptions, explain_can
 from barewire_workbench.frames.findings import Finding
-from barewire_workbench.frames.result import Explanation, counted
+from barewire_workbench.frames.result import Explanation, FrameRole, counted
 
 _SIZE = 8
 """Bytes of an SDO frame."""
@@ -79,6 +80,20 @@ def explain_diagnosed_can(
 operational'
     """
     return replace(explain_can(frame, pdos), diagnosis=tuple(diagnose_can(frame, pdos, dialects)))
+
+
+def modbus_on_can(data: bytes, role: FrameRole | None = None) -> Finding | None:
+    """Return the finding that these bytes, read as identifier and data, are a good Modbus frame; None if they are not.
+
+    >>> modbus_on_can(bytes.fromhex("01 03 00 00 00 0A C5 CD")).text
+    'the bytes are a good RTU frame: to explain them so, give rtu in place of can'
+    """
+    for good in (good_rtu(data, role), good_tcp(data, role)):
+        if good is not None:
+            name = "RTU" if good.protocol == "rtu" else "Modbus TCP"
+            text = f"the bytes are a good {name} frame: to explain them so, give {good.protocol} in place of can"
+            return Finding("modbus-on-can", text, proof_of(data, good))
+    return None
 
 
 def _shown(frame: CanFrame) -> str:
