@@ -213,7 +213,7 @@ REFUSED = {
     "devices import no framing": ("barewire/devices/modbus_access.py", "from barewire.rtu.line import RtuLine"),
     "devices import no io": ("barewire/devices/sim/az3.py", "from barewire.io.engine import blocking"),
     "the workbench has no ports": ("barewire_workbench/api.py", "from barewire.io import endpoint"),
-    "frames import no cli": ("barewire_workbench/frames/modbus/frames.py", "from ...cli import table"),
+    "frames import no cli": ("barewire_workbench/frames/modbus.py", "from ...cli import table"),
     "the stack does not know the workbench": (
         "barewire/io/engine/blocking.py",
         "from barewire_workbench.cli import main",

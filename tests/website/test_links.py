@@ -21,7 +21,7 @@ TEXT = "See [a\n[b]](TARGET), `[c](TARGET)`.\n\n```text\n[d](TARGET)\n```\n"
         ("docs/explanation/crc.md", "../../src/barewire/rtu/__init__.py", "../reference/api/rtu.rst"),
         (
             "docs/explanation/crc.md",
-            "../../workbench/src/barewire_workbench/steps/crc.py",
+            "../../workbench/src/barewire_workbench/steps/checksums.py",
             "../reference/api/workbench.steps.rst",
         ),
         ("docs/explanation/crc.md", "../../Makefile", "../files/Makefile.md"),

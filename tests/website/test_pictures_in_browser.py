@@ -11,11 +11,11 @@ from barewire.canopen import CanFrame
 from barewire.rtu import encode
 from barewire_workbench import explain, explain_text
 from barewire_workbench.pictures.fields import FieldsPicture
-from barewire_workbench.pictures.frames import frame_pictures
+from barewire_workbench.pictures.levels import frame_pictures
 from barewire_workbench.pictures.picture import Picture, as_html, as_svg
 from barewire_workbench.pictures.recordings import recording_picture
-from barewire_workbench.pictures.registers import RegistersPicture
 from barewire_workbench.pictures.states import DriveWord, StatesPicture
+from barewire_workbench.pictures.steps import RegistersPicture
 from tests.workbench.pictures.test_sequence import BUS, LINE
 from tools.website.browser import chromium
 

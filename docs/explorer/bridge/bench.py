@@ -26,7 +26,7 @@ from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import Bus, Server
 from barewire.tcp import TcpLine
 from barewire_workbench import explain
-from barewire_workbench.frames.canopen.frame import explain_can
+from barewire_workbench.frames.can import explain_can
 from barewire_workbench.pictures.picture import html_fragment
 from barewire_workbench.pictures.states import DriveWord, StatesPicture, WordKind
 

@@ -11,10 +11,10 @@ from barewire.errors import EncodeError
 from barewire.rtu import encode as encode_rtu
 from barewire_workbench import Explanation, explain_text
 from barewire_workbench.api import explain_can_text, explain_exchange
-from barewire_workbench.frames.canopen.known_node import of_device
-from barewire_workbench.frames.input.text import parse_ascii, parse_hex
+from barewire_workbench.frames.input import parse_ascii, parse_hex
+from barewire_workbench.frames.known_node import of_device
 from barewire_workbench.monitor.pdos import PdoTracker
-from barewire_workbench.pictures.frames import frame_pictures
+from barewire_workbench.pictures.levels import frame_pictures
 from barewire_workbench.pictures.picture import html_fragment, page_style
 from barewire_workbench.recordings.can_text import parse_any_can
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from barewire.codecs import ORDERS
 from barewire.errors import EncodeError
-from barewire_workbench.frames.input.text import parse_hex
+from barewire_workbench.frames.input import parse_hex
 from barewire_workbench.recordings.can_text import parse_can
 from barewire_workbench.steps import (
     CRC_VIEWS,
@@ -24,7 +24,7 @@ from barewire_workbench.steps import (
     status_word_steps,
     timing_steps,
 )
-from barewire_workbench.wire.uart import CharacterFormat
+from barewire_workbench.wire import CharacterFormat
 
 
 class Input(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any
 
 from barewire.codecs import ORDERS, codec, to_registers
 from barewire.errors import EncodeError
-from barewire_workbench.frames.input.text import parse_hex
+from barewire_workbench.frames.input import parse_hex
 
 TYPES = ("u16", "i16", "u32", "i32", "f32", "u64", "i64", "f64")
 _MOST = 125

@@ -12,7 +12,7 @@ from barewire.errors import DecodeError
 from barewire.modbus import decode_request, decode_response
 from barewire.modbus.messages import registry as functions
 from barewire_workbench import Explanation, FrameRole, ProtocolName, explain, explain_text
-from barewire_workbench.frames.modbus.frames import explain_ascii
+from barewire_workbench.frames.modbus import explain_ascii
 
 thorough = settings(max_examples=100, deadline=None, derandomize=True, database=None)
 

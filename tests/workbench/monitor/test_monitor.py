@@ -13,7 +13,7 @@ from barewire.canopen.frame import AnyFrame
 from barewire.devices import load
 from barewire.devices.description.export_eds import export
 from barewire.errors import EncodeError
-from barewire_workbench.frames.canopen.frame import explain_can
+from barewire_workbench.frames.can import explain_can
 from barewire_workbench.monitor import CanMonitor, KnownNode, event_line, of_device, of_dictionary
 from barewire_workbench.monitor.events import (
     BusErrorReport,

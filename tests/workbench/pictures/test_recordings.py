@@ -10,7 +10,7 @@ from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.modbus import ReadHoldingRegisters, WriteSingleRegister
 from barewire.modbus.messages import ReadHoldingRegistersResponse, WriteSingleRegisterResponse
 from barewire.rtu import encode
-from barewire_workbench.frames.modbus.named_registers import RegisterNames, UnitNames
+from barewire_workbench.frames.modbus_exchanges import RegisterNames, UnitNames
 from barewire_workbench.monitor import of_device
 from barewire_workbench.pictures.picture import as_svg
 from barewire_workbench.pictures.recordings import recording_picture

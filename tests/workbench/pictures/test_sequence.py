@@ -10,13 +10,13 @@ from hypothesis import given, settings, strategies as st
 from barewire.canopen import CanFrame
 from barewire_workbench import explain
 from barewire_workbench.monitor.recording import read_recording
-from barewire_workbench.pictures.exchanges import (
+from barewire_workbench.pictures.picture import as_html, as_svg
+from barewire_workbench.pictures.recordings import (
     can_messages,
     can_stations,
     explained_message,
     modbus_messages,
 )
-from barewire_workbench.pictures.picture import as_html, as_svg
 from barewire_workbench.pictures.sequence import MESSAGES_DRAWN, SequenceMessage, SequencePicture
 from barewire_workbench.recordings.modbus_replay import replay
 from barewire_workbench.recordings.model import Recorded

@@ -10,7 +10,6 @@ from hypothesis import given, settings, strategies as st
 from barewire.devices.cia402 import STATUS_PATTERNS, TRANSITIONS, DriveCommand, State
 from barewire.errors import EncodeError
 from barewire_workbench.pictures.picture import as_svg
-from barewire_workbench.pictures.registers import TYPES, RegistersPicture
 from barewire_workbench.pictures.states import (
     STEPS_DRAWN,
     DriveWord,
@@ -18,6 +17,7 @@ from barewire_workbench.pictures.states import (
     state_path,
     transitions_between,
 )
+from barewire_workbench.pictures.steps import TYPES, RegistersPicture
 from tests.workbench.pictures.checks import check, svg_texts
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from barewire.errors import EncodeError
 from barewire_workbench.pictures.picture import as_svg, rendered
-from barewire_workbench.pictures.steps_page import StepsPage
+from barewire_workbench.pictures.steps import StepsPage
 from barewire_workbench.steps import Steps, StepTable, crc_steps
 
 

@@ -20,7 +20,7 @@ from barewire.modbus.sniffer import (
 )
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
-from barewire_workbench.frames.modbus.exchange_text import ExchangeLines, exchange_as_dict
+from barewire_workbench.frames.modbus_exchanges import ExchangeLines, exchange_as_dict
 from barewire_workbench.recordings.bytelog import _STEP, Chunk, parse_log
 from barewire_workbench.recordings.modbus_log import LoggedBytes, read_modbus_log
 from barewire_workbench.recordings.modbus_packets import PacketBuilder, modbus_payload

@@ -20,7 +20,7 @@ from barewire_workbench.steps import (
     timing_steps,
 )
 from barewire_workbench.steps.model import LINE_WIDTH, grouped_bits
-from barewire_workbench.wire.uart import CharacterFormat
+from barewire_workbench.wire import CharacterFormat
 
 EXAMPLES = [
     crc_steps(bytes.fromhex("010300000002")),

@@ -14,7 +14,7 @@ The rooms in reading order. Only `live` and `cli` use clocks and ports; the othe
     frames/      any frame field by field: every byte is in exactly one field, however broken the frame is
     recordings/  pcapng, candump, ASC, BLF, logs of programs; Modbus and CAN in them
     monitor/     a monitor for CANopen buses: transfers, states, broken rules
-    wire/        the levels of characters and CAN frames, and a receiver with other settings
+    wire         the levels of characters and CAN frames, and a receiver with other settings
     steps/       checksums, times, values and words, worked out step by step
     diagnosis/   what is wrong with a frame or a recording, proved by trials
     pictures/    frames, levels, exchanges, drives and values as text, SVG and HTML

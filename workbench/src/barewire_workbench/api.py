@@ -16,9 +16,9 @@ from barewire_workbench.diagnosis.modbus.exchange import ExpectedValue, cannot_a
 from barewire_workbench.diagnosis.modbus.expected import addresses_of_table, expected_values, float_values
 from barewire_workbench.diagnosis.modbus.frame import with_diagnosis
 from barewire_workbench.diagnosis.modbus.good import good_ascii
-from barewire_workbench.frames.canopen.frame import PdoDescriptions, explain_can
-from barewire_workbench.frames.input.text import parse_ascii, parse_hex
-from barewire_workbench.frames.modbus.frames import explain_ascii, explain_rtu, explain_tcp
+from barewire_workbench.frames.can import PdoDescriptions, explain_can
+from barewire_workbench.frames.input import parse_ascii, parse_hex
+from barewire_workbench.frames.modbus import explain_ascii, explain_rtu, explain_tcp
 from barewire_workbench.frames.result import Explanation, FrameRole, ProtocolName
 from barewire_workbench.recordings.can_text import parse_any_can
 
@@ -51,7 +51,7 @@ def explain(protocol: str, data: bytes | AnyFrame, role: str | None = None) -> E
 
 
 def explain_text(protocol: str, text: str, role: str | None = None) -> Explanation:
-    """Explain a frame that was typed or pasted; `explain.input.text` and `explain.capture.can_text` show the forms.
+    """Explain a frame that was typed or pasted; `frames.input` and `recordings.can_text` show the forms.
 
     >>> explain_text("can", "can0  705   [1]  05").verdict
     'valid: error control from node 5: operational'

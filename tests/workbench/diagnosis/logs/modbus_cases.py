@@ -21,7 +21,7 @@ from barewire_workbench.diagnosis.logs.verdict import LineVerdict, LogFinding
 from barewire_workbench.recordings.modbus_log import read_modbus_log
 from barewire_workbench.recordings.modbus_packets import PacketBuilder
 from barewire_workbench.recordings.pcapng import file_header, packet_block
-from barewire_workbench.wire.uart import UartLine
+from barewire_workbench.wire import UartLine
 from tests.devices.sim.wires import ModbusWire, ascii, rtu, tcp
 from tests.helpers import Peer, serving
 

@@ -15,7 +15,7 @@ from barewire.rtu import RtuLine, Timing, encode
 from barewire_workbench.diagnosis.logs.modbus_log import LiveDiagnosis, ModbusLogDiagnosis
 from barewire_workbench.diagnosis.logs.verdict import VERDICTS, VerdictCode
 from barewire_workbench.recordings.modbus_log import read_modbus_log
-from barewire_workbench.wire.uart import CharacterFormat, ReceiverFault, UartLine
+from barewire_workbench.wire import CharacterFormat, ReceiverFault, UartLine
 from tests.workbench.diagnosis.logs.modbus_cases import (
     DEVICES,
     FORMS,

@@ -12,7 +12,7 @@ import pytest
 
 from barewire.rtu.crc import crc16
 from barewire_workbench import explain
-from barewire_workbench.wire.uart import FORMATS, ReceiverFault, UartLine
+from barewire_workbench.wire import FORMATS, ReceiverFault, UartLine
 from tests.workbench.diagnosis.modbus.made_frames import made_frames
 
 DICE = random.Random(0)

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from barewire.errors import DecodeError
 from barewire.rtu import encode
 from barewire.tcp import encode as tcp_frame
-from barewire_workbench.frames.modbus.exchange_text import ExchangeLines, exchange_as_dict
+from barewire_workbench.frames.modbus_exchanges import ExchangeLines, exchange_as_dict
 from barewire_workbench.recordings.modbus_log import LoggedBytes, read_modbus_log
 from barewire_workbench.recordings.modbus_replay import replay_log
 from barewire_workbench.recordings.model import Unread

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from barewire_workbench.frames.modbus.exchange_text import ExchangeLines
+from barewire_workbench.frames.modbus_exchanges import ExchangeLines
 from barewire_workbench.recordings.modbus_log import LoggedBytes, read_modbus_log
 from barewire_workbench.recordings.modbus_replay import replay_log
 from barewire_workbench.recordings.model import Unread

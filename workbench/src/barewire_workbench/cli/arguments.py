@@ -25,7 +25,7 @@ from barewire.io.endpoint import Endpoint
 
 if TYPE_CHECKING:
     from barewire import ModbusClient
-    from barewire_workbench.frames.modbus.named_registers import UnitNames
+    from barewire_workbench.frames.modbus_exchanges import UnitNames
     from barewire_workbench.monitor import KnownNode
 
 
@@ -305,7 +305,7 @@ def known_units(devices: Iterable[str], units: Iterable[int]) -> UnitNames | Non
     """Return the devices of `--device adxl --unit 1`, given once for each unit; None without a device. One device
     without a unit is at all other units."""
     from barewire.devices import load
-    from barewire_workbench.frames.modbus.named_registers import RegisterNames, UnitNames
+    from barewire_workbench.frames.modbus_exchanges import RegisterNames, UnitNames
 
     names, numbers = list(devices), list(units)
     if len(numbers) > len(names):

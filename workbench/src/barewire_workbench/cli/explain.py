@@ -20,7 +20,7 @@ from barewire_workbench.cli.arguments import (
     output_form,
     print_json,
 )
-from barewire_workbench.frames.canopen.frame import explain_can, explain_segment
+from barewire_workbench.frames.can import explain_can, explain_segment
 from barewire_workbench.monitor import CanMonitor, event_as_dict, event_line
 from barewire_workbench.monitor.events import Gap, Loss, Violation
 from barewire_workbench.monitor.pdos import PdoTracker
@@ -140,7 +140,7 @@ def _explain_exchange(
 
 def _print_picture(explanation: Explanation, text: str, form: str, name: str | None, line: str | None) -> None:
     """Print the picture `name` of a frame: a page without a name has all of them, a drawing the fields."""
-    from barewire_workbench.pictures.frames import SerialLine, frame_pictures
+    from barewire_workbench.pictures.levels import SerialLine, frame_pictures
     from barewire_workbench.pictures.picture import rendered
 
     pictures = frame_pictures(

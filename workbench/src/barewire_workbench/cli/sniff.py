@@ -47,8 +47,7 @@ from barewire_workbench.cli.arguments import (
     units_option,
 )
 from barewire_workbench.cli.recordings.recording_file import RecordingFile, check_ending
-from barewire_workbench.frames.modbus.exchange_text import ExchangeLines, exchange_as_dict
-from barewire_workbench.frames.modbus.named_registers import UnitNames
+from barewire_workbench.frames.modbus_exchanges import ExchangeLines, UnitNames, exchange_as_dict
 from barewire_workbench.monitor import event_as_dict, event_kind, event_line, is_repeated
 from barewire_workbench.monitor.event_text import EVENT_KINDS
 from barewire_workbench.monitor.events import MonitorEvent

@@ -17,7 +17,7 @@ Missing frames of a recording (`Gap`) and frames that the bus lost (`Loss`) are 
 sends, and has no files, buses or clocks.
 """
 
-from barewire_workbench.frames.canopen.known_node import KnownNode, of_device, of_dictionary
+from barewire_workbench.frames.known_node import KnownNode, of_device, of_dictionary
 from barewire_workbench.monitor.event_text import event_as_dict, event_kind, event_line, is_repeated
 from barewire_workbench.monitor.monitor import CanMonitor
 from barewire_workbench.monitor.rules import BUS_RULES, BusRule

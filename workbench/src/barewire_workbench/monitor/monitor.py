@@ -22,8 +22,8 @@ from collections.abc import Iterable
 
 from barewire.canopen.cob_ids import CobService, classify, is_restricted
 from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
-from barewire_workbench.frames.canopen.frame import error_frame_text, is_overrun
-from barewire_workbench.frames.canopen.known_node import KnownNode
+from barewire_workbench.frames.can import error_frame_text, is_overrun
+from barewire_workbench.frames.known_node import KnownNode
 from barewire_workbench.monitor.channel import GIVE_UP, SdoTracker
 from barewire_workbench.monitor.channels import SdoChannels
 from barewire_workbench.monitor.events import (

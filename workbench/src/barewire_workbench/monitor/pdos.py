@@ -17,7 +17,7 @@ from barewire.canopen.pdo.mapping import ENTRIES_MAX, MappedObject, PdoMapping
 from barewire.codecs import Value
 from barewire.devices.parameter import show
 from barewire.errors import DecodeError, EncodeError
-from barewire_workbench.frames.canopen.known_node import KnownNode, KnownObject
+from barewire_workbench.frames.known_node import KnownNode, KnownObject
 from barewire_workbench.monitor.events import MonitorEvent, PdoMappingReport, PdoReport, Violation
 
 _RECORDS_MAX = 1024

@@ -14,7 +14,7 @@ from itertools import chain
 
 from barewire.canopen.frame import AnyFrame
 from barewire.errors import DecodeError
-from barewire_workbench.frames.canopen.known_node import KnownNode
+from barewire_workbench.frames.known_node import KnownNode
 from barewire_workbench.monitor.events import MonitorEvent
 from barewire_workbench.monitor.monitor import CanMonitor
 from barewire_workbench.recordings import pcapng

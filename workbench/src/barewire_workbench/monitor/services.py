@@ -15,7 +15,7 @@ from barewire.canopen.lss.messages import BEGIN, REQUEST_KEY, Fastscan, LssAddre
 from barewire.canopen.sync import sync_counter
 from barewire.canopen.time_stamp import TimeStamp
 from barewire.errors import DecodeError
-from barewire_workbench.frames.canopen.lss import explain_lss
+from barewire_workbench.frames.can import explain_lss
 from barewire_workbench.monitor.events import (
     EmcyReport,
     Gap,

@@ -16,8 +16,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from barewire_workbench.frames.result import ExplainedField, Explanation, counted
-from barewire_workbench.pictures.colours import TINTS
-from barewire_workbench.pictures.drawing import LETTER_FIXED, Drawing, Tile, text_lines, text_width, xml_text
+from barewire_workbench.pictures.drawing import LETTER_FIXED, TINTS, Drawing, Tile, text_lines, text_width, xml_text
 from barewire_workbench.pictures.picture import SVG_WIDTH, Picture
 
 _WIDTH = SVG_WIDTH - 32

@@ -1,4 +1,4 @@
-"""A picture of the levels on a serial line: one character, or a whole frame with its silences.
+"""Pictures of a frame's levels: the characters on a serial line with their silences, and the bits of a CAN frame.
 
     byte 0, 01h: unit
              start 0   1   2   3   4   5   6   7  parity stop
@@ -10,21 +10,29 @@
 An idle line has level 1. A character begins with a start bit of level 0, which the receiver recognises as an edge;
 then come the data bits, the lowest first, a parity bit if the format has one, and stop bits of level 1. Silence is
 level 1 for longer; 3.5 characters of it separate the frames of RTU [MB-SERIAL 2.5.1.1].
+
+    protocol     fields    levels
+    rtu          yes       the characters of a serial line, 8E1, with the silence on both sides
+    ascii        yes       the characters of a serial line, 7E1
+    can          yes       the bits of the frame on the bus; not of CAN FD and of error frames
+    tcp          yes       -
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+import re
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from typing import Any, NamedTuple
 
-from barewire.errors import EncodeError
+from barewire.canopen.frame import AnyFrame, CanFrame
+from barewire.errors import EncodeError, shown
 from barewire.rtu import Timing
 from barewire_workbench.frames.result import Explanation, counted
-from barewire_workbench.pictures.colours import TINTS
-from barewire_workbench.pictures.drawing import Drawing, Tile, text_lines, text_wave
-from barewire_workbench.pictures.fields import field_characters
+from barewire_workbench.pictures.drawing import TINTS, Drawing, Tile, text_lines, text_wave
+from barewire_workbench.pictures.fields import FieldsPicture, field_characters
 from barewire_workbench.pictures.picture import Picture
-from barewire_workbench.wire.uart import CharacterFormat, character_levels
+from barewire_workbench.wire import CanBit, CanBits, CharacterFormat, can_bits, character_levels
 
 CHARACTERS_DRAWN = 300
 """The most characters in a picture; the longest frame of RTU has 256."""
@@ -238,3 +246,211 @@ def frame_levels(explanation: Explanation, form: CharacterFormat | None = None, 
     form = form or CharacterFormat(7 if is_ascii else 8, "E", 1)
     data, names = bytes(byte for byte, _ in found), [name for _, name in found]
     return LevelsPicture(data, form, baudrate, names, "" if is_ascii else "t3.5")
+
+
+_CAN_BIT, _RECESSIVE_AT, _DOMINANT_AT, _CAN_TILE = 24, 56, 92, 140
+_BITS_IN_TILE = 15
+_SHORT = {"CRC delimiter": "del", "ACK slot": "ACK", "ACK delimiter": "del"}
+_PART_NAMES = {"end": "delimiters, ACK, EOF"}
+_TOGETHER = {"start": "arbitration", "end": "ACK"}
+"""Part -> the part with which it shares a tile."""
+
+
+class CanFramePicture(Picture):
+    """All bits of a frame in the order on the bus. With a bit rate, also how long it takes.
+
+    >>> from barewire.canopen import CanFrame
+    >>> from barewire_workbench.wire import can_bits
+    >>> print(*CanFramePicture(can_bits(CanFrame.parse("705#05"))).lines()[:8], sep="\\n")
+    56 bits from SOF to the end of EOF, 4 of them stuff bits
+    <BLANKLINE>
+    SOF, identifier = 705h, RTR
+                0 1 1 1 0 0 0 0 0 1 1 0 1 0
+    recessive 1 . .-----.         .---. .-.
+                | |     |         |   | | |
+    dominant  0 '-'     '---------'   '-' '-
+                                  s
+    """
+
+    kind = "can-frame"
+
+    def __init__(self, sent: CanBits, bitrate: int | None = None) -> None:
+        self.sent, self.bitrate = sent, bitrate
+
+    @property
+    def title(self) -> str:
+        """The frame."""
+        return f"CAN frame {self.sent.frame} on the bus"
+
+    @property
+    def caption(self) -> str:
+        """How to read the bits."""
+        return (
+            f"{self._counts}. Level 1 is recessive, level 0 dominant. A bit marked s, with a frame, is a stuff bit: "
+            "the sender inserts it after five equal bits, and the receivers remove it. "
+            "The ACK slot is dominant because a receiver has confirmed the frame."
+        )
+
+    @property
+    def _counts(self) -> str:
+        text = f"{len(self.sent.bits)} bits from SOF to the end of EOF, {self.sent.stuff_count} of them stuff bits"
+        if self.bitrate is not None:
+            text += f"; {1e6 * self.sent.duration(self.bitrate):.0f} us at {self.bitrate} bit/s"
+        return text
+
+    def lines(self) -> list[str]:
+        """Return five lines for each part of the frame: name, levels, wave."""
+        lines, before = [self._counts], 1
+        for _, bits in self._groups():
+            levels = [bit.level for bit in bits]
+            high, edge, low = text_wave(levels, 2, before)
+            marks = "".join("s " if bit.is_stuff else "  " for bit in bits).rstrip()
+            lines += [
+                "",
+                self._heading(bits),
+                "            " + " ".join(map(str, levels)),
+                f"recessive 1 {high}",
+                f"            {edge}",
+                f"dominant  0 {low}",
+                *([f"            {marks}"] if marks else []),
+            ]
+            before = levels[-1]
+        return [line.rstrip() for line in lines]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return fields and bits as data. `levels` has the stuff bits, at the places `stuff`; the fields do not."""
+        sent = self.sent
+        return {
+            "picture": self.kind,
+            "frame": str(sent.frame),
+            "crc": sent.crc,
+            "bitrate": self.bitrate,
+            "seconds": None if self.bitrate is None else sent.duration(self.bitrate),
+            "fields": [
+                {"name": field.name, "part": field.part, "value": field.value, "levels": field.levels}
+                for field in sent.fields
+            ],
+            "levels": sent.levels,
+            "stuff": [place for place, bit in enumerate(sent.bits) if bit.is_stuff],
+        }
+
+    def _groups(self) -> Iterator[tuple[int, list[CanBit]]]:
+        """Yield the bits of each tile, and the number of its part of the frame: a long part has several tiles."""
+        for number, (_, found) in enumerate(groupby(self.sent.bits, self._tile_key)):
+            bits = list(found)
+            size = -(-len(bits) // -(-len(bits) // _BITS_IN_TILE))  # equal pieces, none longer than a tile
+            for start in range(0, len(bits), size):
+                yield number, bits[start : start + size]
+
+    def _tile_key(self, bit: CanBit) -> str:
+        """Return the part that a bit is drawn in: some parts share one, others have several."""
+        if bit.part == "data" or bit.field == "identifier extension":
+            return bit.field
+        if bit.field == "RTR" and self.sent.frame.extended:
+            return "control"
+        return "ACK" if bit.field == "CRC delimiter" else _TOGETHER.get(bit.part, bit.part)
+
+    def _heading(self, bits: Sequence[CanBit]) -> str:
+        values = {field.name: field for field in self.sent.fields}
+        names = []
+        for name in dict.fromkeys(bit.field for bit in bits):
+            field = values[name]
+            is_number = field.width > 1 and name != "EOF"
+            names.append(f"{name} = {field.value:0{-(-field.width // 4)}X}h" if is_number else name)
+        return ", ".join(names)
+
+    def tiles(self) -> Sequence[Tile]:
+        """Return a tile for each part of the frame."""
+        tiles, before = [self._axis()], 1
+        for number, bits in self._groups():
+            tiles.append(self._tile(bits, before, f"t{number % TINTS}"))
+            before = bits[-1].level
+        return tiles
+
+    def _axis(self) -> Tile:
+        drawing = Drawing()
+        drawing.text(0, _RECESSIVE_AT + 4, "recessive 1", "s")
+        drawing.text(0, _DOMINANT_AT + 4, "dominant 0", "s")
+        drawing.line([(72, _RECESSIVE_AT), (96, _RECESSIVE_AT)], "w d")
+        return Tile(96, _CAN_TILE, str(drawing), "the idle bus is recessive, level 1")
+
+    def _tile(self, bits: Sequence[CanBit], before: int, tint: str) -> Tile:
+        drawing = Drawing()
+        width = _CAN_BIT * len(bits)
+        middles = [_CAN_BIT * (place + 0.5) for place in range(len(bits))]
+        drawing.box(0, 22, width, 96, tint)
+        headings = (self._heading(bits), _PART_NAMES.get(bits[-1].part, bits[-1].field))
+        drawing.text(3, 14, next((text for text in headings if 7.6 * len(text) <= width - 6), ""), "h")
+        alone = len({bit.field for bit in bits}) == 1
+        for place, bit in enumerate(bits):
+            if bit.is_stuff:
+                drawing.box(place * _CAN_BIT, 22, _CAN_BIT, 96, "mark")
+                drawing.box(place * _CAN_BIT + 1, 23, _CAN_BIT - 2, 94, "l d")
+                drawing.text(middles[place], 133, "s", "h c")
+        start = 0
+        for name, found in groupby(bits, lambda bit: bit.field):
+            size = len(list(found))
+            drawing.path(f"M{start * _CAN_BIT} 22V118", "l")
+            if not alone:
+                drawing.text(middles[start] if size == 1 else start * _CAN_BIT + 3, 36, _label(name, size * _CAN_BIT),
+                             "s c" if size == 1 else "s")  # fmt: skip
+            start += size
+        drawing.wave(0, [bit.level for bit in bits], _CAN_BIT, _RECESSIVE_AT, _DOMINANT_AT, before)
+        drawing.row(middles, 112, "".join(str(bit.level) for bit in bits), "m c")
+        said = " ".join(f"{bit.level}{' (stuff bit)' if bit.is_stuff else ''}" for bit in bits)
+        return Tile(width, _CAN_TILE, str(drawing), f"{self._heading(bits)}: {said}")
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.sent.frame}, {counted(len(self.sent.bits), 'bit')}>"
+
+
+def _label(name: str, width: float) -> str:
+    """Return the name of a field, or a short form where there is no room for it."""
+    forms = (name, _SHORT.get(name, ""), name.split()[0])
+    return next((form for form in forms if form and len(form) * 12 * 0.62 <= width), "")
+
+
+class SerialLine(NamedTuple):
+    """The baud rate and the character format of a serial line."""
+
+    baudrate: int
+    form: CharacterFormat
+
+    @classmethod
+    def parse(cls, text: str) -> SerialLine:
+        """Return the line with this name.
+
+        >>> SerialLine.parse("9600,8N1")
+        SerialLine(baudrate=9600, form=CharacterFormat(data_bits=8, parity='N', stop_bits=1))
+
+        Raises EncodeError for any other text, and for a baud rate outside 1 to 10000000.
+        """
+        rate, _, form = text.partition(",")
+        if not re.fullmatch("[0-9]{1,8}", rate.strip()) or not 1 <= int(rate) <= 10_000_000 or not form:
+            raise EncodeError(f"line {shown(text)}: expected baud rate and format of the characters, such as 9600,8N1")
+        return cls(int(rate), CharacterFormat.parse(form))
+
+
+def frame_pictures(
+    explanation: Explanation, frame: AnyFrame | None = None, line: SerialLine | None = None
+) -> dict[str, Picture]:
+    """Return the pictures of a frame by name: "fields", and "levels" where they exist.
+
+    `frame` is that of "can". The levels of a serial `line` are those of 19200,8E1 for RTU and 19200,7E1 for ASCII
+    unless another is given.
+
+    >>> from barewire_workbench import explain
+    >>> list(frame_pictures(explain("rtu", bytes.fromhex("01 03 00 00 00 02 C4 0B"))))
+    ['fields', 'levels']
+
+    Raises EncodeError if a byte has more bits than a character of the line.
+    """
+    pictures: dict[str, Picture] = {"fields": FieldsPicture(explanation)}
+    if explanation.protocol in ("rtu", "ascii"):
+        pictures["levels"] = frame_levels(explanation, *(() if line is None else (line.form, line.baudrate)))
+    elif isinstance(frame, CanFrame):
+        try:
+            pictures["levels"] = CanFramePicture(can_bits(frame))
+        except EncodeError:  # no controller can send it
+            return pictures
+    return pictures

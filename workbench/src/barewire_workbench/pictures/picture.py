@@ -19,8 +19,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, Literal, get_args
 
 from barewire.errors import EncodeError
-from barewire_workbench.pictures.colours import painted, stylesheet
-from barewire_workbench.pictures.drawing import Tile, text_lines, xml_text
+from barewire_workbench.pictures.drawing import Tile, painted, stylesheet, text_lines, xml_text
 
 PictureForm = Literal["text", "json", "html", "svg"]
 PICTURE_FORMS: tuple[PictureForm, ...] = get_args(PictureForm)

@@ -1,23 +1,320 @@
-"""The pictures of a recording: a sequence diagram, or the state machine of a drive in it."""
+"""The pictures of a recording: a sequence diagram of its messages, or the state machine of a drive in it.
+
+    RequestSeen          client -> unit 1         ResponseMissing      a mark at the unit
+    ResponseSeen         unit 1 -> client         RecordingEnds        a mark at the unit
+    AmbiguousFrame       client -> unit 1         NoiseSeen            a mark at the client's line
+    SDO request, RPDO    master -> node 5         SYNC, NMT, TIME      master -> all nodes
+    SDO answer, TPDO,    node 5 -> master         error frame          a mark
+    EMCY, heartbeat
+
+A frame on CAN reaches every node; its arrow ends at the station that it is for, and for what a node sends by itself at
+the line of the master.
+
+The status words and control words of a drive:
+
+    CAN      6040h and 6041h in SDO transfers, and in PDOs whose mapping is known from a description or the recording
+    Modbus   the registers that the description of the drive names, in answered requests
+"""
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
+from collections.abc import Container, Iterable, Iterator
 from typing import NamedTuple
 
-from barewire.devices.device import Device
-from barewire.errors import BarewireError
-from barewire.modbus.sniffer import WINDOW
-from barewire_workbench.frames.canopen.known_node import KnownNode
-from barewire_workbench.frames.modbus.named_registers import UnitNames
-from barewire_workbench.monitor.recording import is_can_recording, is_timed, read_recording
-from barewire_workbench.pictures.drive_words import DriveWords, can_drive_words, modbus_drive_words
-from barewire_workbench.pictures.exchanges import CLIENT, MASTER, can_messages, modbus_messages
+from barewire.canopen.cob_ids import classify
+from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame
+from barewire.devices.cia402 import command_of, state_of
+from barewire.devices.device import Device, drive_roles
+from barewire.devices.parameter import ModbusAt
+from barewire.errors import BarewireError, DecodeError
+from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.sniffer import (
+    WINDOW,
+    AmbiguousFrame,
+    NoiseSeen,
+    RecordingEnds,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    SnifferEvent,
+)
+from barewire_workbench.frames.can import explain_can, explain_segment
+from barewire_workbench.frames.known_node import KnownNode
+from barewire_workbench.frames.modbus import explain_pdu
+from barewire_workbench.frames.modbus_exchanges import UnitNames
+from barewire_workbench.frames.result import Explanation, FrameRole, counted
+from barewire_workbench.monitor.events import SdoTransferReport
+from barewire_workbench.monitor.monitor import CanMonitor
+from barewire_workbench.monitor.recording import BusMonitors, is_can_recording, is_timed, read_recording
+from barewire_workbench.pictures.levels import frame_bytes
 from barewire_workbench.pictures.picture import Picture
-from barewire_workbench.pictures.sequence import SequencePicture
-from barewire_workbench.pictures.states import StatesPicture
+from barewire_workbench.pictures.sequence import SequenceMessage, SequencePicture
+from barewire_workbench.pictures.states import DriveWord, StatesPicture, WordKind
 from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS
 from barewire_workbench.recordings.modbus_replay import SerialProtocol, replay_log
+from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread
+
+_VALUES_SHOWN = 8
+"""The most registers in the text of a response; the data of the picture have all bytes."""
+CLIENT, MASTER, EVERY_NODE, EVERY_UNIT = "client", "master", "all nodes", "all units"
+
+
+def modbus_messages(
+    events: Iterable[SnifferEvent], *, timed: bool = True, names: UnitNames | None = None
+) -> Iterator[SequenceMessage]:
+    """Yield the messages of a Modbus line; those of a log without times are not `timed`.
+
+    With `names` a response has the named values of its exchange.
+
+    >>> request = RequestSeen(1, bytes.fromhex("0300000002"), 1.0)
+    >>> [(message.source, message.target) for message in modbus_messages([request])]
+    [('client', 'unit 1')]
+    """
+    last = 0.0
+    for message in _modbus_messages(events, timed, names):
+        # What is missing is certain at a time that may lie before that of noise, which is known after its last byte.
+        last = max(last, message.at or 0.0)
+        yield message._replace(at=None if not timed else message.at if message.target else last)
+
+
+def _modbus_messages(events: Iterable[SnifferEvent], timed: bool, names: UnitNames | None) -> Iterator[SequenceMessage]:
+    for event in events:
+        match event:
+            case RequestSeen():
+                unit = f"unit {event.unit}" if event.unit or event.transaction is not None else EVERY_UNIT
+                summary = _pdu_text(event.pdu, "request")
+                yield SequenceMessage(CLIENT, unit, summary, event.pdu, event.at)
+            case ResponseSeen():
+                named = "" if names is None or event.request is None else names.text(event.request, event)
+                summary = named or _response_text(event.pdu)
+                after = "" if event.seconds is None or not timed else f", after {1e3 * event.seconds:.1f} ms"
+                late = ", late: after the next request" if event.late else ""
+                unasked = ", its request was not recorded" if event.request is None else ""
+                wrong = event.late or bool(event.pdu and event.pdu[0] & EXCEPTION_BIT)
+                text = f"{summary}{after}{late}{unasked}"
+                yield SequenceMessage(f"unit {event.unit}", CLIENT, text, event.pdu, event.at, wrong)
+            case ResponseMissing():
+                unit = f"unit {event.request.unit}"
+                yield SequenceMessage(unit, "", "no answer", b"", max(event.at, event.request.at), wrong=True)
+            case RecordingEnds():
+                at = max(event.at, event.request.at)
+                yield SequenceMessage(f"unit {event.request.unit}", "", "the recording ends here", b"", at)
+            case AmbiguousFrame():
+                summary = _pdu_text(event.pdu, "request")
+                text = f"{summary}; seen once: the request or its echo"
+                yield SequenceMessage(CLIENT, f"unit {event.unit}", text, event.pdu, event.at)
+            case NoiseSeen():
+                yield SequenceMessage(CLIENT, "", f"noise: {event.noise.text}", event.noise.data, event.at, wrong=True)
+
+
+def can_messages(
+    items: Iterable[RecordedItem], bus: str | None = None, known: Iterable[KnownNode] = ()
+) -> Iterator[SequenceMessage]:
+    """Yield the messages of a recording of a CAN bus, of one `bus` if it has several; PDOs of `known` nodes by name.
+
+    >>> from barewire_workbench.recordings.model import Recorded
+    >>> frames = [Recorded(0.1, "can0", CanFrame.parse(text)) for text in ("000#0105", "705#05")]
+    >>> [(message.source, message.target, message.text) for message in can_messages(frames)]
+    [('master', 'node 5', 'NMT: start, node 5'), ('node 5', 'master', 'error control from node 5: operational')]
+    """
+    explainer = FrameExplainer(known)
+    for item in items:
+        if isinstance(item, Unread):
+            yield SequenceMessage(MASTER, "", f"line {item.line} cannot be read: {item.why}", b"", item.at, wrong=True)
+        elif bus not in (None, item.bus):
+            continue
+        elif isinstance(item, Dropped):
+            lost = counted(item.frames, "frame") if item.frames else "frames"
+            yield SequenceMessage(MASTER, "", f"the recorder lost {lost}", b"", item.at, wrong=True)
+        else:
+            yield explainer.message(item.frame, item.at)
+
+
+class FrameExplainer:
+    """Explains CAN frames in their order: after the beginning of a block transfer some are segments."""
+
+    def __init__(self, known: Iterable[KnownNode] = ()) -> None:
+        self._monitor = CanMonitor(known)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self._monitor!r}>"
+
+    def message(self, frame: AnyFrame, at: float) -> SequenceMessage:
+        """Return the message of a frame."""
+        if not isinstance(frame, CanFrame):
+            wrong = isinstance(frame, ErrorFrame)
+            return SequenceMessage(MASTER, "", _summary(explain_can(frame)), frame.data, at, wrong)
+        segment = self._monitor.takes_segment(frame)
+        explanation = explain_segment(frame) if segment else explain_can(frame, self._monitor.pdos)
+        self._monitor.feed(frame, at)
+        source, target = can_stations(frame)
+        return SequenceMessage(source, target, _summary(explanation), frame.data, at, not explanation.valid)
+
+
+def can_stations(frame: CanFrame) -> tuple[str, str]:
+    """Return who sends a frame and for whom it is, by the predefined connection set; no target if it is not in it.
+
+    >>> can_stations(CanFrame.parse("605#40")), can_stations(CanFrame.parse("080#"))
+    (('master', 'node 5'), ('master', 'all nodes'))
+    """
+    found = classify(frame)
+    if found is None:
+        return MASTER, ""
+    service, node = found
+    if service.name == "NMT":
+        named = frame.data[1] if len(frame.data) > 1 else 0
+        return MASTER, f"node {named}" if named else EVERY_NODE
+    if service.from_device:
+        return (f"node {node}" if node else EVERY_NODE), MASTER
+    return MASTER, f"node {node}" if node else EVERY_NODE
+
+
+def explained_message(source: str, target: str, explanation: Explanation) -> SequenceMessage:
+    """Return the message of a frame that is explained already; its time is not known."""
+    data = bytes(byte for byte, _ in frame_bytes(explanation))
+    return SequenceMessage(source, target, _summary(explanation), data, None, not explanation.valid)
+
+
+def _summary(explanation: Explanation) -> str:
+    return explanation.summary if explanation.valid and explanation.summary else explanation.verdict
+
+
+def _response_text(pdu: bytes) -> str:
+    """Return the summary of a response; of registers, their values."""
+    parsed = explain_pdu(pdu, "response")
+    registers = [str(field.value) for field in parsed.fields if field.name.startswith("register ")]
+    if parsed.error is not None or not registers:
+        return _pdu_text(pdu, "response")
+    more = [] if len(registers) <= _VALUES_SHOWN else ["..."]
+    return f"{parsed.summary}: {' '.join([*registers[:_VALUES_SHOWN], *more])}"
+
+
+def _pdu_text(pdu: bytes, role: FrameRole) -> str:
+    parsed = explain_pdu(pdu, role)
+    return parsed.summary if parsed.error is None else f"{parsed.summary}: {parsed.error.text}"
+
+
+WORD_OBJECTS: dict[int, WordKind] = {0x6040: "control", 0x6041: "status"}
+
+
+class DriveWords:
+    """The words of one drive, in their order, without repetitions.
+
+    >>> words = DriveWords()
+    >>> for word in (0x0250, 0x0650, 0x0231):
+    ...     words.add("status", word, 0.5)
+    >>> [f"{kept.word:04X}" for kept in words.kept]
+    ['0250', '0231']
+    """
+
+    def __init__(self) -> None:
+        self.kept: list[DriveWord] = []
+        self._last: dict[WordKind, object] = {}
+        self._control = 0
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self.kept)} kept>"
+
+    def add(self, kind: WordKind, word: int, at: float | None) -> None:
+        """Take a word; it is kept if it shows another state or command than the last of its kind."""
+        if kind == "status":
+            try:
+                shown: object = state_of(word)
+            except DecodeError:
+                shown = word & 0x6F
+        else:
+            shown, self._control = (command_of(word, self._control), word & 0x80), word
+        if self._last.get(kind) != shown:
+            self._last[kind] = shown
+            self.kept.append(DriveWord(kind, word, at))
+
+
+def can_drive_words(
+    items: Iterable[RecordedItem], known: Iterable[KnownNode] = (), bus: str | None = None
+) -> dict[int, DriveWords]:
+    """Return the words of each drive in a recording of CAN, by its node-ID.
+
+    >>> frames = [CanFrame.parse("605#2B40600006000000"), CanFrame.parse("585#6040600000000000")]
+    >>> can_drive_words(Recorded(0.1 * place, "can0", frame) for place, frame in enumerate(frames))[5].kept
+    [DriveWord(kind='control', word=6, at=0.1)]
+    """
+    monitors = BusMonitors(known, bus)
+    found: dict[int, DriveWords] = {}
+    for item in items:
+        monitor = monitors.monitor(item.bus) if isinstance(item, Recorded) else None
+        if monitor is not None and isinstance(item, Recorded) and isinstance(item.frame, CanFrame):
+            _add_mapped(found, monitor, item.frame, item.at)
+        for _, event in monitors.feed(item):
+            if isinstance(event, SdoTransferReport) and event.outcome == "done" and event.data is not None:
+                kind = WORD_OBJECTS.get(event.index or 0)
+                wanted = "download" if kind == "control" else "upload"
+                if kind is not None and event.sub == 0 and len(event.data) == 2 and event.direction == wanted:
+                    word = int.from_bytes(event.data, "little")
+                    found.setdefault(event.node, DriveWords()).add(kind, word, event.at)
+    return found
+
+
+def _add_mapped(found: dict[int, DriveWords], monitor: CanMonitor, frame: CanFrame, at: float) -> None:
+    """Add the words in a PDO."""
+    owner = monitor.pdos.owner(frame)
+    mapping = None if owner is None else owner[2]
+    if owner is None or mapping is None or frame.remote:
+        return
+    node = owner[0]
+    try:
+        values = mapping.unpack(frame.data)
+    except DecodeError:
+        return
+    for entry in mapping.entries:
+        kind, value = WORD_OBJECTS.get(entry.index), values.get(entry.name)
+        if kind is not None and entry.sub == 0 and isinstance(value, int) and 0 <= value <= 0xFFFF:
+            found.setdefault(node, DriveWords()).add(kind, value, at)
+
+
+def modbus_drive_words(events: Iterable[SnifferEvent], device: Device) -> dict[int, DriveWords]:
+    """Return the words of each drive in a recording of Modbus, by its unit. All units are taken to be this device.
+
+    Raises EncodeError if the description has no table [drive].
+    """
+    roles = drive_roles(device)
+    places: dict[WordKind, ModbusAt] = {}
+    names: tuple[tuple[WordKind, str], ...] = (("control", roles.control_word), ("status", roles.status_word))
+    for kind, name in names:
+        place = device.find(name).modbus
+        if place is not None and place.words == 1 and not place.partial:
+            places[kind] = place
+    found: dict[int, DriveWords] = {}
+    for event in events:
+        if not isinstance(event, ResponseSeen) or event.request is None or event.pdu[0] & EXCEPTION_BIT:
+            continue
+        for kind, place in places.items():
+            word = _read(event, event.request, place) if kind == "status" else _written(event.request, place)
+            if word is not None:
+                found.setdefault(event.unit, DriveWords()).add(kind, word, event.at)
+    return found
+
+
+_READS = {"holding": 0x03, "input": 0x04}
+
+
+def _read(event: ResponseSeen, request: RequestSeen, place: ModbusAt) -> int | None:
+    """Return the register at this place, if the exchange has read it."""
+    if request.pdu[0] != _READS.get(place.table):
+        return None
+    first, registers = getattr(request.message, "address", None), getattr(event.message, "registers", ())
+    if first is None or not 0 <= place.address - first < len(registers):
+        return None
+    return int(registers[place.address - first])
+
+
+def _written(request: RequestSeen, place: ModbusAt) -> int | None:
+    """Return the register at this place, if the request writes it."""
+    first = getattr(request.message, "address", None)
+    if first is None or place.table != "holding" or request.pdu[0] not in (0x06, 0x10):
+        return None
+    single = getattr(request.message, "value", None)
+    registers = getattr(request.message, "registers", ()) if single is None else (single,)
+    return int(registers[place.address - first]) if 0 <= place.address - first < len(registers) else None
 
 
 class RecordingOptions(NamedTuple):

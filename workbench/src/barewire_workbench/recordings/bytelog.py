@@ -6,7 +6,7 @@
     # text                                    a comment, skipped like an empty line
     01 03 00 00 00 02 C4 0B   <-- good        a remark: behind blanks and <-- // # ; or (
 
-The bytes are in any notation of `input.text.parse_hex`; a direction mark (> or <) may come before them.
+The bytes are in any notation of `frames.input.parse_hex`; a direction mark (> or <) may come before them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import re
 from typing import NamedTuple
 
 from barewire.errors import DecodeError
-from barewire_workbench.frames.input.text import parse_hex
+from barewire_workbench.frames.input import parse_hex
 
 _STEP = 0.1
 """Seconds between two lines without times: long enough to end a frame, short enough to wait for an answer."""

@@ -11,7 +11,7 @@ import re
 
 from barewire.canopen.frame import AnyFrame, CanFrame
 from barewire.errors import DecodeError
-from barewire_workbench.frames.input.text import HEX_DIGITS, HEX_PREFIX, parse_hex_token
+from barewire_workbench.frames.input import HEX_DIGITS, HEX_PREFIX, parse_hex_token
 from barewire_workbench.frames.result import counted, text_error
 from barewire_workbench.recordings.candump import parse_frame, read_candump
 from barewire_workbench.recordings.model import Recorded

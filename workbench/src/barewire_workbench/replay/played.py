@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 
 from barewire.canopen.cob_ids import classify
 from barewire.canopen.frame import CanFrame
-from barewire_workbench.frames.canopen.frame import explain_can
+from barewire_workbench.frames.can import explain_can
 from barewire_workbench.recordings.model import Recorded, RecordedItem
 
 PlayedOutcome = Literal["same", "different", "missing", "extra"]

@@ -10,23 +10,18 @@
 The files in reading order:
 
     model         a calculation as a value: texts, tables, result; as lines, as a dict
-    crc, lrc      the checksums of RTU and ASCII
+    checksums     the CRC of RTU, the LRC of ASCII
     timing        a character, t1.5 and t3.5, exchanges
-    number        a float or an integer as bytes;  registers  the four orders of its bytes
-    from_bytes    bytes as a float or an integer, in each order
-    cob_id        a COB-ID taken apart
+    number        a float or an integer as bytes and registers, in each order, and back
+    can           a CAN frame bit by bit; arbitration; a COB-ID taken apart
     drive_words   control word and status word of a CiA 402 drive
-    can_frame     a CAN frame bit by bit; arbitration
 """
 
-from barewire_workbench.steps.can_frame import can_frame_steps
-from barewire_workbench.steps.cob_id import cob_id_steps, parse_cob_id
-from barewire_workbench.steps.crc import CRC_VIEWS, CrcView, crc_steps
+from barewire_workbench.steps.can import can_frame_steps, cob_id_steps, parse_cob_id
+from barewire_workbench.steps.checksums import CRC_VIEWS, CrcView, crc_steps, lrc_steps
 from barewire_workbench.steps.drive_words import control_word_steps, parse_word, status_word_steps
-from barewire_workbench.steps.from_bytes import number_from_bytes_steps
-from barewire_workbench.steps.lrc import lrc_steps
 from barewire_workbench.steps.model import Steps, StepSection, StepTable
-from barewire_workbench.steps.number import NUMBER_TYPES, number_steps
+from barewire_workbench.steps.number import NUMBER_TYPES, number_from_bytes_steps, number_steps
 from barewire_workbench.steps.timing import timing_steps
 
 __all__ = [

@@ -23,7 +23,7 @@ from barewire.modbus.messages.registers import (
 from barewire.rtu.line import PATIENCE
 from barewire.rtu.timing import FIXED_ABOVE, Timing
 from barewire_workbench.steps.model import Steps, StepSection, StepTable
-from barewire_workbench.wire.uart import CharacterFormat
+from barewire_workbench.wire import CharacterFormat
 
 BAUDRATE_MAX = 100_000_000
 

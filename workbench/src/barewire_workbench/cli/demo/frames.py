@@ -197,8 +197,8 @@ def print_every_frame_as_json() -> None:
 
 def print_every_frame_as_page() -> None:
     """Do all steps; print a page with a sequence diagram for each wire."""
-    from barewire_workbench.pictures.exchanges import explained_message
     from barewire_workbench.pictures.picture import as_html
+    from barewire_workbench.pictures.recordings import explained_message
     from barewire_workbench.pictures.sequence import SequencePicture
 
     machines, pictures = _machines(), []

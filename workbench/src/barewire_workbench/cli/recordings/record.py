@@ -15,7 +15,7 @@ from barewire.io.modbus.sniff import listen
 from barewire.modbus.sniffer import WINDOW, SnifferEvent
 from barewire_workbench.cli.arguments import Seconds, check_not_overwritten, ports_option, protocol_option
 from barewire_workbench.cli.sniff import recording_content, refuse_for_line, replayed, stopped_by_interrupt
-from barewire_workbench.frames.modbus.exchange_text import ExchangeLines
+from barewire_workbench.frames.modbus_exchanges import ExchangeLines
 from barewire_workbench.monitor.recording import is_can_recording
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
 

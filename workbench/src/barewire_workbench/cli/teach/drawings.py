@@ -15,16 +15,14 @@ from typing import Any
 from barewire.ascii import encode as ascii_frame
 from barewire.errors import EncodeError
 from barewire.rtu import encode
-from barewire_workbench.frames.input.text import parse_hex
-from barewire_workbench.pictures.can_frame import CanFramePicture
-from barewire_workbench.pictures.levels import LevelsPicture
+from barewire_workbench.frames.input import parse_hex
+from barewire_workbench.pictures.levels import CanFramePicture, LevelsPicture
 from barewire_workbench.pictures.picture import Picture
-from barewire_workbench.pictures.registers import TYPES, RegistersPicture
 from barewire_workbench.pictures.states import DriveWord, StatesPicture
+from barewire_workbench.pictures.steps import TYPES, RegistersPicture
 from barewire_workbench.recordings.can_text import parse_can
 from barewire_workbench.steps import number_steps, parse_word
-from barewire_workbench.wire.can_bits import can_bits
-from barewire_workbench.wire.uart import CharacterFormat
+from barewire_workbench.wire import CharacterFormat, can_bits
 
 
 def picture_of_steps(name: str, arguments: Mapping[str, Any]) -> Picture:

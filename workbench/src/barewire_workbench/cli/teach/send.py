@@ -19,8 +19,8 @@ from barewire.io.ports.can.interfaces import can_port
 from barewire.rtu.frame import encode as rtu_frame
 from barewire_workbench import Explanation, explain, explain_exchange
 from barewire_workbench.cli.arguments import EndpointArgument, json_option, print_json
-from barewire_workbench.frames.canopen.frame import explain_can
-from barewire_workbench.frames.input.text import parse_ascii, parse_hex
+from barewire_workbench.frames.can import explain_can
+from barewire_workbench.frames.input import parse_ascii, parse_hex
 from barewire_workbench.recordings.can_text import parse_can
 
 _QUIET = 0.3

@@ -120,7 +120,7 @@ class ShownFrames:
 def _can_explainer(device: Device | None, node: str | None) -> Callable[[Any], Explanation]:
     """Return a function that explains a frame from its bytes and the frames before it, with the names of PDOs."""
     from barewire.canopen.frame import CanFrame
-    from barewire_workbench.frames.canopen.frame import explain_can, explain_segment
+    from barewire_workbench.frames.can import explain_can, explain_segment
     from barewire_workbench.monitor import CanMonitor, of_device
 
     number = int(node) if node and node.isdecimal() else None

@@ -16,7 +16,7 @@ from barewire.devices import Device, load
 from barewire.errors import DecodeError, EncodeError
 from barewire_workbench.cli.arguments import Choice, CommandGroup, json_option, output_form, print_json
 from barewire_workbench.cli.teach.drawings import check_value_or_bytes, picture_of_steps, timing_picture
-from barewire_workbench.frames.input.text import parse_ascii, parse_hex
+from barewire_workbench.frames.input import parse_ascii, parse_hex
 from barewire_workbench.pictures.picture import Picture, rendered
 from barewire_workbench.recordings.can_text import parse_can
 from barewire_workbench.steps import (
@@ -35,7 +35,7 @@ from barewire_workbench.steps import (
     status_word_steps,
     timing_steps,
 )
-from barewire_workbench.wire.uart import CharacterFormat
+from barewire_workbench.wire import CharacterFormat
 
 _FORMS = ("text", "json", "html", "svg")
 
@@ -50,7 +50,7 @@ def _print_steps(steps: Steps | Picture, form: str, draw: Callable[[], Picture])
     if isinstance(steps, Picture):
         print(rendered(form, steps), end="")
     elif form == "html":
-        from barewire_workbench.pictures.steps_page import StepsPage
+        from barewire_workbench.pictures.steps import StepsPage
 
         pictures: list[Picture] = []
         with suppress(EncodeError):

@@ -18,8 +18,8 @@ from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.errors import BarewireError
 from barewire_workbench import Explanation, FrameRole, explain_text
-from barewire_workbench.frames.canopen.frame import explain_can, explain_segment
-from barewire_workbench.frames.modbus.pdu import explain_pdu
+from barewire_workbench.frames.can import explain_can, explain_segment
+from barewire_workbench.frames.modbus import explain_pdu
 from barewire_workbench.frames.result import as_problem, explained_fields
 from barewire_workbench.monitor import CanMonitor
 from barewire_workbench.vectors.answers.nodes.conformance import case_on_device

@@ -14,10 +14,10 @@ from barewire.canopen.frame import CanFrame
 from barewire.errors import EncodeError
 from barewire_workbench import Explanation
 from barewire_workbench.cli.vectors.frames import FrameOfCase, frames_of_case
-from barewire_workbench.pictures.exchanges import CLIENT, MASTER, can_stations, explained_message
 from barewire_workbench.pictures.fields import FieldsPicture
-from barewire_workbench.pictures.frames import frame_pictures
+from barewire_workbench.pictures.levels import frame_pictures
 from barewire_workbench.pictures.picture import Picture
+from barewire_workbench.pictures.recordings import CLIENT, MASTER, can_stations, explained_message
 from barewire_workbench.pictures.sequence import SequenceMessage, SequencePicture
 from barewire_workbench.pictures.states import DriveWord, StatesPicture
 from barewire_workbench.vectors.questions import Case

@@ -45,7 +45,7 @@ from barewire_workbench.diagnosis.logs.verdict import (
     verdicts_without_cause,
 )
 from barewire_workbench.frames.findings import DiagnosisCode, Finding
-from barewire_workbench.frames.modbus.pdu import explain_pdu
+from barewire_workbench.frames.modbus import explain_pdu
 from barewire_workbench.frames.result import FrameRole, ProtocolName, counted
 
 _STRAY = 3

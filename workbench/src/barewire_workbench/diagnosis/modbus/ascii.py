@@ -13,7 +13,7 @@ from barewire.rtu.crc import crc16
 from barewire_workbench.diagnosis.modbus.good import digits, good_ascii, good_rtu, good_tcp, missing, proof_of
 from barewire_workbench.diagnosis.modbus.rtu import Trial, first_findings, seven_bit
 from barewire_workbench.frames.findings import Finding
-from barewire_workbench.frames.modbus.frames import explain_ascii
+from barewire_workbench.frames.modbus import explain_ascii
 from barewire_workbench.frames.result import Explanation, FrameRole, counted
 
 _SHOWN = 20

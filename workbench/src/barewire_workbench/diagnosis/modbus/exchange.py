@@ -33,8 +33,7 @@ from barewire_workbench.diagnosis.modbus.good import (
     without_checksum,
 )
 from barewire_workbench.frames.findings import Finding
-from barewire_workbench.frames.modbus.frames import explain_ascii, explain_rtu, explain_tcp
-from barewire_workbench.frames.modbus.pdu import explain_pdu
+from barewire_workbench.frames.modbus import explain_ascii, explain_pdu, explain_rtu, explain_tcp
 from barewire_workbench.frames.result import Explanation, FrameRole, ProtocolName, counted
 
 _DECODERS: dict[ProtocolName, Callable[[bytes], Adu]] = {

@@ -7,7 +7,7 @@ from dataclasses import replace
 from barewire_workbench.diagnosis.modbus.ascii import diagnose_ascii
 from barewire_workbench.diagnosis.modbus.rtu import diagnose_rtu
 from barewire_workbench.diagnosis.modbus.tcp import diagnose_tcp
-from barewire_workbench.frames.modbus.frames import explain_rtu
+from barewire_workbench.frames.modbus import explain_rtu
 from barewire_workbench.frames.result import Explanation, FrameRole
 
 _DIAGNOSES = {"rtu": diagnose_rtu, "ascii": diagnose_ascii, "tcp": diagnose_tcp}

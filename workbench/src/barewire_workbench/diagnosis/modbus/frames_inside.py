@@ -10,7 +10,7 @@ from barewire.rtu.crc import crc16
 from barewire.rtu.frame import LONGEST, SHORTEST
 from barewire_workbench.diagnosis.modbus.good import HIGHEST_UNIT, digits, good_rtu, missing, proof_of
 from barewire_workbench.frames.findings import Finding
-from barewire_workbench.frames.modbus.frames import explain_rtu
+from barewire_workbench.frames.modbus import explain_rtu
 from barewire_workbench.frames.result import Explanation, FrameRole, counted
 
 _SHOWN = 8

@@ -14,8 +14,7 @@ from barewire.modbus.adu import PDU_LIMIT
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.registry import ENCAPSULATED, measure_request, measure_response, request_class
 from barewire.rtu.crc import crc16
-from barewire_workbench.frames.modbus.frames import explain_ascii, explain_rtu, explain_tcp
-from barewire_workbench.frames.modbus.pdu import explain_pdu
+from barewire_workbench.frames.modbus import explain_ascii, explain_pdu, explain_rtu, explain_tcp
 from barewire_workbench.frames.result import Explanation, FrameRole, counted
 
 HIGHEST_UNIT = 247

@@ -8,7 +8,7 @@ from barewire.rtu.crc import crc16
 from barewire_workbench.diagnosis.modbus.crc_search import CrcFit, changed_bytes, extra_bytes, lost_bytes
 from barewire_workbench.diagnosis.modbus.good import HIGHEST_UNIT, good_body, good_rtu, proof_of, without_checksum
 from barewire_workbench.frames.findings import Finding
-from barewire_workbench.frames.modbus.pdu import explain_pdu
+from barewire_workbench.frames.modbus import explain_pdu
 from barewire_workbench.frames.result import Explanation, FrameRole, counted
 
 _WITH_QUANTITY = range(0x01, 0x11)

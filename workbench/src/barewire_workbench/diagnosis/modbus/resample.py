@@ -25,7 +25,7 @@ from barewire.rtu.frame import SHORTEST
 from barewire_workbench.diagnosis.modbus.good import HIGHEST_UNIT, good_rtu, proof_of
 from barewire_workbench.frames.findings import Finding
 from barewire_workbench.frames.result import FrameRole
-from barewire_workbench.wire.uart import FORMATS, CharacterFormat, Receiver, ReceiverFault, UartLine
+from barewire_workbench.wire import FORMATS, CharacterFormat, Receiver, ReceiverFault, UartLine
 
 RATIOS = ((2, 1), (3, 2), (4, 1))
 """How much faster the receiver is than the sender: what the usual baud rates have as quotients.

@@ -20,7 +20,7 @@ from barewire_workbench.diagnosis.modbus.frames_inside import frames_inside
 from barewire_workbench.diagnosis.modbus.good import digits, good_ascii, good_rtu, good_tcp, missing, proof_of
 from barewire_workbench.diagnosis.modbus.resample import misread
 from barewire_workbench.frames.findings import Finding
-from barewire_workbench.frames.modbus.frames import explain_rtu
+from barewire_workbench.frames.modbus import explain_rtu
 from barewire_workbench.frames.result import FrameRole
 
 _MOST = 600

@@ -27,7 +27,7 @@ from barewire_workbench.diagnosis.modbus.good import (
 from barewire_workbench.diagnosis.modbus.one_change import byte_count_text, byte_counts, pdu_byte_order
 from barewire_workbench.diagnosis.modbus.rtu import Trial, first_findings
 from barewire_workbench.frames.findings import Finding
-from barewire_workbench.frames.modbus.frames import explain_tcp
+from barewire_workbench.frames.modbus import explain_tcp
 from barewire_workbench.frames.result import Explanation, FrameRole, counted
 
 _MOST = 2000

@@ -18,7 +18,7 @@ import re
 from typing import NamedTuple
 
 from barewire.errors import DecodeError
-from barewire_workbench.frames.input.source_literals import parse_string_literal
+from barewire_workbench.frames.input import parse_string_literal
 from barewire_workbench.recordings.bytelog import without_remark
 
 _H = r"[0-9A-Fa-f]"

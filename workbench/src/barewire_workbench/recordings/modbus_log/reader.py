@@ -14,7 +14,7 @@ from collections.abc import Callable, Container, Iterator
 from math import inf
 
 from barewire.errors import DecodeError
-from barewire_workbench.frames.input.hexdump import dump_line
+from barewire_workbench.frames.input import dump_line
 from barewire_workbench.frames.result import ProtocolName
 from barewire_workbench.recordings.bytelog import DUMP_OFFSET, Chunk, Log, parse_log
 from barewire_workbench.recordings.modbus_log.blocks import read_blocks

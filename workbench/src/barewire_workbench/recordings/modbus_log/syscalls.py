@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 
 from barewire.errors import DecodeError
-from barewire_workbench.frames.input.source_literals import parse_string_literal
+from barewire_workbench.frames.input import parse_string_literal
 from barewire_workbench.recordings.modbus_log.direction import frame_pdu
 from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry
 from barewire_workbench.recordings.modbus_log.stamps import find_stamp

@@ -15,7 +15,7 @@ import re
 from collections.abc import Container, Iterator
 from typing import NamedTuple
 
-from barewire_workbench.frames.input.hexdump import dump_line
+from barewire_workbench.frames.input import dump_line
 from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry, Stamp
 from barewire_workbench.recordings.modbus_log.stamps import find_stamp
 from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS, ModbusPayload, modbus_payload

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from barewire_workbench.cli.teach.labs.model import AnswerCheck, Lab, LabExercise, right, wrong
 from barewire_workbench.cli.teach.labs.reading import hex_number, typed_bits, typed_number, typed_seconds
-from barewire_workbench.wire.uart import CharacterFormat, ReceiverFault, UartLine, character_levels
+from barewire_workbench.wire import CharacterFormat, ReceiverFault, UartLine, character_levels
 
 _8N1 = CharacterFormat(8, "N", 1)
 _RATE = 9600

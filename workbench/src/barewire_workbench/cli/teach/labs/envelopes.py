@@ -9,7 +9,7 @@ from barewire.tcp import decode as decode_tcp, encode as encode_tcp
 from barewire_workbench import explain
 from barewire_workbench.cli.teach.labs.model import AnswerCheck, Lab, LabExercise, right, wrong
 from barewire_workbench.cli.teach.labs.reading import any_number, checked_length, hex_number, in_hex, typed_octets
-from barewire_workbench.frames.input.text import parse_ascii
+from barewire_workbench.frames.input import parse_ascii
 
 _UNIT, _PDU = 1, bytes.fromhex("04 0F B1 00 02")
 _WRITE = bytes.fromhex("06 00 07 00 2A")

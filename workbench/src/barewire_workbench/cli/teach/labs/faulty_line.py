@@ -17,7 +17,7 @@ from barewire.modbus import ReadInputRegisters
 from barewire.rtu import encode
 from barewire.rtu.timing import Timing
 from barewire_workbench.cli.teach.labs.played import rtu_answer
-from barewire_workbench.wire.uart import CharacterFormat, ReceiverFault, UartLine
+from barewire_workbench.wire import CharacterFormat, ReceiverFault, UartLine
 
 POLLED_ADDRESSES = (4017, 5, 7)
 """The registers that the master reads: a temperature, a voltage, a current; each value has two."""

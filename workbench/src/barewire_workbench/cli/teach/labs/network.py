@@ -13,7 +13,7 @@ from barewire_workbench.cli.teach.labs.model import AnswerCheck, Lab, LabExercis
 from barewire_workbench.cli.teach.labs.played import LAB_NODE
 from barewire_workbench.cli.teach.labs.reading import checked_length, in_hex, typed_number
 from barewire_workbench.cli.teach.labs.sdo import answered_text, can_frame, played_request
-from barewire_workbench.frames.canopen.frame import explain_can
+from barewire_workbench.frames.can import explain_can
 
 _HEARTBEAT = CanFrame(cob_id("error control", LAB_NODE), bytes([NmtState.STOPPED]))
 _HEARTBEAT_TIME, _MILLISECONDS = 0x1017, 500

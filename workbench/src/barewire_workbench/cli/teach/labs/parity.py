@@ -6,7 +6,7 @@ from barewire.rtu.timing import Timing
 from barewire_workbench.cli.teach.labs.bits import levels_text
 from barewire_workbench.cli.teach.labs.model import AnswerCheck, Lab, LabExercise, right, wrong
 from barewire_workbench.cli.teach.labs.reading import hex_number, typed_bits, typed_number, typed_seconds
-from barewire_workbench.wire.uart import CharacterFormat, character_levels
+from barewire_workbench.wire import CharacterFormat, character_levels
 
 _8E1, _7E1 = CharacterFormat(8, "E", 1), CharacterFormat(7, "E", 1)
 _BYTES = (0x01, 0x07, 0x0F, 0x80)

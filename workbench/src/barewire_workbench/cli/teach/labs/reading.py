@@ -9,7 +9,7 @@ import re
 
 from barewire.errors import shown
 from barewire_workbench.cli.teach.labs.model import UnreadableAnswer
-from barewire_workbench.frames.input.text import parse_hex
+from barewire_workbench.frames.input import parse_hex
 
 _NUMBER = re.compile(r"([-+\u2212]?(?:[0-9]+(?:[.,][0-9]*)?|[.,][0-9]+))\s*(\S*)")
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "\u00b5s": 1e-6, "\u03bcs": 1e-6}

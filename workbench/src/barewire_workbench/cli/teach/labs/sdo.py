@@ -8,9 +8,9 @@ from barewire.canopen.sdo.messages import ExpeditedDownload, InitiateUpload, dec
 from barewire_workbench.cli.teach.labs.model import AnswerCheck, Lab, LabExercise, right, wrong
 from barewire_workbench.cli.teach.labs.played import LAB_NODE, can_answers
 from barewire_workbench.cli.teach.labs.reading import any_number, checked_length, hex_number, in_hex, typed_bits
-from barewire_workbench.frames.canopen.frame import explain_can
+from barewire_workbench.frames.can import explain_can
 from barewire_workbench.recordings.can_text import parse_can
-from barewire_workbench.wire.can_bits import can_bits
+from barewire_workbench.wire import can_bits
 
 _AT_ONCE = (0x585, 0x185, 0x605)
 _STUFFED = CanFrame(0x00F)

@@ -1,10 +1,12 @@
-"""The CRC of Modbus RTU in three views: the shift register, the table of bytes, the division of polynomials.
+"""The checksums of Modbus: the CRC of RTU in three views, and the LRC of ASCII.
 
     register     eight shifts for each byte, as the ADXL manual prints them for 02 07
     table        one look-up for each byte
     polynomial   the long division whose remainder the other two compute
 
-The package computes the CRC in `rtu.crc`; the steps here do not use it.
+    LRC          the sum of the bytes, and its two's complement
+
+The package computes them in `rtu.crc` and `ascii.frame`; the steps here do not use that.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal, get_args
 
+from barewire.ascii.frame import lrc
 from barewire.errors import EncodeError
 from barewire.rtu.crc import crc16
 from barewire_workbench.steps.model import Steps, StepSection, StepTable, check_length, grouped_bits, spaced_hex
@@ -150,3 +153,55 @@ def _polynomial(data: bytes) -> list[StepSection]:
         f"The remainder as two bytes, the lowest bit first: {f'{rest:016b}'[:8]} is {low:02X}h, "
         f"{f'{rest:016b}'[8:]} is {high:02X}h. These are the bytes on the wire, {low:02X} {high:02X}.",
     ]
+
+
+_LONGEST = 255
+"""Bytes in the longest ASCII frame: the unit, a PDU of 253, the LRC."""
+
+
+def lrc_steps(data: bytes) -> Steps:
+    """Work out the LRC of some bytes, that of the unit first.
+
+    >>> lrc_steps(bytes.fromhex("0104000008"))
+    <Steps lrc: LRC F3h, sent as the two characters 'F3'>
+
+    Raises EncodeError for no bytes and for more than an ASCII frame has.
+    """
+    check_length(data, _LONGEST)
+    total, rows = 0, []
+    for byte in data:
+        total += byte
+        rows.append((f"{byte:02X}h", str(byte), grouped_bits(byte, 8), str(total), f"{total:X}h"))
+    low = total % 256
+    inverted = 255 - low
+    complement = (inverted + 1) % 256
+    final = [
+        ("sum", f"{total:X}h", grouped_bits(total, max(8, total.bit_length()))),
+        ("its low 8 bits", f"{low:02X}h", grouped_bits(low, 8)),
+        ("all bits inverted", f"{inverted:02X}h", grouped_bits(inverted, 8)),
+        ("plus 1", f"{complement:02X}h", grouped_bits(complement, 8)),
+    ]
+    sections: list[StepSection] = [
+        "Add the bytes of the message: the bytes, not the characters that carry them, and without the colon, CR "
+        "and LF.",
+        StepTable("", ("byte", "decimal", "binary", "sum", "hex"), tuple(rows)),
+        "Keep 8 bits, and take the two's complement: invert all bits, add 1. That is the number which makes the sum 0.",
+        StepTable("", ("step", "hex", "binary"), tuple(final)),
+        f"Check: {low:02X}h + {complement:02X}h = {low + complement:X}h, whose low 8 bits are 0.",
+    ]
+    if low == 0 and len(data) > 1:
+        sections.append(
+            f"The LRC is 0: the last byte, {data[-1]:02X}h, is the LRC of those before it. "
+            "A receiver checks a whole frame like this."
+        )
+    checksum = lrc(data)
+    if low:
+        sections.append(f"As a frame: :{data.hex().upper()}{checksum:02X}, then CR LF.")
+    return Steps(
+        "lrc",
+        f"LRC of {spaced_hex(data)}",
+        "Modbus over Serial Line 1.02, 6.2.1",
+        tuple(sections),
+        f"LRC {checksum:02X}h, sent as the two characters '{checksum:02X}'",
+        {"lrc": checksum, "characters": f"{checksum:02X}"},
+    )

@@ -10,7 +10,7 @@ import pytest
 from barewire import rtu, tcp
 from barewire.modbus.messages import registry as functions
 from barewire_workbench import ExplainedField, Explanation, FrameRole, explain
-from barewire_workbench.frames.modbus.frames import explain_ascii
+from barewire_workbench.frames.modbus import explain_ascii
 
 
 def of_rtu(pdu: str, role: FrameRole | None = None, unit: int = 1) -> Explanation:

@@ -8,7 +8,7 @@ from barewire.canopen import CanFrame
 from barewire.canopen.lss.messages import LSS_ANSWERS, LSS_REQUESTS
 from barewire.errors import EncodeError
 from barewire_workbench import Explanation, FrameRole, explain, explain_text
-from barewire_workbench.frames.canopen.frame import explain_segment
+from barewire_workbench.frames.can import explain_segment
 
 
 def of(frame: str) -> Explanation:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from barewire.devices import load
 from barewire.rtu import encode
-from barewire_workbench.frames.modbus.exchange_text import ExchangeLines, exchange_as_dict
-from barewire_workbench.frames.modbus.named_registers import RegisterNames, UnitNames
+from barewire_workbench.frames.modbus_exchanges import ExchangeLines, RegisterNames, UnitNames, exchange_as_dict
 from barewire_workbench.recordings.modbus_replay import replay
 from tests.helpers import unhex
 
