@@ -7,7 +7,7 @@ from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 
-from barewire_workbench.cli.teach.labs import LABS
+from barewire_workbench.cli.labs import LABS
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGES = [DOCS / "tutorial" / lab.page for lab in LABS.values()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire_workbench.cli.teach.labs.faulty_line import RECORDINGS, recording_text
+from barewire_workbench.cli.labs.repair import RECORDINGS, recording_text
 from tests.workbench.pictures.checks import assert_self_contained
 from tools import pictures
 

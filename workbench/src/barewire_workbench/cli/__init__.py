@@ -9,8 +9,9 @@
     watch, plot       `watch`: named values periodically, as a table, lines, JSON, CSV or a plot
     drive             `drive`: enable, move and stop a drive
     explain, sniff    `explain`: frames and recordings; `sniff`: traffic of a line or bus
-    teach             `send`: a frame typed by hand, its answer explained; `steps`: calculations
-                      step by step; `lab`: the labs of the course (a folder)
+    shown_frames      `--frames` of read, write, drive and demo: the frames of a command as they pass
+    send, steps       `send`: a frame typed by hand, its answer explained; `steps`: calculations step by step
+    lab               `lab`: the labs of the course; labs/ has their exercises
     recordings        `diagnose`: what is wrong in a recording, or on a line; `record`: traffic of a line -> a file that
                       `simulate` serves; `replay`: a recording of a CAN bus against a device (a folder)
     conform           `conform`: a server or a CANopen device against the standard

@@ -35,7 +35,7 @@ from barewire_workbench.cli.arguments import (
     no_wait_option,
     print_json,
 )
-from barewire_workbench.cli.teach.shown_frames import frames_option, frames_shown
+from barewire_workbench.cli.shown_frames import frames_option, frames_shown
 
 _Action = Callable[..., DriveStatus]
 """A method of a drive with the arguments of its command; returns the status at the end."""

@@ -26,7 +26,7 @@ from barewire_workbench.cli.arguments import (
     print_timing,
     timing_option,
 )
-from barewire_workbench.cli.teach.shown_frames import frames_option, frames_shown
+from barewire_workbench.cli.shown_frames import frames_option, frames_shown
 
 
 @click.command("read")

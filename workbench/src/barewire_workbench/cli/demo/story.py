@@ -33,7 +33,7 @@ from barewire_workbench.cli.demo.frames import (
     print_every_frame_as_page,
     print_wrapped,
 )
-from barewire_workbench.cli.teach.shown_frames import ShownFrames
+from barewire_workbench.cli.shown_frames import ShownFrames
 
 _INTRODUCTION = (
     "Three simulated machines on four wires, without hardware: the serial lines are pseudo-terminals, the CAN bus and "

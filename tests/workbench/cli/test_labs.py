@@ -9,9 +9,9 @@ import pytest
 
 from barewire import CanopenServer, ModbusServer
 from barewire.devices.sim import simulator
-from barewire_workbench.cli.teach.labs import LABS
-from barewire_workbench.cli.teach.labs.faulty_line import LIVE_UNIT, RECORDINGS, recording_text
-from barewire_workbench.cli.teach.labs.model import Lab
+from barewire_workbench.cli.labs import LABS
+from barewire_workbench.cli.labs.model import Lab
+from barewire_workbench.cli.labs.repair import LIVE_UNIT, RECORDINGS, recording_text
 from tests.workbench.cli.helpers import run_here
 
 RIGHT: dict[str, tuple[str, ...]] = {

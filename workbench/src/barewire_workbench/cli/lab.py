@@ -13,9 +13,9 @@ import click
 
 from barewire.errors import EncodeError, PortError, shown
 from barewire_workbench.cli.arguments import Choice, ended_by_signals, json_option, print_json
-from barewire_workbench.cli.teach.labs import LABS
-from barewire_workbench.cli.teach.labs.faulty_line import LIVE_FAULTS, LIVE_SEED, LIVE_UNIT, RECORDINGS, recording_text
-from barewire_workbench.cli.teach.labs.model import Lab, LabExercise
+from barewire_workbench.cli.labs import LABS
+from barewire_workbench.cli.labs.model import Lab, LabExercise
+from barewire_workbench.cli.labs.repair import LIVE_FAULTS, LIVE_SEED, LIVE_UNIT, RECORDINGS, recording_text
 
 _WIDTH = 100
 

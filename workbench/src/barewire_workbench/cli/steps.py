@@ -1,23 +1,34 @@
 """`barewire steps`: a checksum, a time, a value or a word, worked out step by step.
 
-Each command makes one value, `Steps`, which is printed as text or JSON; `drawings` has the picture of some of them.
+Each command makes one value, `Steps`, which is printed as text or JSON. `--format svg` draws some of them, and
+`--format html` has the picture above the calculation:
+
+    float                        the bytes of a 32-bit value in two registers, in the four orders
+    statusword, controlword      the state machine of CiA 402 with the words
+    can-frame                    the bits of one frame on the bus
+    timing                       the levels of a request with the silence around it
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
 import click
 
+from barewire.ascii import encode as ascii_frame
+from barewire.canopen.frame import CanFrame
 from barewire.codecs.order import ORDERS
 from barewire.devices import Device, load
 from barewire.errors import DecodeError, EncodeError
+from barewire.rtu import encode as rtu_frame
 from barewire_workbench.cli.arguments import Choice, CommandGroup, json_option, output_form, print_json
-from barewire_workbench.cli.teach.drawings import check_value_or_bytes, picture_of_steps, timing_picture
 from barewire_workbench.frames.input import parse_ascii, parse_hex
+from barewire_workbench.pictures.levels import CanFramePicture, LevelsPicture
 from barewire_workbench.pictures.picture import Picture, rendered
+from barewire_workbench.pictures.states import DriveWord, StatesPicture
+from barewire_workbench.pictures.steps import TYPES, RegistersPicture
 from barewire_workbench.recordings.can_text import parse_can
 from barewire_workbench.steps import (
     CRC_VIEWS,
@@ -35,7 +46,7 @@ from barewire_workbench.steps import (
     status_word_steps,
     timing_steps,
 )
-from barewire_workbench.wire import CharacterFormat
+from barewire_workbench.wire import CharacterFormat, can_bits
 
 _FORMS = ("text", "json", "html", "svg")
 
@@ -91,8 +102,8 @@ def _command(name: str, *, dashes: bool = False) -> Callable[[Callable[..., Step
         def run(as_json: bool, form: str | None, **arguments: Any) -> None:
             chosen = output_form(form, as_json=as_json)
             try:
-                steps = picture_of_steps(name, arguments) if chosen == "svg" else function(**arguments)
-                _print_steps(steps, chosen, lambda: picture_of_steps(name, arguments))
+                steps = _picture(name, arguments) if chosen == "svg" else function(**arguments)
+                _print_steps(steps, chosen, lambda: _picture(name, arguments))
             except DecodeError as error:
                 raise click.UsageError(error.text) from None
 
@@ -138,7 +149,7 @@ def float_command(value: str | None, type_name: str, order: Any, data: str | Non
 
     A float has a sign, an exponent and a fraction, and is rounded; an integer may have a two's complement.
     """
-    check_value_or_bytes(value, data)
+    _check_value_or_bytes(value, data)
     if data is not None:
         return number_from_bytes_steps(parse_hex(data), type_name, order)
     return number_steps(value or "", type_name, order)
@@ -179,7 +190,7 @@ def statusword_command(words: tuple[str, ...], device: str | None) -> Steps | Pi
     """
     known = _drive(device)
     if len(words) > 1:
-        return picture_of_steps("statusword", {"words": words, "device": device})
+        return _picture("statusword", {"words": words, "device": device})
     return status_word_steps(parse_word(words[0], "status word"), known)
 
 
@@ -195,9 +206,13 @@ def can_frame_command(frames: tuple[str, ...], bitrate: int) -> Steps:
 
     FRAME is what candump prints. Of one frame the fields, the CRC-15, the stuff bits and the duration are worked out.
     """
+    return can_frame_steps(_typed_frames(frames), bitrate)
+
+
+def _typed_frames(words: tuple[str, ...]) -> list[CanFrame]:
     # can0 605#40 and 605 40 41 60 without quotes are one frame each.
-    texts = frames if sum("#" in frame for frame in frames) > 1 else (" ".join(frames),)
-    return can_frame_steps([parse_can(text) for text in texts], bitrate)
+    texts = words if sum("#" in word for word in words) > 1 else (" ".join(words),)
+    return [parse_can(text) for text in texts]
 
 
 @steps_command.command("timing")
@@ -222,5 +237,75 @@ def timing_command(baudrate: int, forms: tuple[str, ...], as_json: bool) -> None
     except EncodeError as error:
         raise EncodeError(f"--format: {error}; or {', '.join(_FORMS)}") from None
     steps = timing_steps(baudrate, character)
-    picture = timing_picture(baudrate, character)
+    picture = _timing_picture(baudrate, character)
     _print_steps(picture if chosen == "svg" else steps, chosen, lambda: picture)
+
+
+# The pictures
+
+
+def _picture(name: str, arguments: Mapping[str, Any]) -> Picture:
+    """Return the picture of a command with these arguments. Raise EncodeError if it has none."""
+    draw = _DRAWN.get(name)
+    if draw is None:
+        raise EncodeError(f"steps {name} has no picture: expected one of {', '.join(_DRAWN)}")
+    return draw(**arguments)
+
+
+def _timing_picture(baudrate: int, character: CharacterFormat) -> LevelsPicture:
+    """Return the levels of a request: of RTU with the silence around it, with 7 data bits of ASCII."""
+    pdu = bytes.fromhex("03 00 00 00 02")
+    if character.data_bits < 8:
+        digits = ["unit", "function code", "address", "address", "quantity", "quantity", "LRC"]
+        names = ["start", *(name for name in digits for _ in range(2)), "CR", "LF"]
+        return LevelsPicture(ascii_frame(1, pdu), character, baudrate, names)
+    request = rtu_frame(1, pdu)
+    names = ["unit", "function code", "address", "address", "quantity", "quantity", "CRC", "CRC"]
+    return LevelsPicture(request, character, baudrate, names, "t3.5")
+
+
+def _check_value_or_bytes(value: str | None, data: str | None) -> None:
+    """Raise EncodeError unless a number is given in one way: as VALUE or as its bytes."""
+    if (value is None) == (data is None):
+        raise EncodeError("expected a VALUE or --bytes HEX, one of them; see barewire steps float --help")
+
+
+def _registers(value: str | None, type_name: str, order: str, data: str | None) -> Picture:
+    _check_value_or_bytes(value, data)
+    if type_name not in TYPES:
+        raise EncodeError(f"--type {type_name}: a picture has two registers: expected one of {', '.join(TYPES)}")
+    if value is None:
+        return RegistersPicture.of_bytes(parse_hex(data or ""), type_name, order=order)
+    steps = number_steps(value, type_name, "ABCD")
+    number = steps.values["value"]
+    if type_name == "f32":
+        with suppress(ValueError):
+            number = float(value)  # as it was given, before it is rounded
+    if not isinstance(number, int | float):
+        number = RegistersPicture.of_bytes(bytes.fromhex(str(steps.values["bytes"])), type_name).rows[0].value
+    return RegistersPicture.of_value(number, type_name, order=order)
+
+
+def _control_word(word: str | None, previous: str, device: str | None) -> Picture:
+    words = [] if word is None else [DriveWord("control", parse_word(word, "control word"))]
+    before = parse_word(previous, "--previous")
+    return StatesPicture([*([DriveWord("control", before)] if before else []), *words], device or "")
+
+
+def _status_word(words: Sequence[str], device: str | None) -> Picture:
+    return StatesPicture((DriveWord("status", parse_word(word, "status word")) for word in words), device or "")
+
+
+def _can_frame(frames: tuple[str, ...], bitrate: int) -> Picture:
+    frame, *others = _typed_frames(frames)
+    if others:
+        raise EncodeError(f"a picture has one frame, {1 + len(others)} are given")
+    return CanFramePicture(can_bits(frame), bitrate)
+
+
+_DRAWN: dict[str, Callable[..., Picture]] = {
+    "float": _registers,
+    "statusword": _status_word,
+    "controlword": _control_word,
+    "can-frame": _can_frame,
+}

@@ -9,7 +9,7 @@ import pytest
 
 from barewire.rtu import encode
 from barewire.tcp import encode as tcp_frame
-from barewire_workbench.cli.teach.shown_frames import ShownFrames
+from barewire_workbench.cli.shown_frames import ShownFrames
 from tests.helpers import free_port, unhex
 from tests.workbench.cli.helpers import output_of, run_command, simulated_at
 
