@@ -202,7 +202,7 @@ REFUSED = {
     "modbus imports no framing": ("barewire/modbus/client/bus.py", "from barewire.rtu import frame"),
     "modbus imports no framing, relative": ("barewire/modbus/client/bus.py", "from ...tcp.line import TcpLine"),
     "modbus imports no canopen": ("barewire/modbus/client/bus.py", "from ...canopen.frame import CanFrame"),
-    "canopen imports no modbus": ("barewire/canopen/sdo/client/upload.py", "from ....modbus import Bus"),
+    "canopen imports no modbus": ("barewire/canopen/sdo/client.py", "from ...modbus import Bus"),
     "a framing imports no other": ("barewire/ascii/line.py", "from ..rtu import crc"),
     "a framing imports no server": (
         "barewire/rtu/line.py",

@@ -24,13 +24,15 @@ from types import CodeType
 from typing import Any
 
 SOURCE = Path(__file__).parent.parent.parent / "src" / "barewire"
-ROOMS = ("modbus/client", "rtu", "ascii", "tcp", "io/modbus", "canopen/sdo/client")
+ROOMS = ("modbus/client", "rtu", "ascii", "tcp", "io/modbus")
+SDO_CLIENT = tuple(f"canopen/sdo/{name}.py" for name in ("channel", "transfer", "client", "plain"))
 _CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
 
 
 def files() -> dict[str, Path]:
     """Return the files that have bounds of the client, by their module."""
     paths = [path for room in ROOMS for path in sorted((SOURCE / room).glob("*.py"))]
+    paths += [SOURCE / name for name in SDO_CLIENT]
     return {".".join(path.relative_to(SOURCE.parent).with_suffix("").parts): path for path in paths}
 
 

@@ -27,7 +27,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from barewire.canopen import AbortCode, CanFrame, SdoAbort, SdoServer
-from barewire.canopen.sdo.client.plain import PlainExchange
+from barewire.canopen.sdo.plain import PlainExchange
 from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Conversation, Heard, Listen, Send, abort_frames
 from barewire.errors import NoAnswer
 from barewire.io.canopen.client import CanopenClient

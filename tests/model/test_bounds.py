@@ -26,9 +26,9 @@ CHECKED_ELSEWHERE = {
     "ascii/frame.py: len(data) > LONGEST": "a line holds no more: tests/ascii/test_frame.py",
     "ascii/frame.py: max(len(data) - 2, 1)": "the place in an error: tests/ascii/test_frame.py",
     "modbus/client/bus.py: heard.now < until": "a broadcast, which only `setups` has: tests/model/test_one_line.py",
-    "canopen/sdo/client/find_channel.py: ": "refuses an argument: tests/canopen/sdo/test_find_channel.py",
-    "canopen/sdo/client/channel.py: heard.now >= give_up": "never silent: tests/canopen/sdo/test_client.py",
-    "canopen/sdo/client/channel.py: heard.now >= quiet": "without a frame a wait ends no earlier",
+    "canopen/sdo/client.py: 1 <= server <= SERVERS_MAX": "refuses an argument: tests/canopen/sdo/test_find_channel.py",
+    "canopen/sdo/channel.py: now >= self.give_up": "never silent: tests/canopen/sdo/test_client.py",
+    "canopen/sdo/channel.py: heard.now >= self.late": "without a frame a wait ends no earlier",
     "tcp/frame.py: 1 <= size <= PDU_LIMIT": "a request is never longer: tests/tcp/test_frame.py",
 }
 """The beginning of the bounds that no run can cross, or none needs to."""
@@ -60,7 +60,7 @@ def test_a_bound_is_found_in_every_form_that_the_source_has() -> None:
         "line_state.py: deque(maxlen=_KEPT)",
         "line_state.py: pending.until > now",
         "channel.py: max(timeout, self.timeout)",
-        "channel.py: min(end, heard.now + _BACKLOG)",
+        "channel.py: min(self.backlog, now + _BACKLOG)",
         "channel.py: heard.now >= self.quiet_until",
         "line_state.py: len(passed_over) < 3",
     ):

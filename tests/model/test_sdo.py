@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import Channel, SdoServer
-from barewire.canopen.sdo.client.transfer import ClientTransfer
+from barewire.canopen.sdo.transfer import ClientTransfer
 from tests.canopen.sdo.sdo_bus import RefusingServer
 from tests.model.choices import run_all, run_random
 from tests.model.sdo import DEFAULT_OPTIONS, Mode, SdoTally, Transfers, sdo_scenario

@@ -175,7 +175,7 @@ if TYPE_CHECKING:
         upload as upload,
         upload_to as upload_to,
     )
-    from barewire.canopen.sdo.client.typed_access import read_object as read_object, write_object as write_object
+    from barewire.canopen.sdo.client import read_object as read_object, write_object as write_object
     from barewire.canopen.sync import (
         SyncEvent as SyncEvent,
         SyncMessage as SyncMessage,
@@ -214,7 +214,7 @@ __getattr__, __dir__, __all__ = lazy(
         "pdo.engine": "PdoEngine",
         "pdo.remote_config": "read_pdo write_pdo mapping_of PdoConfigPolicy",
         "pdo.named_values": "remote_pdo RemotePdo PdoConsumer PdoReceived",
-        "sdo.client.typed_access": "read_object write_object",
+        "sdo.client": "read_object write_object",
         "bus.scan": "scan ScanResult ScannedNode",
         "lss.messages": "LssAddress LssMessage LssService LssState LssRefused Fastscan",
         "lss.slave": "LssSlave",

@@ -89,7 +89,7 @@ class SdoAbort(Refused):
     """An access was refused by the server, by the local dictionary, or by the client if the server broke the rules.
 
     `index` and `sub` are the object of the request, `named` is the object in the abort message. Some servers send a
-    wrong one; which of these aborts end a transfer at once is in `sdo.client.transfer`. `why` is the reason if the
+    wrong one; which of these aborts end a transfer at once is in `sdo.transfer`. `why` is the reason if the
     client ended the transfer, and empty if the server ended it. `node` is the node of the server, if a client raised
     the error.
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from barewire.canopen import CanFrame, Channel, SdoDialect, download, fit, upload
-from barewire.canopen.sdo.client.channel import channel_to
+from barewire.canopen.sdo.channel import channel_to
 from barewire.codecs import Value
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Listen
 from barewire.devices.device import Device

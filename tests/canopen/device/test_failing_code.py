@@ -22,7 +22,7 @@ from barewire.canopen.communication_objects import standard_objects
 from barewire.canopen.device.error_control import DeviceConsumers, ErrorControl
 from barewire.canopen.device.sdo_channels import AdditionalServers
 from barewire.canopen.pdo.engine import PdoEngine
-from barewire.canopen.sdo.server.server import SdoServer
+from barewire.canopen.sdo.server import SdoServer
 from barewire.codecs import Value
 from barewire.devices.sim import simulator
 from tests.canopen.device.test_device import feed

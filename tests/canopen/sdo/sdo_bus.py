@@ -16,8 +16,8 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from barewire.canopen import AbortCode, CanFrame, Entry, ObjectDictionary, SdoAbort, SdoServer
-from barewire.canopen.sdo.client.plain import NOT_PLAIN, PlainExchange
-from barewire.canopen.sdo.server.server import awaits_end, is_initiate
+from barewire.canopen.sdo.plain import NOT_PLAIN, PlainExchange
+from barewire.canopen.sdo.server import awaits_end, is_initiate
 from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
 
 FRAME_TIME = 0.0001

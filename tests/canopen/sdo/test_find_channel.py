@@ -6,7 +6,7 @@ import pytest
 
 from barewire.canopen import Channel, SdoAbort, SdoServer, download, upload
 from barewire.canopen.cob_ids import CobEntry
-from barewire.canopen.sdo.client.find_channel import find_channel
+from barewire.canopen.sdo.client import find_channel
 from barewire.conversation import play
 from barewire.errors import EncodeError
 from tests.canopen.sdo.sdo_bus import Bus, Store

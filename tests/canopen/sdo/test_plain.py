@@ -13,8 +13,7 @@ from hypothesis import given, strategies as st
 
 from barewire.canopen import CanFrame, Channel, Entry, ObjectDictionary, SdoDialect, download, read_object, upload
 from barewire.canopen.nmt.node_monitor import NodeMonitor
-from barewire.canopen.sdo.client.plain import NOT_PLAIN, PlainDownload, PlainExchange, PlainUpload
-from barewire.canopen.sdo.client.typed_access import PlainRead
+from barewire.canopen.sdo.plain import NOT_PLAIN, PlainDownload, PlainExchange, PlainUpload, plain_read
 from barewire.conversation import Abandoned, Conversation, Heard, Listen
 from barewire.errors import BarewireError, EncodeError
 from tests.canopen.sdo.sdo_bus import plainly
@@ -126,9 +125,9 @@ def by_conversation(channel: Channel, verb: str, index: int) -> Conversation[Can
 
 def by_exchange(channel: Channel, verb: str, index: int) -> Conversation[CanFrame, Any]:
     if verb == "upload":
-        return plainly(PlainUpload(channel, index, 0, TIMEOUT, None, 1 << 24))
+        return plainly(PlainUpload(channel, index, 0, TIMEOUT, None, 1 << 24, bytes))
     if verb == "read":
-        return plainly(PlainRead(channel, OBJECTS.at(index), TIMEOUT))
+        return plainly(plain_read(channel, OBJECTS.at(index), TIMEOUT))
     return plainly(PlainDownload(channel, index, 0, TIMEOUT, b"\x0f\x00"))
 
 
@@ -139,7 +138,14 @@ def visible(make: Make, steps: list[Any], own_frames: bool | None, monitored: bo
     for verb, index, script, pause in steps:
         peer.script = script
         result = peer.run(make(channel, verb, index))
-        state = channel.quiet_until, channel.quiet_for, channel.left, channel.busy, channel.own_frames, channel.sent
+        state = (
+            channel.quiet_until,
+            channel.quiet_for,
+            channel.abandoned,
+            channel.busy,
+            channel.own_frames,
+            channel.sent,
+        )
         found.append((result, peer.now, list(peer.sent), repr(channel.counters), repr(channel.total), state))
         peer.now += pause
     return found
@@ -171,7 +177,7 @@ def test_a_frame_that_waits_before_the_request_is_explained_by_both() -> None:
 def test_the_request_is_that_of_the_conversation(data: bytes) -> None:
     for plain, conversation in (
         (PlainDownload(Channel(5, own_frames=False), 0x6040, 7, 1.0, data), download(5, 0x6040, 7, data)),
-        (PlainUpload(Channel(5, own_frames=False), 0x6040, 7, 1.0, None, None), upload(5, 0x6040, 7)),
+        (PlainUpload(Channel(5, own_frames=False), 0x6040, 7, 1.0, None, None, bytes), upload(5, 0x6040, 7)),
     ):
         next(conversation)
         (sent,) = conversation.send(Heard(None, 1.0))
@@ -183,7 +189,7 @@ def test_the_request_is_that_of_the_conversation(data: bytes) -> None:
     [("4F", "01"), ("4B", "0102"), ("47", "010203"), ("43", "01020304")],
 )
 def test_a_value_has_as_many_bytes_as_its_response_says(data: str, value: str) -> None:
-    plain = PlainUpload(Channel(5, own_frames=False), INDEX, 0, 1.0, None, None)
+    plain = PlainUpload(Channel(5, own_frames=False), INDEX, 0, 1.0, None, None, bytes)
     plain.begin()
     response = bytes.fromhex(data + "416000 01020304")
     assert plain.answer_in(CanFrame(0x585, response, True)) is NOT_PLAIN
@@ -191,7 +197,7 @@ def test_a_value_has_as_many_bytes_as_its_response_says(data: str, value: str) -
 
 
 SIZED = SdoDialect("sized", ((2, 0x4B), (4, 0x43)))
-UPLOAD: dict[str, Any] = {"index": INDEX, "sub": 0, "timeout": 1.0, "size": None, "limit": None}
+UPLOAD: dict[str, Any] = {"index": INDEX, "sub": 0, "timeout": 1.0, "size": None, "limit": None, "decode": bytes}
 
 
 @pytest.mark.parametrize("changed", [{"timeout": 0.0}, {"limit": 3}, {"index": -1}, {"index": 0x10000}, {"sub": 256}])

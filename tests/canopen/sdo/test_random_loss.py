@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from barewire.canopen import BlockSettings, CanFrame, Channel, SdoAbort, SdoServer, download, upload
-from barewire.canopen.sdo.client.block_options import BlockMode
+from barewire.canopen.sdo.client import BlockMode
 from barewire.errors import NoAnswer
 from tests.canopen.sdo.sdo_bus import Bus, RefusingServer, Store
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import AbortCode, Entry, LocalNode, ObjectDictionary, SdoAbort, read_object, standard_objects
-from barewire.canopen.sdo.client.typed_access import write_object
+from barewire.canopen.sdo.client import write_object
 from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError
 from tests.canopen.virtual_bus import VirtualBus

@@ -112,7 +112,7 @@ def test_whatever_is_irregular_ends_as_in_the_conversation(
         read, write = partial(sdo.upload, 0x1000), partial(sdo.download, 0x1000, 0, b"\x0f\x00")
         result = await outcome((read if verb == "upload" else write)(progress=progress))
         channel = client.channel()
-        counted = repr(channel.counters), channel.quiet_until is None, channel.left, channel.busy
+        counted = repr(channel.counters), channel.quiet_until is None, channel.abandoned, channel.busy
         found.append((result, sent, counted))
 
     for progress in (None, ignore):
@@ -166,7 +166,7 @@ def test_a_cancelled_task_sends_an_abort_and_the_late_answer_is_discarded(port: 
         with pytest.raises(asyncio.CancelledError):
             await task
         assert sent == [READ, CanFrame.parse("605#8000100000000008")]
-        assert client.channel().left == (0x1000, 0)
+        assert client.channel().abandoned == (0x1000, 0)
         port.answers = {READ: [VALUE]}
         port.arrive(CanFrame.parse("585#4300100000000000"))
         assert await client.node().sdo.upload(0x1000) == VALUE.data[4:]

@@ -143,7 +143,7 @@ def test_whatever_is_irregular_ends_as_in_the_conversation(direct: bool, verb: s
             )
             result = outcome(partial(transfer, progress=progress))
             channel = client.channel()
-            counted = repr(channel.counters), channel.quiet_until is None, channel.left, channel.busy
+            counted = repr(channel.counters), channel.quiet_until is None, channel.abandoned, channel.busy
         found.append((result, sent, counted))
     assert found[0] == found[1]
 
@@ -194,7 +194,7 @@ def test_an_interrupt_sends_an_abort_and_the_late_answer_is_discarded(direct: bo
                 client.node().sdo.upload(0x1000)
         port.hook = lambda: None
         assert sent == [READ, CanFrame.parse("605#8000100000000008")]
-        assert client.channel().left == (0x1000, 0)
+        assert client.channel().abandoned == (0x1000, 0)
         port.answers = {READ: [VALUE]}
         port.arrive(CanFrame.parse("585#4300100000000000"))
         assert client.node().sdo.upload(0x1000) == VALUE.data[4:]

@@ -23,7 +23,7 @@ from barewire.canopen.emcy import Emergency
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.canopen.sdo import Abort, ExpeditedUpload, InitiateUpload, decode_sdo_response
-from barewire.canopen.sdo.client.channel import Channel
+from barewire.canopen.sdo.channel import Channel
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError
 

@@ -47,7 +47,7 @@ from barewire.canopen.pdo.config import PdoConfig
 from barewire.canopen.pdo.multiplexed import MPDO_COUNTS
 from barewire.canopen.pdo.remote_config import PdoConfigPolicy, read_pdo, write_pdo
 from barewire.canopen.sdo import Channel, download, upload
-from barewire.canopen.sdo.client.channel import channel_to
+from barewire.canopen.sdo.channel import channel_to
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import BarewireError, DecodeError, EncodeError, NoAnswer
 

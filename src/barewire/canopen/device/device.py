@@ -49,7 +49,7 @@ from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.config import PdoConfig, checked_pdos
 from barewire.canopen.pdo.engine import PdoEngine
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
-from barewire.canopen.sdo.server.server import SdoServer
+from barewire.canopen.sdo.server import SdoServer
 from barewire.canopen.time_stamp import TimeConsumer, TimeStamp
 from barewire.errors import EncodeError, shown
 

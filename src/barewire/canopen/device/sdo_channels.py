@@ -26,10 +26,9 @@ from barewire.canopen.communication_objects import integer_value, replace_entry,
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.node_monitor import NodeMonitor
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.client.find_channel import SERVER_1, SERVERS_MAX
+from barewire.canopen.sdo.channel import SERVER_1, SERVERS_MAX, Channel
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
-from barewire.canopen.sdo.server.server import SdoServer
+from barewire.canopen.sdo.server import SdoServer
 from barewire.errors import EncodeError
 
 _CLIENT_1 = 0x1280

@@ -38,9 +38,8 @@ from barewire.canopen.lss.master import store_configuration
 from barewire.canopen.lss.messages import LssRefused
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage
 from barewire.canopen.pdo.mapping import BITS_MAX
-from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.client.download import download
-from barewire.canopen.sdo.client.upload import upload
+from barewire.canopen.sdo.channel import Channel
+from barewire.canopen.sdo.client import download, upload
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer, shown

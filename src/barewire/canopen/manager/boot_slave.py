@@ -30,7 +30,7 @@ from barewire.canopen.nmt.heartbeat import NodeState, guarding_request
 from barewire.canopen.nmt.master import request_state, wait_for_boot_up, wait_for_heartbeat
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
 from barewire.canopen.sdo import Channel, download, upload
-from barewire.canopen.sdo.client.channel import channel_to
+from barewire.canopen.sdo.channel import channel_to
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Listen, Send
 from barewire.errors import BarewireError, DecodeError, NoAnswer
 

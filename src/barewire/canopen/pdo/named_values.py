@@ -17,7 +17,7 @@ from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.config import PdoConfig, PdoDirection
 from barewire.canopen.pdo.mapping import PdoMapping
 from barewire.canopen.pdo.remote_config import mapping_of, read_pdo
-from barewire.canopen.sdo.client.channel import Channel
+from barewire.canopen.sdo.channel import Channel
 from barewire.codecs import Value
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import DecodeError, EncodeError

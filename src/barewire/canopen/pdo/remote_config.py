@@ -28,7 +28,7 @@ from barewire.canopen.pdo.config import PdoConfig, PdoDirection
 from barewire.canopen.pdo.mapping import ENTRIES_MAX, MappedObject, PdoMapping
 from barewire.canopen.pdo.multiplexed import MPDO_COUNTS, Addressing
 from barewire.canopen.sdo import Channel, download, upload
-from barewire.canopen.sdo.client.channel import channel_to
+from barewire.canopen.sdo.channel import channel_to
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import BarewireError, DecodeError, EncodeError
 

@@ -14,11 +14,11 @@ Files, in reading order:
     dialect                how a device departs from the standard
     stream                 the bytes of a value, as they are sent or received
     block_transfer         sender and receiver of blocks, used by client and server
-    client/channel         identifiers, counters client/block_options      options of block transfers
-    client/transfer        one transfer          client/upload, download   read and write an object
-    client/plain           one request and its response, without a conversation
-    client/typed_access    objects as values     client/find_channel       channels of further servers
-    server/transfers       the long transfers    server/server             the server
+    server                 the server and its transfers
+    channel                a client's channel: identifiers, counters, what it waits for
+    transfer               a client's transfer: requests, responses, how it ends
+    client                 read and write an object
+    plain                  one request and its response, without a conversation
 """
 
 from typing import TYPE_CHECKING
@@ -26,10 +26,14 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.canopen.sdo.client.block_options import BlockMode as BlockMode, BlockSettings as BlockSettings
-    from barewire.canopen.sdo.client.channel import Channel as Channel, ChannelCounters as ChannelCounters
-    from barewire.canopen.sdo.client.download import download as download
-    from barewire.canopen.sdo.client.upload import upload as upload, upload_to as upload_to
+    from barewire.canopen.sdo.channel import Channel as Channel, ChannelCounters as ChannelCounters
+    from barewire.canopen.sdo.client import (
+        BlockMode as BlockMode,
+        BlockSettings as BlockSettings,
+        download as download,
+        upload as upload,
+        upload_to as upload_to,
+    )
     from barewire.canopen.sdo.dialect import STANDARD as STANDARD, SdoDialect as SdoDialect, fit as fit
     from barewire.canopen.sdo.messages import (
         Abort as Abort,
@@ -54,7 +58,7 @@ if TYPE_CHECKING:
         decode_sdo_request as decode_sdo_request,
         decode_sdo_response as decode_sdo_response,
     )
-    from barewire.canopen.sdo.server.server import (
+    from barewire.canopen.sdo.server import (
         ObjectStore as ObjectStore,
         SdoServer as SdoServer,
         ServerCounters as ServerCounters,
@@ -63,11 +67,9 @@ if TYPE_CHECKING:
 __getattr__, __dir__, __all__ = lazy(
     __name__,
     {
-        "client.upload": "upload upload_to",
-        "client.download": "download",
-        "client.block_options": "BlockSettings BlockMode",
-        "client.channel": "Channel ChannelCounters",
-        "server.server": "SdoServer ServerCounters ObjectStore",
+        "client": "upload upload_to download BlockSettings BlockMode",
+        "channel": "Channel ChannelCounters",
+        "server": "SdoServer ServerCounters ObjectStore",
         "dialect": "SdoDialect STANDARD fit",
         "messages": (
             "InitiateUpload ExpeditedUpload UploadInitiated ExpeditedDownload InitiateDownload "

@@ -90,18 +90,22 @@ class Incoming:
     def __init__(
         self,
         sink: Callable[[bytes], object],
-        size: int | None,
+        size: int | None = None,
         *,
         limit: int | None = LIMIT,
         progress: SdoProgress | None = None,
     ) -> None:
-        if limit is not None and size is not None and size > limit:
-            raise ProtocolViolation(AbortCode.OUT_OF_MEMORY, f"{size} bytes announced, the limit is {limit}")
         self._sink = sink
-        self._size = size
         self._limit = limit
         self._progress = progress or _ignore
         self.count = 0
+        self.announce(size)
+
+    def announce(self, size: int | None) -> None:
+        """Record the size that the sender announced, before the first byte."""
+        if self._limit is not None and size is not None and size > self._limit:
+            raise ProtocolViolation(AbortCode.OUT_OF_MEMORY, f"{size} bytes announced, the limit is {self._limit}")
+        self._size = size
 
     def add(self, data: bytes) -> None:
         """Count the next bytes and pass them on."""

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.canopen import CanFrame
-from barewire.canopen.sdo.client.channel import Channel
+from barewire.canopen.sdo.channel import Channel
 from barewire.conversation import Conversation, Heard
 from barewire.errors import BarewireError, PortError
 from barewire.io.canopen.async_fast_path import AsyncFastPath

@@ -15,8 +15,8 @@ from collections.abc import Coroutine
 from typing import Any, Protocol, TypeVar
 
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.client.plain import NOT_PLAIN, PlainExchange
+from barewire.canopen.sdo.channel import Channel
+from barewire.canopen.sdo.plain import NOT_PLAIN, PlainExchange
 from barewire.conversation import Conversation, Heard
 from barewire.errors import PortError
 from barewire.io.canopen.bus.async_bus import AsyncSubscriber

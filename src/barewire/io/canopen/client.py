@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.canopen import CanFrame
 from barewire.canopen.bus.channel_locks import ChannelLock, LockKeys
-from barewire.canopen.sdo.client.channel import Channel
+from barewire.canopen.sdo.channel import Channel
 from barewire.conversation import Conversation, Heard
 from barewire.errors import BarewireError, PortError
 from barewire.io.canopen.bus.direct_port import DirectPort

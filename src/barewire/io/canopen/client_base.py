@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from barewire.canopen import CanFrame, PdoReceived, RemotePdo
     from barewire.canopen.eds.eds_file import Eds
     from barewire.canopen.object_dictionary import ObjectDictionary
-    from barewire.canopen.sdo.client.channel import Channel
+    from barewire.canopen.sdo.channel import Channel
     from barewire.devices.device import Device
     from barewire.io.canopen.bus.receiving import WatchFrames
     from barewire.io.canopen.dcf_node import DcfNode

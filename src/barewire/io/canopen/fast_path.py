@@ -5,7 +5,7 @@
         plain.answer_in(frame) -> the result       no frame, or any other; an error, Ctrl-C  -> the rest of it
 
 Nearly every access of a master takes this path, in a third of the time: 10 us instead of 30, of which the system and
-the other side take 4 (a pair of sockets). What frames mean is decided in `canopen.sdo.client.plain`. The frames come
+the other side take 4 (a pair of sockets). What frames mean is decided in `canopen.sdo.plain`. The frames come
 through the port of a conversation that reads the bus itself, or through a `ChannelSubscriber` if others read it too.
 """
 
@@ -18,8 +18,8 @@ from typing import Generic, Protocol, TypeVar
 
 from barewire.canopen.bus.channel_locks import ChannelLock
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.client.plain import NOT_PLAIN, PlainExchange
+from barewire.canopen.sdo.channel import Channel
+from barewire.canopen.sdo.plain import NOT_PLAIN, PlainExchange
 from barewire.conversation import Conversation, Heard
 from barewire.errors import PortError
 from barewire.io.canopen.bus.direct_port import DirectPort

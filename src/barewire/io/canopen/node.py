@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
     from barewire.canopen.eds.eds_file import Eds
     from barewire.canopen.object_dictionary import Entry, ObjectDictionary, ObjectRef
-    from barewire.canopen.sdo.client.block_options import BlockMode
-    from barewire.canopen.sdo.client.channel import Channel
+    from barewire.canopen.sdo.channel import Channel
+    from barewire.canopen.sdo.client import BlockMode
     from barewire.codecs import Value
     from barewire.conversation import Conversation
     from barewire.devices.device import Device

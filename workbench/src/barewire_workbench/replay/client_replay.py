@@ -22,10 +22,8 @@ from typing import NamedTuple
 
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.client.block_options import BlockSettings
-from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.client.download import download
-from barewire.canopen.sdo.client.upload import upload
+from barewire.canopen.sdo.channel import Channel
+from barewire.canopen.sdo.client import BlockSettings, download, upload
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.messages import (
     Abort,

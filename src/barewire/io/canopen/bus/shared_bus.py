@@ -22,7 +22,7 @@ from typing import Any, Self
 
 from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.client.channel import Channel
+from barewire.canopen.sdo.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import PortError
 from barewire.io.canopen.bus.receiving import ReceivingBus, Sender, WatchFrames, check_port

@@ -38,9 +38,9 @@ from typing import (
 
 from barewire.canopen.bus.channel_locks import LockKeys
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.client.plain import PlainExchange
+from barewire.canopen.sdo.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect
+from barewire.canopen.sdo.plain import PlainExchange
 from barewire.conversation import Conversation, Send
 from barewire.errors import EncodeError, shown
 from barewire.io.canopen.bus.event_stream import Listener, Stream

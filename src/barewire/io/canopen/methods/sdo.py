@@ -16,16 +16,17 @@ from typing import TYPE_CHECKING, Any
 from barewire import canopen
 from barewire._callbacks import check_callbacks, check_function
 from barewire.canopen import download, upload, upload_to
-from barewire.canopen.sdo.client.plain import PlainDownload, PlainUpload
+from barewire.canopen.sdo.client import encoded_value, find_channel, read_object
 from barewire.canopen.sdo.dialect import SdoDialect
+from barewire.canopen.sdo.plain import PlainDownload, PlainUpload, plain_read
 from barewire.canopen.sdo.stream import LIMIT
 from barewire.errors import EncodeError
 from barewire.io.canopen.methods.operations import AnyOperation, BusOperation, Methods, R, operation, sdo_transfer
 
 if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import ObjectDictionary, ObjectRef
-    from barewire.canopen.sdo.client.block_options import BlockMode
-    from barewire.canopen.sdo.client.channel import Channel
+    from barewire.canopen.sdo.channel import Channel
+    from barewire.canopen.sdo.client import BlockMode
     from barewire.canopen.sdo.stream import SdoProgress
     from barewire.codecs import Value
 
@@ -79,7 +80,7 @@ class SdoMethods(Methods[R]):
         channel = self._channel or self.channel
         wait = self.timeout if timeout is None else timeout
         if block is False and progress is None:
-            return PlainUpload(channel, index, sub, wait, size, limit)
+            return PlainUpload(channel, index, sub, wait, size, limit, bytes)
         check_callbacks("upload", progress=progress)
         options: dict[str, Any] = {"size": size, "block": block, "limit": limit, "progress": progress, "timeout": wait}
         return sdo_transfer(channel, upload(channel, index, sub, **options), wait)
@@ -130,8 +131,6 @@ class SdoMethods(Methods[R]):
     @operation
     def find_channel(self, server: int, *, timeout: float | None = None) -> BusOperation[canopen.Channel]:
         """Read the channel of a further SDO server from the node, for `over`. Server 1 is the default server."""
-        from barewire.canopen.sdo.client.find_channel import find_channel
-
         channel, wait = self.channel, self._wait(timeout)
         return sdo_transfer(channel, find_channel(channel, server, timeout=wait), wait)
 
@@ -163,10 +162,8 @@ def read_by_name(
     channel: Channel, objects: ObjectDictionary, place: ObjectRef, block: BlockMode, timeout: float
 ) -> AnyOperation[Value]:
     """Return the operation that reads the value of an object of a dictionary."""
-    from barewire.canopen.sdo.client.typed_access import PlainRead, read_object
-
     if block is False:
-        return PlainRead(channel, objects.at(place), timeout)
+        return plain_read(channel, objects.at(place), timeout)
     return sdo_transfer(channel, read_object(channel, objects, place, block=block, timeout=timeout), timeout)
 
 
@@ -174,8 +171,6 @@ def write_by_name(
     channel: Channel, objects: ObjectDictionary, place: ObjectRef, value: Value, block: BlockMode, timeout: float
 ) -> AnyOperation[None]:
     """Return the operation that writes the value of an object of a dictionary."""
-    from barewire.canopen.sdo.client.typed_access import encoded_value
-
     entry = objects.at(place)
     data = encoded_value(entry, value)
     if 1 <= len(data) <= 4 and block in (False, "auto"):

@@ -10,8 +10,8 @@ from barewire.canopen.eds.model import EdsItem, EdsObject, every_item
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.master import identify_slaves, switch_global, switch_selective
 from barewire.canopen.lss.messages import LssAddress, LssState
-from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.client.upload import upload
+from barewire.canopen.sdo.channel import Channel
+from barewire.canopen.sdo.client import upload
 from barewire.conversation import Conversation, Listen, Send
 from barewire_workbench.conform.canopen.lss_pause import with_lss_pauses
 from barewire_workbench.conform.canopen.model import NODE_ANSWER_TIMEOUT, Subject

@@ -20,9 +20,8 @@ from collections.abc import Iterator, Mapping
 from barewire.canopen.abort_codes import SdoAbort
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectAddress
-from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.client.download import download
-from barewire.canopen.sdo.client.upload import upload
+from barewire.canopen.sdo.channel import Channel
+from barewire.canopen.sdo.client import download, upload
 from barewire.conversation import Conversation
 from barewire.errors import NoAnswer
 from barewire_workbench.conform.canopen.frames import SAVE

@@ -43,7 +43,7 @@ from typing import TypeVar
 
 from barewire.canopen.abort_codes import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.client.channel import OUT_OF_STEP, Channel, OtherClient
+from barewire.canopen.sdo.channel import OUT_OF_STEP, Channel, OtherClient
 from barewire.canopen.sdo.messages import Abort, M, SdoMessage
 from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
 from barewire.errors import DecodeError, EncodeError, NoAnswer

@@ -56,6 +56,10 @@ from barewire.canopen.sdo.messages import (
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
+SERVER_1 = 0x1200
+"""The record of the first SDO server of a device, which is the default one; those of the others follow."""
+SERVERS_MAX = 128
+
 
 @dataclass(slots=True)
 class ChannelCounters:
@@ -122,7 +126,7 @@ def _count(number: int, noun: str) -> str:
 
 
 _BACKLOG = 0.1
-"""Seconds that reading the waiting frames may take at most: a busy bus is never silent."""
+"""Seconds that reading the waiting frames may take at most."""
 
 _PAST = float("-inf")
 
@@ -157,12 +161,12 @@ class Channel:
     __slots__ = (
         "_mark",
         "_plain",
+        "abandoned",
+        "abandoned_at",
         "blocks",
         "busy",
         "counters",
         "dialect",
-        "left",
-        "left_at",
         "node",
         "node_monitor",
         "own_frames",
@@ -204,9 +208,9 @@ class Channel:
         self.quiet_until: float | None = None
         self.quiet_for: frozenset[tuple[int, int]] | None = None
         """The objects whose transfers wait until `quiet_until`; None: all transfers."""
-        self.left: tuple[int, int] | None = None
+        self.abandoned: tuple[int, int] | None = None
         """The object of the transfer that ended without its response, if no other client is on the channel."""
-        self.left_at = 0.0
+        self.abandoned_at = 0.0
         """When the last frame of that transfer was sent or received."""
         self.busy = False
         self.counters = ChannelCounters()
@@ -323,29 +327,33 @@ class Channel:
         return max(timeout, self.timeout)
 
     def be_quiet(
-        self, until: float, places: Iterable[tuple[int, int]] | None, left: tuple[int, int] | None, now: float = 0.0
+        self,
+        until: float,
+        places: Iterable[tuple[int, int]] | None,
+        abandoned: tuple[int, int] | None,
+        now: float = 0.0,
     ) -> None:
-        """Make transfers of the objects `places`, or of all with None, wait until then. `left` is the last object. An
-        earlier transfer may have had a longer time-out: its wait is not shortened."""
+        """Make transfers of the objects `places`, or of all with None, wait until then."""
         if places is None or (self.quiet_until is not None and self.quiet_for is None):
             self.quiet_for = None
         else:
             self.quiet_for = (self.quiet_for or frozenset()).union(places)
+        # An earlier transfer may have had a longer time-out: its wait is not shortened.
         self.quiet_until = until if self.quiet_until is None else max(until, self.quiet_until)
-        self.left, self.left_at = left, now
+        self.abandoned, self.abandoned_at = abandoned, now
 
-    def be_interrupted(self, now: float, timeout: float, left: tuple[int, int]) -> None:
+    def be_interrupted(self, now: float, timeout: float, place: tuple[int, int]) -> None:
         """End an exchange without a conversation that an exception ended where nothing could record its state."""
         self.restart_counters()
-        self.be_quiet(now + 2 * self.latest(timeout), None, left, now)
+        self.be_quiet(now + 2 * self.latest(timeout), None, place, now)
         self.busy = False
 
     def be_settled(self) -> None:
         """Record that the server answers the present transfer: no response from before can follow."""
-        self.quiet_until = self.quiet_for = self.left = None
+        self.quiet_until = self.quiet_for = self.abandoned = None
         self.probes = False
 
-    def _note_answer(self, place: tuple[int, int]) -> None:
+    def note_answer(self, place: tuple[int, int]) -> None:
         """Record the response to the abandoned transfer of `place`. Those of other objects may still follow."""
         self.quiet_for = (self.quiet_for or frozenset()) - {place}
         if not self.quiet_for:
@@ -358,65 +366,55 @@ class Channel:
         If another client has sent a request, wait for its response, at most `timeout` seconds. Raise OtherClient if it
         sends one request after the other.
         """
-        quiet, place = _PAST, (index, sub)
-        if self.quiet_until is not None and (self.quiet_for is None or place in self.quiet_for):
-            quiet = self.quiet_until
-            if self.quiet_for is not None and self._was_answered(place):
-                quiet = _PAST
-                self._note_answer(place)
-        probe_waits, probed = self.probes, False
-        asked = None
-        if self.node_monitor is not None and not self.own_frames:
-            asked = self.node_monitor.unanswered(self.request_id, self.response_id)
-        if asked is not None:
-            self.left = None
-        taken = _PAST if asked is None else asked + timeout  # until then the other client may get its response
-        end = give_up = 0.0
+        waits = _Waits(self, (index, sub), timeout)
+        # The probe is sent as soon as the time is known, which is that of the first frame or of its absence.
+        heard: Heard[CanFrame] = yield Listen(_PAST if self.probes else waits.until)
+        waits.begin(heard.now)
         while True:
-            heard: Heard[CanFrame] = yield Listen(_PAST if probe_waits else max(quiet, taken))
-            if not end:
-                end = max(quiet, heard.now + _BACKLOG)
-                give_up = max(end, heard.now + 2 * timeout)
-            response = None
-            try:
-                response = None if heard.item is None else self.receive(heard.item)
-            except OtherClient:
-                last = heard.item is not None and heard.item.data[:1] in _LAST_FRAMES
-                taken = _PAST if last else heard.now + timeout
-                self.left = None
-                if heard.now >= give_up:
-                    raise
-            if response is not None:
-                self.counters.late += 1
-                if response[:1] != _ABORT:  # which may also respond to an earlier frame of the other client
-                    taken = _PAST
-                named = _named_response(response)
-                about = None if named is None else (named.index, named.sub)
-                if about is not None and about == self.left and not isinstance(named, _ENDING):
-                    yield self.send(Abort(*about, AbortCode.TIMED_OUT).encode())
-                if about == place and self.quiet_for is not None:
-                    quiet, end = _PAST, min(end, heard.now + _BACKLOG)
-                    self._note_answer(place)
-                elif probed and isinstance(named, Abort) and about == (0, 0) and named.code not in OUT_OF_STEP:
-                    quiet, end = _PAST, min(end, heard.now + _BACKLOG)
-                    self.be_settled()
-            if probe_waits:
-                window = 2 * self.latest(timeout)
-                self.quiet_until = max(quiet, heard.now + window)  # before it is sent: an exception may come between
-                probe_waits, probed, self.probes = False, True, False
-                sent: Heard[CanFrame] = yield self.send(_PROBE)
-                quiet = self.quiet_until = max(quiet, sent.now + window)
-                end = max(end, quiet)
-            elif heard.now >= taken and ((heard.item is None and heard.now >= quiet) or heard.now >= end):
+            opened = None if heard.item is None else waits.hear(heard.item, heard.now)
+            if opened is not None:
+                yield self.send(Abort(*opened, AbortCode.TIMED_OUT).encode())
+            if self.probes:
+                yield from self._send_probe(waits, heard.now)
+            elif waits.are_over(heard):
                 break
+            heard = yield Listen(waits.until)
         if self.quiet_until is not None and heard.now >= self.quiet_until:
             self.be_settled()
         return heard.now
 
+    def _send_probe(self, waits: _Waits, now: float) -> Conversation[CanFrame, None]:
+        window = 2 * self.latest(waits.timeout)
+        self.quiet_until = max(waits.late, now + window)  # before it is sent: an exception may come between
+        self.probes = False
+        sent: Heard[CanFrame] = yield self.send(_PROBE)
+        waits.probed = True
+        waits.late = self.quiet_until = max(waits.late, sent.now + window)
+        waits.backlog = max(waits.backlog, waits.late)
+
+    def _late_until(self, place: tuple[int, int]) -> float:
+        """Return until when a transfer of this object waits for the response to an earlier request."""
+        if self.quiet_until is None or not (self.quiet_for is None or place in self.quiet_for):
+            return _PAST
+        if self.quiet_for is not None and self._was_answered(place):
+            self.note_answer(place)
+            return _PAST
+        return self.quiet_until
+
+    def _rival_until(self, timeout: float) -> float:
+        """Return until when another client, which sent a request before this transfer, may get its response."""
+        if self.node_monitor is None or self.own_frames:
+            return _PAST
+        requested_at = self.node_monitor.unanswered(self.request_id, self.response_id)
+        if requested_at is None:
+            return _PAST
+        self.abandoned = None
+        return requested_at + timeout
+
     def _was_answered(self, place: tuple[int, int]) -> bool:
         """Return whether the response to the abandoned request came between two transfers, when no client listened."""
         monitor = self.node_monitor
-        frame = None if monitor is None else monitor.last_frame(self.response_id, self.left_at)
+        frame = None if monitor is None else monitor.last_frame(self.response_id, self.abandoned_at)
         named = None if frame is None or self.response_extended else _named_response(frame.data)
         return named is not None and (named.index, named.sub) == place
 
@@ -425,6 +423,74 @@ class Channel:
         if self.own_frames is None:
             self.sent.append(data)
         return Send(CanFrame(self.request_id, data, self.request_extended))
+
+
+class _Waits:
+    """What a transfer waits for before its first request. Each wait ends at a time, or with the response.
+
+    late       for the response to a request of an earlier transfer, or to the probe
+    rival      for the response to the request of another client
+    backlog    when reading ends even if frames still wait, because a busy bus is never silent
+    give_up    when a client that sends one request after the other is not waited for any more
+    """
+
+    __slots__ = ("backlog", "channel", "give_up", "late", "place", "probed", "rival", "timeout")
+
+    def __init__(self, channel: Channel, place: tuple[int, int], timeout: float) -> None:
+        self.channel = channel
+        self.place = place
+        self.timeout = timeout
+        self.late = channel._late_until(place)
+        self.rival = channel._rival_until(timeout)
+        self.probed = False
+
+    def begin(self, now: float) -> None:
+        """Set the limits that count from the beginning, of which the first frame tells the time."""
+        self.backlog = max(self.late, now + _BACKLOG)
+        self.give_up = max(self.backlog, now + 2 * self.timeout)
+
+    @property
+    def until(self) -> float:
+        """The end of the longer wait."""
+        return max(self.late, self.rival)
+
+    def are_over(self, heard: Heard[CanFrame]) -> bool:
+        """Return whether the request may be sent: both waits are over, and no frame waits."""
+        is_silent = heard.item is None and heard.now >= self.late
+        return heard.now >= self.rival and (is_silent or heard.now >= self.backlog)
+
+    def hear(self, frame: CanFrame, now: float) -> tuple[int, int] | None:
+        """End the waits that a frame ends. Return the object of the transfer that it opened on the server, if no client
+        continues that transfer."""
+        channel = self.channel
+        try:
+            response = channel.receive(frame)
+        except OtherClient:
+            self.rival = _PAST if frame.data[:1] in _LAST_FRAMES else now + self.timeout
+            channel.abandoned = None  # a response may be the one to the other client
+            if now >= self.give_up:
+                raise
+            return None
+        if response is None:
+            return None
+        channel.counters.late += 1
+        if response[:1] != _ABORT:  # an abort may also respond to an earlier frame of the other client
+            self.rival = _PAST
+        named = _named_response(response)
+        if named is None:
+            return None
+        place = (named.index, named.sub)
+        is_open = place == channel.abandoned and not isinstance(named, _ENDING)
+        if place == self.place and channel.quiet_for is not None:
+            self._end_late(now)
+            channel.note_answer(place)
+        elif self.probed and isinstance(named, Abort) and place == (0, 0) and named.code not in OUT_OF_STEP:
+            self._end_late(now)
+            channel.be_settled()
+        return place if is_open else None
+
+    def _end_late(self, now: float) -> None:
+        self.late, self.backlog = _PAST, min(self.backlog, now + _BACKLOG)
 
 
 def _named_response(data: bytes) -> SdoResponse | None:

@@ -19,15 +19,21 @@ from __future__ import annotations
 
 import struct
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from enum import Enum
+from functools import partial
 from struct import Struct
-from typing import Final, Generic, TypeVar
+from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.sdo.client.channel import Channel
-from barewire.canopen.sdo.client.download import download, rest_of_download
-from barewire.canopen.sdo.client.upload import rest_of_upload, upload
+from barewire.canopen.sdo.channel import Channel
+from barewire.canopen.sdo.client import decoded, decoded_value, download, rest_of_download, rest_of_upload, upload
+from barewire.canopen.sdo.stream import LIMIT
 from barewire.conversation import Conversation
+
+if TYPE_CHECKING:
+    from barewire.canopen.object_dictionary import Entry
+    from barewire.codecs import Value
 
 T = TypeVar("T")
 
@@ -57,12 +63,10 @@ class PlainExchange(ABC, Generic[T]):
 
     named: bytes
     """The index and sub-index as they are in the request and in the response."""
-
-    def __init__(self, channel: Channel, index: int, sub: int, timeout: float) -> None:
-        self.channel = channel
-        self.index = index
-        self.sub = sub
-        self.timeout = timeout
+    channel: Channel
+    index: int
+    sub: int
+    timeout: float  # each kind sets these four by itself: one call less on the fast path
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.index:04X}h:{self.sub:02X}, node {self.channel.node}>"
@@ -103,13 +107,21 @@ class PlainExchange(ABC, Generic[T]):
         """Return the conversation of the transfer from the point where it listens; the request was sent then."""
 
 
-class UploadExchange(PlainExchange[T]):
-    """The base class of exchanges that upload an object of at most four bytes; `size` and `limit` as in `upload`."""
+class PlainUpload(PlainExchange[T]):
+    """The upload of an object of at most four bytes. `size` and `limit` are those of `upload`; `decode` returns the
+    result for the bytes of the value, and may raise DecodeError."""
 
-    __slots__ = ("limit", "size")
+    __slots__ = ("decode", "limit", "size")
 
     def __init__(
-        self, channel: Channel, index: int, sub: int, timeout: float, size: int | None, limit: int | None
+        self,
+        channel: Channel,
+        index: int,
+        sub: int,
+        timeout: float,
+        size: int | None,
+        limit: int | None,
+        decode: Callable[[bytes], T],
     ) -> None:
         self.channel = channel
         self.index = index
@@ -117,6 +129,7 @@ class UploadExchange(PlainExchange[T]):
         self.timeout = timeout
         self.size = size
         self.limit = limit
+        self.decode = decode
 
     def _request(self) -> bytes | None:
         if (self.limit is not None and self.limit < 4) or self.channel.dialect.read_commands:
@@ -126,8 +139,8 @@ class UploadExchange(PlainExchange[T]):
         except struct.error:
             return None
 
-    def _value_in(self, frame: CanFrame) -> bytes | NotPlain:
-        """Return the bytes of the value, and end the exchange, if the frame is an expedited response with a size."""
+    def answer_in(self, frame: CanFrame) -> T | NotPlain:
+        """Return the result, if the frame is an expedited response with a size."""
         identifier, data, extended, _, _ = frame
         channel = self.channel
         if identifier != channel.response_id or extended is not channel.response_extended or len(data) != _FRAME:
@@ -136,14 +149,17 @@ class UploadExchange(PlainExchange[T]):
         if end is None or data[1:4] != self.named:
             return NOT_PLAIN
         channel.end_plain()
-        return data[4:end]
+        return self.decode(data[4:end])
 
-    def _upload(self) -> Conversation[CanFrame, bytes]:
-        return upload(self.channel, self.index, self.sub, timeout=self.timeout, size=self.size, limit=self.limit)
+    def whole(self) -> Conversation[CanFrame, T]:
+        """Return the conversation of the upload."""
+        transfer = upload(self.channel, self.index, self.sub, timeout=self.timeout, size=self.size, limit=self.limit)
+        return decoded(transfer, self.decode)
 
-    def _rest_of_upload(self, sent_at: float) -> Conversation[CanFrame, bytes]:
+    def rest(self, sent_at: float) -> Conversation[CanFrame, T]:
+        """Return the conversation of the upload from the point where it listens."""
         self.channel.restart_counters()
-        return rest_of_upload(
+        transfer = rest_of_upload(
             self.channel,
             self.index,
             self.sub,
@@ -152,24 +168,12 @@ class UploadExchange(PlainExchange[T]):
             limit=self.limit,
             sent_at=sent_at,
         )
+        return decoded(transfer, self.decode)
 
 
-class PlainUpload(UploadExchange[bytes]):
-    """The upload of the bytes of an object."""
-
-    __slots__ = ()
-
-    def answer_in(self, frame: CanFrame) -> bytes | NotPlain:
-        """Return the value, if the frame is an expedited response with a size."""
-        return self._value_in(frame)
-
-    def whole(self) -> Conversation[CanFrame, bytes]:
-        """Return the conversation of the upload."""
-        return self._upload()
-
-    def rest(self, sent_at: float) -> Conversation[CanFrame, bytes]:
-        """Return the conversation of the upload from the point where it listens."""
-        return self._rest_of_upload(sent_at)
+def plain_read(channel: Channel, entry: Entry, timeout: float) -> PlainUpload[Value]:
+    """Return the exchange that does what `read_object` does."""
+    return PlainUpload(channel, entry.index, entry.sub, timeout, entry.codec.size, LIMIT, partial(decoded_value, entry))
 
 
 class PlainDownload(PlainExchange[None]):

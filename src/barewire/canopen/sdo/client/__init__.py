@@ -1,1 +1,0 @@
-"""The SDO client: channels and the transfers on them."""

@@ -1,1 +1,0 @@
-"""The SDO server: responses from an object dictionary."""
