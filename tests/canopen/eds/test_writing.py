@@ -10,7 +10,7 @@ from hypothesis import assume, given, strategies as st
 
 from barewire.canopen import eds
 from barewire.canopen.datatypes import TimeOfDay
-from barewire.canopen.eds.model import RECORD as RECORD_TYPE
+from barewire.canopen.eds.objects import RECORD as RECORD_TYPE
 from barewire.errors import EncodeError
 from tests.canopen.eds.field_files import ODDITIES
 from tests.canopen.eds.oddities import COMPACT, GOOD, RECORD, typed

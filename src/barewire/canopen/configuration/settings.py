@@ -21,7 +21,7 @@ from typing import NamedTuple
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.datatypes import DAY, TimeOfDay
 from barewire.canopen.eds.eds_file import Eds
-from barewire.canopen.eds.model import EdsItem, every_item
+from barewire.canopen.eds.objects import EdsItem, every_item
 from barewire.canopen.object_dictionary import Entry, ObjectAddress, ObjectDictionary
 from barewire.canopen.pdo.config import PDOS_MAX, PdoConfig, PdoDirection
 from barewire.canopen.pdo.mapping import BITS_MAX, ENTRIES_MAX

@@ -7,11 +7,11 @@
 
 Files, in reading order:
 
-    diagnostics     the closed list of rules           lexer       bytes <-> lines, each in pieces
-    section_names   sections, keys, other spellings    document    lines -> sections; changes of single lines
-    value_syntax    text <-> numbers, values           model       EdsObject, EdsItem -> object dictionary
-    reader          sections -> objects                lint        missing parts, contradictions
+    diagnostics     the closed list of rules          value_syntax    text <-> numbers, values
+    document        bytes <-> lines, sections, keys; changes of single lines
+    objects         sections -> EdsObject, EdsItem -> object dictionary
     eds_file        Eds; parse, compose and to_dcf; one key of an object, a new object
+    lint            missing parts, contradictions
 
 Files in the field break every rule. Each departure has a defined reading and a diagnostic with its line; `parse` raises
 only if `strict`. Unchanged lines are written byte for byte as they were read.
@@ -20,7 +20,7 @@ only if `strict`. Unchanged lines are written byte for byte as they were read.
 from barewire.canopen.eds.diagnostics import LINT_RULES, PARSE_RULES, Diagnostic, EdsError
 from barewire.canopen.eds.eds_file import Eds, add_object, compose, parse, to_dcf
 from barewire.canopen.eds.lint import lint
-from barewire.canopen.eds.model import EdsItem, EdsObject
+from barewire.canopen.eds.objects import EdsItem, EdsObject
 from barewire.canopen.eds.value_syntax import Formula
 
 __all__ = [

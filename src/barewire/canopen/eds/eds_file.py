@@ -22,11 +22,20 @@ from collections.abc import Iterable, Iterator, Mapping
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.datatypes import BY_NAME
 from barewire.canopen.eds.diagnostics import Diagnostic, EdsError
-from barewire.canopen.eds.document import Document
-from barewire.canopen.eds.lexer import EdsText, decode_text, split_lines
-from barewire.canopen.eds.model import EdsItem, EdsObject, every_item, to_dictionary
-from barewire.canopen.eds.reader import read_objects
-from barewire.canopen.eds.section_names import BAUD_RATES, COMMISSIONING, DEVICE_INFO, FILE_INFO, LISTS, entry_number
+from barewire.canopen.eds.document import (
+    BAUD_RATES,
+    COMMISSIONING,
+    DEVICE_INFO,
+    FILE_INFO,
+    LISTS,
+    Document,
+    EdsLine,
+    EdsText,
+    checked_line,
+    decode_text,
+    entry_number,
+)
+from barewire.canopen.eds.objects import EdsItem, EdsObject, every_item, read_objects, to_dictionary
 from barewire.canopen.eds.value_syntax import Expression, Formula, read_value, write_value
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.errors import EncodeError, shown
@@ -127,21 +136,21 @@ def compose(
     info = {key: "" if key.endswith("Name") or key == "OrderCode" else "0" for key in DEVICE_INFO}
     lines += [pair_line(key, value) for key, value in (info | dict(device_info or {})).items()]
     lines += ["", "[DummyUsage]", *(f"Dummy{code:04X}={int(code in set(dummies))}" for code in range(1, 8))]
-    text = list(comments)
-    lines += ["", "[Comments]", f"Lines={len(text)}"]
-    lines += [pair_line(f"Line{number}", line) for number, line in enumerate(text, 1)]
+    comments = list(comments)
+    lines += ["", "[Comments]", f"Lines={len(comments)}"]
+    lines += [pair_line(f"Line{number}", line) for number, line in enumerate(comments, 1)]
     for name in LISTS:
         listed = [described for described in ordered if list_name(described.index) == name]
         lines += ["", f"[{name}]", f"SupportedObjects={len(listed)}"]
         lines += [f"{number}=0x{described.index:04X}" for number, described in enumerate(listed, 1)]
         for described in listed:
             lines += object_lines(described)
-    whole = "".join(line + end for line in lines)
+    text = "".join(line + end for line in lines)
     try:
-        whole.encode(encoding)
+        text.encode(encoding)
     except UnicodeEncodeError as error:
         raise EncodeError(f"{error.object[error.start : error.end]!r} cannot be written in {encoding}") from None
-    return Eds(EdsText(b"", encoding, whole))
+    return Eds(EdsText(b"", encoding, text))
 
 
 def to_dcf(
@@ -225,8 +234,8 @@ def set_key(document: Document, described: EdsObject, item: EdsItem, key: str, v
     if at_key != key and text is not None and section.casefold() not in document.sections:
         document.put(section, "NrOfEntries", "0")
     document.put(section, at_key, text)
-    if at_key != key and (found := document.sections.get(section.casefold())) is not None:
-        document.put(section, "NrOfEntries", str(sum(entry_number(name) is not None for name in found.keys)))
+    if at_key != key and (compact := document.sections.get(section.casefold())) is not None:
+        document.put(section, "NrOfEntries", str(sum(entry_number(name) is not None for name in compact.keys)))
 
 
 def _place(document: Document, described: EdsObject, sub: int, key: str) -> tuple[str, str]:
@@ -309,7 +318,4 @@ def _item_lines(item: EdsItem, object_type: int) -> Iterator[str]:
 
 def pair_line(key: str, value: str) -> str:
     """Return a line `key=value`. Raise EncodeError if it would not be read back unchanged."""
-    lines = split_lines(f"{key}={value}")
-    if len(lines) != 1 or lines[0][1:6] != ("", key, "=", value, ""):
-        raise EncodeError(f"{key}={value!r} would not be read back unchanged: it has a line end, ' ;' or outer blanks")
-    return f"{key}={value}"
+    return checked_line(EdsLine("pair", "", key, "=", value)).text

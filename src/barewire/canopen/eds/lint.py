@@ -10,15 +10,21 @@ Such a file can still be read without doubt; `Eds.diagnostics` reports what is d
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from barewire.canopen.cob_ids import is_restricted
 from barewire.canopen.datatypes import BY_NAME
 from barewire.canopen.eds.diagnostics import Diagnostic, diagnostic
-from barewire.canopen.eds.document import Section
+from barewire.canopen.eds.document import (
+    BAUD_RATES,
+    COMMISSIONING,
+    DEVICE_INFO,
+    FILE_INFO,
+    LISTS,
+    entry_number,
+)
 from barewire.canopen.eds.eds_file import MANDATORY, Eds, list_name
-from barewire.canopen.eds.model import EdsItem, EdsObject, every_item
-from barewire.canopen.eds.section_names import BAUD_RATES, COMMISSIONING, DEVICE_INFO, FILE_INFO, LISTS, entry_number
+from barewire.canopen.eds.objects import EdsItem, EdsObject, every_item
 from barewire.canopen.eds.value_syntax import Formula, read_integer
 
 _LONGEST_LINE = 255
@@ -39,20 +45,13 @@ def lint(eds: Eds) -> tuple[Diagnostic, ...]:
     >>> print(lint(parse(b""))[0])
     0: missing-object: 1000h: an object that every device must have is missing
     """
-    found = [*_keys(eds), *_forms(eds), *_lists(eds), *_objects(eds)]
-    found += [*_info(eds), *_commissioning(eds), *_pdos(eds)]
-    return tuple(sorted({*found, *eds.diagnostics}))
-
-
-def _at(section: Section, key: str) -> int:
-    """Return the line of a key, or of the section."""
-    position = section.keys.get(key.casefold())
-    return section.line if position is None else position + 1
+    checks = (_keys, _forms, _lists, _objects, _info, _commissioning, _pdos)
+    return tuple(sorted({*eds.diagnostics, *(finding for check in checks for finding in check(eds))}))
 
 
 def _line(eds: Eds, described: EdsObject, sub: int, key: str) -> int:
     own = eds.sections.get(f"{described.index:04x}sub{sub:x}") or eds.sections.get(f"{described.index:04x}")
-    return _at(own, key) if own else 0
+    return own.line_of(key) if own else 0
 
 
 def _number(eds: Eds, section: str, key: str) -> int | None:
@@ -78,9 +77,9 @@ def _keys(eds: Eds) -> Iterator[Diagnostic]:
         for key, name_of in section.names.items():
             if name_of.capitals:
                 text = eds.lines[section.keys[key]].key
-                yield diagnostic(_at(section, key), "capitals", f"[{section.name.proper}] {text}")
+                yield diagnostic(section.line_of(key), "capitals", f"[{section.name.proper}] {text}")
             if not name_of.known:
-                yield diagnostic(_at(section, key), "unknown-key", f"[{section.name.proper}] {name_of.proper}")
+                yield diagnostic(section.line_of(key), "unknown-key", f"[{section.name.proper}] {name_of.proper}")
     for index in MANDATORY:
         if index not in eds.objects:
             yield diagnostic(0, "missing-object", f"{index:04X}h")
@@ -97,12 +96,12 @@ def _forms(eds: Eds) -> Iterator[Diagnostic]:
         number = read_integer(text or "").value
         valid = _VERSION.fullmatch(text or "") if key == "EDSVersion" else number is not None and 0 <= number <= 255
         if text and section is not None and not valid:
-            yield diagnostic(_at(section, key), "version-form", f"{key}={text}")
+            yield diagnostic(section.line_of(key), "version-form", f"{key}={text}")
     for word in ("Creation", "Modification") if section else ():
         for key, form, rule in ((f"{word}Date", _DATE, "date-form"), (f"{word}Time", _TIME, "time-form")):
             text = eds.get("FileInfo", key)
             if text is not None and section is not None and not form.fullmatch(text):
-                yield diagnostic(_at(section, key), rule, f"{key}={text}")
+                yield diagnostic(section.line_of(key), rule, f"{key}={text}")
 
 
 def _lists(eds: Eds) -> Iterator[Diagnostic]:
@@ -114,18 +113,17 @@ def _lists(eds: Eds) -> Iterator[Diagnostic]:
             counter = "lines"
         if counter is None or name.part == "ObjectLinks":
             continue
-        found = [entry_number(key.removeprefix("line")) for key in section.keys]
-        numbers = [number for number in found if number is not None]
+        numbers = [number for key in section.keys if (number := entry_number(key.removeprefix("line"))) is not None]
         count = _number(eds, name.proper, counter)
         if count is not None and count != len(numbers):
             text = f"[{name.proper}] {count} stated, {len(numbers)} there"
-            yield diagnostic(_at(section, counter), "list-count", text)
+            yield diagnostic(section.line_of(counter), "list-count", text)
         if name.kind == "list" and sorted(numbers) != list(range(1, len(numbers) + 1)):
             yield diagnostic(section.line, "list-gap", f"[{name.proper}]")
         for key in section.keys if name.kind == "list" else ():
             index = _number(eds, name.proper, key) if entry_number(key) is not None else None
             if index is not None and 0x1000 <= index <= 0xFFFF and list_name(index) != name.proper:
-                yield diagnostic(_at(section, key), "wrong-list", f"{index:04X}h in [{name.proper}]")
+                yield diagnostic(section.line_of(key), "wrong-list", f"{index:04X}h in [{name.proper}]")
 
 
 def _objects(eds: Eds) -> Iterator[Diagnostic]:
@@ -140,11 +138,11 @@ def _objects(eds: Eds) -> Iterator[Diagnostic]:
             if stated != present:
                 number = "no SubNumber" if stated is None else f"SubNumber={stated}"
                 text = f"[{section.name.proper}] {number}, there are {present}"
-                yield diagnostic(_at(section, "SubNumber"), "sub-number", text)
+                yield diagnostic(section.line_of("SubNumber"), "sub-number", text)
             yield from _sub0(eds, described)
             for key in _ITEM_KEYS:
                 if eds.get(section.name.proper, key):
-                    yield diagnostic(_at(section, key), "key-not-here", f"[{section.name.proper}] {key}")
+                    yield diagnostic(section.line_of(key), "key-not-here", f"[{section.name.proper}] {key}")
     for described, item in every_item(eds.objects.values()):
         yield from _item(eds, described, item)
 
@@ -186,15 +184,15 @@ def _info(eds: Eds) -> Iterator[Diagnostic]:
         stated, default = _number(eds, "DeviceInfo", key), defaults.get(sub)
         # 0 is written where the number was unknown.
         if stated and default and stated != default:
-            yield diagnostic(_at(section, key), "identity", f"{key}={stated}, 1018h:{sub:02X} is {default!r}")
+            yield diagnostic(section.line_of(key), "identity", f"{key}={stated}, 1018h:{sub:02X} is {default!r}")
     granularity = _number(eds, "DeviceInfo", "Granularity")
     if granularity is not None and not 0 <= granularity <= 64:
-        yield diagnostic(_at(section, "Granularity"), "granularity", str(granularity))
+        yield diagnostic(section.line_of("Granularity"), "granularity", str(granularity))
     for name, key, first, _ in _PDOS:
         stated = _number(eds, "DeviceInfo", key)
         present = sum(first <= index < first + 0x200 for index in eds.objects)
         if stated is not None and stated != present:
-            yield diagnostic(_at(section, key), "pdo-count", f"{key}={stated}, there are {present} {name}s")
+            yield diagnostic(section.line_of(key), "pdo-count", f"{key}={stated}, there are {present} {name}s")
 
 
 def _commissioning(eds: Eds) -> Iterator[Diagnostic]:
@@ -206,11 +204,12 @@ def _commissioning(eds: Eds) -> Iterator[Diagnostic]:
             yield diagnostic(section.line, "missing-key", f"[{section.name.proper}] {key}")
     node, rate = (_number(eds, "DeviceComissioning", key) for key in ("NodeID", "Baudrate"))
     if node is not None and not 1 <= node <= 127:
-        yield diagnostic(_at(section, "NodeID"), "commissioning", f"NodeID={node}, expected 1 to 127")
+        yield diagnostic(section.line_of("NodeID"), "commissioning", f"NodeID={node}, expected 1 to 127")
     if rate is not None and (
         f"BaudRate_{rate}" not in BAUD_RATES or _number(eds, "DeviceInfo", f"BaudRate_{rate}") == 0
     ):
-        yield diagnostic(_at(section, "Baudrate"), "commissioning", f"Baudrate={rate} is not supported by the device")
+        text = f"Baudrate={rate} is not supported by the device"
+        yield diagnostic(section.line_of("Baudrate"), "commissioning", text)
 
 
 def _pdos(eds: Eds) -> Iterator[Diagnostic]:
@@ -236,9 +235,10 @@ def _pdos(eds: Eds) -> Iterator[Diagnostic]:
 def _mapping(eds: Eds, name: str, record: EdsObject, items: dict[tuple[int, int], EdsItem]) -> Iterator[Diagnostic]:
     bits = 0
     count = record.items[0].default if record.items else 0
-    for item in _mapped(record.items, count if isinstance(count, int) else 0):
+    for item in record.items:
         word = item.default
-        if not isinstance(word, int) or word == 0:
+        is_mapped = isinstance(count, int) and 1 <= item.sub <= count
+        if not is_mapped or not isinstance(word, int) or word == 0:
             continue
         index, sub, width = word >> 16, word >> 8 & 0xFF, word & 0xFF
         bits += width
@@ -257,8 +257,3 @@ def _mapping(eds: Eds, name: str, record: EdsObject, items: dict[tuple[int, int]
             yield diagnostic(line, "pdo-mapping", f"{record.index:04X}h:{item.sub:02X} {word:08X}h, {reason}")
     if bits > 64:
         yield diagnostic(record.line, "pdo-bits", f"{record.index:04X}h maps {bits}")
-
-
-def _mapped(items: Iterable[EdsItem], count: int) -> Iterator[EdsItem]:
-    """Return the active entries."""
-    return (item for item in items if 1 <= item.sub <= count)

@@ -112,9 +112,7 @@ def read_integer(text: str) -> ReadInteger:
 
 def _strip_syntax(text: str) -> tuple[str, list[str]]:
     """Return the text of a number without comment, quotes and inner blanks, and the rules that these break."""
-    plain, rules = text.strip(), []
-    plain, comments = strip_comment(plain)
-    rules += comments
+    plain, rules = strip_comment(text.strip())
     if len(plain) > 1 and plain[0] == plain[-1] and plain[0] in "\"'":
         plain = plain[1:-1].strip()
         rules.append("quoted")
@@ -130,8 +128,8 @@ def strip_comment(text: str) -> tuple[str, list[str]]:
     >>> strip_comment("0x07 # VAR"), strip_comment("5;rpm")
     (('0x07', ['foreign-comment']), ('5', ['inline-comment']))
     """
-    found = ((text.index(mark), mark) for mark in (";", "#", "//") if mark in text)
-    position, mark = min(found, default=(len(text), ""))
+    marks = ((text.index(mark), mark) for mark in (";", "#", "//") if mark in text)
+    position, mark = min(marks, default=(len(text), ""))
     rules = ["inline-comment"] if mark == ";" else ["foreign-comment"] if mark else []
     return text[:position].rstrip(), rules
 
@@ -165,7 +163,7 @@ def read_value(text: str, type: str) -> ReadValue:
     """
     if type in ("string", "unicode"):
         bare, rules = (text[1:-1], ("quoted",)) if _is_quoted(text) else (text, ())
-        if type == "unicode" or _encodes(bare):
+        if type == "unicode" or all(ord(character) < 0x100 for character in bare):
             return ReadValue(bare, rules)
         # A VISIBLE_STRING is bytes: those of the UTF-8 encoding, each as one character.
         return ReadValue(bare.encode("utf-8", "surrogatepass").decode("latin-1"), (*rules, "bad-text"))
@@ -183,10 +181,6 @@ def read_value(text: str, type: str) -> ReadValue:
 
 def _is_quoted(text: str) -> bool:
     return len(text) > 1 and text[0] == text[-1] == '"'
-
-
-def _encodes(text: str) -> bool:
-    return all(ord(character) < 0x100 for character in text)
 
 
 def _octets(text: str) -> ReadValue:

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator
 from itertools import takewhile
 
 from barewire.canopen.eds import Eds, EdsItem, EdsObject, Formula, compose
-from barewire.canopen.eds.model import RECORD, VAR
+from barewire.canopen.eds.objects import RECORD, VAR
 from barewire.codecs import Value
 from barewire.devices.device import Device
 from barewire.devices.parameter import Parameter

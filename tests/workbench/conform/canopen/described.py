@@ -8,7 +8,7 @@ from dataclasses import replace
 from barewire.canopen import Entry, LocalNode
 from barewire.canopen.datatypes import BY_NAME
 from barewire.canopen.eds import Eds, EdsItem, EdsObject, compose, parse
-from barewire.canopen.eds.model import MAPPABLE, RECORD, VAR, EdsAccess
+from barewire.canopen.eds.objects import MAPPABLE, RECORD, VAR, EdsAccess
 from tests.workbench.conform.canopen.devices import plain
 
 MORE = (

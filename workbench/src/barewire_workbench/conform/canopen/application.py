@@ -17,7 +17,7 @@ from functools import partial
 from typing import Final
 
 from barewire.canopen.datatypes import object_codec
-from barewire.canopen.eds.model import EdsObject, every_item
+from barewire.canopen.eds.objects import EdsObject, every_item
 from barewire_workbench.conform.canopen.eds_objects import DescribedItem, read_steps, write_steps
 from barewire_workbench.conform.canopen.frames import READ_ONLY_CODES, Sdo, make_case
 from barewire_workbench.conform.canopen.model import NodeCase, NodeStep, Subject

@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 
-from barewire.canopen.eds.model import EdsObject
+from barewire.canopen.eds.objects import EdsObject
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand
 from barewire.conversation import Conversation, Listen, Send

@@ -21,7 +21,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Literal
 
 from barewire.canopen.datatypes import BY_CODE, DataType, object_codec
-from barewire.canopen.eds.model import MAPPABLE, RECORD, EdsItem, EdsObject, every_item
+from barewire.canopen.eds.objects import MAPPABLE, RECORD, EdsItem, EdsObject, every_item
 from barewire.canopen.eds.value_syntax import Expression, Formula
 from barewire.codecs import Value
 from barewire.errors import EncodeError

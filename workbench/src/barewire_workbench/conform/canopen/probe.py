@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import check_node
-from barewire.canopen.eds.model import EdsItem, EdsObject, every_item
+from barewire.canopen.eds.objects import EdsItem, EdsObject, every_item
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.master import identify_slaves, switch_global, switch_selective
 from barewire.canopen.lss.messages import LssAddress, LssState

@@ -1,4 +1,8 @@
-"""Read objects from the sections of a document.   [CiA 306]
+"""The objects of an EDS: read from the sections of a document, and made into an object dictionary.   [CiA 306]
+
+        [1018]     ObjectType=9 ParameterName=Identity       EdsObject(1018h, "Identity", 9, items)
+        [1018sub1] DataType=7 ParameterName=Vendor-ID            '-- EdsItem(1, "Vendor-ID", "u32", ...)
+                                                                        '-- Entry(1018h, 1, ...) of the dictionary
 
         own sections [hhhh] [hhhhsubN]  --.
         CompactSubObj, [hhhhName]       ---+--> EdsObject
@@ -25,26 +29,147 @@ A sub-index that has a section of its own is read from there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
 
-from barewire.canopen.datatypes import BY_CODE
+from barewire.canopen.cob_ids import check_node
+from barewire.canopen.datatypes import BY_CODE, object_codec
 from barewire.canopen.eds.diagnostics import Diagnostic, diagnostic
-from barewire.canopen.eds.document import Document, Section
-from barewire.canopen.eds.model import (
-    ARRAY,
-    DEFSTRUCT,
-    DEFTYPE,
-    DOMAIN,
-    MAPPABLE,
-    RECORD,
-    VAR,
-    EdsAccess,
-    EdsItem,
-    EdsObject,
-)
-from barewire.canopen.eds.section_names import LISTS, TEXTS, entry_number
+from barewire.canopen.eds.document import LISTS, TEXTS, Document, Section, entry_number
 from barewire.canopen.eds.value_syntax import Expression, Formula, read_integer, read_value, strip_comment
+from barewire.canopen.object_dictionary import Entry, ObjectAccess, ObjectDictionary
+from barewire.codecs import Value
+from barewire.errors import EncodeError
+
+DOMAIN, DEFTYPE, DEFSTRUCT, VAR, ARRAY, RECORD = 2, 5, 6, 7, 8, 9
+"""Object types, without NULL (0)."""
+
+EdsAccess = Literal["ro", "wo", "rw", "rwr", "rww", "const"]
+Limit = int | float | Formula | None
+
+MAPPABLE: dict[EdsAccess, tuple[Literal["RPDO", "TPDO"], ...]] = {
+    "ro": ("TPDO",),
+    "const": ("TPDO",),
+    "rwr": ("TPDO",),
+    "wo": ("RPDO",),
+    "rww": ("RPDO",),
+    "rw": ("RPDO", "TPDO"),
+}
+"""The PDOs that an object of this access may be mapped to, if it may be mapped."""
+
+
+@dataclass(frozen=True, slots=True)
+class EdsItem:
+    """The description of one sub-index of an object. `code` is the number of DataType, `type` its meaning."""
+
+    sub: int
+    name: str
+    type: str
+    access: EdsAccess = "rw"
+    default: Expression | None = None
+    low: Limit = None
+    high: Limit = None
+    pdo: bool = False
+    value: Expression | None = None
+    denotation: str = ""
+    flags: int = 0
+    code: int = 0
+    object_type: int = VAR
+
+    @property
+    def limits(self) -> tuple[Limit, Limit]:
+        """The lowest and the highest value."""
+        return self.low, self.high
+
+
+@dataclass(frozen=True, slots=True)
+class EdsObject:
+    """One object; a variable has one item, sub-index 0. `line` is that of its section, 0 if CompactPDO implies it."""
+
+    index: int
+    name: str
+    object_type: int
+    items: tuple[EdsItem, ...]
+    line: int = 0
+    compact: bool = False
+
+    def __repr__(self) -> str:
+        entries = f"{len(self.items)} entr{'y' if len(self.items) == 1 else 'ies'}"
+        return f"<EdsObject {self.index:04X}h {self.name}: {entries}>"
+
+    @property
+    def is_record(self) -> bool:
+        """Whether the object has sub-indices."""
+        return self.object_type in (ARRAY, RECORD, DEFSTRUCT)
+
+    def item(self, sub: int = 0) -> EdsItem:
+        """Return the item of a sub-index. Raise EncodeError if there is none."""
+        for item in self.items:
+            if item.sub == sub:
+                return item
+        raise EncodeError(f"{self.index:04X}h {self.name} has no sub-index {sub:02X}h")
+
+
+def every_item(objects: Iterable[EdsObject]) -> Iterator[tuple[EdsObject, EdsItem]]:
+    """Yield all items that have a value. Items of DEFTYPE and DEFSTRUCT have none: they describe types."""
+    for described in objects:
+        if described.object_type not in (DEFTYPE, DEFSTRUCT):
+            for item in described.items:
+                yield described, item
+
+
+def to_dictionary(objects: Iterable[EdsObject], node: int | None) -> ObjectDictionary:
+    """Return the object dictionary of a node, with each ParameterValue as the present value.
+
+    Raise EncodeError if `node` is None and a formula needs it.
+    """
+    if node is not None:
+        check_node(node)
+    items = list(every_item(objects))
+    dictionary = ObjectDictionary(_entry(described, item, node) for described, item in items)
+    for described, item in items:
+        value = _evaluated(item.value, described.index, item.sub, node)
+        if value is not None and _fits(value, item.type):
+            dictionary.set(described.index, item.sub, value)
+    return dictionary
+
+
+def _entry(described: EdsObject, item: EdsItem, node: int | None) -> Entry:
+    place = described.index, item.sub
+    default = _evaluated(item.default, *place, node)
+    low, high = _evaluated(item.low, *place, node), _evaluated(item.high, *place, node)
+    access: ObjectAccess = "rw" if item.access == "rwr" or item.access == "rww" else item.access
+    return Entry(
+        *place,
+        item.name,
+        item.type,
+        access,
+        default if default is not None and _fits(default, item.type) else 0,
+        low if isinstance(low, (int, float)) else None,
+        high if isinstance(high, (int, float)) else None,
+        object_name=described.name if described.is_record else "",
+        mappable=MAPPABLE[item.access] if item.pdo else (),
+    )
+
+
+def _evaluated(value: Expression | None, index: int, sub: int, node: int | None) -> Value | None:
+    if not isinstance(value, Formula):
+        return value
+    if node is None:
+        raise EncodeError(f"{index:04X}h:{sub:02X} is {value}: a node-ID is needed")
+    return value.at(node)
+
+
+def _fits(value: Value, type: str) -> bool:
+    try:
+        object_codec(type).encode(value)
+    except EncodeError:
+        return False
+    return True
+
+
+# Reading -----------------------------------------------------------------------------------------------------------
 
 _ACCESS: dict[str, EdsAccess] = {access: access for access in MAPPABLE}
 _NUMBERS = frozenset(
@@ -72,9 +197,9 @@ _COMMUNICATION = (
 )
 
 
-def read_objects(document: Document, found: list[Diagnostic]) -> dict[int, EdsObject]:
-    """Return all objects of a document, in the order of their indices. Diagnostics are added to `found`."""
-    reader = _Reader(document, found)
+def read_objects(document: Document, findings: list[Diagnostic]) -> dict[int, EdsObject]:
+    """Return all objects of a document, in the order of their indices. Diagnostics are added to `findings`."""
+    reader = _Reader(document, findings)
     objects = {index: reader.object(index) for index in sorted(reader.indices)}
     reader.check_heads()
     reader.check_lists(objects)
@@ -84,11 +209,9 @@ def read_objects(document: Document, found: list[Diagnostic]) -> dict[int, EdsOb
 
 
 class _Reader:
-    """A reader of the objects of one document, which adds diagnostics to `found`."""
-
-    def __init__(self, document: Document, found: list[Diagnostic]) -> None:
+    def __init__(self, document: Document, findings: list[Diagnostic]) -> None:
         self.document = document
-        self._found = found
+        self._findings = findings
         self.subs: dict[int, dict[int, Section]] = {}
         self.indices: set[int] = set()
         for section in document.sections.values():
@@ -102,11 +225,10 @@ class _Reader:
 
     def report(self, section: Section, key: str, rule: str) -> None:
         """Report a broken rule at the line of a key, or at the head of a section that lacks the key."""
-        position = section.keys.get(key)
         text = f"[{section.name.proper}]"
-        if position is not None:
-            text += f" {section.names[key].proper} = {self.document.lines[position].value}"
-        self._found.append(diagnostic(section.line if position is None else position + 1, rule, text))
+        if key in section.keys:
+            text += f" {section.names[key].proper} = {self.text(section, key)}"
+        self._findings.append(diagnostic(section.line_of(key), rule, text))
 
     def text(self, section: Section, key: str) -> str:
         """Return the text of a key, given in lower case; empty if the key is missing."""
@@ -122,18 +244,14 @@ class _Reader:
                 self.report(section, key, rule)
         return missing if value is None else value
 
-    def value(self, section: Section, key: str, type: str) -> Expression | None:
+    def value(self, section: Section, key: str, type: str, *, reports: bool = True) -> Expression | None:
         """Return the value of a key, read as a data type; None if the key is missing."""
         if key not in section.keys:
             return None
         reading = read_value(self.text(section, key), type)
-        for rule in reading.rules:
+        for rule in reading.rules if reports else ():
             self.report(section, key, rule)
         return reading.value
-
-    def value_unchecked(self, section: Section, key: str, type: str) -> Expression | None:
-        """Return the same as `value`, without diagnostics."""
-        return read_value(self.text(section, key), type).value if key in section.keys else None
 
     # Objects
 
@@ -144,8 +262,7 @@ class _Reader:
         if section is None:
             first = next(iter(subs.values()))
             self.report(first, "", "no-parent")
-            items = tuple(self.item(sub, own) for sub, own in subs.items())
-            return EdsObject(index, f"{index:04X}h", RECORD, items, first.line)
+            return EdsObject(index, f"{index:04X}h", RECORD, self.items(subs), first.line)
         object_type = self.object_type(section)
         name = self.name(section)
         self.number(section, "subnumber")
@@ -160,20 +277,21 @@ class _Reader:
         if compact and object_type in (ARRAY, RECORD):
             if subs:
                 self.report(section, "compactsubobj", "compact-and-subs")
-            implied = {item.sub: item for item in self.compact_items(section, compact)}
-            own_items = {sub: self.item(sub, own) for sub, own in subs.items()}
-            items = tuple(item for _, item in sorted((implied | own_items).items()))
-            return EdsObject(index, name, object_type, items, section.line, compact=True)
+            # In this order, because sections of sub-indices take precedence.
+            items = {item.sub: item for item in (*self.compact_items(section, compact), *self.items(subs))}
+            ordered = tuple(items[sub] for sub in sorted(items))
+            return EdsObject(index, name, object_type, ordered, section.line, compact=True)
         if object_type in (ARRAY, RECORD) and not subs:
             self.report(section, "objecttype", "no-subs")
             object_type = VAR
         if subs:
             if 0 not in subs and object_type in (ARRAY, RECORD):
                 self.report(section, "", "no-sub0")
-            return EdsObject(
-                index, name, object_type, tuple(self.item(sub, own) for sub, own in subs.items()), section.line
-            )
+            return EdsObject(index, name, object_type, self.items(subs), section.line)
         return EdsObject(index, name, object_type, (self.item(0, section),), section.line)
+
+    def items(self, subs: dict[int, Section]) -> tuple[EdsItem, ...]:
+        return tuple(self.item(sub, section) for sub, section in subs.items())
 
     def object_type(self, section: Section) -> int:
         """Return the object type; without one VAR [CiA 306], or RECORD if there are sub-indices."""
@@ -198,18 +316,18 @@ class _Reader:
             object_type = VAR
         code, type = self.data_type(section, object_type)
         # The form of a value of an unknown type is unknown, and the unknown type is reported already.
-        value = self.value if code in BY_CODE or type != "domain" or object_type == DOMAIN else self.value_unchecked
+        reports = code in BY_CODE or type != "domain" or object_type == DOMAIN
         low, high = self.limits(section, type)
         return EdsItem(
             sub,
             self.name(section),
             type,
             self.access(section, object_type),
-            value(section, "defaultvalue", type),
+            self.value(section, "defaultvalue", type, reports=reports),
             low,
             high,
             self.number(section, "pdomapping") != 0,
-            value(section, "parametervalue", type),
+            self.value(section, "parametervalue", type, reports=reports),
             self.text(section, "denotation"),
             self.number(section, "objflags"),
             code,
@@ -253,7 +371,7 @@ class _Reader:
             self.report(section, "accesstype", "bad-access" if access is None else "access-form")
         return access or "ro"
 
-    def limits(self, section: Section, type: str) -> tuple[int | float | Formula | None, int | float | Formula | None]:
+    def limits(self, section: Section, type: str) -> tuple[Limit, Limit]:
         """Return LowLimit and HighLimit of a number."""
         if type not in _NUMBERS:
             return None, None
@@ -263,11 +381,9 @@ class _Reader:
             return None, None
         return low, high
 
-    def _limit(self, section: Section, key: str, type: str) -> int | float | Formula | None:
+    def _limit(self, section: Section, key: str, type: str) -> Limit:
         limit = self.value(section, key, type)
-        if isinstance(limit, tuple):
-            return limit
-        return limit if isinstance(limit, (int, float)) else None
+        return limit if isinstance(limit, (int, float, Formula)) else None
 
     # Compact storage
 
@@ -281,24 +397,24 @@ class _Reader:
         for sub in range(1, highest + 1):
             key = str(sub)
             value: Expression | None = like.value
-            if key in values and (found := self.document.sections.get(f"{section.name.key}value")):
-                value = self.value(found, key, like.type)
+            if key in values and (own_values := self.document.sections.get(f"{section.name.key}value")):
+                value = self.value(own_values, key, like.type)
             name = names.get(key) or f"{like.name}{sub}"
             yield replace(like, object_type=VAR, sub=sub, name=name, value=value, denotation=denotations.get(key, ""))
 
     def _compact_texts(self, section: Section, part: str, highest: int) -> dict[str, str]:
         """Return the texts of [hhhhName], [hhhhValue] or [hhhhDenotation], by sub-index."""
-        found = self.document.sections.get(f"{section.name.key}{part}")
-        if found is None:
+        texts_section = self.document.sections.get(f"{section.name.key}{part}")
+        if texts_section is None:
             return {}
-        self.number(found, "nrofentries")
+        self.number(texts_section, "nrofentries")
         texts = {}
-        for key in found.keys:
+        for key in texts_section.keys:
             sub = entry_number(key)
             if sub is not None and not 1 <= sub <= highest:
-                self.report(found, key, "compact-entry")
+                self.report(texts_section, key, "compact-entry")
             elif sub is not None:
-                texts[key] = self.text(found, key)
+                texts[key] = self.text(texts_section, key)
         return texts
 
     def implied_pdos(self, objects: dict[int, EdsObject]) -> Iterator[EdsObject]:
@@ -306,14 +422,16 @@ class _Reader:
         info = self.document.sections.get("deviceinfo")
         mask = self.number(info, "compactpdo") & 0x3F
         for direction, key, first, cob_id in _PDOS:
-            wanted = min(max(self.number(info, key), 0), _PDOS_MAX)
+            count = min(max(self.number(info, key), 0), _PDOS_MAX)  # read, and so checked, without a mask too
             if not mask:
                 continue
-            own = [
-                number for number in range(_PDOS_MAX) if first + number in objects or first + 0x200 + number in objects
-            ]
-            free = [number for number in range(_PDOS_MAX) if number not in own][: max(wanted - len(own), 0)]
-            for number in sorted([*own, *free]):
+            has_record = [first + number in objects or first + 0x200 + number in objects for number in range(_PDOS_MAX)]
+            missing = count - sum(has_record)
+            for number in range(_PDOS_MAX):
+                if not has_record[number]:
+                    missing -= 1
+                    if missing < 0:
+                        continue
                 if first + number not in objects:
                     default = Formula(cob_id + 0x100 * number) if number < 4 else _NOT_USED
                     yield _communication_record(first + number, direction, mask, default)
@@ -348,7 +466,7 @@ class _Reader:
             self.number(section, "supportedobjects")
         for index, described in objects.items():
             if index not in listed and index >= _TYPES_END and described.line:
-                self._found.append(diagnostic(described.line, "not-listed", f"[{index:04X}]"))
+                self._findings.append(diagnostic(described.line, "not-listed", f"[{index:04X}]"))
 
 
 def _communication_record(index: int, direction: str, mask: int, cob_id: Expression) -> EdsObject:
@@ -360,8 +478,7 @@ def _communication_record(index: int, direction: str, mask: int, cob_id: Express
     return EdsObject(index, f"{direction} communication parameter", RECORD, tuple(items))
 
 
-def _mapping_record(index: int, direction: str, entries: int = 64) -> EdsObject:
-    """Return the mapping record with room for `entries`."""
+def _mapping_record(index: int, direction: str) -> EdsObject:
     items = [EdsItem(0, "Number of mapped objects", "u8", "rw", 0, code=0x05)]
-    items += [EdsItem(sub, f"Application object {sub}", "u32", "rw", 0, code=0x07) for sub in range(1, entries + 1)]
+    items += [EdsItem(sub, f"Application object {sub}", "u32", "rw", 0, code=0x07) for sub in range(1, 65)]
     return EdsObject(index, f"{direction} mapping parameter", RECORD, tuple(items))
