@@ -12,9 +12,8 @@ from barewire.ascii import frame as ascii_frame
 from barewire.canopen import CanFrame
 from barewire.conversation import play
 from barewire.errors import EncodeError, NoAnswer
-from barewire.io.fault_injection.faults import LATE, PAUSE, CanWire, Faults, ModbusWire
+from barewire.io.fault_injection.faults import LATE, PAUSE, CanWire, Faults, ModbusWire, parse_faults
 from barewire.io.fault_injection.ports import FaultyPort
-from barewire.io.fault_injection.targets import parse_faults
 from barewire.modbus import Bus, ModbusException, ReadHoldingRegisters, Server, Table
 from barewire.rtu import RtuLine, Timing, frame as rtu_frame
 from barewire.tcp import TcpLine, frame as tcp_frame

@@ -10,8 +10,7 @@ import pytest
 from barewire.ascii import frame as ascii_frame
 from barewire.conversation import play
 from barewire.errors import EncodeError
-from barewire.io.fault_injection.faults import CanWire, Faults, ModbusWire, faults_on_can
-from barewire.io.fault_injection.targets import Fault, parse_faults
+from barewire.io.fault_injection.faults import CanWire, Fault, Faults, ModbusWire, faults_on_can, parse_faults
 from barewire.modbus import (
     Adu,
     Bus,

@@ -9,7 +9,7 @@ import pytest
 
 from barewire import CanopenClient, CanopenServer, ModbusServer
 from barewire.devices.sim import Az3, MachineUnits, simulator
-from barewire.io.fault_injection.targets import KINDS
+from barewire.io.fault_injection.faults import KINDS
 from tests.helpers import PATIENCE, free_port
 from tests.workbench.cli.helpers import error_of, output_of, run_command, simulated, simulated_at
 

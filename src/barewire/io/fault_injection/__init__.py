@@ -2,7 +2,6 @@
 
 The files, in reading order:
 
-    targets   one fault, and which answers it hits; the text of `simulate --fault`
-    faults    the kinds of faults, and the changes of an answer
+    faults    the kinds of faults, which answers they hit, and the changes of an answer; the text of `simulate --fault`
     ports     puts them into the answers: around a port, or inside a server of connections
 """

@@ -2,36 +2,50 @@
 
         device --answer--> Faults.pass_on(answer, now, request) --> [(when, what), ...] --> the wire
 
-    late               the answer comes a number of seconds later                    bytes, CAN
-    noise              something other than an answer comes before it                bytes, CAN: another node's frame
+    exception          an exception or abort 0800 0000h instead of the answer        bytes, CAN: answers of SDO
     wrong-unit         the right answer with another unit or node address            bytes, CAN
     wrong-transaction  the right answer with the next transaction number             bytes, framing of Modbus TCP
-    drop               no answer                                                     bytes, CAN
     flip               one bit is inverted                                           bytes
-    exception          an exception or abort 0800 0000h instead of the answer        bytes, CAN: answers of SDO
+    noise              something other than an answer comes before it                bytes, CAN: another node's frame
     split              the answer in two parts with a pause between                  bytes, not in datagrams
     paced              the answer byte by byte with a pause between                  bytes, not in datagrams
-
-`targets` selects the answers: by dice, by number, by the addresses of their requests.
+    late               the answer comes a number of seconds later                    bytes, CAN
+    drop               no answer                                                     bytes, CAN
 
 On a serial line, also in a tunnel, a late answer delays the following ones, because a unit there answers one request
 after the other. On TCP, UDP and CAN they overtake it.
 
 The faults depend only on the random numbers passed in: the same seed and the same answers have the same faults, in
 virtual time as on a real port.
+
+One fault as a text, KIND[=VALUE][:P][@ADDRESS][@every=N or @nth=N]:
+
+    drop                        one answer in ten, by dice                  late:0.5          one in two
+    drop@every=3                the third, the sixth ...                    drop@nth=5        the fifth only
+    exception=04@20             each answer to a request that touches address 20 of any table
+    paced=0.005@holding:20-29   ... that touches holding registers 20 to 29; coil:, discrete:, input:
+    wrong-unit@20@every=2       the second, the fourth ... of those that touch address 20
+    drop:0.5@every=2            half of the second, the fourth ...: a probability holds for the selected answers
+
+An address is decimal, or hexadecimal as 0x14 or 14h.
+
+    kind                VALUE
+    exception           the exception code in hexadecimal, 01..FF (default 06)
+    late                the delay in seconds (default: that of the server, 1.5)
+    paced               the pause between two bytes in seconds (default 0.005)
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeAlias, TypeVar
 
 from barewire.ascii import frame as ascii_frame
 from barewire.canopen import CanFrame
 from barewire.errors import DecodeError, EncodeError, shown
-from barewire.io.fault_injection.targets import KINDS, LONGEST_DELAY, Fault, GivenFaults, checked_faults
 from barewire.modbus import Adu
 from barewire.rtu import frame as rtu_frame
 from barewire.tcp import frame as tcp_frame
@@ -40,6 +54,34 @@ if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint
 
 Item = TypeVar("Item")
+
+KINDS = ("exception", "wrong-unit", "flip", "noise", "split", "late", "drop", "wrong-transaction", "paced")
+"""All kinds of faults; one answer can have several."""
+
+_DEFAULT_PROBABILITY = 0.1
+"""The probability of a kind of fault that is given without one, and without the answers that it hits."""
+
+LONGEST_DELAY = 3600.0
+"""The longest delay in seconds: more is probably a mistake."""
+_EXPECTED_DELAY = f"expected seconds, from 0 on and below {LONGEST_DELAY:g}"
+
+_EXAMPLES = "drop:0.5, exception=04@20, paced@holding:20-29, late=2@every=3 or drop@nth=5"
+_TABLES = ("coil", "discrete", "holding", "input")
+_BY_FUNCTION = {
+    0x01: "coil",
+    0x02: "discrete",
+    0x03: "holding",
+    0x04: "input",
+    0x05: "coil",
+    0x06: "holding",
+    0x0F: "coil",
+    0x10: "holding",
+    0x16: "holding",
+    0x17: "holding",
+    0x18: "holding",
+}
+_ONE_VALUE = (0x05, 0x06, 0x16, 0x18)
+"""Functions whose second field is not a quantity."""
 
 LATE = 1.5
 """The delay of late answers in seconds: longer than the default time-out of clients."""
@@ -54,28 +96,221 @@ _SERVER_DEVICE_BUSY = 6
 _GENERAL_ABORT = 0x0800_0000
 
 
-class FaultyWire(Protocol[Item]):
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A kind of fault, and the answers that it hits: those that fit all that is given.
+
+        kind            one of KINDS
+        probability     of each answer that fits, 0..1
+        value           the code of an exception, the delay of late answers, the pause of paced ones; None: the default
+        addresses       the request touches one of these addresses; None: any request
+        table           ... of this table: "coil", "discrete", "holding" or "input"; None: of any table
+        every, nth      of the answers that fit so far, each n-th one; only the n-th one
+
+    >>> Fault("exception", value=4, addresses=range(20, 30), every=3)
+    Fault(kind='exception', probability=1.0, value=4, addresses=range(20, 30), table=None, every=3, nth=None)
+
+    Raises EncodeError for a wrong value.
+    """
+
+    kind: str
+    probability: float = 1.0
+    value: float | None = None
+    addresses: range | None = None
+    table: str | None = None
+    every: int | None = None
+    nth: int | None = None
+
+    def __post_init__(self) -> None:
+        kind, value, addresses = self.kind, self.value, self.addresses
+        if kind not in KINDS:
+            raise EncodeError(f"fault {shown(kind)}: expected some of {', '.join(sorted(KINDS))}{_near(kind, KINDS)}")
+        self._expect(_is_number(self.probability, 0, 1), shown(self.probability), "expected a probability, 0..1")
+        if value is not None:
+            match kind:
+                case "exception":
+                    fits, expected = isinstance(value, int) and 1 <= value <= 255, "expected an exception code, 1..255"
+                case "late" | "paced":
+                    fits, expected = _is_number(value, 0, LONGEST_DELAY) and value < LONGEST_DELAY, _EXPECTED_DELAY
+                case _:
+                    fits, expected = False, "only exception, late and paced have a value"
+            self._expect(fits, shown(value), expected)
+        if addresses is not None:
+            fits = isinstance(addresses, range) and bool(addresses) and addresses[0] >= 0 and addresses[-1] <= 0xFFFF
+            self._expect(fits, f"addresses {shown(addresses)}", "expected a range of addresses in 0..65535")
+        if self.table is not None:
+            expected = f"expected one of {', '.join(_TABLES)}, and addresses"
+            self._expect(self.table in _TABLES and addresses is not None, f"table {shown(self.table)}", expected)
+        for name, number in (("every", self.every), ("nth", self.nth)):
+            fits = number is None or (isinstance(number, int) and number >= 1)
+            self._expect(fits, f"{name} = {shown(number)}", "expected a whole number, from 1 on")
+
+    def _expect(self, fits: bool, given: str, expected: str) -> None:
+        if not fits:
+            raise EncodeError(f"fault {self.kind!r}: {given}: {expected}", "faults")
+
+    def fits(self, request: bytes) -> bool:
+        """Whether the PDU of a request touches the addresses of this fault."""
+        if self.addresses is None:
+            return True
+        return any(
+            self.table in (None, table) and any(address in self.addresses for address in row)
+            for table, row in _touched(request)
+        )
+
+    def hits(self, count: int) -> bool:
+        """Whether the fault hits the answer with this number among those that fit; they are counted from 1."""
+        return (self.every is None or count % self.every == 0) and (self.nth is None or count == self.nth)
+
+
+GivenFaults: TypeAlias = str | Mapping[str, float] | Iterable[Fault]
+"""A text as above with commas, probabilities by kind, or faults."""
+
+
+def parse_faults(text: str) -> tuple[Fault, ...]:
+    """Return the faults of a text, with commas between them. Raises EncodeError.
+
+    >>> [(fault.kind, fault.probability) for fault in parse_faults("late:0.5,drop,flip@nth=2")]
+    [('late', 0.5), ('drop', 0.1), ('flip', 1.0)]
+    """
+    return tuple(_parsed(item.strip()) for item in text.split(","))
+
+
+def checked_faults(faults: GivenFaults) -> tuple[Fault, ...]:
+    """Return the faults in any of their forms. Raises EncodeError."""
+    if isinstance(faults, str):
+        return parse_faults(faults)
+    if isinstance(faults, Mapping):
+        return tuple(Fault(kind, probability) for kind, probability in faults.items())
+    listed = tuple(faults) if isinstance(faults, Iterable) else (None,)
+    if all(isinstance(fault, Fault) for fault in listed):
+        return listed
+    raise EncodeError(f"faults {shown(faults)}: expected a text such as 'late:0.5,drop', or a dict", "faults")
+
+
+def _parsed(text: str) -> Fault:
+    """Return the fault of KIND[=VALUE][:P][@WHICH]... Raises EncodeError."""
+    what, *which = text.split("@")
+    head, colon, chance = what.partition(":")
+    kind, equals, value = head.partition("=")
+    given: dict[str, object] = {}
+    if colon:
+        expected = f"fault {shown(text)}: expected a probability, 0..1, after the colon"
+        given["probability"] = probability = _number(chance, expected)
+        if not 0 <= probability <= 1:
+            raise EncodeError(expected)
+    elif not which:
+        given["probability"] = _DEFAULT_PROBABILITY
+    if equals and kind == "exception":
+        expected = f"fault {shown(text)}: expected an exception code in hexadecimal, 01..FF, such as exception=0B"
+        given["value"] = _whole(value, expected, base=16)
+    elif equals:
+        expected = f"fault {shown(text)}: expected a number after the equals sign, such as {_EXAMPLES}"
+        given["value"] = _number(value, expected)
+    for part in which if kind in KINDS else ():  # `Fault` reports an unknown kind, before what follows it
+        selection = _selection(part, text)
+        if given.keys() & selection.keys() or {*selection, *given} >= {"every", "nth"}:
+            why = f"{shown(part)} is one selection too many, expected such as {_EXAMPLES}"
+            raise EncodeError(f"fault {shown(text)}: {why}")
+        given |= selection
+    return Fault(kind, **given)  # type: ignore[arg-type]  # `Fault` checks them
+
+
+def _selection(part: str, text: str) -> dict[str, object]:
+    """Return the fields of what follows an at sign: every=3, nth=5, 20, 20-29, holding:20."""
+    name, equals, number = part.partition("=")
+    if equals:
+        if name not in ("every", "nth"):
+            hint = _near(name, ("every", "nth"))
+            raise EncodeError(f"fault {shown(text)}: {shown(name)}: expected every=N or nth=N after the at sign{hint}")
+        return {name: _whole(number, f"fault {shown(text)}: {shown(part)}: expected a whole number, such as {name}=3")}
+    table, colon, addresses = part.rpartition(":")
+    if colon and table not in _TABLES:
+        expected = f"expected {', '.join(_TABLES)} before the address{_near(table, _TABLES)}"
+        raise EncodeError(f"fault {shown(text)}: {shown(table)}: {expected}")
+    first, dash, last = addresses.partition("-")
+    forms = "an address, such as 20, 20-29, 14h or holding:20, every=N or nth=N"
+    expected = f"fault {shown(text)}: {shown(part)}: expected {forms}"
+    start = _whole(first, expected)
+    return {"addresses": range(start, (_whole(last, expected) if dash else start) + 1), "table": table or None}
+
+
+def _number(text: str, expected: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise EncodeError(expected) from None
+
+
+def _is_number(value: object, lowest: float, highest: float) -> bool:
+    return isinstance(value, (int, float)) and lowest <= value <= highest
+
+
+def _whole(text: str, expected: str, base: int = 10) -> int:
+    """Return a number in decimal (04 is four) or, as 0x14, 14h or with base 16, in hexadecimal."""
+    digits = text.lower()
+    if digits.endswith("h"):
+        digits, base = digits[:-1], 16
+    elif digits.startswith("0x"):
+        base = 16
+    try:
+        return int(digits, base)
+    except ValueError:
+        raise EncodeError(expected) from None
+
+
+def _near(name: object, known: Iterable[str]) -> str:
+    from barewire.devices.device import suggest  # only errors need it
+
+    return suggest(str(name), dict.fromkeys(known))
+
+
+def _touched(pdu: bytes) -> Iterator[tuple[str, range]]:
+    """Yield the table and the addresses that a request touches; nothing for functions without addresses."""
+    table = _BY_FUNCTION.get(pdu[0]) if pdu else None
+    if table is None or len(pdu) < 3:
+        return
+    for at in (1, 5) if pdu[0] == 0x17 else (1,):
+        first, quantity = (int.from_bytes(pdu[place : place + 2], "big") for place in (at, at + 2))
+        yield table, range(first, first + (1 if pdu[0] in _ONE_VALUE else quantity))
+
+
+class FaultyWire(Generic[Item]):
     """The faults of one kind of wire. A fault that is not possible for an item leaves it unchanged."""
 
     kinds: tuple[str, ...]
-    in_order: bool
+    in_order = False
     """Whether no answer overtakes another."""
-    has_addresses: bool
+    has_addresses = False
     """Whether requests touch addresses."""
 
-    def refused(self, item: Item, code: int) -> Item: ...
+    def refused(self, item: Item, code: int) -> Item:
+        """Return an exception response with this code, or an SDO abort."""
+        return item
 
-    def misdirected(self, item: Item) -> Item: ...
+    def misdirected(self, item: Item) -> Item:
+        """Return the answer with the address of the next unit or node."""
+        return item
 
-    def misnumbered(self, item: Item) -> Item: ...
+    def misnumbered(self, item: Item) -> Item:
+        """Return the answer with the next transaction number."""
+        return item
 
-    def flipped(self, item: Item, random: Random) -> Item: ...
+    def flipped(self, item: Item, random: Random) -> Item:
+        """Return the answer with one bit inverted."""
+        return item
 
-    def noise(self, random: Random) -> Item: ...
+    def noise(self, random: Random) -> Item:
+        """Return something that is not an answer."""
+        raise NotImplementedError
 
-    def parts(self, item: Item, random: Random) -> list[Item]: ...
+    def parts(self, item: Item, random: Random) -> list[Item]:
+        """Return the answer in two parts, cut anywhere."""
+        return [item]
 
-    def bytewise(self, item: Item) -> list[Item]: ...
+    def bytewise(self, item: Item) -> list[Item]:
+        """Return the bytes of the answer, one by one."""
+        return [item]
 
 
 class Framing(NamedTuple):
@@ -92,7 +327,7 @@ _FRAMINGS = {
 }
 
 
-class ModbusWire:
+class ModbusWire(FaultyWire[bytes]):
     """Modbus frames: rtu, ascii or tcp."""
 
     has_addresses = True
@@ -103,83 +338,57 @@ class ModbusWire:
         excluded = {"split", "paced"} if datagrams else set()  # half a datagram does not arrive
         if framing != "tcp":
             excluded.add("wrong-transaction")
-        self.kinds: tuple[str, ...] = tuple(kind for kind in KINDS if kind not in excluded)
+        self.kinds = tuple(kind for kind in KINDS if kind not in excluded)
 
     def _changed(self, item: bytes, change: Callable[[Adu], Adu]) -> bytes:
+        """Return the frame with another content, and a check sum that is right for it."""
         try:
             return self._framing.encode(change(self._framing.decode(item)))
         except DecodeError:
             return item
 
     def refused(self, item: bytes, code: int) -> bytes:
-        """Return an exception response with this code."""
         return self._changed(item, lambda adu: adu._replace(pdu=bytes([adu.pdu[0] | 0x80, code])))
 
     def misdirected(self, item: bytes) -> bytes:
-        """Return the frame with the address of the next unit, and a correct check sum."""
         return self._changed(item, lambda adu: adu._replace(unit=adu.unit % 247 + 1))
 
     def misnumbered(self, item: bytes) -> bytes:
-        """Return the frame with the next transaction number."""
         return self._changed(item, lambda adu: adu._replace(transaction=(adu.transaction or 0) + 1 & 0xFFFF))
 
     def flipped(self, item: bytes, random: Random) -> bytes:
-        """Return the frame with one bit inverted."""
         place = random.randrange(8 * len(item))
         changed = bytearray(item)
         changed[place // 8] ^= 1 << place % 8
         return bytes(changed)
 
     def noise(self, random: Random) -> bytes:
-        """Return one to eight bytes."""
         return random.randbytes(random.randint(1, 8))
 
     def parts(self, item: bytes, random: Random) -> list[bytes]:
-        """Return the frame in two parts, cut anywhere."""
         cut = random.randint(1, max(1, len(item) - 1))
         return [part for part in (item[:cut], item[cut:]) if part]
 
     def bytewise(self, item: bytes) -> list[bytes]:
-        """Return the bytes of the frame, one by one."""
         return [item[place : place + 1] for place in range(len(item))]
 
 
-class CanWire:
+class CanWire(FaultyWire[CanFrame]):
     """A CAN bus. A controller repeats damaged frames and never delivers parts of one."""
 
-    kinds: tuple[str, ...] = ("exception", "wrong-unit", "noise", "late", "drop")
-    in_order = False
-    has_addresses = False
+    kinds = ("exception", "wrong-unit", "noise", "late", "drop")
 
     def refused(self, item: CanFrame, code: int) -> CanFrame:
-        """Return an SDO abort, 0800 0000h, instead of the first frame of an SDO response, which has the object."""
+        # Only the first frame of an SDO response has the object, which an abort names as well.
         if _is_sdo_answer(item) and item.data[:1] and item.data[0] >> 5 in (2, 3):
             return item._replace(data=b"\x80" + item.data[1:4] + _GENERAL_ABORT.to_bytes(4, "little"))
         return item
 
     def misdirected(self, item: CanFrame) -> CanFrame:
-        """Return the frame with the COB-ID of the next node."""
         return item._replace(id=0x580 + (item.id - 0x580) % 127 + 1) if _is_sdo_answer(item) else item
 
-    def misnumbered(self, item: CanFrame) -> CanFrame:
-        """Return the frame: frames of CAN have no number."""
-        return item
-
-    def flipped(self, item: CanFrame, random: Random) -> CanFrame:
-        """Return the frame: a controller never delivers a damaged one."""
-        return item
-
     def noise(self, random: Random) -> CanFrame:
-        """Return an extended frame, which CANopen does not use."""
-        return CanFrame(random.randrange(1 << 29), random.randbytes(8), extended=True)
-
-    def parts(self, item: CanFrame, random: Random) -> list[CanFrame]:
-        """Return the frame: it has no parts on CAN."""
-        return [item]
-
-    def bytewise(self, item: CanFrame) -> list[CanFrame]:
-        """Return the frame: it has no parts on CAN."""
-        return [item]
+        return CanFrame(random.randrange(1 << 29), random.randbytes(8), extended=True)  # CANopen does not use these
 
 
 def _is_sdo_answer(frame: CanFrame) -> bool:
@@ -212,8 +421,8 @@ class Faults(Generic[Item]):
                 raise EncodeError(f"fault {fault.kind!r}: an address selects requests of Modbus, not of CAN", "faults")
             if fault.kind == "exception" and fault.value is not None and not wire.has_addresses:
                 raise EncodeError("fault 'exception': CAN has SDO aborts and no exception codes", "faults")
-        if not (isinstance(delay, (int, float)) and 0 <= delay < LONGEST_DELAY):
-            raise EncodeError(f"late = {shown(delay)}: expected seconds, from 0 on and below {LONGEST_DELAY:g}")
+        if not (_is_number(delay, 0, LONGEST_DELAY) and delay < LONGEST_DELAY):
+            raise EncodeError(f"late = {shown(delay)}: {_EXPECTED_DELAY}")
         self.counts: Counter[str] = Counter()
         """The number of faults of each kind."""
         self._wire, self._delay, self._on_fault = wire, delay, on_fault
@@ -248,27 +457,32 @@ class Faults(Generic[Item]):
         if "drop" in chosen:
             return []
         wire, random = self._wire, self._content
-        if (fault := chosen.get("exception")) is not None:
-            item = wire.refused(item, _SERVER_DEVICE_BUSY if fault.value is None else int(fault.value))
-        if "wrong-unit" in chosen:
-            item = wire.misdirected(item)
-        if "wrong-transaction" in chosen:
-            item = wire.misnumbered(item)
-        if "flip" in chosen:
-            item = wire.flipped(item, random)
+        item = self._damaged(item, chosen)
         send_at = now
-        if (fault := chosen.get("late")) is not None:
-            send_at += self._delay if fault.value is None else fault.value
+        if (late := chosen.get("late")) is not None:
+            send_at += self._delay if late.value is None else late.value
         if wire.in_order:
             send_at = max(send_at, self._last)
         parts, pause = [item], 0.0
-        if (fault := chosen.get("paced")) is not None:
-            parts, pause = wire.bytewise(item), _PACE if fault.value is None else fault.value
+        if (paced := chosen.get("paced")) is not None:
+            parts, pause = wire.bytewise(item), _PACE if paced.value is None else paced.value
         elif "split" in chosen:
             parts, pause = wire.parts(item, random), PAUSE
         self._last = send_at + (len(parts) - 1) * pause
         noise = [(send_at, wire.noise(random))] if "noise" in chosen else []
         return [*noise, *((send_at + place * pause, part) for place, part in enumerate(parts))]
+
+    def _damaged(self, item: Item, chosen: Mapping[str, Fault]) -> Item:
+        """Return the item with the faults of its content."""
+        if (refusal := chosen.get("exception")) is not None:
+            item = self._wire.refused(item, _SERVER_DEVICE_BUSY if refusal.value is None else int(refusal.value))
+        if "wrong-unit" in chosen:
+            item = self._wire.misdirected(item)
+        if "wrong-transaction" in chosen:
+            item = self._wire.misnumbered(item)
+        if "flip" in chosen:  # last: the changes before it compute a new check sum
+            item = self._wire.flipped(item, self._content)
+        return item
 
 
 def faults_at(

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from typing import Unpack
 
     from barewire.io.endpoint import SetDirection
-    from barewire.io.fault_injection.targets import GivenFaults
+    from barewire.io.fault_injection.faults import GivenFaults
     from barewire.io.modbus.carriers import ModbusOptions
     from barewire.io.server.asyncio_ports import DatagramServer
     from barewire.io.server.asyncio_stream import StreamServer

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from barewire.devices.sim.machine import Simulator
     from barewire.io.canopen.bus.async_bus import AsyncRunning
     from barewire.io.canopen.bus.receiving import WatchFrames
-    from barewire.io.fault_injection.targets import GivenFaults
+    from barewire.io.fault_injection.faults import GivenFaults
 
     Served = str | Device | Simulator | CanopenNode | ObjectDictionary | Eds
 

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from typing import Unpack
 
     from barewire.io.endpoint import Endpoint, SetDirection
-    from barewire.io.fault_injection.faults import Faults
-    from barewire.io.fault_injection.targets import GivenFaults
+    from barewire.io.fault_injection.faults import Faults, GivenFaults
     from barewire.io.modbus.carriers import ModbusOptions
     from barewire.io.server.connection_limits import ConnectionTable
     from barewire.modbus import Authorization, Unit
@@ -63,7 +62,7 @@ class ModbusServer(ThreadedServer):
     set_direction   called as set_direction(sending) to set the direction of a two-wire line, for example by a GPIO pin
     faults          the faults in the answers: kinds and probabilities as a text, "late:0.5,drop", or a dict; faults of
                     selected answers as a text, "exception=04@20,drop@nth=5", or objects of `Fault`; by default none
-                    (`barewire.io.fault_injection.targets` explains the text, `faults` lists the kinds)
+                    (`barewire.io.fault_injection.faults` explains the text, `faults` lists the kinds)
     fault_seed      an integer with which the same answers have the same faults; by default they are random
     fault_delay     the delay of a late answer in seconds; by default 1.5
     on_fault        called as on_fault(kind) for each fault

@@ -22,8 +22,7 @@ from barewire.devices.sim.recorded import is_recorded
 from barewire.errors import shown
 from barewire.io.canopen.bus.receiving import inside_one_process
 from barewire.io.endpoint import Endpoint
-from barewire.io.fault_injection.faults import LATE, faults_at, faults_on_can
-from barewire.io.fault_injection.targets import Fault, parse_faults
+from barewire.io.fault_injection.faults import LATE, Fault, faults_at, faults_on_can, parse_faults
 from barewire.io.server.base import ThreadedServer
 from barewire.modbus import Unit
 from barewire_workbench.cli.arguments import EndpointArgument, Seconds, device_argument
