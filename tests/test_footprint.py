@@ -114,7 +114,7 @@ def test_the_tcp_server_loads_no_asyncio() -> None:
     found = loaded(f"from barewire import ModbusServer, Table; {server}")
     assert not NO_CLIENT_NEEDS & found
     assert not [name for name in found if name.startswith(OTHER_ROOMS)]
-    assert {"server.tcp", "server.connection_limits"} < files(found, "barewire.io")
+    assert {"server.tcp", "server.limits"} < files(found, "barewire.io")
     assert not [
         name for name in files(found, "barewire.io") if any(word in name for word in ("async", "canopen", "tls"))
     ]

@@ -49,9 +49,8 @@ if TYPE_CHECKING:
     from barewire.io.machine import connect as connect, connect_async as connect_async
     from barewire.io.modbus.async_client import AsyncModbusClient as AsyncModbusClient
     from barewire.io.modbus.client import ModbusClient as ModbusClient
-    from barewire.io.server.asyncio_modbus import AsyncModbusServer as AsyncModbusServer
     from barewire.io.server.can import AsyncCanopenServer as AsyncCanopenServer, CanopenServer as CanopenServer
-    from barewire.io.server.modbus import ModbusServer as ModbusServer
+    from barewire.io.server.modbus import AsyncModbusServer as AsyncModbusServer, ModbusServer as ModbusServer
     from barewire.modbus.client.line_state import WriteOutcomeUnknown as WriteOutcomeUnknown
     from barewire.modbus.exceptions import ModbusException as ModbusException
     from barewire.modbus.server.table import Table as Table
@@ -64,8 +63,7 @@ __getattr__, __dir__, __all__ = lazy(
         # Modbus
         "io.modbus.client": "ModbusClient",
         "io.modbus.async_client": "AsyncModbusClient",
-        "io.server.modbus": "ModbusServer",
-        "io.server.asyncio_modbus": "AsyncModbusServer",
+        "io.server.modbus": "ModbusServer AsyncModbusServer",
         "modbus.server.table": "Table",
         # CANopen
         "io.canopen.client": "CanopenClient",

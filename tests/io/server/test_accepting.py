@@ -19,10 +19,9 @@ import pytest
 
 from barewire import ModbusClient, ModbusServer, Table
 from barewire.io.endpoint import Endpoint
-from barewire.io.server import asyncio_stream
-from barewire.io.server.accepting import BATCH, Acceptor
-from barewire.io.server.connection_limits import ConnectionTable
-from barewire.io.server.tls_session import TlsSession
+from barewire.io.server import asyncio_network
+from barewire.io.server.asyncio_network import TlsSession
+from barewire.io.server.limits import BATCH, Acceptor, ConnectionTable
 from tests.certificates import tls_url
 
 SERVER = """
@@ -238,7 +237,7 @@ def test_the_tls_session_of_a_client_that_left_is_freed_at_once(
         sessions.add(found := TlsSession(context))
         return found
 
-    monkeypatch.setattr(asyncio_stream, "TlsSession", session)
+    monkeypatch.setattr(asyncio_network, "TlsSession", session)
     with ModbusServer(tls_url(certificates, "server", roles="any"), {1: Table()}) as server:
         gc.disable()
         try:
@@ -253,8 +252,8 @@ def test_the_tls_session_of_a_client_that_left_is_freed_at_once(
 def test_half_handshakes_have_a_limit_and_keep_no_client_out(
     certificates: Path, monkeypatch: pytest.MonkeyPatch, idle: contextlib.ExitStack
 ) -> None:
-    monkeypatch.setattr(asyncio_stream, "_HANDSHAKES", 3)
-    monkeypatch.setattr(asyncio_stream, "_SHORTEST", 0.05)
+    monkeypatch.setattr(asyncio_network, "_HANDSHAKES", 3)
+    monkeypatch.setattr(asyncio_network, "_SHORTEST", 0.05)
     with ModbusServer(tls_url(certificates, "server", roles="any"), {1: Table()}) as server:
         for number in range(3):
             idle.enter_context(socket.create_connection(("127.0.0.1", server.port), timeout=20))

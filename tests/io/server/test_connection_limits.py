@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, strategies as st
 
 from barewire.io.endpoint import Endpoint
-from barewire.io.server.connection_limits import ConnectionTable
+from barewire.io.server.limits import ConnectionTable
 from tests.helpers import modest
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from barewire import AsyncModbusServer, ModbusServer, Table
 from barewire.io.ports.udp import is_own_address
-from barewire.io.server.datagram_limits import COPIES, RATE, DatagramLimits
+from barewire.io.server.limits import COPIES, RATE, DatagramLimits
 
 WRITE = bytes.fromhex("0001 0000 0006 01 06 0001 002A")
 SENDER = ("192.0.2.1", 502)

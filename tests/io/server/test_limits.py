@@ -20,7 +20,7 @@ from barewire import AsyncModbusClient, AsyncModbusServer, ModbusServer
 from barewire.ascii import encode as ascii_frame
 from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
-from barewire.io.server.connection_limits import ConnectionTable
+from barewire.io.server.limits import ConnectionTable
 from barewire.modbus import Authorization, Table
 from barewire.rtu import encode as rtu_frame
 from tests.helpers import refused

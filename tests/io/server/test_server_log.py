@@ -17,7 +17,7 @@ import pytest
 
 import barewire
 from barewire.io.endpoint import Endpoint
-from barewire.io.server.server_log import server_log
+from barewire.io.server.base import server_log
 from barewire.modbus import Functions, ModbusException, ReadCoils, ReadHoldingRegisters, Table
 
 LOGGER = "barewire.modbus.server"

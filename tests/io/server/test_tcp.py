@@ -17,7 +17,7 @@ from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import faults_at
 from barewire.io.fault_injection.ports import FaultInjector, LoopFaultInjector
-from barewire.io.server.asyncio_stream import AsyncioService
+from barewire.io.server.asyncio_network import AsyncioService
 from barewire.io.server.base import ThreadedServer
 from barewire.io.server.modbus import Service
 from barewire.io.server.tcp import TcpService, _Connection

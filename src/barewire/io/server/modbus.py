@@ -1,14 +1,17 @@
-"""The blocking Modbus server: units on a port, by URL, in a thread.
+"""The Modbus servers: units on a port, by URL; `ModbusServer` in a thread, `AsyncModbusServer` in the running loop.
 
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table()}) as server:
         server.url          the URL that clients use: with the port number, or the pseudo-terminal, that it got
 
-    tcp              `tcp`: one thread, no event loop
-    rtu, ascii       `serial`
-    tls, udp, rtu+tcp, ascii+tcp      `asyncio_stream`
+    async with AsyncModbusServer("tcp://0.0.0.0:502", units={1: Table()}) as server: ...
 
-Each of these files is loaded when a URL needs it. Several servers may serve the same units, each in its own thread:
-only one thread at a time enters a unit (`locking`).
+    kind of port                      in a thread                        in the running loop
+    tcp                               `tcp`: without an event loop       `asyncio_network`
+    tls, udp, rtu+tcp, ascii+tcp      `asyncio_network`, in a thread     `asyncio_network`
+    rtu, ascii                        `serial`                           `serial`
+
+Each of these files is loaded when a URL needs it. Several servers in threads may serve the same units: only one thread
+at a time enters a unit (`locking`).
 """
 
 from __future__ import annotations
@@ -19,18 +22,21 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from barewire._callbacks import deferred
 from barewire.errors import EncodeError, PortError, shown
-from barewire.io.endpoint import CARRIERS
+from barewire.io.endpoint import CARRIERS, PSEUDO_TERMINAL
 from barewire.io.engine.locking import SharedUnits
 from barewire.io.modbus.carriers import modbus_endpoint
-from barewire.io.server.base import ThreadedServer
+from barewire.io.server.base import AsyncServer, ThreadedServer
 
 if TYPE_CHECKING:
+    import socket
     from typing import Unpack
 
     from barewire.io.endpoint import Endpoint, SetDirection
     from barewire.io.fault_injection.faults import Faults, GivenFaults
     from barewire.io.modbus.carriers import ModbusOptions
-    from barewire.io.server.connection_limits import ConnectionTable
+    from barewire.io.server.asyncio_network import DatagramServer, StreamServer
+    from barewire.io.server.limits import ConnectionTable
+    from barewire.io.server.serial import SerialServer
     from barewire.modbus import Authorization, Unit
     from barewire.modbus.server.server import ServerStatistics
 
@@ -90,21 +96,15 @@ class ModbusServer(ThreadedServer):
         **options: Unpack[ModbusOptions],
     ) -> None:
         super().__init__()
-        endpoint = server_endpoint(url, units, set_direction, options)
-        model = None
-        if faults is None and may_delay(units):
-            faults = ()  # the part of the server that delays answers is the fault injector
-        if faults is not None:
-            from barewire.io.fault_injection.faults import faults_at
-
-            model = faults_at(endpoint, faults, seed=fault_seed, delay=fault_delay, on_fault=on_fault)
+        endpoint = _server_endpoint(url, units, set_direction, options)
+        model = _faults_of(endpoint, units, faults, fault_seed, fault_delay, on_fault)
         self._service = _service(endpoint, SharedUnits(units), authorization, model)
         self.url = self._service.url
 
     @property
     def port(self) -> int:
         """The number of the TCP or UDP port that it listens on. Raises PortError for a serial line, which has none."""
-        return port_number(self.url)
+        return _port_number(self.url)
 
     @property
     def connections(self) -> ConnectionTable[Any]:
@@ -121,6 +121,85 @@ class ModbusServer(ThreadedServer):
 
     def _release(self) -> None:
         self._service.close()
+
+
+class AsyncModbusServer(AsyncServer):
+    """A server of units on a port of the running loop. The arguments are those of `ModbusServer`, and:
+
+    listener        a socket that is already bound, on which the server listens; by default it binds one
+
+    The constructor opens nothing; `async with` or `await start()` opens the port. A serial line has to exist: only
+    `ModbusServer` makes pseudo-terminals. Units need no locks, because nothing in a unit awaits.
+
+    Raises EncodeError for a wrong URL or option when it is constructed, PortError for a port that cannot be opened.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        units: Mapping[int, Unit],
+        *,
+        authorization: Authorization | None = None,
+        set_direction: SetDirection | None = None,
+        listener: socket.socket | None = None,
+        faults: GivenFaults | None = None,
+        fault_seed: int | None = None,
+        fault_delay: float | None = None,
+        on_fault: Callable[[str], None] | None = None,
+        **options: Unpack[ModbusOptions],
+    ) -> None:
+        self._endpoint = _server_endpoint(url, units, set_direction, options)
+        if self._endpoint.place == PSEUDO_TERMINAL:
+            raise EncodeError(f"endpoint {url!r}: pseudo-terminals are made by ModbusServer, in a thread")
+        self.url = str(self._endpoint)
+        self._listener = listener
+        model = _faults_of(self._endpoint, units, faults, fault_seed, fault_delay, on_fault)
+        inject = None
+        if model is not None:
+            from barewire.io.fault_injection.ports import LoopFaultInjector
+
+            inject = LoopFaultInjector(model)
+        self._server: StreamServer | DatagramServer | SerialServer
+        if self._endpoint.is_serial_port:
+            from barewire.io.server.serial import SerialServer
+
+            self._server = SerialServer(self._endpoint, units, inject)
+        else:
+            from barewire.io.server.asyncio_network import server_at
+
+            self._server = server_at(self._endpoint, units, authorization, inject)
+
+    @property
+    def port(self) -> int:
+        """The number of the TCP or UDP port that it listens on. Raises PortError for a serial line, which has none."""
+        return _port_number(self.url)
+
+    @property
+    def connections(self) -> ConnectionTable[Any]:
+        """The open connections, and why others were closed. Empty for UDP and serial lines."""
+        return self._server.connections
+
+    @property
+    def statistics(self) -> ServerStatistics:
+        """Counters of requests and connections, and the latest errors in the code of units."""
+        return self._server.statistics
+
+    @property
+    def authorization(self) -> Authorization | None:
+        """The rights of each role. They cannot be set later: connections without a role would not be checked."""
+        return getattr(self._server, "authorization", None)
+
+    @property
+    def failure(self) -> PortError | None:
+        """The error of the serial port that ended the server, or None."""
+        return self._server.failure
+
+    async def _open(self) -> None:
+        await self._server.listen(self._listener)
+        self.url = self._server.url
+
+    async def _release(self) -> None:
+        await self._server.close()
 
 
 def _service(
@@ -141,7 +220,7 @@ def _service(
         from barewire.io.fault_injection.ports import FaultInjector
 
         return TcpService(endpoint, units, FaultInjector(faults))
-    from barewire.io.server.asyncio_stream import AsyncioService
+    from barewire.io.server.asyncio_network import AsyncioService
 
     if faults is None:
         return AsyncioService(endpoint, units, authorization)
@@ -150,7 +229,26 @@ def _service(
     return AsyncioService(endpoint, units, authorization, LoopFaultInjector(faults))
 
 
-def server_endpoint(
+def _faults_of(
+    endpoint: Endpoint,
+    units: Mapping[int, Unit],
+    faults: GivenFaults | None,
+    seed: int | None,
+    delay: float | None,
+    on_fault: Callable[[str], None] | None,
+) -> Faults[bytes] | None:
+    """Return the faults in the answers of a server. With none, the model delays the answers of units that may return
+    `Delayed` ones."""
+
+    may_delay = any(getattr(units.get(address), "delays", False) for address in units.keys())  # noqa: SIM118
+    if faults is None and not may_delay:
+        return None
+    from barewire.io.fault_injection.faults import faults_at
+
+    return faults_at(endpoint, () if faults is None else faults, seed=seed, delay=delay, on_fault=on_fault)
+
+
+def _server_endpoint(
     url: str, units: Mapping[int, Unit], set_direction: SetDirection | None, options: Mapping[str, object]
 ) -> Endpoint:
     """Return the endpoint of a server of `units`. Raise EncodeError for a wrong URL, option or unit."""
@@ -189,12 +287,7 @@ def _check_units(units: Mapping[int, Unit], *, has_broadcasts: bool) -> None:
             )
 
 
-def may_delay(units: Mapping[int, Unit]) -> bool:
-    """Whether a unit may return `Delayed` responses."""
-    return any(getattr(units.get(address), "delays", False) for address in units.keys())  # noqa: SIM118 - see `_check_units`
-
-
-def port_number(url: str) -> int:
+def _port_number(url: str) -> int:
     """Return the port number in the URL of a server. Raises PortError for a serial line."""
     endpoint = modbus_endpoint(url)
     if endpoint.is_serial_port:

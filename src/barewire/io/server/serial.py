@@ -1,54 +1,50 @@
-"""The server of a serial line, in a thread; it may make a pseudo-terminal as its line."""
+"""The servers of a serial line: `SerialService` in a thread, `SerialServer` in an event loop.
+
+A unit answers one request after the other: while a reply is sent, or a `Delayed` one is not due yet, nothing is read,
+and requests wait in the port.
+"""
 
 from __future__ import annotations
 
 import os
 import time
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from contextlib import suppress
+from typing import TYPE_CHECKING
 
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import PSEUDO_TERMINAL, Endpoint
-from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.base import Port
 from barewire.io.ports.pty import PseudoTerminal
+from barewire.io.ports.serial import SerialPort, SerialSettings
 from barewire.io.server.base import POLL_INTERVAL
-from barewire.io.server.connection_limits import ConnectionTable
-from barewire.io.server.server_log import server_log
+from barewire.io.server.units import Inject, UnitsServer
 from barewire.modbus import Server, Unit
 
 if TYPE_CHECKING:
+    import asyncio
+    import socket
+
     from barewire.io.fault_injection.faults import Faults
+    from barewire.io.ports.async_serial import SerialLink
+    from barewire.io.ports.trace import Watch
+    from barewire.modbus.server.server import Reply
 
 
-class SerialService:
+class SerialService(UnitsServer):
     """A server of units on a serial line, with `faults` in its answers.
 
     If the URL names `pty`, or a path that does not exist, the line is a new pseudo-terminal.
     """
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], faults: Faults[bytes] | None = None) -> None:
-        self.connections: ConnectionTable[Any] = ConnectionTable(endpoint)  # a line has none
-        self._line = modbus_line(endpoint, "server", units)
-        self._log = server_log(endpoint)
-        self._server = Server(self._line, units, serial=True, on_failure=self._log.failed)
-        self.statistics = self._server.statistics
+        super().__init__(endpoint, units)
+        self._server = _server_of(self)
         self.port: Port[bytes]
         if endpoint.place == PSEUDO_TERMINAL or not os.path.exists(endpoint.place):
-            from barewire.io.ports.serial import SerialSettings
-
-            if endpoint.set_direction is not None:
-                text = "a new pseudo-terminal has no direction to set"
-                raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "set_direction")
-            link = None if endpoint.place == PSEUDO_TERMINAL else endpoint.place
-            pace = SerialSettings.of(endpoint).timing if endpoint.integer("pace", 1) else None
-            terminal = PseudoTerminal(link, pace)
-            terminal.mark_as_served()
-            self.port = terminal
+            self.port = terminal = _new_terminal(endpoint)
             self.url = str(endpoint._replace(place=terminal.name))
         else:
-            from barewire.io.ports.serial import SerialPort
-
             self.port = SerialPort.of_server(endpoint)
             self.url = str(endpoint)
         self._answer: Callable[[bytes, bytes], None] = lambda data, request: self.port.send(data)
@@ -61,8 +57,8 @@ class SerialService:
     def serve(self, is_over: Callable[[], bool]) -> None:
         """Serve until `is_over()`."""
         clock = time.monotonic
-        self._log.serving(self.url, self._server.units)
-        watch = self._log.watch()
+        self.log.serving(self.url, self.units)
+        watch = self.log.watch()
         while not is_over():
             deadline = self._server.deadline
             wait = POLL_INTERVAL if deadline is None else min(POLL_INTERVAL, max(0.0, deadline - clock()))
@@ -75,9 +71,109 @@ class SerialService:
                     watch("sent", reply.data)
                 self._answer(reply.data, reply.request)
                 # A client that receives the answer at once may send after one silence; the line must accept that.
-                self._line.sent(self.port.sent_at if isinstance(self.port, PseudoTerminal) else clock())
+                self.line.sent(self.port.sent_at if isinstance(self.port, PseudoTerminal) else clock())
 
     def close(self) -> None:
         """Release the port."""
         self.port.close()
-        self._log.stopped()
+        self.log.stopped()
+
+
+class SerialServer(UnitsServer):
+    """A server on a serial port, read and written by the running event loop."""
+
+    _loop: asyncio.AbstractEventLoop
+    _link: SerialLink
+    _watch: Watch | None
+
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None = None) -> None:
+        super().__init__(endpoint, units, inject)
+        self._server = _server_of(self)
+        self._is_open = False
+        self._timer: asyncio.TimerHandle | None = None
+        self._sending: asyncio.Task[None] | None = None
+
+    async def listen(self, listener: socket.socket | None = None) -> None:
+        """Open the port, and serve. Raises PortError."""
+        from asyncio import get_running_loop
+
+        from barewire.io.ports.async_serial import SerialLink
+
+        self._loop = get_running_loop()
+        self._link = SerialLink(SerialPort.of_server(self.endpoint), self._feed, self._fail)
+        self.log.serving(str(self.endpoint), self.units)
+        self._watch = self.log.watch()
+        self._is_open = True
+
+    def _feed(self, data: bytes | None) -> None:
+        if self._watch is not None and data is not None:
+            self._watch("received", data)
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        replies = self._server.feed(data, self._loop.time())
+        if replies:
+            self._link.pause_reading()
+            self._sending = self._loop.create_task(self._send(replies))
+        else:
+            self._set_timer()
+
+    def _set_timer(self) -> None:
+        deadline = self._server.deadline
+        self._timer = None if deadline is None else self._loop.call_at(deadline, self._feed, None)
+
+    async def _send(self, replies: list[Reply]) -> None:
+        from asyncio import sleep
+
+        try:
+            for reply in replies:
+                await sleep(reply.at - self._loop.time())
+                if self.inject is None:
+                    self._write(reply.data)
+                else:
+                    self.inject(reply, self._write)
+            await self._link.sent()
+            self.line.sent(self._loop.time())
+        finally:
+            self._link.resume_reading()
+            self._set_timer()
+
+    def _write(self, frame: bytes) -> None:
+        if self._watch is not None:
+            self._watch("sent", frame)
+        with suppress(PortError):
+            self._link.write(frame)
+
+    def _fail(self, why: str) -> None:
+        self.failure = PortError(f"{self._link.name}: {why}")
+        self.log.error("ended", f"ended: {why}")
+
+    async def close(self) -> None:
+        """Release the port."""
+        from asyncio import wait
+
+        if not self._is_open:
+            return
+        self._link.close()
+        if self._sending is not None:
+            self._sending.cancel()
+            await wait([self._sending])
+        if self._timer is not None:
+            self._timer.cancel()
+        self.log.stopped()
+
+
+def _server_of(shared: UnitsServer) -> Server:
+    """Return the server of a line, whose only framing state is that of `shared`."""
+    return Server(shared.line, shared.units, serial=True, statistics=shared.statistics, on_failure=shared.log.failed)
+
+
+def _new_terminal(endpoint: Endpoint) -> PseudoTerminal:
+    if endpoint.set_direction is not None:
+        text = "a new pseudo-terminal has no direction to set"
+        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "set_direction")
+    link = None if endpoint.place == PSEUDO_TERMINAL else endpoint.place
+    pace = SerialSettings.of(endpoint).timing if endpoint.integer("pace", 1) else None
+    terminal = PseudoTerminal(link, pace)
+    terminal.mark_as_served()
+    return terminal

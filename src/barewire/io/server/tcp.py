@@ -1,11 +1,10 @@
 """A Modbus TCP server without asyncio: one thread waits for all sockets and answers those that are readable.
 
-    select ->  recv  ->  Server.feed  ->  send          and the next readable socket
+    select ->  recv  ->  answer  ->  send          and the next readable socket
                                 '-> not all of it was taken: the rest is sent first, and until then nothing is read
 
-It answers sooner than an event loop does, and a small machine need not load one. Its limits are those of
-`connection_limits`. Clients do not delay each other: only the select waits, and a client that sends without end is read
-once in each round.
+It answers sooner than an event loop does, and a small machine need not load one. Clients do not delay each other: only
+the select waits, and a client that sends without end is read once in each round.
 """
 
 from __future__ import annotations
@@ -16,37 +15,28 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.tcp import CHUNK, listening_socket
-from barewire.io.server.accepting import Acceptor
-from barewire.io.server.base import POLL_INTERVAL
-from barewire.io.server.connection_limits import ConnectionTable, send_replies
-from barewire.io.server.server_log import ends_program, server_log
-from barewire.modbus.server.server import Server, ServerStatistics
+from barewire.io.server.base import POLL_INTERVAL, ends_program
+from barewire.io.server.limits import Acceptor, End
+from barewire.io.server.units import UnitsConnection, UnitsServer
 
 if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint
     from barewire.io.fault_injection.ports import FaultInjector
     from barewire.modbus import Unit
-    from barewire.modbus.messages.registry import AnyRequest
 
 _SELECT_LIMIT = 500
 """Connections where the system has nothing but `select`, which fails with more than 512 sockets."""
 
 
-class TcpService:
+class TcpService(UnitsServer):
     """A server of units on a TCP port. `injector` puts faults into the answers."""
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], injector: FaultInjector | None = None) -> None:
-        self.log = server_log(endpoint)
-        self.statistics = ServerStatistics()
-        self.connections: ConnectionTable[_Connection] = ConnectionTable(endpoint, self.statistics, self.log)
+        super().__init__(endpoint, units, injector)
+        self._injector = injector
         if issubclass(selectors.DefaultSelector, selectors.SelectSelector):
             self.connections.lower_limit(_SELECT_LIMIT, "the system has only `select`")
-        self.injector = injector
-        self.endpoint = endpoint
-        self.units = units
-        modbus_line(endpoint, "server", units)  # raises for wrong options before the port is taken
         self._listener, self.url = listening_socket(endpoint)
 
     def serve(self, is_over: Callable[[], bool]) -> None:
@@ -83,14 +73,14 @@ class TcpService:
 
     def _wait(self, now: float) -> float:
         """Carry out the actions that are due; return the seconds that `select` may wait."""
-        if not self.connections.idle_timeout and self.injector is None:
+        if not self.connections.idle_timeout and self._injector is None:
             return POLL_INTERVAL
         until = now + POLL_INTERVAL
         if (idle_at := self.connections.close_idle(now)) is not None:
             until = min(until, idle_at)
-        if self.injector is not None:
-            self.injector.deliver()
-            until = min(until, self.injector.due or until)
+        if self._injector is not None:
+            self._injector.deliver()
+            until = min(until, self._injector.due or until)
         return max(0.0, until - now)
 
     def _accept(self, acceptor: Acceptor, selector: selectors.BaseSelector, now: float) -> None:
@@ -103,34 +93,20 @@ class TcpService:
             self.connections.add(_Connection(self, selector, connection, address), now)
 
 
-class _Connection:
-    """The connection of one client: it has its own framing state, and shares the units."""
-
-    was_answered = False
+class _Connection(UnitsConnection):
+    """The connection of one client, with a socket that does not block."""
 
     def __init__(
         self, service: TcpService, selector: selectors.BaseSelector, connection: socket.socket, address: tuple[str, int]
     ) -> None:
+        super().__init__(service)
         self.peer = f"{address[0]}:{address[1]}"
-        self._service = service
+        self._watch = service.log.watch(self.peer)
         self._socket = connection
         self._selector = selector
-        self._line = modbus_line(service.endpoint, "server", service.units)
-        self._server = Server(
-            self._line,
-            service.units,
-            serial=False,
-            statistics=service.statistics,
-            on_failure=service.log.failed,
-            on_refusal=self._refused,
-        )
-        self._watch = service.log.watch(self.peer)
         self._unsent = bytearray()
         self._ending = False  # it closes when everything is sent
         selector.register(connection, selectors.EVENT_READ, self)
-
-    def _refused(self, unit: int, request: AnyRequest | None) -> None:
-        self._service.log.refused(unit, request, self.peer)
 
     def ready(self, now: float) -> None:
         """Read and answer, or send the rest of an answer. Called when the socket is ready for that."""
@@ -146,24 +122,17 @@ class _Connection:
         if not data:
             self.abort()
             return
-        self._service.connections.received(self, now)
-        if self._watch is not None:
-            self._watch("received", data)
-        replies = self._server.feed(data, now)
-        if replies:
-            self.was_answered = True
-            send_replies(replies, self._send, self._service.injector)
-        if self._line.broken is not None:
-            self._end(str(self._line.broken))
+        self._shared.connections.received(self, now)
+        self.answer(data, now)
 
-    def _send(self, data: bytes) -> None:
+    def write(self, data: bytes) -> None:
         """Send as much as the system takes now. Nothing is read from this client until the rest is sent."""
         if self._watch is not None:
             self._watch("sent", data)
         if self._unsent:
             self._unsent += data  # an answer that a fault delayed, while others wait
-        elif (taken := self._send_some(data)) < len(data):
-            self._unsent += data[taken:]
+        elif (sent := self._send_some(data)) < len(data):
+            self._unsent += data[sent:]
             self._selector.modify(self._socket, selectors.EVENT_WRITE, self)
 
     def _send_rest(self) -> None:
@@ -185,9 +154,8 @@ class _Connection:
             self.abort()  # the client closed it, or the server did while an answer was delayed
             return len(data)
 
-    def _end(self, why: str) -> None:
-        """Close after the pending bytes are sent. The beginning of the next frame cannot be found any more."""
-        self._service.connections.note(self, why, "broken")
+    def end(self, why: str, end: End) -> None:
+        self._shared.connections.note(self, why, end)
         self._ending = True
         if not self._unsent:
             self.abort()
@@ -199,7 +167,7 @@ class _Connection:
 
     def abort(self) -> None:
         """Close the connection at once."""
-        self._service.connections.remove(self)
+        self._shared.connections.remove(self)
         self._unsent.clear()
         if self._socket.fileno() >= 0:
             self._selector.unregister(self._socket)

@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 from barewire import ModbusException, connect
 from barewire.errors import BarewireError, NoAnswer
-from barewire.io.fault_injection.faults import Faults, ModbusWire
-from barewire.io.fault_injection.faults import KINDS, parse_faults
+from barewire.io.fault_injection.faults import KINDS, Faults, ModbusWire, parse_faults
 from barewire.modbus import ReadInputRegisters
 from barewire.rtu import encode
 from barewire.rtu.timing import Timing

@@ -1,4 +1,4 @@
-"""Connection limits of a server: how many clients may be connected, and how long a client may stay silent.
+"""The limits of a server: how many clients may be connected, how long one may be silent, which datagrams are refused.
 
         connections        A        B        C        D        E
         last request      3.1      0.5      9.7      0.2      4.0
@@ -11,41 +11,54 @@
                                                  request for that many seconds
 
 Recording a request costs O(1): no order is kept, and the table is searched only when a connection must be closed.
-Times are passed in.
+Why each connection ended is counted in the statistics of the server, and logged. Times are passed in.
 
-Why each connection ended is counted in the statistics of the server, and logged.
+Datagrams have no connections. The answer to functions 05, 06 and 16h equals its request, and the sender of a datagram
+is easily forged: with the address of the server itself, or of another server, one request would go round for ever.
+
+    server A    <--  06 0001 002A  -->    server B        each takes the answer of the other for a request
+
+A client may repeat a request, with the same transaction number too, and nothing in it tells the two apart. But one
+datagram that is lost ends the round, and costs a client one time-out. So the same datagram from the same sender,
+answered with itself, is answered `COPIES` times and then refused once, if it comes at least every second.
 """
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import os
+import socket
 from collections import deque
 from collections.abc import Callable
 from math import inf
-from typing import TYPE_CHECKING, Generic, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar
 
-from barewire.io.ports.tcp import CONNECTIONS
-from barewire.io.server.server_log import server_log
+from barewire.io.ports.tcp import CONNECTIONS, readiness, reason, set_socket_options
+from barewire.io.server.base import POLL_INTERVAL, server_log
 from barewire.modbus.server.server import ServerStatistics
 
 if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint
     from barewire.io.log import PortLog
-    from barewire.modbus.server.server import Reply
 
 End = Literal["left", "refused", "idle", "broken", "stopped"]
 """Why a connection ended: the name of its counter in `ServerStatistics`."""
 
-Inject = Callable[["Reply", Callable[[bytes], None]], None]
-"""Takes an answer and the function that sends it; sends it now, later, changed or not at all (`FaultInjector`)."""
-
-
-def send_replies(replies: list[Reply], send: Callable[[bytes], None], inject: Inject | None) -> None:
-    """Send the answers to the requests of one read together. A fault injector gets them one by one."""
-    if inject is not None:
-        for reply in replies:
-            inject(reply, send)
-    else:
-        send(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
+BATCH = 16
+"""Connections that are accepted before the next requests are answered."""
+_RESERVE = 32
+"""Descriptors kept for the rest of the program, and for a batch that is accepted before others are closed."""
+_FULL = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+"""Errors of a system that has no room for another connection."""
+COPIES = 1000
+"""How often the same datagram of a sender is answered with itself, before one is refused."""
+_PAUSE = 1.0
+"""Seconds after which a copy counts as the first one: what is as slow does no harm."""
+RATE = 20_000
+"""Datagrams of one host in a second: more than a client sends that waits for each answer."""
+_SENDERS = 1024
+"""Hosts and datagrams that are remembered. All other hosts share one limit; the oldest datagram is forgotten."""
 
 
 class TrackedConnection(Protocol):
@@ -161,3 +174,101 @@ class ConnectionTable(Generic[C]):
                     self.close(connection, f"silent for {self.idle_timeout:g} s", "idle")
             self._none_older = min(self.open.values(), default=-inf)
         return self._none_older + self.idle_timeout if self.open else None
+
+
+class Acceptor:
+    """Accepts the clients of one listener. Its constructor lowers the limit of `connections` if the process has fewer
+    descriptors left: without one the system accepts no client for whom another connection could be closed."""
+
+    def __init__(self, listener: socket.socket, connections: ConnectionTable[Any]) -> None:
+        listener.setblocking(False)
+        self._listener = listener
+        self._connections = connections
+        self._is_ready = readiness(listener)
+        left = _free_descriptors(listener)
+        if left is not None:
+            connections.lower_limit(left - min(_RESERVE, left // 4), f"{left} file descriptors are left")
+
+    def accept(self, *accepted: tuple[socket.socket, Any]) -> list[tuple[socket.socket, Any]]:
+        """Accept the clients that wait, `BATCH` with those `accepted` already. Raises OSError if it is none."""
+        batch = list(accepted)
+        try:
+            while len(batch) < BATCH:
+                batch.append(self._listener.accept())
+        except OSError:
+            if not batch:
+                raise
+        for connection, _ in batch:
+            connection.setblocking(False)
+            with contextlib.suppress(OSError):  # the client has left already
+                set_socket_options(connection)
+        return batch
+
+    def failed(self, error: OSError) -> float:
+        """Make room if `accept` found none. Return the seconds to wait before it is tried again."""
+        if isinstance(error, (BlockingIOError, InterruptedError, ConnectionError)):
+            return 0.0
+        why = f"there was no room for another connection: {reason(error)}"
+        if error.errno not in _FULL:
+            self._connections.log.warning("accept", f"a connection was not accepted: {reason(error)}")
+        elif not self._is_ready(0):
+            pass  # Linux needs a descriptor to find out that no client waits
+        elif self._connections.open:
+            self._connections.close_longest_silent(why)
+            return 0.0
+        else:
+            self._connections.log.warning("full", why)
+        return POLL_INTERVAL
+
+
+def _free_descriptors(listener: socket.socket) -> int | None:
+    """Return how many files the process may still open; None where there is no such limit, as on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY:
+        return None
+    try:
+        used = len(os.listdir("/dev/fd"))
+    except OSError:
+        used = listener.fileno() + 1  # the system gives the lowest free number
+    return max(0, soft - used)
+
+
+class DatagramLimits:
+    """What is remembered of the senders. `is_own(address)` tells whether that is the address of the server."""
+
+    def __init__(self, is_own: Callable[[Any], bool]) -> None:
+        self._is_own = is_own
+        self._received: dict[str, int] = {}  # by host, until `_until`
+        self._until = 0.0
+        self._copies: dict[tuple[bytes, Any], tuple[int, float]] = {}  # how many were answered, and when the latest
+
+    def is_too_much(self, host: str, now: float) -> bool:
+        """Count a datagram of this host. Return whether it has sent more than `RATE` within a second."""
+        if now >= self._until:
+            self._received.clear()
+            self._until = now + 1.0
+        if host not in self._received and len(self._received) >= _SENDERS:
+            host = ""
+        count = self._received[host] = self._received.get(host, 0) + 1
+        return count > RATE
+
+    def is_own_answer(self, data: bytes, sender: Any, now: float) -> bool:
+        """Return whether this is taken for an answer of the server itself, and not for a request."""
+        if self._is_own(sender):
+            return True
+        count, latest = self._copies.get((data, sender), (0, now))
+        if count < COPIES and now < latest + _PAUSE:
+            return False
+        self._copies.pop((data, sender), None)
+        return count >= COPIES and now < latest + _PAUSE
+
+    def answered_with_itself(self, data: bytes, sender: Any, now: float) -> None:
+        """Record that the answer to this datagram equals it."""
+        count, _ = self._copies.pop((data, sender), (0, now))
+        if len(self._copies) >= _SENDERS:
+            del self._copies[next(iter(self._copies))]
+        self._copies[data, sender] = count + 1, now

@@ -1,9 +1,9 @@
-"""The asyncio server for connections, TCP, TLS, RTU and ASCII over TCP; and an asyncio server in a thread.
+"""The asyncio servers of host and port: connections (TCP, TLS, RTU and ASCII over TCP), and datagrams (UDP).
 
-    bytes -> (TlsSession) -> Server.feed -> (fault injector) -> (TlsSession) -> bytes
+    bytes -> (TlsSession) -> answer -> (fault injector) -> (TlsSession) -> bytes
 
-Its limits are those of `connection_limits`. While a client does not read its answers, its requests are not read
-either. Clients do not delay each other.
+While a client does not read its answers, its requests are not read either. Clients do not delay each other.
+`AsyncioService` runs such a server in a thread.
 """
 
 from __future__ import annotations
@@ -12,25 +12,21 @@ import asyncio
 import socket
 import ssl
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from contextlib import suppress
+from functools import partial
+from typing import Any, cast
 
 from barewire.errors import DecodeError, PortError
 from barewire.io.endpoint import Endpoint
-from barewire.io.modbus.carriers import modbus_line
 from barewire.io.ports.tcp import CHUNK, CONNECTIONS, listening_socket, place_of, reason
 from barewire.io.ports.tls import roles_of, server_context, tls_reason
-from barewire.io.ports.trace import Watch
-from barewire.io.server.accepting import Acceptor
-from barewire.io.server.asyncio_ports import DatagramServer
+from barewire.io.ports.udp import is_own_address
 from barewire.io.server.base import POLL_INTERVAL
-from barewire.io.server.connection_limits import ConnectionTable, End, Inject, send_replies
-from barewire.io.server.server_log import server_log
-from barewire.io.server.tls_session import TlsSession
+from barewire.io.server.limits import COPIES, RATE, Acceptor, DatagramLimits, End
+from barewire.io.server.units import Inject, UnitsConnection, UnitsServer
 from barewire.modbus import Authorization, Request, Server, Unit
-from barewire.modbus.server.server import ServerStatistics, counters_for
-
-if TYPE_CHECKING:
-    from barewire.modbus.messages.registry import AnyRequest
+from barewire.modbus.server.authorization import role_of
+from barewire.modbus.server.server import counters_for
 
 _HANDSHAKE = 10.0
 """Seconds that a TLS handshake may take."""
@@ -40,7 +36,7 @@ _SHORTEST = 1.0
 """Seconds that a TLS handshake has in any case, also while others wait."""
 
 
-class StreamServer:
+class StreamServer(UnitsServer):
     """A server of units on a TCP port. `authorization` is used with TLS; `inject` puts faults into the answers."""
 
     def __init__(
@@ -50,15 +46,10 @@ class StreamServer:
         authorization: Authorization | None = None,
         inject: Inject | None = None,
     ) -> None:
-        self.log = server_log(endpoint)
-        self.statistics = ServerStatistics()
-        self.connections: ConnectionTable[_Connection] = ConnectionTable(endpoint, self.statistics, self.log)
-        self.endpoint = endpoint
-        self.units = units
-        self.inject = inject
+        super().__init__(endpoint, units, inject)
         self.context: ssl.SSLContext | None = None
         self.authorization = authorization
-        self.counters = counters_for(modbus_line(endpoint, "server"))
+        self.counters = counters_for(self.line)
         """By unit, for RTU and ASCII: the counters of a unit include the frames of all connections."""
         self._listener: socket.socket | None = None
         self._accepting: asyncio.Task[None] | None = None
@@ -69,21 +60,16 @@ class StreamServer:
             self.context = server_context(endpoint)
             self.authorization = authorization or roles_of(endpoint)
 
-    @property
-    def port(self) -> int:
-        """The number of the port that it listens on."""
-        assert self._listener is not None
-        return int(self._listener.getsockname()[1])
-
     async def listen(self, listener: socket.socket | None = None) -> None:
         """Begin to listen, on `listener` if given (a bound socket). Raises PortError."""
         self._listener = listening_socket(self.endpoint)[0] if listener is None else listener
-        host, _ = self.endpoint.host_and_port
+        place = place_of(self.endpoint.host_and_port[0], self._listener.getsockname()[1])
         try:
             self._listener.listen(CONNECTIONS)
         except OSError as error:
-            raise PortError(f"{place_of(host, self.port)}: {reason(error)}") from None
-        self.log.serving(str(self.endpoint._replace(place=place_of(host, self.port))), self.units)
+            raise PortError(f"{place}: {reason(error)}") from None
+        self.url = str(self.endpoint._replace(place=place))
+        self.log.serving(self.url, self.units)
         acceptor = Acceptor(self._listener, self.connections)
         self._accepting = asyncio.get_running_loop().create_task(self._accept(self._listener, acceptor))
 
@@ -145,42 +131,29 @@ class StreamServer:
         self._timer = None if again is None else loop.call_at(again, self._close_idle)
 
 
-class _Connection(asyncio.BufferedProtocol):
-    """The connection of one client: it has its own framing state, and shares the units."""
+class _Connection(UnitsConnection, asyncio.BufferedProtocol):
+    """The connection of one client, with a transport of the running loop."""
 
     def __init__(self, server: StreamServer) -> None:
-        self.peer = "?"
-        self.was_answered = False
-        self._shared = server
-        self._loop = asyncio.get_running_loop()
-        self._line = modbus_line(server.endpoint, "server", tuple(server.units))
-        is_serial = server.endpoint.framing != "tcp"
         has_roles = server.context is not None or server.authorization is not None
-        permits = self._permits if has_roles else None
-        self._server = Server(
-            self._line,
-            server.units,
-            serial=is_serial,
-            permits=permits,
-            counters=server.counters,
-            statistics=server.statistics,
-            on_failure=server.log.failed,
-            on_refusal=self._refused,
-        )
-        self._watch: Watch | None = None
+        super().__init__(server, permits=self._permits if has_roles else None, counters=server.counters)
+        self._stream_server = server
+        self._loop = asyncio.get_running_loop()
         self._tls = TlsSession(server.context) if server.context is not None else None
         # One read takes at most this buffer. It is small where frames are searched byte by byte, so that a client which
         # sends noise delays the others less.
-        self._buffer = memoryview(bytearray(512 if is_serial else CHUNK))
+        self._buffer = memoryview(bytearray(512 if self._server.serial else CHUNK))
         self._timer: asyncio.TimerHandle | None = None
         self._transport: asyncio.Transport | None = None
 
-    def _permits(self, unit: int, request: Request[Any]) -> bool:
-        table, role = self._shared.authorization, self._tls.role if self._tls is not None else None
-        return table is None or table.allows(role, unit, request)
+    @property
+    def role(self) -> str | None:
+        """The role of the client, from its TLS certificate."""
+        return None if self._tls is None else self._tls.role
 
-    def _refused(self, unit: int, request: AnyRequest | None) -> None:
-        self._shared.log.refused(unit, request, self.peer, None if self._tls is None else self._tls.role)
+    def _permits(self, unit: int, request: Request[Any]) -> bool:
+        table = self._stream_server.authorization
+        return table is None or table.allows(self.role, unit, request)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -188,9 +161,9 @@ class _Connection(asyncio.BufferedProtocol):
         host, port = (transport.get_extra_info("peername") or ("?", 0))[:2]
         self.peer = f"{host}:{port}"
         self._watch = self._shared.log.watch(self.peer)
-        self._shared.connected(self)
+        self._stream_server.connected(self)
         if self._tls is not None:
-            self._shared.handshakes[self] = self._loop.time()
+            self._stream_server.handshakes[self] = self._loop.time()
             self._timer = self._loop.call_later(_HANDSHAKE, self._handshake_timeout)
 
     def _handshake_timeout(self) -> None:
@@ -201,7 +174,7 @@ class _Connection(asyncio.BufferedProtocol):
         self._shared.connections.remove(self)
         if self._timer is not None:
             self._timer.cancel()
-        self._shared.handshakes.pop(self, None)
+        self._stream_server.handshakes.pop(self, None)
         # Now, and not when Python looks for circles of references: it does not count the memory of OpenSSL.
         self._tls = None
 
@@ -237,27 +210,19 @@ class _Connection(asyncio.BufferedProtocol):
         except ssl.SSLError as error:
             why = tls_reason(error)
         if tls.is_established:
-            self._shared.handshakes.pop(self, None)
+            self._stream_server.handshakes.pop(self, None)
         self._transport.write(tls.outgoing())  # after an error it has the alert, which gives the client the reason
         for part in received:
             self._feed(part, now)
         if why or tls.ended:
-            self._end(why, "broken" if tls.is_established else "refused")
+            self.end(why, "broken" if tls.is_established else "refused")
 
     def _feed(self, data: bytes | None, now: float) -> None:
         if self._transport is None or self._transport.is_closing():
             return
-        if self._watch is not None and data is not None:
-            self._watch("received", data)
-        replies = self._server.feed(data, now)
-        if replies:
-            self.was_answered = True
-            send_replies(replies, self._write, self._shared.inject)
+        has_sent = self.answer(data, now)
         if self._server.serial:
-            self._set_timer(bool(replies))
-        if self._line.broken is not None:
-            # The beginning of the next frame cannot be found any more.
-            self._end(str(self._line.broken), "broken")
+            self._set_timer(has_sent)
 
     def _set_timer(self, has_sent: bool) -> None:
         """Set the timer for the next silence of a serial line, which may be at the end of a tunnel."""
@@ -268,7 +233,7 @@ class _Connection(asyncio.BufferedProtocol):
         deadline = self._server.deadline
         self._timer = None if deadline is None else self._loop.call_at(deadline, self._feed, None, deadline)
 
-    def _write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> None:
         if self._transport is None or self._transport.is_closing():
             return
         if self._watch is not None:
@@ -278,8 +243,7 @@ class _Connection(asyncio.BufferedProtocol):
             data = self._tls.outgoing()
         self._transport.write(data)
 
-    def _end(self, why: str, end: End) -> None:
-        """Close after the pending bytes are sent. Without `why` the client ended the connection."""
+    def end(self, why: str, end: End) -> None:
         assert self._transport is not None
         if why:
             self._shared.connections.note(self, why, end)
@@ -293,6 +257,136 @@ class _Connection(asyncio.BufferedProtocol):
     def resume_writing(self) -> None:
         if self._transport is not None and not self._transport.is_closing():
             self._transport.resume_reading()
+
+
+class TlsSession:
+    """The TLS state of one connection, without a socket. `role` is that of the certificate, after the handshake.
+
+    The TLS of asyncio drops the alert with the reason why a client's certificate was refused; this one sends it.
+    """
+
+    def __init__(self, context: ssl.SSLContext) -> None:
+        self.is_established = False
+        self.role: str | None = None
+        self.ended = False
+        """Whether the client ended the session."""
+        self._in, self._out = ssl.MemoryBIO(), ssl.MemoryBIO()
+        self._tls = context.wrap_bio(self._in, self._out, server_side=True)
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Feed bytes from the wire, and return the data of the client.
+
+        Raises ssl.SSLError when the handshake fails, DecodeError for a role that cannot be read.
+        """
+        self._in.write(data)
+        received: list[bytes] = []
+        try:
+            if not self.is_established:
+                self._tls.do_handshake()
+                certificate = self._tls.getpeercert(True)  # None: the server does not ask for one
+                self.role = None if certificate is None else role_of(certificate)
+                self.is_established = True
+            while chunk := self._tls.read(CHUNK):
+                received.append(chunk)
+            self.ended = True
+        except ssl.SSLWantReadError:
+            pass
+        except ssl.SSLZeroReturnError:
+            self.ended = True
+        return received
+
+    def send(self, data: bytes) -> None:
+        """Encrypt bytes for the client."""
+        self._tls.write(data)
+
+    def outgoing(self) -> bytes:
+        """Return the bytes for the wire. Call it after every `feed`, also one that raised, and after every `send`."""
+        return self._out.read()
+
+
+class DatagramServer(UnitsServer, asyncio.DatagramProtocol):
+    """A server on a UDP port. Each datagram is a frame; its answer is sent to the address it came from."""
+
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None = None) -> None:
+        super().__init__(endpoint, units, inject)
+        self._watch: Callable[[str, bytes], None] | None = None
+        self._peer = "?"  # the sender of the present request
+        self._server = Server(
+            self.line,
+            units,
+            serial=False,
+            statistics=self.statistics,
+            on_failure=self.log.failed,
+            on_refusal=lambda unit, request: self.log.refused(unit, request, self._peer),
+        )
+        self._transport: asyncio.DatagramTransport | None = None
+        self._full = False
+        self._limits = DatagramLimits(lambda sender: is_own_address(self._address, sender))
+        self._address: Any = None
+
+    async def listen(self, listener: socket.socket | None = None) -> None:
+        """Begin to listen, on `listener` if given (a bound socket). Raises PortError."""
+        loop = asyncio.get_running_loop()
+        host, port = self.endpoint.host_and_port
+        address: dict[str, Any] = {"sock": listener} if listener is not None else {"local_addr": (host, port)}
+        try:
+            await loop.create_datagram_endpoint(lambda: self, **address)
+        except OSError as error:
+            raise PortError(f"{host}:{port}: {reason(error)}") from None
+        self.url = str(self.endpoint._replace(place=place_of(host, self._address[1])))
+        self.log.serving(self.url, self.units)
+        self._watch = self.log.watch()
+
+    async def close(self) -> None:
+        """Release the port."""
+        if self._transport is not None:
+            self._transport.abort()
+        self.log.stopped()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        # A cast, because the transports of some event loops do not inherit from DatagramTransport.
+        self._transport = cast(asyncio.DatagramTransport, transport)
+        self._address = transport.get_extra_info("sockname")
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        self._peer = addr[0]
+        if self._watch is not None:
+            self._watch(f"{addr[0]}:{addr[1]}: received", data)
+        now = asyncio.get_running_loop().time()
+        if self._limits.is_too_much(addr[0], now):
+            self.statistics.busy += 1
+            self.log.warning("rate", f"{addr[0]}: more than {RATE} datagrams in a second: refused")
+            return
+        if self._limits.is_own_answer(data, addr, now):
+            self.statistics.echoes += 1
+            why = f"from the address of this server, or the same {COPIES} times, as an answer that goes round"
+            self.log.warning("echo", f"{addr[0]}:{addr[1]}: a datagram {why}: refused")
+            return
+        for reply in self._server.feed(data, now):
+            if reply.data == data:
+                self._limits.answered_with_itself(data, addr, now)
+            if self.inject is None:
+                self._send(reply.data, addr)
+            else:
+                self.inject(reply, partial(self._send, addr=addr))
+
+    def _send(self, data: bytes, addr: Any) -> None:
+        assert self._transport is not None
+        # While the buffer is full, answers are dropped: a datagram may be lost, but memory must stay limited.
+        if not self._full and not self._transport.is_closing():
+            if self._watch is not None:
+                self._watch(f"{addr[0]}:{addr[1]}: sent", data)
+            with suppress(OSError):
+                self._transport.sendto(data, addr)
+
+    def error_received(self, exc: Exception) -> None:
+        """Called by asyncio if an earlier datagram could not be delivered; the server ignores that."""
+
+    def pause_writing(self) -> None:
+        self._full = True
+
+    def resume_writing(self) -> None:
+        self._full = False
 
 
 def server_at(

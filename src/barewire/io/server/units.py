@@ -1,0 +1,106 @@
+"""What the servers of Modbus units have in common, in a thread and in asyncio, on any port.
+
+    client -> bytes -> UnitsConnection.answer -> Server.feed -> (fault injector) -> write -> bytes -> client
+                                                     |
+                           UnitsServer: the units, their counters, the log, the limits of connections
+
+A port without connections, a serial line or UDP, has one `Server` and one framing state, those of the `UnitsServer`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from barewire.io.modbus.carriers import modbus_line
+from barewire.io.server.base import server_log
+from barewire.io.server.limits import ConnectionTable, End
+from barewire.modbus.server.server import Server, ServerStatistics
+
+if TYPE_CHECKING:
+    from barewire.errors import PortError
+    from barewire.io.endpoint import Endpoint
+    from barewire.io.ports.trace import Watch
+    from barewire.modbus import Unit
+    from barewire.modbus.messages.registry import AnyRequest
+    from barewire.modbus.server.server import Reply
+
+Inject = Callable[["Reply", Callable[[bytes], None]], None]
+"""Takes an answer and the function that sends it; sends it now, later, changed or not at all (`FaultInjector`)."""
+
+
+class UnitsServer:
+    """The units of a server, and what is recorded about their clients. `inject` puts faults into the answers.
+
+    Raises EncodeError for wrong options.
+    """
+
+    failure: PortError | None = None
+    """The error of the port that ended the server."""
+
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None = None) -> None:
+        self.endpoint = endpoint
+        self.url = str(endpoint)
+        """The URL for clients, with the port number that the system chose for port 0."""
+        self.units = units
+        self.inject = inject
+        self.log = server_log(endpoint)
+        self.statistics = ServerStatistics()
+        self.connections: ConnectionTable[Any] = ConnectionTable(endpoint, self.statistics, self.log)
+        self.line = modbus_line(endpoint, "server", units)
+        """The framing state of a port without connections; of others it shows that the options are right."""
+
+
+class UnitsConnection(ABC):
+    """The connection of one client: it has its own framing state, and shares the units."""
+
+    peer = "?"
+    was_answered = False
+    _watch: Watch | None = None
+
+    def __init__(self, shared: UnitsServer, **options: Any) -> None:
+        """`options` are those of `Server`."""
+        self._shared = shared
+        self._line = modbus_line(shared.endpoint, "server", tuple(shared.units))
+        self._server = Server(
+            self._line,
+            shared.units,
+            serial=shared.endpoint.framing != "tcp",
+            statistics=shared.statistics,
+            on_failure=shared.log.failed,
+            on_refusal=self._refused,
+            **options,
+        )
+
+    @property
+    def role(self) -> str | None:
+        """The role of the client, from its TLS certificate."""
+        return None
+
+    def _refused(self, unit: int, request: AnyRequest | None) -> None:
+        self._shared.log.refused(unit, request, self.peer, self.role)
+
+    def answer(self, data: bytes | None, now: float) -> bool:
+        """Take bytes, or the end of a silence, and write the answers. Return whether there were any."""
+        if self._watch is not None and data is not None:
+            self._watch("received", data)
+        replies = self._server.feed(data, now)
+        if replies:
+            self.was_answered = True
+            if self._shared.inject is not None:
+                for reply in replies:  # one by one: each has faults of its own
+                    self._shared.inject(reply, self.write)
+            else:
+                self.write(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
+        if self._line.broken is not None:  # the beginning of the next frame cannot be found any more
+            self.end(str(self._line.broken), "broken")
+        return bool(replies)
+
+    @abstractmethod
+    def write(self, data: bytes) -> None:
+        """Send answers to the client, or keep what the system does not take now."""
+
+    @abstractmethod
+    def end(self, why: str, end: End) -> None:
+        """Close after the pending bytes are sent. Without `why` the client ended the connection."""
