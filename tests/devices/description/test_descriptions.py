@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.devices import DescriptionError, load
-from barewire.devices.description.check import PARAMETER
+from barewire.devices.description.check import rule_of
 from barewire.errors import BarewireError
 from tests.helpers import modest, refused
 
@@ -128,7 +128,7 @@ KEY_ERRORS: list[tuple[str, str, int, dict[str, str | None]]] = [
     ("default", "[1]: expected a number", 5, {"default": "[1]"}),
     ("values", "'on' is not a whole number", 5, {"values": '{ on = "x" }'}),
     ("values", "'01' is not a whole number", 5, {"values": '{ 01 = "x" }'}),
-    ("values", "1 for 0: expected text", 5, {"values": "{ 0 = 1 }"}),
+    ("values", "0 = 1: expected text", 5, {"values": "{ 0 = 1 }"}),
     ("values", "[]: expected a table", 5, {"values": "[]"}),
     ("values", "-1 is not in u16; expected 0..65535", 5, {"values": '{ -1 = "x" }'}),
     ("values", "type 'f32' has no such names", 5, {"type": '"f32"', "values": '{ 1 = "x" }'}),
@@ -285,7 +285,7 @@ NUMBERS = ["0", "-1", "7", "99999999999999999999", "0.5", "-1e300", "inf", "nan"
 TEXTS = ['""', '"x"', '"L"', '"u8"', '"text"', '"f64"', '"bool"', '"ro"', '"1/3"']
 TABLES = ["true", "[]", "[1]", "{}", '{ 0 = "x" }', "{ max = 1 }"]
 values = st.sampled_from([*NUMBERS, *TEXTS, *TABLES])
-keys = st.sampled_from([*PARAMETER, "unknown", '""', '"two words"', "a.b"])
+keys = st.sampled_from([*rule_of("parameter")["properties"], "unknown", '""', '"two words"', "a.b"])
 
 
 @modest

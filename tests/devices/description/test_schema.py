@@ -3,25 +3,36 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import get_args
 
 import pytest
 from jsonschema import Draft202012Validator
 
-from barewire.canopen import STANDARD
-from barewire.devices import DescriptionError, load, names
-from barewire.devices.description import check as rules
+from barewire.codecs.order import ORDERS
+from barewire.devices import (
+    CanopenSettings,
+    DescriptionError,
+    DevicePdo,
+    DriveRoles,
+    ModbusAt,
+    ModbusSettings,
+    load,
+    names,
+)
+from barewire.devices.description.check import rule_of, schema
 from barewire.devices.description.load import CATALOG
-from barewire.devices.sdo_dialects import AZ3
+from barewire.devices.parameter import INTEGER_TYPES, TABLE_NAMES, VALUE_TYPES, ParameterAccess
+from barewire.devices.sdo_dialects import DIALECTS
 from tests.devices.description.test_descriptions import HEAD, HEAD_ERRORS, row, write
 
 KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
 KEYS += ["modbus", "object", "bits", "storable", "answered", "printed", "group"]
 
-SCHEMA: dict[str, Any] = json.loads((CATALOG / "schema.json").read_text(encoding="utf-8"))
-VALIDATOR = Draft202012Validator(SCHEMA)
+ROOT = Path(__file__).parents[3]
+VALIDATOR = Draft202012Validator(dict(schema()))
 
 
 @pytest.mark.parametrize("name", names())
@@ -52,15 +63,20 @@ def test_the_catalogue_follows_the_schema(file: Path) -> None:
 
 
 def test_the_schema_is_a_schema_of_the_same_keys_and_words() -> None:
-    Draft202012Validator.check_schema(SCHEMA)
-    definitions = SCHEMA["$defs"]
-    assert list(definitions["parameter"]["properties"]) == list(rules.PARAMETER)
-    assert definitions["parameter"]["required"] == list(rules.PARAMETER_REQUIRED)
-    canopen = definitions["device"]["properties"]["canopen"]["properties"]
-    assert canopen["dialect"]["enum"] == [STANDARD.name, AZ3.name]
-    drive = definitions["device"]["properties"]["drive"]
-    assert list(drive["properties"]) == list(rules.DRIVE)
-    assert drive["required"] == list(rules.DRIVE_REQUIRED)
+    Draft202012Validator.check_schema(dict(schema()))
+    row = rule_of("parameter")["properties"]
+    assert row["type"]["enum"] == list(VALUE_TYPES)
+    assert row["object_type"]["enum"] == list(INTEGER_TYPES)
+    assert row["access"]["enum"] == list(get_args(ParameterAccess))
+    assert set(TABLE_NAMES) < set(row)
+    assert rule_of("order")["enum"] == list(ORDERS)
+    assert rule_of("canopen")["properties"]["dialect"]["enum"] == list(DIALECTS)
+    assert set(rule_of("drive")["properties"]) == set(DriveRoles._fields)
+    assert set(rule_of("modbus")["properties"]) == {*ModbusSettings._fields, "first_register", "first_coil"}
+    assert set(rule_of("canopen")["properties"]) == {*CanopenSettings._fields} - {"pdos"}
+    assert set(rule_of("pdo")["properties"]) == set(DevicePdo._fields)
+    printed = rule_of("parameter")["properties"]["printed"]["propertyNames"]["pattern"]
+    assert all(re.match(printed, f"{manual}{key}") for key in row for manual in ("", "canopen_", "modbus_"))
 
 
 @pytest.mark.parametrize(
@@ -102,3 +118,18 @@ def test_schema_and_loader_accept_a_correct_row(tmp_path: Path) -> None:
     VALIDATOR.validate(tomllib.loads(HEAD))
     VALIDATOR.validate(tomllib.loads(row()))
     assert load(write(tmp_path, row())).find("second").modbus
+
+
+def test_a_manual_that_counts_from_400001(tmp_path: Path) -> None:
+    head, rows = HEAD.replace("first_register = 1", "first_register = 400001"), row(holding="465536")
+    VALIDATOR.validate(tomllib.loads(head))
+    VALIDATOR.validate(tomllib.loads(rows))
+    assert load(write(tmp_path, rows, head)).find("second").modbus == ModbusAt("holding", 65535)
+
+
+def test_the_wheel_has_every_file_that_the_code_reads() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+    package = ROOT / "src" / "barewire"
+    packed = {path for pattern in settings["package-data"]["barewire"] for path in package.glob(pattern)}
+    files = {path for path in package.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc", ".md")}
+    assert files == packed

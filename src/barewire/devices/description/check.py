@@ -1,134 +1,140 @@
-"""The rules of the description format for single keys, and the tables that they are applied to.
+"""Checks that the description of a user follows the format: each key by `schema.json`, then the keys with each other.
 
-The parts:
-
-    TomlTable                one table of a file; its errors have file, line, table and key
-    rule(value)              a check of one value; raises Invalid("expected ...")
-    table.check(rules)       all keys of a table: known, present, valid
-
-    DEVICE, MODBUS, CANOPEN, PDO, DRIVE, PARAMETER       key -> rule, for each table of the format
-
-Line numbers of the headers and keys of a TOML text, for error messages: tomllib does not keep them.
-
-    1  # a comment                      KeyLines(text).of(("parameter", 0))               -> 2
-    2  [[parameter]]                    KeyLines(text).of(("parameter", 0, "half"))       -> 3
-    3  half = "L"                       KeyLines(text).of(("parameter", 0, "bits", "5"))  -> 5
-    4  [parameter.bits]                 KeyLines(text).of(("parameter", 0, "name"))       -> 2, its table: no such key
-    5  5 = "fault"
-
-Only for texts that tomllib accepts; its error for any other text has a line. A line inside a multi-line string or an
-array is not taken for a key or a header. The text is searched at the first call of `of` only.
-
-Checks that a description follows the format: its tables key by key, and then the keys against each other.
-
-The error of a wrong key, and the two functions:
+    device.toml, others  -- read_file -->  TomlTable  -- check_description -->  nothing, or the DescriptionError
+    of the first wrong key:
 
     bad.toml:12: parameter 'TEMPERATURE': key 'half': half a register with type 'u16'; expected u8 or i8
 
-    read_file             one file -> a TomlTable, or a DescriptionError with the line
-    check_description     device.toml, its [modbus], [canopen], [[pdo]] and [drive], and every [[parameter]] row:
-                          whether address and limits fit the type, whether the device has a function that reads the
-                          table, and whether a parameter can have its role in the drive
+The schema has what one key alone must be. This file has what it cannot: whether address and limits fit the type,
+whether the device has a function that reads the table, and whether a parameter can have its role in the drive.
 """
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
-from functools import cached_property
+from functools import cache, cached_property
+from importlib import resources
+from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from barewire.codecs import codec
-from barewire.codecs.order import ORDERS
 from barewire.devices.description.build import KEYS, Numbering, build_parameter, numbering_of, words_of
 from barewire.devices.device import ModbusSettings, fold, suggest
-from barewire.devices.parameter import INTEGER_TYPES, TABLE_NAMES, VALUE_TYPES, Parameter, show
-from barewire.devices.sdo_dialects import DIALECTS
+from barewire.devices.parameter import INTEGER_TYPES, TABLE_NAMES, Parameter, show
 from barewire.errors import BarewireError, shown
 
+Rule: TypeAlias = Mapping[str, Any]
 KeyPath: TypeAlias = tuple[str | int, ...]
 
-_KEY = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
-_DOTTED = rf"{_KEY}(?:[ \t]*\.[ \t]*{_KEY})*"
-_HEADER = re.compile(rf"[ \t]*(\[\[?)[ \t]*({_DOTTED})[ \t]*\]")
-_ASSIGNMENT = re.compile(rf"[ \t]*({_DOTTED})[ \t]*=")
-# Strings and comments, which may contain line ends and brackets, and line ends and brackets; long quotes come first.
-_TOKEN = re.compile(
-    r'''"""(?:\\.|[^\\])*?"""+|\'\'\'.*?\'\'\'+|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|\#[^\n]*|[\[{]|[\]}]|\n''', re.DOTALL
-)
-
-
-class KeyLines:
-    """The lines of the headers and keys of one TOML text."""
-
-    def __init__(self, text: str) -> None:
-        self._text = text
-
-    def of(self, path: KeyPath) -> int:
-        """Return the line of that key or table, counted from 1, or of the table around it if it has no line."""
-        while path and path not in self._lines:
-            path = path[:-1]
-        return self._lines.get(path, 1)
-
-    @cached_property
-    def _lines(self) -> dict[KeyPath, int]:
-        lines: dict[KeyPath, int] = {}
-        counts: dict[KeyPath, int] = {}
-        table: KeyPath = ()
-        for line, statement in _statements(self._text):
-            if header := _HEADER.match(statement):
-                table = _header_path(_parts(header[2]), counts)
-                if header[1] == "[[":
-                    counts[table] = counts.get(table, -1) + 1
-                    lines.setdefault(table, line)
-                    table = (*table, counts[table])
-                lines.setdefault(table, line)
-            elif assignment := _ASSIGNMENT.match(statement):
-                path = table
-                for part in _parts(assignment[1]):
-                    path = (*path, part)
-                    lines.setdefault(path, line)
-        return lines
-
-
-def _statements(text: str) -> Iterator[tuple[int, str]]:
-    """Yield each header and each assignment with the line on which it begins."""
-    line, begin, begun_at, depth = 1, 0, 1, 0
-    for token in _TOKEN.finditer(text + "\n"):
-        found = token[0]
-        depth += (found in "[{") - (found in "]}")
-        line += found.count("\n")
-        if found == "\n" and depth == 0:
-            yield begun_at, text[begin : token.start()]
-            begin, begun_at = token.end(), line
-
-
-def _parts(dotted: str) -> list[str]:
-    return [part.strip("\"'") for part in re.findall(_KEY, dotted)]
-
-
-def _header_path(parts: list[str], counts: dict[KeyPath, int]) -> KeyPath:
-    """Return the path of a header: [parameter.bits] belongs to the latest [[parameter]]."""
-    path: KeyPath = ()
-    for place, part in enumerate(parts):
-        path = (*path, part)
-        if path in counts and place < len(parts) - 1:
-            path = (*path, counts[path])
-    return path
+_DEFAULTS = ModbusSettings()
+_TABLES = ("modbus", "canopen", "pdo", "drive", "parameter")
+_READ_ROLES = ("status_word", "mode_display", "error_code", "position", "velocity")
+"""The roles in a drive whose parameters are read; those of all other roles are written."""
 
 
 class DescriptionError(BarewireError, ValueError):
     """A device description does not follow the format. The text has file, line, key, and what was expected."""
 
 
+# The rules of single keys
+
+
 class Invalid(Exception):
     """A value breaks a rule; the text has what the rule expected."""
 
 
-KeyRule: TypeAlias = Callable[[Any], None]
+@cache
+def schema() -> Rule:
+    """Return the JSON Schema of the format."""
+    content: Rule = json.loads((resources.files(__package__) / "schema.json").read_text("utf-8"))
+    return content
+
+
+def rule_of(name: str) -> Rule:
+    """Return a rule of the schema: that of "device", "modbus", "canopen", "pdo", "drive" or "parameter"."""
+    rule: Rule = schema()["$defs"][name]
+    return rule
+
+
+_TYPES: dict[str, tuple[type, ...]] = {
+    "integer": (int,),
+    "number": (int, float),
+    "boolean": (bool,),
+    "string": (str,),
+    "array": (list,),
+    "object": (dict,),
+}
+
+
+def check_value(value: Any, rule: Rule) -> None:
+    """Check a value against a rule, of which it knows the keywords that `schema.json` uses. Raises Invalid.
+
+    >>> check_value(3, {"type": "integer", "minimum": 0, "maximum": 2})
+    Traceback (most recent call last):
+    ...
+    barewire.devices.description.check.Invalid: expected a whole number, 0..2
+    """
+    if "$ref" in rule:
+        rule = {**rule_of(rule["$ref"].rpartition("/")[2]), **rule}
+    if "anyOf" in rule:  # one number for all tables, or a table of numbers
+        number, table = rule["anyOf"]
+        check_value(value, table if isinstance(value, dict) else number)
+    elif "enum" in rule:
+        # The types are compared because True equals 1.
+        if not any(type(value) is type(choice) and value == choice for choice in rule["enum"]):
+            raise Invalid(f"expected one of {', '.join(map(str, rule['enum']))}")
+    elif not _fits(value, rule):
+        raise Invalid(f"expected {_expected(rule)}")
+    elif isinstance(value, dict):
+        _check_entries(value, rule)
+    elif isinstance(value, list):
+        for item, item_rule in zip(value, rule.get("prefixItems") or repeat(rule["items"])):
+            check_value(item, item_rule)
+
+
+def _fits(value: Any, rule: Rule) -> bool:
+    """Return whether type, range, length and form of a value are right."""
+    names = rule["type"] if isinstance(rule["type"], list) else [rule["type"]]
+    if not any(type(value) in _TYPES[name] for name in names):
+        return False
+    match value:
+        case str():
+            return re.search(rule.get("pattern", ""), value) is not None
+        case list():
+            return bool(rule.get("minItems", 0) <= len(value) <= rule.get("maxItems", len(value)))
+        case dict():
+            return bool(len(value) >= rule.get("minProperties", 0))
+    # TOML has inf and nan, which no key may be; their difference to themselves is not 0.
+    return bool(value - value == 0 and rule.get("minimum", value) <= value <= rule.get("maximum", value))
+
+
+def _expected(rule: Rule) -> str:
+    if "title" in rule:
+        return str(rule["title"])
+    if rule["type"] == "integer":
+        return f"a whole number, {rule['minimum']}..{rule['maximum']}"
+    return "true or false" if rule["type"] == "boolean" else f"a table with some of {', '.join(rule['properties'])}"
+
+
+def _check_entries(table: Mapping[str, Any], rule: Rule) -> None:
+    names, known = rule.get("propertyNames"), rule.get("properties")
+    for key, item in table.items():
+        if names is not None and not re.search(names["pattern"], key):
+            raise Invalid(f"{key!r} is not {names['title']}")
+        if known is not None and key not in known:
+            raise Invalid(f"{key!r} is unknown; expected some of {', '.join(known)}")
+        try:
+            check_value(item, rule["additionalProperties"] if known is None else known[key])
+        except Invalid as invalid:
+            raise Invalid(f"{key} = {shown(item)}: {invalid}") from None
+
+
+# Files and their tables
 
 
 class TomlTable(NamedTuple):
@@ -149,18 +155,19 @@ class TomlTable(NamedTuple):
         title = f"{self.title}: " if self.title else ""
         return DescriptionError(f"{self.file}:{self.line(key)}: {title}key {key!r}: {text}")
 
-    def check(self, rules: Mapping[str, KeyRule], required: Sequence[str] = ()) -> None:
+    def check(self, rule: Rule) -> None:
         """Check every key. DescriptionError for a key that is unknown, missing or invalid."""
+        known = rule["properties"]
         for key in self.items:
-            if key not in rules:
-                near = suggest(key, rules) or f"; expected one of {', '.join(rules)}"
+            if key not in known:
+                near = suggest(key, known) or f"; expected one of {', '.join(known)}"
                 raise self.error(key, f"unknown{near}")
-        for key in required:
+        for key in rule.get("required", ()):
             if key not in self.items:
                 raise self.error(key, f"missing; expected it in every {self.title.partition(' ')[0] or 'device.toml'}")
         for key, value in self.items.items():
             try:
-                rules[key](value)
+                check_value(value, known[key])
             except Invalid as invalid:
                 raise self.error(key, f"{shown(value)}: {invalid}") from None
 
@@ -182,247 +189,6 @@ class TomlTable(NamedTuple):
             TomlTable(self.file, self.lines, (*self.path, key, number), f"{key} {row.get('name', number + 1)!r}", row)
             for number, row in enumerate(rows)
         ]
-
-
-# Rules
-
-
-def text(value: Any) -> None:
-    """Accept text that is not blank."""
-    if not isinstance(value, str) or not value.strip():
-        raise Invalid("expected text, not empty")
-
-
-def any_text(value: Any) -> None:
-    """Accept any text, also empty text."""
-    if not isinstance(value, str):
-        raise Invalid("expected text")
-
-
-def texts(value: Any) -> None:
-    """Accept a list of texts."""
-    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-        raise Invalid("expected a list of texts")
-
-
-def boolean(value: Any) -> None:
-    """Accept true or false."""
-    if not isinstance(value, bool):
-        raise Invalid("expected true or false")
-
-
-def finite_number(value: Any) -> None:
-    """Accept a finite number: TOML has inf and nan too."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or value - value != 0:
-        raise Invalid("expected a number")
-
-
-def scalar(value: Any) -> None:
-    """Accept a default; `check.py` compares it with the type of the parameter."""
-    if not isinstance(value, (bool, str)):
-        finite_number(value)
-
-
-def short_time(value: Any) -> None:
-    """Accept a time of up to a minute."""
-    finite_number(value)
-    if not 0 <= value <= 60:
-        raise Invalid("expected seconds, 0..60")
-
-
-def whole(low: int, high: int) -> KeyRule:
-    """Return a rule for a whole number within limits."""
-
-    def rule(value: Any) -> None:
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise Invalid(f"expected a whole number, {low}..{high}")
-
-    return rule
-
-
-def one_of(*choices: str | int) -> KeyRule:
-    """Return a rule for one of a few words or numbers."""
-
-    def rule(value: Any) -> None:
-        if isinstance(value, bool) or value not in choices:
-            raise Invalid(f"expected one of {', '.join(map(str, choices))}")
-
-    return rule
-
-
-def fraction(value: Any) -> None:
-    """Accept a scale: "1/10" or "0.1", as text, since a binary 0.1 would not be a tenth."""
-    # Python accepts "1e999999" too, and takes long to compute it.
-    form = r"[0-9]{1,20}(/0*[1-9][0-9]{0,19}|\.[0-9]{1,20})?"
-    if not (isinstance(value, str) and re.fullmatch(form, value) and Fraction(value) > 0):
-        raise Invalid('expected a fraction or a decimal above 0, as text: "1/10"')
-
-
-def numbered_texts(value: Any) -> None:
-    """Accept { 0 = "text" }: the keys of TOML are text, and these must be whole numbers in decimal."""
-    if not isinstance(value, dict) or not value:
-        raise Invalid('expected a table of numbers and texts: { 0 = "off" }')
-    for key, title in value.items():
-        if not re.fullmatch(r"0|-?[1-9][0-9]{0,24}", key):
-            raise Invalid(f"{key!r} is not a whole number in decimal")
-        if not isinstance(title, str) or not title.strip():
-            raise Invalid(f"{shown(title)} for {key}: expected text, not empty")
-
-
-def table_of(rules: Mapping[str, KeyRule]) -> KeyRule:
-    """Return a rule for an inline table with these keys."""
-
-    def rule(value: Any) -> None:
-        if not isinstance(value, dict):
-            raise Invalid(f"expected a table with some of {', '.join(rules)}")
-        for key, item in value.items():
-            if key not in rules:
-                raise Invalid(f"{key!r} is unknown; expected some of {', '.join(rules)}")
-            try:
-                rules[key](item)
-            except Invalid as invalid:
-                raise Invalid(f"{key} = {shown(item)}: {invalid}") from None
-
-    return rule
-
-
-def list_of(item_rule: KeyRule, least: int, most: int) -> KeyRule:
-    """Return a rule for a list in which every item follows `item_rule`."""
-
-    def rule(value: Any) -> None:
-        if not isinstance(value, list) or not least <= len(value) <= most:
-            raise Invalid(f"expected a list of {least} to {most}")
-        for item in value:
-            item_rule(item)
-
-    return rule
-
-
-PRINTED_MAX = 465_536
-"""The largest number that manuals print for an address: 400001 is the first holding register in some of them."""
-
-
-def each_of(*names: str) -> KeyRule:
-    """Return a rule for one whole number for all of these names, or a table with a number for some of them."""
-    number_rule = whole(0, PRINTED_MAX)
-    table_rule = table_of(dict.fromkeys(names, number_rule))
-
-    def rule(value: Any) -> None:
-        (table_rule if isinstance(value, dict) else number_rule)(value)
-
-    return rule
-
-
-def mapping_entry(value: Any) -> None:
-    """Accept an entry of a PDO mapping: [index, sub-index, bits]."""
-    ranges = (whole(1, 0xFFFF), whole(0, 0xFF), whole(1, 64))
-    if not isinstance(value, list) or len(value) != len(ranges):
-        raise Invalid("expected [index, sub-index, bits] in each place")
-    for rule, item in zip(ranges, value):
-        rule(item)
-
-
-def printed(value: Any) -> None:
-    """Accept { field = "text of the manual" }.
-
-    `range` is min and max in one text; the prefix `canopen_` or `modbus_` names the manual.
-    """
-    if not isinstance(value, dict):
-        raise Invalid('expected a table of fields and texts: { max = "4.2E10" }')
-    for key, words in value.items():
-        if key.removeprefix("canopen_").removeprefix("modbus_") not in (*PARAMETER, "range"):
-            raise Invalid(f"{key!r} is not a field; expected range or a key of the row, or canopen_ or modbus_ and one")
-        if not isinstance(words, str):
-            raise Invalid(f"{key} = {shown(words)}: expected text, as it is printed")
-
-
-# Tables
-
-
-def anything(value: Any) -> None:
-    """Accept anything: a table that `check.py` checks by itself."""
-
-
-_BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
-
-DEVICE: dict[str, KeyRule] = {
-    "name": text,
-    "title": text,
-    "documents": texts,
-    **dict.fromkeys(("modbus", "canopen", "pdo", "drive", "parameter"), anything),
-}
-
-MODBUS: dict[str, KeyRule] = {
-    "unit": whole(0, 255),
-    "port": whole(1, 0xFFFF),
-    "first_register": each_of("holding", "input"),
-    "first_coil": each_of("coil", "discrete"),
-    "order": one_of(*ORDERS),
-    "read_limit": whole(1, 125),
-    "write_limit": whole(1, 123),
-    "read_functions": table_of(
-        {"holding": one_of(3, 4), "input": one_of(3, 4), "coil": one_of(1, 2), "discrete": one_of(1, 2)}
-    ),
-    "write_functions": table_of({"holding": list_of(one_of(6, 16), 1, 2), "coil": list_of(one_of(5, 15), 1, 2)}),
-}
-
-CANOPEN: dict[str, KeyRule] = {
-    "node": whole(1, 127),
-    "bitrate": one_of(*_BITRATES),
-    "dialect": one_of(*DIALECTS),
-}
-PDO: dict[str, KeyRule] = {
-    "name": text,
-    "cob_id": whole(0x80, 0x7FF),
-    "transmission": whole(0, 255),
-    "map": list_of(mapping_entry, 0, 64),
-}
-
-READ_ROLES = ("status_word", "mode_display", "error_code", "position", "velocity")
-"""The roles in a drive whose parameters are read."""
-WRITTEN_ROLES = (
-    *("control_word", "mode", "target_position", "target_velocity", "profile_velocity"),
-    *("acceleration", "deceleration", "homing_method", "homing_speed_switch", "homing_speed_zero"),
-)
-DRIVE: dict[str, KeyRule] = {
-    **dict.fromkeys((*READ_ROLES, *WRITTEN_ROLES), text),
-    "modes": table_of(dict.fromkeys(("position", "velocity", "homing"), whole(-128, 127))),
-    "stays_in_quick_stop": boolean,
-    "settle": short_time,
-}
-DRIVE_REQUIRED = ("status_word", "control_word")
-
-PARAMETER: dict[str, KeyRule] = {
-    "name": text,
-    "type": one_of(*VALUE_TYPES),
-    **dict.fromkeys(TABLE_NAMES, whole(0, PRINTED_MAX + 0xFFFF)),
-    "half": one_of("L", "H"),
-    "bit": whole(0, 15),
-    "order": one_of(*ORDERS),
-    "words": whole(1, 125),
-    "object": whole(1, 0xFFFF),
-    "sub": whole(0, 0xFF),
-    "object_bit": whole(0, 31),
-    "object_type": one_of(*INTEGER_TYPES),
-    "access": one_of("ro", "rw", "wo"),
-    "unit": any_text,
-    "scale": fraction,
-    "default": scalar,
-    "min": finite_number,
-    "max": finite_number,
-    "values": numbered_texts,
-    "bits": numbered_texts,
-    "firmware": text,
-    "storable": boolean,
-    "group": text,
-    "answered": boolean,
-    "note": text,
-    "printed": printed,
-}
-PARAMETER_REQUIRED = ("name", "type", "access")
-
-
-_DEFAULTS = ModbusSettings()
 
 
 def read_file(path: Path) -> TomlTable:
@@ -447,13 +213,97 @@ def read_file(path: Path) -> TomlTable:
     return TomlTable(str(path), KeyLines(content), (), "", items)
 
 
+_KEY = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
+_DOTTED = rf"{_KEY}(?:[ \t]*\.[ \t]*{_KEY})*"
+_HEADER = re.compile(rf"[ \t]*(\[\[?)[ \t]*({_DOTTED})[ \t]*\]")
+_ASSIGNMENT = re.compile(rf"[ \t]*({_DOTTED})[ \t]*=")
+# Strings and comments, which may contain line ends and brackets, and line ends and brackets; long quotes come first.
+_TOKEN = re.compile(
+    r'''"""(?:\\.|[^\\])*?"""+|\'\'\'.*?\'\'\'+|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|\#[^\n]*|[\[{]|[\]}]|\n''', re.DOTALL
+)
+
+
+class KeyLines:
+    """The lines of the headers and keys of a TOML text that tomllib accepts: tomllib does not keep them.
+
+        1  # a comment                      KeyLines(text).of(("parameter", 0))               -> 2
+        2  [[parameter]]                    KeyLines(text).of(("parameter", 0, "half"))       -> 3
+        3  half = "L"                       KeyLines(text).of(("parameter", 0, "bits", "5"))  -> 5
+        4  [parameter.bits]                 KeyLines(text).of(("parameter", 0, "name"))       -> 2: no such key
+        5  5 = "fault"
+
+    A line inside a multi-line string or an array is not taken for a key or a header.
+    """
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+
+    def of(self, path: KeyPath) -> int:
+        """Return the line of that key or table, counted from 1, or of the table around it if it has no line."""
+        while path and path not in self._lines:
+            path = path[:-1]
+        return self._lines.get(path, 1)
+
+    @cached_property  # only an error needs it
+    def _lines(self) -> dict[KeyPath, int]:
+        lines: dict[KeyPath, int] = {}
+        counts: dict[KeyPath, int] = {}
+        table: KeyPath = ()
+        for line, statement in _statements(self._text):
+            if header := _HEADER.match(statement):
+                table = _header_path(_parts(header[2]), counts)
+                if header[1] == "[[":
+                    counts[table] = counts.get(table, -1) + 1
+                    lines.setdefault(table, line)
+                    table = (*table, counts[table])
+                lines.setdefault(table, line)
+            elif assignment := _ASSIGNMENT.match(statement):
+                path = table
+                for part in _parts(assignment[1]):
+                    path = (*path, part)
+                    lines.setdefault(path, line)
+        return lines
+
+
+def _statements(text: str) -> Iterator[tuple[int, str]]:
+    """Yield each header and each assignment with the line on which it begins."""
+    line, begin, first_line, depth = 1, 0, 1, 0
+    for match in _TOKEN.finditer(text + "\n"):
+        token = match[0]
+        depth += (token in "[{") - (token in "]}")
+        line += token.count("\n")
+        if token == "\n" and depth == 0:  # a line end inside of brackets ends no statement
+            yield first_line, text[begin : match.start()]
+            begin, first_line = match.end(), line
+
+
+def _parts(dotted: str) -> list[str]:
+    return [part.strip("\"'") for part in re.findall(_KEY, dotted)]
+
+
+def _header_path(parts: list[str], counts: dict[KeyPath, int]) -> KeyPath:
+    """Return the path of a header: [parameter.bits] belongs to the latest [[parameter]]."""
+    path: KeyPath = ()
+    for place, part in enumerate(parts):
+        path = (*path, part)
+        if path in counts and place < len(parts) - 1:
+            path = (*path, counts[path])
+    return path
+
+
+# device.toml
+
+
 def check_description(head: TomlTable, others: Sequence[TomlTable]) -> None:
     """Check the file device.toml and the other files of a device. DescriptionError with file, line and key."""
-    own = {key: value for key, value in head.items.items() if key in KEYS or not _is_table(value)}
-    head._replace(items=own).check(DEVICE, ("name", "title"))
+    # A table of the format is checked by itself below, and one that the format does not define is not checked.
+    plain = {
+        key: value for key, value in head.items.items() if key not in _TABLES and (key in KEYS or not _is_table(value))
+    }
+    head._replace(items=plain).check(rule_of("device"))
     modbus = head.table("modbus")
     if modbus is not None:
-        modbus.check(MODBUS)
+        modbus.check(rule_of("modbus"))
     _check_canopen(head)
     numbering = numbering_of(modbus.items if modbus is not None else {})
     parameters: dict[str, Parameter] = {}
@@ -483,19 +333,16 @@ def _check_only_parameters(file: TomlTable) -> None:
             raise file.error(key, "unknown; expected only [[parameter]] here, the rest belongs in device.toml")
 
 
-# device.toml
-
-
 def _check_canopen(head: TomlTable) -> None:
     canopen, pdos = head.table("canopen"), head.tables("pdo")
     if canopen is None:
         if pdos:
             raise head.error("pdo", "the device has no CANopen; expected a table [canopen]")
         return
-    canopen.check(CANOPEN)
+    canopen.check(rule_of("canopen"))
     node = canopen.items.get("node", 1)
     for pdo in pdos:
-        pdo.check(PDO, tuple(PDO))
+        pdo.check(rule_of("pdo"))
         cob_id, bits = pdo.items["cob_id"] + node, sum(bits for _, _, bits in pdo.items["map"])
         if cob_id > 0x7FF:
             raise pdo.error("cob_id", f"with node {node} it is {cob_id:X}h; expected 7FFh at most")
@@ -504,27 +351,27 @@ def _check_canopen(head: TomlTable) -> None:
 
 
 def _check_drive(drive: TomlTable, parameters: Mapping[str, Parameter]) -> None:
-    drive.check(DRIVE, DRIVE_REQUIRED)
-    for key in (*READ_ROLES, *WRITTEN_ROLES):
-        if key in drive.items:
-            _check_role(drive, key, drive.items[key], parameters)
+    drive.check(rule_of("drive"))
+    for key, name in drive.items.items():
+        if isinstance(name, str):  # modes, settle and stays_in_quick_stop are no roles
+            _check_role(drive, key, name, parameters)
     if drive.items.get("modes") and "mode" not in drive.items:
         raise drive.error("modes", "no parameter to write them to; expected mode in the same table")
 
 
 def _check_role(drive: TomlTable, key: str, name: str, parameters: Mapping[str, Parameter]) -> None:
-    found = parameters.get(fold(name))
-    if found is None:
-        titles = {folded: parameter.name for folded, parameter in parameters.items()}
+    parameter = parameters.get(fold(name))
+    if parameter is None:
+        titles = {folded: known.name for folded, known in parameters.items()}
         raise drive.error(key, f"{name!r} is not a parameter of this device{suggest(name, titles, titles.__getitem__)}")
-    if key in READ_ROLES and not found.readable:
-        raise drive.error(key, f"{found.name!r} is write only; expected one that can be read")
-    if key in WRITTEN_ROLES and not found.writable:
-        raise drive.error(key, f"{found.name!r} is read only; expected one that can be written")
-    if key in DRIVE_REQUIRED and found.type != "u16":
-        raise drive.error(key, f"{found.name!r} is of type {found.type!r}; expected u16")
-    if found.type in ("text", "bool"):
-        raise drive.error(key, f"{found.name!r} is of type {found.type!r}; expected a number")
+    if key in _READ_ROLES and not parameter.readable:
+        raise drive.error(key, f"{parameter.name!r} is write only; expected one that can be read")
+    if key not in _READ_ROLES and not parameter.writable:
+        raise drive.error(key, f"{parameter.name!r} is read only; expected one that can be written")
+    if key in ("status_word", "control_word") and parameter.type != "u16":
+        raise drive.error(key, f"{parameter.name!r} is of type {parameter.type!r}; expected u16")
+    if parameter.type in ("text", "bool"):
+        raise drive.error(key, f"{parameter.name!r} is of type {parameter.type!r}; expected a number")
 
 
 # A row
@@ -532,7 +379,7 @@ def _check_role(drive: TomlTable, key: str, name: str, parameters: Mapping[str, 
 
 def _check_row(row: TomlTable, modbus: TomlTable | None, numbering: Numbering, *, has_canopen: bool) -> Parameter:
     """Check a [[parameter]] table and return its parameter."""
-    row.check(PARAMETER, PARAMETER_REQUIRED)
+    row.check(rule_of("parameter"))
     _check_modbus_address(row, modbus, numbering)
     _check_object(row, has_canopen)
     parameter = build_parameter(row.items, numbering)
@@ -578,10 +425,8 @@ def _check_width(row: TomlTable, table: str) -> None:
         for key in ("half", "bit", "order", "words"):
             if key in items:
                 raise row.error(key, f"a {table} is one bit already; expected it only with holding or input")
-    if "half" in items and type_name not in ("u8", "i8"):
-        raise row.error("half", f"half a register with type {type_name!r}; expected u8 or i8")
-    if "bit" in items and type_name != "bool":
-        raise row.error("bit", f"one bit with type {type_name!r}; expected bool")
+    _check_part(row, "half", "half a register", ("u8", "i8"))
+    _check_part(row, "bit", "one bit", ("bool",))
     if "words" in items and type_name != "text":
         raise row.error("words", f"type {type_name!r} has its own width; expected words only with text")
     if type_name == "text":
@@ -589,6 +434,11 @@ def _check_width(row: TomlTable, table: str) -> None:
             raise row.error("words", "missing; expected how many registers the text takes")
         if "order" in items:
             raise row.error("order", "text has no byte order; expected none")
+
+
+def _check_part(row: TomlTable, key: str, part: str, types: tuple[str, ...]) -> None:
+    if key in row.items and row.items["type"] not in types:
+        raise row.error(key, f"{part} with type {row.items['type']!r}; expected {' or '.join(types)}")
 
 
 def _check_object(row: TomlTable, has_canopen: bool) -> None:
@@ -600,8 +450,7 @@ def _check_object(row: TomlTable, has_canopen: bool) -> None:
         return
     if not has_canopen:
         raise row.error("object", "the device has no CANopen; expected a table [canopen] in device.toml")
-    if "object_bit" in items and items["type"] != "bool":
-        raise row.error("object_bit", f"one bit with type {items['type']!r}; expected bool")
+    _check_part(row, "object_bit", "one bit", ("bool",))
     if "object_type" in items:
         kind, wide = items["type"], items["object_type"]
         if kind not in INTEGER_TYPES or kind[0] != wide[0] or codec(wide).size <= codec(kind).size:
@@ -653,6 +502,6 @@ def _check_names(row: TomlTable, parameter: Parameter) -> None:
         low, high = (0, 1) if type_name == "bool" else (int(codec(type_name).minimum), int(codec(type_name).maximum))
         if key == "bits":
             low, high = 0, codec(type_name).bits - 1
-        for named in names:
-            if not low <= named <= high:
-                raise row.error(key, f"{named} is not in {type_name}; expected {low}..{high}")
+        for number in names:
+            if not low <= number <= high:
+                raise row.error(key, f"{number} is not in {type_name}; expected {low}..{high}")
