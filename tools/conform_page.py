@@ -25,7 +25,7 @@ from barewire.io.endpoint import Endpoint  # noqa: E402
 from barewire.modbus import Bus, ModbusException, Table  # noqa: E402
 from barewire.rtu import RtuLine  # noqa: E402
 from barewire.tcp import TcpLine  # noqa: E402
-from barewire_workbench.conform.modbus.model import ServerCase, accepted_sequence, answer_text  # noqa: E402
+from barewire_workbench.conform.modbus import ServerCase, accepted_sequence, answer_text  # noqa: E402
 from barewire_workbench.live.modbus_conformance import cases_of, conform  # noqa: E402
 from tests.modbus.client import faulty  # noqa: E402
 from tools import conform_peers  # noqa: E402

@@ -33,7 +33,7 @@ from barewire.modbus import (
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS
 from barewire.rtu import RtuLine, Timing
 from barewire_workbench.cli.app import run_command_line
-from barewire_workbench.conform.modbus.model import answer_text
+from barewire_workbench.conform.modbus import answer_text
 from barewire_workbench.live import modbus_conformance as shell
 from barewire_workbench.live.modbus_conformance import CaseResult, cases_of, conform
 from barewire_workbench.live.unfinished import Unfinished

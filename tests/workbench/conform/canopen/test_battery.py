@@ -13,8 +13,7 @@ from barewire.devices import load
 from barewire.devices.description.export_eds import export
 from barewire.errors import NoAnswer
 from barewire_workbench.conform.canopen.battery import FLOOD, run_case
-from barewire_workbench.conform.canopen.frames import Sdo
-from barewire_workbench.conform.canopen.model import NodeCase, NodeStep, Subject
+from barewire_workbench.conform.canopen.model import NodeCase, NodeStep, Sdo, Subject
 from barewire_workbench.conform.canopen.probe import probe, second_answer
 from barewire_workbench.live.canopen_conformance import case_names, cases
 from barewire_workbench.vectors.answers.nodes.conformance import plain_device

@@ -8,8 +8,7 @@ import pytest
 
 from barewire.errors import EncodeError
 from barewire_workbench.conform.canopen.model import NodeStep, Subject
-from barewire_workbench.conform.canopen.placeholders import Placeholders
-from barewire_workbench.conform.canopen.script import applies, read_node_case
+from barewire_workbench.conform.canopen.script import Placeholders, applies, read_node_case
 from barewire_workbench.live.canopen_conformance import FILES, NODE_KIND, cases
 from barewire_workbench.vectors.files import load_vectors
 

@@ -8,7 +8,7 @@ from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.modbus import Adu, Server, Table
 from barewire.rtu import RtuLine, Timing, decode as rtu_decode, encode as rtu_frame
 from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
-from barewire_workbench.conform.modbus.model import CLOSED, SILENCE, ServerCase, StepAnswer, answer_text, difference
+from barewire_workbench.conform.modbus import CLOSED, SILENCE, ServerCase, StepAnswer, answer_text, difference
 from barewire_workbench.live.modbus_conformance import cases_of
 from tests.helpers import unhex
 

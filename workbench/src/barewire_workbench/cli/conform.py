@@ -147,7 +147,7 @@ def _case_line(result: CaseResult) -> str:
 
 
 def _case_fields(result: CaseResult) -> dict[str, object]:
-    from barewire_workbench.conform.modbus.model import answer_text
+    from barewire_workbench.conform.modbus import answer_text
 
     return {
         "case": result.case.name,

@@ -26,9 +26,8 @@ from barewire.io.engine.blocking import run
 from barewire.io.ports.base import Port
 from barewire_workbench.conform.canopen.battery import all_cases, may_have_changed, needs_reset, prepare, run_case
 from barewire_workbench.conform.canopen.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, Subject
-from barewire_workbench.conform.canopen.placeholders import Placeholders
 from barewire_workbench.conform.canopen.probe import is_there, probe, second_answer
-from barewire_workbench.conform.canopen.script import applies, read_node_case
+from barewire_workbench.conform.canopen.script import Placeholders, applies, read_node_case
 from barewire_workbench.live.unfinished import TwoDevices, Unfinished
 from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import Answer

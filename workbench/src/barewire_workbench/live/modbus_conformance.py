@@ -26,8 +26,7 @@ from barewire.modbus import EchoLine
 from barewire.modbus.adu import Adu, Noise
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
-from barewire_workbench.conform.modbus.cases import read_case
-from barewire_workbench.conform.modbus.model import (
+from barewire_workbench.conform.modbus import (
     CLOSED,
     SILENCE,
     ServerCase,
@@ -38,6 +37,7 @@ from barewire_workbench.conform.modbus.model import (
     accepted_sequence,
     answer_text,
     difference,
+    read_case,
     refusals,
 )
 from barewire_workbench.live.unfinished import Unfinished

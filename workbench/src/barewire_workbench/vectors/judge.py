@@ -25,7 +25,7 @@ from collections.abc import Iterable, Mapping
 from decimal import Decimal, InvalidOperation
 from typing import Any, Literal, NamedTuple, TypeAlias
 
-from barewire_workbench.conform.modbus.model import fitting
+from barewire_workbench.conform.modbus import fitting
 from barewire_workbench.vectors.questions import Question
 
 Answer: TypeAlias = Mapping[str, Any]

@@ -2,16 +2,9 @@
 
 The files, in reading order:
 
-    model           the device under test, a case, its steps, its outcome
+    model           the device under test, a case, its steps, its outcome; frames as text
     script          a case of the vectors, read; the cases themselves are in vectors/canopen/conform-*.json
-    placeholders    values of the device in the texts of a case
-    frames          frames as text; what a case needs
-    transfers       whole SDO transfers as steps
-    probe           which objects a device has
-    lss_pause       a pause between two LSS requests
-    random_order    the cases of random reads and writes
-    eds_objects     the cases of the objects of an EDS
-    application     the cases that write the application objects of an EDS
-    restore         undoes what a case wrote, on a device that keeps values over a reset
-    battery         all cases for one device, and how one is run
+    probe           which objects a device has; the pause between two LSS requests
+    eds_objects     the cases of the objects of a device: by its EDS, and in random order
+    battery         all cases for one device, how one is run, and how what it wrote is undone
 """

@@ -1,4 +1,4 @@
-"""Conformance cases of an EDS: every object of the device against its description.   [CiA 301 7.4, CiA 306]
+"""Conformance cases of the objects of a device: as its EDS describes them, and in random order.   [CiA 301 7.4]
 
         OD-READ-2000:00      it can be read and has the length of its DataType, or is write-only
         OD-SUB-2010          sub-indices that the EDS does not describe do not exist
@@ -11,33 +11,116 @@
         OD-LIMIT-2000:00     values beyond LowLimit and HighLimit are refused
         OD-RPDO-6040:00      it can be mapped into a PDO, or cannot, as PDOMapping and AccessType say; OD-TPDO
         OD-DUMMY-0005        a data type of [DummyUsage] can be mapped into an RPDO as a placeholder
+        OD-RANGE-2000:00     an application object accepts its limits and values between them, and keeps them
+        RND-01 to RND-04     communication objects are read and written in random order     [CiA 301 7.2.4]
+        RND-05, RND-06       application objects are read, and written and read, in random order
 
 Bit 0 of ObjFlags leaves out the writes of an object, bit 1 its reads.
+
+OD-RANGE and RND-06 write the objects 2000h to 9FFFh with other values than they have. A number with LowLimit and
+HighLimit gets both limits and three values between them. The EDS does not say which others are safe: an object without
+limits gets its DefaultValue, a BOOLEAN both values. The controlword of each axis of a drive is never written, since it
+switches the power stage on. After each case, `restore_values` gives the objects the values that they had.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Literal
+from functools import partial
+from typing import Final, Literal
 
 from barewire.canopen.datatypes import BY_CODE, DataType, object_codec
 from barewire.canopen.eds.objects import MAPPABLE, RECORD, EdsItem, EdsObject, every_item
 from barewire.canopen.eds.value_syntax import Expression, Formula
+from barewire.canopen.object_dictionary import ObjectAddress
 from barewire.codecs import Value
 from barewire.errors import EncodeError
-from barewire_workbench.conform.canopen.frames import (
+from barewire_workbench.conform.canopen.model import (
+    HEARTBEAT,
     LENGTH_CODES,
     OTHER_TYPE,
+    PRE,
     READ_ONLY_CODES,
+    START,
+    STOP,
+    Effect,
+    NodeCase,
+    NodeStep,
     Sdo,
+    Subject,
+    SubjectPdo,
     little,
     make_case,
     multiplexer,
+    nmt_command,
     silence,
 )
-from barewire_workbench.conform.canopen.model import Effect, NodeCase, NodeStep, Subject, SubjectPdo
 from barewire_workbench.conform.canopen.probe import STANDARD_OBJECTS, may_be_read
-from barewire_workbench.conform.canopen.transfers import download_steps, upload_steps
+from barewire_workbench.conform.canopen.script import download_steps, upload_steps
+
+_RANDOM = "CiA 301 7.2.4 SDO in each state"
+
+
+def random_cases(subject: Subject) -> Iterator[NodeCase]:
+    """Yield reads and writes whose order and values only depend on the node-ID."""
+    node, order = subject.node, irregular(subject.node)
+    s = Sdo(node)
+    short = sorted(place for place, data in subject.values.items() if 1 <= len(data) <= 4 and place[0] < 0x2000)
+    reads = [
+        NodeStep((s.upload(*place),), (s.sized(*place, len(subject.values[place])),))
+        for place in (_choice(order, short) for _ in range(50 if short else 0))
+    ]
+    case = partial(make_case, subject, _RANDOM, (s.responses,))
+    yield case("RND-01", "50 reads of 1000h to 1FFFh in random order", *(reads or [s.works]), effect="reads")
+
+    def writes(count: int) -> list[NodeStep]:
+        steps: list[NodeStep] = []
+        for _ in range(count):
+            period, watch = 20_000 + next(order) % 40_000, subject.other_node << 16 | 1 + next(order) % 0xFFFF
+            steps += [s.write(0x1017, 0, period, 2), s.read(0x1017, 0, period.to_bytes(2, "little"))]
+            if subject.has(0x1016, 1):
+                steps += [s.write(0x1016, 1, watch, 4), s.read(0x1016, 1, watch.to_bytes(4, "little"))]
+        return steps
+
+    for name, state, enter in (("RND-02", "PRE-OPERATIONAL", ()), ("RND-03", "OPERATIONAL", (START,))):
+        entered = [silence(nmt_command(command, node), wait=0.02) for command in enter]
+        yield case(
+            name,
+            f"10 random writes in {state}, each read back",
+            *entered,
+            *writes(10),
+            effect="commands",
+            needs=HEARTBEAT,
+        )
+    before = s.write(0x1017, 0, 30_000, 2)
+    unheard = [silence(s.download(0x1017, 0, 20_000 + next(order) % 10_000, 2), wait=0.05) for _ in range(5)]
+    unread = [silence(s.upload(*_choice(order, short or [(0x1000, 0)])), wait=0.05) for _ in range(5)]
+    stop, back = (silence(nmt_command(command, node), wait=0.02) for command in (STOP, PRE))
+    after = NodeStep((s.upload(0x1017),), (s.response(f"4B171000{little(30_000, 2)}"),))
+    yield case(
+        "RND-04",
+        "10 random reads and writes in STOPPED: no answer, nothing is written",
+        before,
+        stop,
+        *(step for pair in zip(unheard, unread) for step in pair),
+        back,
+        after,
+        effect="commands",
+        needs=HEARTBEAT,
+    )
+
+
+def irregular(start: int) -> Iterator[int]:
+    """Yield numbers of 31 bits in an irregular order, the same for each start (Park and Miller's generator)."""
+    number = start
+    while True:
+        number = number * 48_271 % 0x7FFF_FFFF
+        yield number
+
+
+def _choice(order: Iterator[int], places: list[ObjectAddress]) -> ObjectAddress:
+    return places[next(order) % len(places)]
+
 
 _OBJECTS, _EDS, _PDO = "CiA 301 7.4 object dictionary", "CiA 306 EDS", "CiA 301 7.2.2 PDO mapping"
 _WRITE_ONLY = (0x0601_0001, 0x0601_0000)
@@ -298,3 +381,76 @@ def write_steps(s: Sdo, index: int, sub: int, data: bytes) -> list[NodeStep]:
         step = s.write(index, sub, int.from_bytes(data, "little"), len(data))
         return [step._replace(ends=not_now)]
     return [step._replace(ends=not_now) for step in download_steps(s, multiplexer(index, sub), data)]
+
+
+_CONTROLWORDS: Final = frozenset(range(0x6040, 0xA000, 0x0800))
+"""6040h, and those of the axes 2 to 8 of a drive: 6840h, 7040h, ...   [CiA 402-2]"""
+_OTHERS_FORBID = (0x0604_0043, 0x0604_0047, 0x0609_0036, *READ_ONLY_CODES)
+"""The value does not go with those of other objects (06090036: a maximum below the minimum); OD-WRITE reports 0601."""
+_RANDOM_ORDER = "CiA 301 7.2.4 SDO in random order"
+
+
+def application_cases(subject: Subject, objects: Mapping[int, EdsObject]) -> Iterator[NodeCase]:
+    """Yield the cases of the application objects that the EDS describes, for one device."""
+    described = [DescribedItem(subject, of, item) for of, item in every_item(objects.values()) if of.index >= 0x2000]
+    order = irregular(subject.node)
+    writable = {item: values for item in described if (values := _values(item, order))}
+    for item, values in writable.items():
+        steps = [step for value in values for step in (*_write(item, value), *read_steps(item.s, *item.place, value))]
+        listed = f"{len(values)} value{'s' * (len(values) > 1)}"
+        title = f"accepts {listed} within its limits, and keeps them" if len(values) > 1 else "accepts its default"
+        yield item.case("RANGE", title, *steps, effect="application", why="or the state of the device forbids it")
+    yield from _random_order(subject, described, writable, order)
+
+
+def _random_order(
+    subject: Subject, described: list[DescribedItem], writable: dict[DescribedItem, list[bytes]], order: Iterator[int]
+) -> Iterator[NodeCase]:
+    s = Sdo(subject.node)
+    readable = [item for item in described if item.value and len(item.value) <= 4]
+    reads = [_read(readable[next(order) % len(readable)]) for _ in range(50 if readable else 0)]
+    case = partial(make_case, subject, _RANDOM_ORDER, (s.responses,))
+    reading = case("RND-05", "50 reads of application objects in random order", *(reads or [s.works]), effect="reads")
+    yield reading._replace(lacks="" if readable else "a readable object from 2000h on")
+    short = [item for item in writable if item.value and len(item.value) == item.size and item.size <= 4]
+    steps: list[NodeStep] = []
+    for _ in range(50 if short else 0):
+        item = short[next(order) % len(short)]
+        values = writable[item]
+        (step,) = _write(item, values[next(order) % len(values)])
+        steps += [step._replace(accepts=(*step.accepts, *step.ends), ends=()), _read(item)]
+    writing = case("RND-06", "50 writes of application objects in random order", *(steps or [s.works]),
+                   effect="application", why="or the state of the device forbids it")  # fmt: skip
+    yield writing._replace(lacks="" if short else "a writable object from 2000h on")
+
+
+def _values(item: DescribedItem, order: Iterator[int]) -> list[bytes]:
+    """Return the values that an object is given: those that the EDS names, and some between its limits."""
+    described, low, high = item.item, *(item.at_node(limit) for limit in item.item.limits)
+    if described.access not in ("rw", "rww", "rwr") or described.flags & 3 or item.index in _CONTROLWORDS:
+        return []
+    if item.size is None:
+        return []
+    found: list[bytes | None] = [item.encoded(described.default)]
+    if described.type == "bool":
+        found = [b"\0", b"\1"]
+    elif isinstance(low, int) and isinstance(high, int) and low <= high:
+        between = [low + next(order) % (high - low + 1) for _ in range(3)]
+        found = [item.encoded(value) for value in (low, *between, high)]
+    elif isinstance(low, (int, float)) and isinstance(high, (int, float)) and low <= high:
+        found = [item.encoded(value) for value in (low, low + (high - low) / 2, high)]
+        # The nearest REAL32 of a limit such as 1E21 may lie beyond it.
+        codec = object_codec(described.type)
+        found = [data for data in found if data and low <= float(codec.decode(data)) <= high]
+    return list(dict.fromkeys(data for data in found if data))
+
+
+def _write(item: DescribedItem, value: bytes) -> list[NodeStep]:
+    """Return the steps of a write, which may end with a refusal that other objects are the reason of."""
+    refused = item.s.refused(*item.place, *_OTHERS_FORBID)
+    return [step._replace(ends=(*step.ends, refused)) for step in write_steps(item.s, *item.place, value)]
+
+
+def _read(item: DescribedItem) -> NodeStep:
+    """Return the step that reads any value of the length that the object has."""
+    return NodeStep((item.s.upload(*item.place),), (item.s.sized(*item.place, len(item.value or b"0000")),))

@@ -1,20 +1,64 @@
-"""Reads which objects a device has, so that the battery contains only cases that can be run."""
+"""Reads which objects a device has, so that the battery has only cases that can be run; the pause between LSS requests.
+
+        7E5# ->          13.5 ms          7E5# ->          13.5 ms          7E5# ->
+
+LSS answers only some requests, so a tester cannot wait for an answer before the next one, and two frames one after the
+other overwrite each other in a device with one receive buffer that a main loop empties. The pause is the time of a
+frame at the slowest bit rate of CiA 301, which such a device keeps up with.   [CiA 305]
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
+from typing import TypeVar
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.eds.objects import EdsItem, EdsObject, every_item
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.master import identify_slaves, switch_global, switch_selective
-from barewire.canopen.lss.messages import LssAddress, LssState
+from barewire.canopen.lss.messages import REQUEST_KEY, LssAddress, LssState
 from barewire.canopen.sdo.channel import Channel
 from barewire.canopen.sdo.client import upload
-from barewire.conversation import Conversation, Listen, Send
-from barewire_workbench.conform.canopen.lss_pause import with_lss_pauses
+from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire_workbench.conform.canopen.model import NODE_ANSWER_TIMEOUT, Subject
+
+Result = TypeVar("Result")
+
+LSS_PAUSE = 135 / 10_000
+"""Seconds: a frame of eight bytes has at most 135 bits, with stuff bits, at 10 kbit/s."""
+
+
+def with_lss_pauses(conversation: Conversation[CanFrame, Result]) -> Conversation[CanFrame, Result]:
+    """Carry out a conversation, each LSS request `LSS_PAUSE` after the one before.
+
+    Frames that arrive in a pause are received when the conversation listens next.
+    """
+    early: deque[CanFrame] = deque()
+    may_send_at = now = float("-inf")
+    try:
+        step = next(conversation)
+        while True:
+            if isinstance(step, Listen):
+                heard = Heard(early.popleft(), now) if early else (yield step)
+            elif any(frame.key == REQUEST_KEY for frame in step.items):
+                for frame in step.items:
+                    while now < may_send_at:
+                        heard = yield Listen(may_send_at)
+                        now = heard.now
+                        if heard.item is not None:
+                            early.append(heard.item)
+                    heard = yield Send(frame)
+                    may_send_at = heard.now + LSS_PAUSE
+            else:
+                heard = yield step
+            now = heard.now
+            step = conversation.send(heard)
+    except StopIteration as stop:
+        result: Result = stop.value
+        return result
+
 
 _SINGLES = (0x1000, 0x1001, 0x1002, 0x1005, 0x1006, 0x1007, 0x1008, 0x1009, 0x100A, 0x100C, 0x100D, 0x1012, 0x1014,
             0x1015, 0x1017, 0x1019, 0x1F80)  # fmt: skip

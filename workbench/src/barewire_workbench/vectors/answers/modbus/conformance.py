@@ -10,8 +10,7 @@ from barewire.modbus.adu import Adu
 from barewire.modbus.framing import Line
 from barewire.rtu import RtuLine, Timing, encode as rtu_frame
 from barewire.tcp import TcpLine, encode as tcp_frame
-from barewire_workbench.conform.modbus.cases import read_step
-from barewire_workbench.conform.modbus.model import CLOSED, ServerStep, answer_text
+from barewire_workbench.conform.modbus import CLOSED, ServerStep, answer_text, read_step
 from barewire_workbench.vectors.questions import Fields
 
 UNIT = 1

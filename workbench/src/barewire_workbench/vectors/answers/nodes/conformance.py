@@ -18,9 +18,8 @@ from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import EncodeError
 from barewire_workbench.conform.canopen.battery import run_case
 from barewire_workbench.conform.canopen.model import NodeCase, Subject
-from barewire_workbench.conform.canopen.placeholders import Placeholders
 from barewire_workbench.conform.canopen.probe import probe
-from barewire_workbench.conform.canopen.script import applies, read_node_case
+from barewire_workbench.conform.canopen.script import Placeholders, applies, read_node_case
 from barewire_workbench.vectors.questions import Fields
 
 NODE: Final = 5

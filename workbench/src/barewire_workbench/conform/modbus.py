@@ -1,4 +1,7 @@
-"""The model of a conformance case: the stimuli for a server, and the accepted answers.
+"""Conformance of Modbus servers: cases as data, from the vectors of kind `server-conformance`, and their judgement.
+
+    {"comment": "03 with quantity 0", "clause": "MB-APP 6.3", "framings": ["tcp", "rtu", "ascii"],
+     "steps": [{"send": [{"pdu": "03 00 00 00 00"}]}], "answers": [["83 03"]]}
 
     ServerCase    a name, the clause, the steps, and the accepted sequences
     ServerStep    after a pause, some stimuli at once
@@ -8,13 +11,15 @@
 
 A runner frames and sends the stimuli of each step and collects the responses until the line is silent; if the server
 closed the connection, it opens a new one for the next step. `difference` compares the answers with the sequences.
+vectors/README.md describes the fields.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
+from barewire.errors import EncodeError, shown
 from barewire.modbus.adu import Adu
 
 SILENCE, CLOSED = "", "closed"
@@ -137,3 +142,46 @@ def _fits(expected: str, received: str) -> bool:
 def _addressed(case: ServerCase, unit: int) -> set[int]:
     stimuli = [stimulus for step in case.steps for stimulus in step.stimuli if stimulus.pdu]
     return {unit if stimulus.unit is None else stimulus.unit for stimulus in stimuli}
+
+
+CHANGES: dict[str, Callable[[bytes], bytes]] = {
+    "first-four": lambda frame: frame[:4],
+    "wrong-crc": lambda frame: frame[:-1] + bytes((frame[-1] ^ 0x10,)),
+    "wrong-lrc": lambda frame: frame[:-3] + (b"0" if frame[-3:-2] != b"0" else b"1") + frame[-2:],
+    "lower-case": lambda frame: frame.lower(),
+    "no-colon": lambda frame: frame[1:],
+    "no-cr": lambda frame: frame[:-2] + b"\n",
+    "not-a-digit": lambda frame: frame[:4] + b"G" + frame[5:],
+    "digit-less": lambda frame: frame[:4] + frame[5:],
+    "begun-twice": lambda frame: frame[:9] + frame,
+    "semicolon": lambda frame: frame[:-1] + b";",
+}
+"""By name: what is done to a good frame before it is sent."""
+
+
+def read_case(fields: Mapping[str, Any]) -> ServerCase:
+    """Return the case that these fields describe. Raises EncodeError for an unknown change."""
+    return ServerCase(
+        fields["comment"],
+        fields.get("clause", ""),
+        tuple(read_step(step) for step in fields["steps"]),
+        tuple(map(tuple, fields.get("answers", ()))),
+        fields.get("id", ""),
+    )
+
+
+def read_step(fields: Mapping[str, Any]) -> ServerStep:
+    """Return one step: `send` at once, after `after` microseconds of silence."""
+    return ServerStep(tuple(map(_stimulus, fields["send"])), fields.get("after", 0) / 1e6)
+
+
+def _stimulus(fields: Mapping[str, Any]) -> Stimulus:
+    name = fields.get("change")
+    if name is not None and name not in CHANGES:
+        raise EncodeError(f"change {shown(name)}: expected one of {', '.join(CHANGES)}", "change")
+    return Stimulus(
+        bytes.fromhex(fields.get("pdu", "")),
+        fields.get("unit"),
+        bytes.fromhex(fields.get("raw", "")),
+        None if name is None else CHANGES[name],
+    )
