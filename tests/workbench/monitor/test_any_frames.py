@@ -15,7 +15,7 @@ from barewire.errors import DecodeError
 from barewire_workbench.monitor import BUS_RULES, CanMonitor, event_as_dict, event_line, of_device
 from barewire_workbench.monitor.events import MonitorEvent, SdoTransferReport, Violation
 from barewire_workbench.monitor.recording import is_can_recording, read_recording, replay_can
-from barewire_workbench.monitor.transfer import HELD_MAX, VALUE_MAX
+from barewire_workbench.monitor.sdo_transfer import HELD_MAX, VALUE_MAX
 from barewire_workbench.recordings.model import Dropped
 from tests.workbench.monitor.recorded_run import of
 

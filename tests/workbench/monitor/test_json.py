@@ -12,8 +12,8 @@ import pytest
 from barewire.canopen import CanFrame, eds
 from barewire.devices import load
 from barewire_workbench.monitor import CanMonitor, event_as_dict, event_line, of_device, of_dictionary
-from barewire_workbench.monitor.event_text import EVENT_KINDS
 from barewire_workbench.monitor.events import (
+    EVENT_KINDS,
     EmcyReport,
     Gap,
     NmtCommandReport,

@@ -49,8 +49,7 @@ from barewire_workbench.cli.arguments import (
 from barewire_workbench.cli.recordings.recording_file import RecordingFile, check_ending
 from barewire_workbench.frames.modbus_exchanges import ExchangeLines, UnitNames, exchange_as_dict
 from barewire_workbench.monitor import event_as_dict, event_kind, event_line, is_repeated
-from barewire_workbench.monitor.event_text import EVENT_KINDS
-from barewire_workbench.monitor.events import MonitorEvent
+from barewire_workbench.monitor.events import EVENT_KINDS, MonitorEvent
 from barewire_workbench.monitor.recording import (
     BUSES_MAX,
     BusMonitors,

@@ -11,7 +11,7 @@ unrecorded, and a late heartbeat is missing. A caller with a recording feeds onl
 messages (heartbeats, SYNC) or transfers under way stop at once, the recorder has stopped, not the bus. A report of the
 recorder about lost frames (`Dropped`, an overrun of its controller) is a gap too.
 
-Memory is bounded: 127 nodes, `channels.CHANNELS_MAX` SDO channels, `transfer.HELD_MAX` bytes of values, and the limits
+Memory is bounded: 127 nodes, `CHANNELS_MAX` SDO channels, `HELD_MAX` bytes of values, and the limits
 of the parts.
 """
 
@@ -24,8 +24,6 @@ from barewire.canopen.cob_ids import CobService, classify, is_restricted
 from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire_workbench.frames.can import error_frame_text, is_overrun
 from barewire_workbench.frames.known_node import KnownNode
-from barewire_workbench.monitor.channel import GIVE_UP, SdoTracker
-from barewire_workbench.monitor.channels import SdoChannels
 from barewire_workbench.monitor.events import (
     BusErrorReport,
     ForeignFrameReport,
@@ -38,13 +36,14 @@ from barewire_workbench.monitor.events import (
 )
 from barewire_workbench.monitor.nodes import NodeTracker
 from barewire_workbench.monitor.pdos import PdoTracker
+from barewire_workbench.monitor.sdo_channel import GIVE_UP, SdoChannels, SdoTracker
+from barewire_workbench.monitor.sdo_transfer import HELD_MAX, HeldBytes
 from barewire_workbench.monitor.services import (
     LssTracker,
     SyncTracker,
     emergency_events,
     time_events,
 )
-from barewire_workbench.monitor.transfer import HELD_MAX, HeldBytes
 from barewire_workbench.recordings.model import Dropped
 
 _VIOLATIONS_MAX = 4096

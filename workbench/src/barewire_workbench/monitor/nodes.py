@@ -10,9 +10,8 @@ reports another state. [CiA 301, heartbeat, node guarding, NMT]
 from __future__ import annotations
 
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.nmt.heartbeat import NodeState
 from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtState
-from barewire_workbench.monitor.events import MonitorEvent, NmtCommandReport, NodeReport, Violation
+from barewire_workbench.monitor.events import MonitorEvent, NmtCommandReport, NodeReport, Violation, state_name
 
 _PERIODS_LEARNED, _PERIODS_CONFIGURED = 2.5, 2.0
 """Periods of silence after which a node is missing, for a learned period and for the period in 1017h."""
@@ -22,15 +21,6 @@ _INTERVALS, _INTERVALS_MIN = 5, 3
 """The number of intervals whose longest one is the learned period, and how many of them are needed."""
 _RESETS = (NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION)
 _STATES = frozenset(int(state) for state in NmtState)
-
-
-def state_name(state: int) -> str:
-    """Return the name of a state.
-
-    >>> state_name(0x7F), state_name(0x33)
-    ('pre-operational', 'state 33h')
-    """
-    return NodeState(0, state).name if state else "boot-up"
 
 
 class ObservedNode:

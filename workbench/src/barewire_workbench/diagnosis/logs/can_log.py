@@ -39,10 +39,10 @@ from barewire_workbench.monitor.events import (
     NodeReport,
     SdoTransferReport,
     Violation,
+    object_name,
+    state_name,
 )
-from barewire_workbench.monitor.nodes import state_name
 from barewire_workbench.monitor.recording import BUSES_MAX
-from barewire_workbench.monitor.transfer import object_name
 from barewire_workbench.recordings.model import Dropped, RecordedItem, Unread
 
 CODE_OF_RULE: dict[str, DiagnosisCode] = {

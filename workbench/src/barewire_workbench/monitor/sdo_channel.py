@@ -1,0 +1,792 @@
+"""The frames of the SDO channels of a bus, assembled into transfers.   [CiA 301, SDO]
+
+        605h  client -> server     585h  server -> client          one transfer at a time on a channel
+
+The meaning of a frame depends on the frames before it, so this is a machine with the state of both sides. A frame that
+does not fit has one of three causes; often the next frame of the other side decides which:
+
+    the recording lacks a frame     both sides go on, so both have it                            Gap
+    the bus lost a frame            one side sends the same again                                Loss
+    a side broke a rule             the other side aborts, or nothing else can explain it        Violation
+
+A recording may begin in the middle of a transfer:
+
+    answer without a request        late, if the transfer was given up; or the request is not in the recording
+    consecutive numbers, one side   a block: no other transfer has two frames of one side in a row
+    A2, C1, A1                      the end of a block transfer
+
+The toggle bit of segments:
+
+    client  60  70  60  70          server  00  10  00  11          the bit alternates, the answer repeats it
+
+    next bit, no answer in between    the answer is missing in the recording, because the client needs it to go on
+    same bit and same bytes again     a frame was lost on the bus, and the segment is repeated
+    bit not alternated                if the other side goes on, two frames are missing in the recording;
+                                      if it aborts with 0503 0000h, a rule was broken
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+from barewire.canopen.abort_codes import AbortCode, abort_text
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.sdo.messages import (
+    BLOCK_MAX,
+    Abort,
+    BlockAck,
+    BlockDownloadInitiated,
+    BlockEnd,
+    BlockEnded,
+    BlockUploadInitiated,
+    DownloadInitiated,
+    ExpeditedDownload,
+    ExpeditedUpload,
+    InitiateBlockDownload,
+    InitiateBlockUpload,
+    InitiateDownload,
+    InitiateUpload,
+    NextSegment,
+    SdoMessage,
+    SdoSegment,
+    SegmentTaken,
+    StartBlockUpload,
+    UploadInitiated,
+    decode_one_of,
+    has_reserved_bits,
+)
+from barewire.errors import DecodeError
+from barewire_workbench.monitor.events import (
+    Gap,
+    Loss,
+    MonitorEvent,
+    SdoTransferReport,
+    TransferDirection,
+    TransferManner,
+    TransferOutcome,
+    Violation,
+    object_name,
+)
+from barewire_workbench.monitor.pdos import PdoTracker
+from barewire_workbench.monitor.sdo_transfer import (
+    CLIENT_MESSAGES,
+    SERVER_MESSAGES,
+    TRANSFER_OF,
+    BlockTracker,
+    HeldBytes,
+    InitiateAnswer,
+    InitiateRequest,
+    OpenTransfer,
+    SdoSide,
+)
+
+_FIRST: dict[type, int] = {
+    InitiateUpload: 4,
+    DownloadInitiated: 4,
+    NextSegment: 1,
+    SegmentTaken: 1,
+    InitiateBlockUpload: 6,
+    StartBlockUpload: 1,
+    BlockDownloadInitiated: 5,
+    BlockAck: 3,
+    BlockEnd: 3,
+    BlockEnded: 1,
+}
+"""Message -> its first reserved byte."""
+_SIZED = (InitiateDownload, UploadInitiated, InitiateBlockDownload, BlockUploadInitiated)
+"""Messages whose bytes 4 to 7 are the size, or reserved if none is announced."""
+
+
+def reserved_byte(message: SdoMessage, data: bytes) -> int | None:
+    """Return the position of the first reserved byte that is not 0; None if all are.
+
+    >>> reserved_byte(InitiateUpload(0x1000, 0), bytes.fromhex("4000100000000100"))
+    6
+    """
+    first = _FIRST.get(type(message), 8)
+    if isinstance(message, _SIZED) and message.size is None:
+        first = 4
+    return next((place for place in range(first, len(data)) if data[place]), None)
+
+
+_PROMPT = 0.1
+"""Seconds after a frame of a transfer in which its client cannot have given it up after a time-out."""
+
+
+class ChannelState:
+    """One channel of one node. `channel` is the COB-ID of the requests."""
+
+    def __init__(self, node: int, channel: int, held: HeldBytes) -> None:
+        self.node, self.channel, self.held = node, channel, held
+        self.open: OpenTransfer | None = None
+        self.block: BlockTracker | None = None  # of the open transfer
+        self.given_up: OpenTransfer | None = None  # the last one without an end: its answer may be late
+        self.interrupted: tuple[OpenTransfer, BlockTracker | None] | None = None  # another request came in its middle
+        self.last_transfer: tuple[tuple[int | None, int | None], TransferOutcome] = (None, None), "cut"  # that is over
+        self.has_frames = False  # since the start, or since a gap in the recording
+        self.last_frame = (False, b"")  # whether the client sent it, and its data
+        self.run = 0  # consecutive frames of one side, each with the next higher number
+        self.now, self.frame = 0.0, ""
+        self.doubted = ""  # what arrived without a beginning
+        self.events: list[MonitorEvent] = []
+        self.held_back: list[MonitorEvent] = []
+
+    def begin(self, transfer: OpenTransfer) -> OpenTransfer:
+        """Make this the transfer under way."""
+        self.open, self.block = transfer, None
+        return transfer
+
+    def begin_unrecorded(self, direction: TransferDirection, manner: TransferManner) -> OpenTransfer:
+        """Begin a transfer whose beginning is not in the recording."""
+        if self.open is not None and self.open.began is not None:
+            self.close("cut")
+        elif self.open is not None:
+            self.open.forget()
+        self.held_back = []
+        transfer = self.begin(OpenTransfer(direction, manner, None, None, self.held))
+        transfer.doubt = "unasked" if self.has_frames else ""
+        self.doubted = "segments" if manner == "segmented" else "a message of a block transfer"
+        return transfer
+
+    def begin_blocks(
+        self, transfer: OpenTransfer, data_sender: SdoSide, blksize: int | None = None, *, crc: bool | None = None
+    ) -> BlockTracker:
+        """Go on with the transfer in blocks. None stands for a value that is not in the recording."""
+        self.block = BlockTracker(transfer, self.node, data_sender, blksize, crc=crc)
+        return self.block
+
+    def collect_findings(self, block: BlockTracker) -> None:
+        """Move the findings of the block tracker to the events."""
+        for finding in block.findings:
+            if isinstance(finding, Gap | Loss):
+                self.events.append(finding)
+            else:
+                self.violation(*finding)
+        block.findings = []
+
+    def violation(self, rule: str, text: str) -> None:
+        """Report that this frame breaks a rule."""
+        self.events.append(Violation(self.now, rule, self.node, text, self.frame))
+
+    def report_missing(self, transfer: OpenTransfer, frames: int, evidence: str, rule: str, *, data: bool) -> None:
+        """Report frames that are not in the recording; with `data`, they carried bytes of the value. `rule` is broken
+        if the recording is complete."""
+        transfer.note_missing(frames, data=data)
+        self.gap(frames, evidence, rule)
+
+    def settle_doubt(self, transfer: OpenTransfer) -> None:
+        """Report a suspected violation as a gap: nothing proves it, so frames may be missing in the recording."""
+        if transfer.doubt == "toggle":
+            text = "the toggle bit is not the next one and both sides go on: a segment and its answer are missing"
+            self.report_missing(transfer, 2, text, "SDO-TOGGLE", data=True)
+        elif transfer.doubt == "unasked":
+            text = f"{self.doubted}, but the beginning of the transfer is not in the recording"
+            self.report_missing(transfer, 1, text, "SDO-UNASKED", data=True)
+        transfer.doubt = ""
+
+    def gap(self, frames: int, evidence: str, rule: str) -> None:
+        """Report frames that are not in the recording; `rule` is broken if it is complete."""
+        self.events.append(Gap(self.now, None, frames, evidence, self.node, rule))
+
+    def interrupt(self, transfer: OpenTransfer, requested: str) -> None:
+        """Note a request in the middle of a transfer that has neither ended nor timed out."""
+        if transfer.request or transfer.gapped or transfer.began is None:
+            return
+        self.interrupted = transfer, self.block
+        if self.now - transfer.last_frame_at < _PROMPT:
+            text = f"{requested} is requested, but the end of the transfer of {transfer} is not in the recording"
+            self.gap(1, text, "SDO-OVERLAP")
+
+    def continues_interrupted_block(self, sender: SdoSide, data: bytes) -> bool:
+        """Return whether this is the next segment of a block upload that another request interrupted."""
+        block = None if self.interrupted is None else self.interrupted[1]
+        if block is None or self.block is not None or (self.open is not None and not self.open.request):
+            return False
+        return sender == block.data_sender == "server" and 1 < block.expects == data[0] & 0x7F
+
+    def go_on_interrupted(self) -> None:
+        """Make the interrupted transfer the one under way again: a frame of it came after the other request."""
+        assert self.interrupted is not None
+        transfer, block = self.interrupted
+        text = f"{transfer} goes on after another request: two transfers at once on one channel"
+        self.violation("SDO-OVERLAP", text)
+        self.close("cut")
+        self.open, self.block, self.interrupted = transfer, block, None
+
+    def done(self, transfer: OpenTransfer) -> None:
+        """End the transfer as successful."""
+        size = transfer.size
+        if size is not None and size != transfer.count and transfer.complete and not transfer.gapped:
+            self.violation("SDO-SIZE", f"{size} bytes announced, {transfer.count} transferred")
+        self.close("done")
+
+    def close(self, outcome: TransferOutcome, *, abort: int | None = None, by: SdoSide | None = None) -> None:
+        """Report the transfer under way, if there is one, and drop it."""
+        transfer, block = self.open, self.block
+        if transfer is None:
+            return
+        self.settle_doubt(transfer)
+        self.open = self.block = None
+        self.last_transfer = (transfer.index, transfer.sub), outcome
+        blocks = 0 if block is None else block.blocks
+        report = transfer.report(self.now, self.node, self.channel, outcome, blocks=blocks, abort=abort, by=by)
+        self.events.append(report)
+        self.given_up = transfer if outcome in ("unanswered", "left") else None
+
+    def release(self) -> None:
+        """Emit the events held back, which are now certain."""
+        self.events += self.held_back
+        self.held_back = []
+
+    def take_events(self) -> list[MonitorEvent]:
+        """Return the events since the last call."""
+        events, self.events = self.events, []
+        return events
+
+
+def feed_segment(
+    channel: ChannelState, sender: SdoSide, message: NextSegment | SdoSegment | SegmentTaken, now: float
+) -> None:
+    """Take a frame of a segmented transfer, in either direction."""
+    uploads = isinstance(message, NextSegment) or (sender == "server" and isinstance(message, SdoSegment))
+    transfer = _transfer(channel, "upload" if uploads else "download", message)
+    if isinstance(message, NextSegment):
+        _upload_requested(channel, transfer, message.toggle, now)
+    elif isinstance(message, SegmentTaken):
+        _download_confirmed(channel, transfer, message.toggle)
+    elif sender == "server":
+        _uploaded(channel, transfer, message)
+    else:
+        _downloaded(channel, transfer, message, now)
+
+
+def _transfer(channel: ChannelState, direction: str, message: NextSegment | SdoSegment | SegmentTaken) -> OpenTransfer:
+    """Return the transfer to which the frame belongs; if there is none, a new one whose beginning was not recorded."""
+    transfer = channel.open
+    if transfer is not None and transfer.direction == direction and channel.block is None:
+        if not transfer.request and transfer.manner == "segmented":
+            return transfer
+        if transfer.request and not (direction == "download" and transfer.manner != "segmented"):
+            # Both sides go on from the request, so its answer was on the bus.
+            text = "segments arrive, but the answer to the request is not in the recording"
+            channel.report_missing(transfer, 1, text, "SDO-UNASKED", data=False)
+            transfer.request, transfer.manner, transfer.next_sender = b"", "segmented", "client"
+            return transfer
+    if _continues(channel.interrupted, direction, message):
+        channel.go_on_interrupted()
+        assert channel.open is not None
+        return channel.open
+    unrecorded = channel.begin_unrecorded("upload" if direction == "upload" else "download", "segmented")
+    unrecorded.toggle = message.toggle
+    unrecorded.next_sender = "client" if isinstance(message, NextSegment) else "server"
+    if isinstance(message, SdoSegment) and direction == "download":
+        unrecorded.next_sender = "client"
+    return unrecorded
+
+
+def _continues(
+    interrupted: tuple[OpenTransfer, object] | None,
+    direction: str,
+    message: NextSegment | SdoSegment | SegmentTaken,
+) -> bool:
+    """Return whether the frame is the next one of the transfer that another request interrupted."""
+    if interrupted is None or interrupted[1] is not None:
+        return False
+    transfer = interrupted[0]
+    sender = "server" if isinstance(message, SegmentTaken) else "client"
+    if isinstance(message, SdoSegment) and direction == "upload":
+        sender = "server"
+    return (transfer.manner, transfer.direction, transfer.toggle, transfer.next_sender) == (
+        *("segmented", direction, message.toggle),
+        sender,
+    )
+
+
+def _repeated(channel: ChannelState, transfer: OpenTransfer, how: str, now: float) -> None:
+    """Report a repeated segment or request: a frame was lost on the bus."""
+    transfer.repeats += 1
+    transfer.lost += 1
+    channel.events.append(Loss(now, channel.node, 1, f"the segment is {how} again: it or its answer did not arrive"))
+
+
+def _upload_requested(channel: ChannelState, transfer: OpenTransfer, toggle: int, now: float) -> None:
+    """Take the client's request for the next segment."""
+    if transfer.next_sender == "server":
+        if toggle == transfer.toggle:
+            _repeated(channel, transfer, "requested", now)
+            return
+        text = "the next segment is requested, but the last one is not in the recording"
+        channel.report_missing(transfer, 1, text, "SDO-OVERLAP", data=True)
+    elif toggle != transfer.toggle and not transfer.doubt:
+        transfer.doubt = "toggle"
+    transfer.toggle, transfer.next_sender = toggle, "server"
+
+
+def _uploaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegment) -> None:
+    """Take a segment from the server."""
+    if transfer.next_sender == "client":
+        if segment.toggle != transfer.toggle:
+            if segment.data == transfer.previous:
+                transfer.repeats += 1
+            else:
+                channel.violation("SDO-TOGGLE", "a segment that was not requested, with the toggle bit of the last one")
+            return
+        text = "a segment arrives, but the request for it is not in the recording"
+        channel.report_missing(transfer, 1, text, "SDO-UNASKED", data=False)
+    elif segment.toggle != transfer.toggle:
+        text = f"requested with toggle bit {transfer.toggle}, answered with {segment.toggle}"
+        channel.violation("SDO-TOGGLE", text)
+        return
+    channel.settle_doubt(transfer)
+    transfer.previous = segment.data
+    transfer.take(segment.data)
+    transfer.toggle, transfer.next_sender = segment.toggle ^ 1, "client"
+    if segment.last:
+        channel.done(transfer)
+
+
+def _downloaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegment, now: float) -> None:
+    """Take a segment from the client."""
+    if transfer.next_sender == "server":
+        if segment.toggle == transfer.toggle and segment.data == transfer.previous:
+            _repeated(channel, transfer, "sent", now)
+            return
+        if segment.toggle == transfer.toggle:
+            text = "another segment with the same toggle bit: the segment between them and two answers are missing"
+            channel.report_missing(transfer, 3, text, "SDO-TOGGLE", data=True)
+        else:
+            text = "the next segment arrives, but the last answer is not in the recording"
+            channel.report_missing(transfer, 1, text, "SDO-OVERLAP", data=False)
+    elif segment.toggle != transfer.toggle:
+        if segment.data == transfer.previous:
+            _repeated(channel, transfer, "sent", now)
+            transfer.toggle, transfer.next_sender = segment.toggle, "server"
+            return
+        transfer.doubt = transfer.doubt or "toggle"
+    transfer.previous = segment.data
+    transfer.take(segment.data)
+    transfer.last_sent = segment.last
+    transfer.toggle, transfer.next_sender = segment.toggle, "server"
+
+
+def _download_confirmed(channel: ChannelState, transfer: OpenTransfer, toggle: int) -> None:
+    """Take the server's confirmation of a segment."""
+    if transfer.next_sender == "client":
+        if toggle != transfer.toggle:
+            transfer.repeats += 1
+            return
+        channel.report_missing(
+            transfer, 1, "a segment is confirmed that is not in the recording", "SDO-UNASKED", data=True
+        )
+    elif toggle != transfer.toggle:
+        channel.violation("SDO-TOGGLE", f"sent with toggle bit {transfer.toggle}, answered with {toggle}")
+        return
+    channel.settle_doubt(transfer)
+    transfer.toggle, transfer.next_sender = toggle ^ 1, "client"
+    if transfer.last_sent:
+        channel.done(transfer)
+
+
+GIVE_UP = 3.0
+"""Seconds without a frame after which a transfer is given up."""
+
+_UNANSWERED = "a block transfer goes on, but the answer to its request is not in the recording"
+
+
+_MESSAGES: dict[SdoSide, tuple[type[SdoMessage], ...]] = {"client": CLIENT_MESSAGES, "server": SERVER_MESSAGES}
+
+
+class SdoTracker:
+    """One channel of one node. A machine: its frames in, events out.
+
+    `dialect` has command bytes with reserved bits set that the device is known to use.
+    """
+
+    def __init__(
+        self, node: int, channel: int, held: HeldBytes, give_up: float = GIVE_UP, dialect: Iterable[int] = ()
+    ) -> None:
+        self.node = node
+        self._state = ChannelState(node, channel, held)
+        self._give_up = give_up
+        self._reserved = set(dialect)  # command bytes whose reserved bits are not reported, or not again
+
+    @property
+    def under_way(self) -> bool:
+        """Whether a transfer is under way."""
+        return self._state.open is not None
+
+    @property
+    def deadline(self) -> float | None:
+        """When the transfer under way is given up."""
+        transfer = self._state.open
+        return None if transfer is None else transfer.last_frame_at + self._give_up
+
+    def feed(self, from_client: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
+        """Take a frame of the client or of the server."""
+        state, data = self._state, frame.data
+        state.now, state.frame = now, str(frame)
+        if len(data) != 8:
+            state.violation("SDO-LENGTH", f"{len(data)} bytes")
+        if data:
+            self._take("client" if from_client else "server", data)
+            if state.open is not None:
+                state.open.last_frame_at = now
+        before = state.last_frame[1] if state.last_frame[0] == from_client else b""
+        state.run = state.run + 1 if data and before and data[0] & 0x7F == before[0] + 1 else 0
+        state.has_frames, state.last_frame = True, (from_client, data)
+        return state.take_events()
+
+    def pass_time(self, now: float) -> list[MonitorEvent]:
+        """Give up a transfer whose deadline has passed."""
+        deadline, transfer = self.deadline, self._state.open
+        if deadline is not None and transfer is not None and now >= deadline:
+            self._state.now = deadline
+            self._state.release()
+            self._state.close(_outcome_of_silence(transfer))
+        return self._state.take_events()
+
+    def interrupt(self) -> None:
+        """Note a gap in the recording: the transfer under way may go on after it, or may have ended in it."""
+        if self._state.open is not None:
+            self._state.open.gapped = True
+        self._state.given_up, self._state.interrupted, self._state.has_frames = None, None, False
+
+    def end(self, now: float) -> list[MonitorEvent]:
+        """End the recording: report the transfer under way as cut."""
+        self._state.now = now
+        self._state.close("cut")
+        self._state.release()
+        return self._state.take_events()
+
+    def takes_segment(self, from_client: bool, data: bytes) -> bool:
+        """Return whether this frame, coming now, would be a segment of a block."""
+        block = self._state.block
+        if block is None or block.state != "segments" or not data or data[0] == 0x80:
+            return False
+        return block.data_sender == ("client" if from_client else "server")
+
+    # Frames
+
+    def _take(self, sender: SdoSide, data: bytes) -> None:
+        state = self._state
+        if self._continues_unrecorded_block(sender, data):
+            transfer = state.begin_unrecorded("upload" if sender == "server" else "download", "block")
+            state.begin_blocks(transfer, sender)
+        state.release()
+        self._begin_unanswered_block(sender, data)
+        if state.continues_interrupted_block(sender, data):
+            state.go_on_interrupted()
+        block = state.block
+        if block is not None:
+            belongs = block.feed(sender, data, state.now)
+            state.collect_findings(block)
+            if belongs:
+                if sender != block.data_sender or block.state == "ended":
+                    self._check_reserved(decode_one_of(data, _MESSAGES[sender]), data)
+                    state.release()
+                if block.state == "over":
+                    state.done(block.transfer)
+                return
+        try:
+            message = decode_one_of(data, _MESSAGES[sender])
+        except DecodeError as error:
+            if error.reason == "function":
+                state.violation("SDO-COMMAND", f"{data[0]:02X}h is not a command of the {sender}")
+            return
+        self._check_reserved(message, data)
+        if isinstance(message, Abort):
+            self._aborted(sender, message)
+        elif isinstance(message, InitiateAnswer):
+            self._answered(message)
+        elif isinstance(message, InitiateRequest):
+            self._begin(message, data)
+        elif isinstance(message, NextSegment | SdoSegment | SegmentTaken):
+            feed_segment(state, sender, message, state.now)
+        else:
+            self._unmatched_block_message(sender, message, data)
+
+    def _check_reserved(self, message: SdoMessage, data: bytes) -> None:
+        """Hold back a violation for reserved bits or bytes that are not 0: the next frame may show that this was a
+        segment of a block that began in a gap of the recording."""
+        state, texts = self._state, []
+        if has_reserved_bits(message.pattern, data[0]) and data[0] not in self._reserved:
+            self._reserved.add(data[0])
+            standard = message.pattern.encode(**message.pattern.decode(data[0]))
+            texts = [f"{data[0]:02X}h instead of {standard:02X}h"]
+        place = reserved_byte(message, data)
+        if place is not None:
+            texts.append(f"byte {place} behind the command {data[0]:02X}h is reserved, and not 0")
+        for text in texts:
+            state.held_back.append(Violation(state.now, "SDO-RESERVED", self.node, text, state.frame))
+
+    # Requests and answers
+
+    def _begin(self, request: InitiateRequest, data: bytes) -> None:
+        state = self._state
+        if state.open is not None:
+            state.interrupt(state.open, object_name(request.index, request.sub))
+            state.close(_outcome_of_silence(state.open) if state.open.request else "cut")
+        direction, manner, answers = TRANSFER_OF[type(request)]
+        new = state.begin(OpenTransfer(direction, manner, (request.index, request.sub), state.now, state.held))
+        new.request, new.answers = data, answers
+        if isinstance(request, ExpeditedDownload):
+            new.take(request.data)
+        elif isinstance(request, InitiateDownload | InitiateBlockDownload):
+            new.size = request.size
+            new.client_crc = request.crc if isinstance(request, InitiateBlockDownload) else None
+        elif isinstance(request, InitiateBlockUpload):
+            new.switch, new.client_crc, new.blksize = request.switch, request.crc, request.blksize or BLOCK_MAX
+            self._check_blksize(request.blksize)
+
+    def _check_blksize(self, blksize: int) -> None:
+        if not 1 <= blksize <= BLOCK_MAX:
+            self._state.violation("SDO-BLOCK-SIZE", f"blocks of {blksize} segments are requested")
+
+    def _answered(self, answer: InitiateAnswer) -> None:
+        state, place = self._state, (answer.index, answer.sub)
+        transfer, given = state.open, state.given_up
+        if transfer is None or not transfer.request:
+            self._unmatched_answer(answer)
+        elif place != (transfer.index, transfer.sub):
+            if given is not None and (given.index, given.sub) == place and isinstance(answer, given.answers):
+                text = f"the answer about {object_name(*place)} comes after the request for {transfer}"
+                state.violation("SDO-OVERLAP", text)
+                state.given_up = None
+            else:
+                text = f"the request is for {transfer}, the answer is about {object_name(*place)}"
+                state.violation("SDO-MUX", text)
+        elif not isinstance(answer, transfer.answers):
+            text = f"the request is {transfer.direction} ({transfer.manner}) of {transfer}"
+            state.violation("SDO-WRONG-SCS", text)
+        else:
+            transfer.request, transfer.next_sender = b"", "client"
+            self._go_on(transfer, answer)
+
+    def _go_on(self, transfer: OpenTransfer, answer: InitiateAnswer) -> None:
+        """Take a possible answer to the request: the value, or the way in which it will be transferred."""
+        state = self._state
+        if isinstance(answer, ExpeditedUpload | UploadInitiated) and transfer.manner == "block":
+            size = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
+            if transfer.switch is not None and (not transfer.switch or (size or 0) > transfer.switch):
+                text = f"an ordinary upload of {size} bytes, but the protocol switch is {transfer.switch}"
+                state.violation("SDO-BLOCK-SWITCH", text)
+        match answer:
+            case ExpeditedUpload():
+                transfer.manner = "expedited"
+                transfer.take(answer.data)
+                state.done(transfer)
+            case UploadInitiated():
+                transfer.manner, transfer.size = "segmented", answer.size
+            case DownloadInitiated():
+                if transfer.manner == "expedited":
+                    state.done(transfer)
+            case BlockUploadInitiated():
+                transfer.manner, transfer.size = "block", answer.size
+                crc = transfer.client_crc and answer.crc if answer.crc else False
+                state.begin_blocks(transfer, "server", transfer.blksize, crc=crc).state = "ready"
+            case BlockDownloadInitiated():
+                self._check_blksize(answer.blksize)
+                size = answer.blksize if 1 <= answer.blksize <= BLOCK_MAX else BLOCK_MAX
+                transfer.manner = "block"
+                crc = transfer.client_crc and answer.crc if answer.crc else False
+                state.begin_blocks(transfer, "client", size, crc=crc)
+
+    def _aborted(self, sender: SdoSide, abort: Abort) -> None:
+        state = self._state
+        if abort.code not in tuple(AbortCode):
+            state.violation("SDO-ABORT-CODE", abort_text(abort.code))
+        if state.open is None:
+            place, given = (abort.index, abort.sub), state.given_up
+            late = given is not None and (given.index, given.sub) == place
+            direction: TransferDirection = given.direction if late and given is not None else "unknown"
+            state.begin(OpenTransfer(direction, "unknown", place, None, state.held))
+            # A client that did not receive the last answer aborts a transfer that is over for the server, and one whose
+            # request was lost aborts after its time-out. Both sides abort if both wait in vain.
+            last_place, outcome = state.last_transfer
+            follows = last_place == place and (sender == "client" or outcome != "done")
+            follows = follows or (sender == "client" and abort.code == AbortCode.TIMED_OUT)
+            if state.has_frames and not late and not follows:
+                state.gap(1, "an abort, but no transfer is under way in the recording", "SDO-UNASKED")
+        elif state.open.index is not None and (abort.index, abort.sub) != (state.open.index, state.open.sub):
+            text = f"the transfer is of {state.open}, the abort is about {object_name(abort.index, abort.sub)}"
+            state.violation("SDO-MUX", text)
+        elif state.open.doubt == "toggle" and abort.code == AbortCode.TOGGLE:
+            state.open.doubt = ""
+            state.violation("SDO-TOGGLE", "the client did not alternate the toggle bit, and the server aborted")
+        elif state.open.doubt == "unasked" and abort.code == AbortCode.COMMAND:
+            state.open.doubt = ""
+            state.violation("SDO-UNASKED", "a segment outside a transfer, and the server aborted")
+        state.close("aborted", abort=abort.code, by=sender)
+
+    # Transfers whose beginning is not in the recording
+
+    def _continues_unrecorded_block(self, sender: SdoSide, data: bytes) -> bool:
+        """Return whether consecutive frames of one side have consecutive numbers, as only the segments of a block do.
+
+        Two are enough, except while another transfer is under way that may have ended unrecorded. Then a third is
+        needed, unless the first would break a rule.
+        """
+        state, transfer = self._state, self._state.open
+        from_client, last = state.last_frame
+        enough = (transfer is None and not state.given_up) or (transfer is not None and transfer.began is None)
+        enough = enough or state.run > 0 or bool(state.held_back)
+        if not enough or not last or state.block is not None:
+            return False
+        return from_client == (sender == "client") and last[0] < 0x7F and data[0] & 0x7F == last[0] + 1
+
+    def _begin_unanswered_block(self, sender: SdoSide, data: bytes) -> None:
+        """Begin a block whose answer is not in the recording: the client sends segments, so it has received it."""
+        transfer = self._state.open
+        if transfer is None or not transfer.request or (transfer.manner, transfer.direction) != ("block", "download"):
+            return
+        if sender == "client" and data[0] in (0x01, 0x81):
+            self._state.report_missing(transfer, 1, _UNANSWERED, "SDO-UNASKED", data=False)
+            transfer.request = b""
+            self._state.begin_blocks(transfer, "client")
+
+    def _unmatched_answer(self, answer: InitiateAnswer) -> None:
+        """Take an answer without a request: it is late, or the request is not in the recording."""
+        state = self._state
+        given, first = state.given_up, not state.has_frames
+        matches = given is not None and (given.index, given.sub) == (answer.index, answer.sub)
+        late = given if given is not None and matches and state.open is None else None
+        late = late if late is not None and isinstance(answer, late.answers) else None
+        state.close("cut")
+        manner: TransferManner = "expedited" if isinstance(answer, ExpeditedUpload) else "segmented"
+        upload = isinstance(answer, ExpeditedUpload | UploadInitiated | BlockUploadInitiated)
+        direction: TransferDirection = "upload" if upload else "download"
+        began = None if late is None else late.began
+        new = state.begin(OpenTransfer(direction, manner, (answer.index, answer.sub), began, state.held))
+        new.next_sender = "client"
+        if late is not None:
+            state.given_up = None
+            new.manner, new.size, new.switch = late.manner, late.size, late.switch
+        elif not first:
+            new.missing = 1
+            state.gap(1, "an answer, but its request is not in the recording", "SDO-UNASKED")
+        new.complete = upload or late is not None
+        if isinstance(answer, DownloadInitiated) and late is None:
+            new.manner = "unknown"  # the value was in the request, or follows in segments
+        before = len(state.events)
+        self._go_on(new, answer)
+        if late is not None or first:
+            answered, state.events[before:] = state.events[before:], []
+            state.held_back += [
+                replace(event, late=late is not None) if isinstance(event, SdoTransferReport) else event
+                for event in answered
+            ]
+            if late is not None:
+                state.release()
+
+    def _unmatched_block_message(self, sender: SdoSide, message: SdoMessage, data: bytes) -> None:
+        """Take a message of a block transfer while none is under way."""
+        state, transfer = self._state, self._state.open
+        if transfer is not None and transfer.request:
+            if sender == "client":  # it goes on, so it received the answer; the server may go on without the client
+                state.report_missing(transfer, 1, _UNANSWERED, "SDO-UNASKED", data=False)
+            transfer.request, transfer.manner = b"", "block"
+        else:
+            receives = isinstance(message, BlockAck | BlockEnded | StartBlockUpload)
+            upload = sender == "client" if receives else isinstance(message, BlockEnd) and sender == "server"
+            transfer = state.begin_unrecorded("upload" if upload else "download", "block")
+        block = state.begin_blocks(transfer, "server" if transfer.direction == "upload" else "client")
+        if isinstance(message, BlockEnd | BlockEnded):
+            block.state = "end"
+            transfer.complete = False
+        elif isinstance(message, StartBlockUpload):
+            block.state = "ready"
+        block.feed(sender, data, state.now)
+        state.collect_findings(block)
+        if block.state == "over":
+            state.done(transfer)
+
+
+def _outcome_of_silence(transfer: OpenTransfer) -> TransferOutcome:
+    """Return the outcome of a transfer that neither side continues."""
+    if transfer.gapped or transfer.began is None:
+        return "cut"
+    return "unanswered" if transfer.next_sender == "server" else "left"
+
+
+CHANNELS_MAX = 512
+_OFF_OR_EXTENDED = 0xA000_0000
+
+
+class SdoChannels:
+    """The trackers of all channels, found by the identifier of a frame. A machine.
+
+    `dialects` has command bytes with reserved bits by node; `pdos` has the objects of the nodes.
+    """
+
+    def __init__(
+        self, held: HeldBytes, give_up: float, dialects: Mapping[int, tuple[int, ...]], pdos: PdoTracker
+    ) -> None:
+        self._held = held
+        self._give_up = give_up
+        self._dialects = dialects
+        self._pdos = pdos
+        self._channels: dict[int, SdoTracker] = {}  # by the COB-ID of the requests
+        self._ids: dict[int, tuple[SdoTracker, bool]] = {}
+        self._half: dict[tuple[int, int], dict[int, int]] = {}  # the COB-IDs learned of further channels
+
+    def find(self, frame: CanFrame) -> tuple[SdoTracker, bool] | None:
+        """Return the channel of a frame, and whether the client sent it."""
+        return None if frame.extended else self._ids.get(frame.id)
+
+    def channel(self, node: int, request: int | None = None, answer: int | None = None) -> SdoTracker | None:
+        """Return the default channel of a node, or the one with these COB-IDs. None if there are too many."""
+        requests, answers = 0x600 + node if request is None else request, 0x580 + node if answer is None else answer
+        if requests not in self._channels and len(self._channels) < CHANNELS_MAX:
+            tracker = SdoTracker(node, requests, self._held, self._give_up, self._dialects.get(node, ()))
+            self._channels[requests] = tracker
+            self._ids[requests], self._ids[answers] = (tracker, True), (tracker, False)
+        return self._channels.get(requests)
+
+    @property
+    def deadline(self) -> float | None:
+        """When the first transfer is given up."""
+        dues = (channel.deadline for channel in self._channels.values())
+        return min((due for due in dues if due is not None), default=None)
+
+    @property
+    def under_way(self) -> int:
+        """The number of transfers under way."""
+        return sum(channel.under_way for channel in self._channels.values())
+
+    def feed(self, channel: SdoTracker, from_client: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
+        """Take a frame of a channel."""
+        return self._with_names(channel.feed(from_client, frame, now))
+
+    def pass_time(self, now: float) -> list[MonitorEvent]:
+        """Give up the transfers whose deadline has passed."""
+        under_way = [channel for channel in self._channels.values() if channel.under_way]
+        return self._with_names([event for channel in under_way for event in channel.pass_time(now)])
+
+    def interrupt(self) -> None:
+        """Note a gap in the recording."""
+        for channel in self._channels.values():
+            channel.interrupt()
+
+    def end(self, now: float) -> list[MonitorEvent]:
+        """End the recording: report the transfers under way as cut."""
+        return self._with_names([event for channel in self._channels.values() for event in channel.end(now)])
+
+    def learn(self, node: int, index: int, sub: int, number: int) -> None:
+        """Add a channel from the value of an object 1201h to 127Fh."""
+        if not 0x1201 <= index <= 0x127F or sub not in (1, 2):
+            return
+        half = self._half.setdefault((node, index), {}) if len(self._half) < CHANNELS_MAX else {}
+        half[sub] = number
+        if len(half) == 2 and not any(word & _OFF_OR_EXTENDED for word in half.values()):
+            self.channel(node, half[1] & 0x7FF, half[2] & 0x7FF)
+
+    def _with_names(self, events: list[MonitorEvent]) -> list[MonitorEvent]:
+        """Return the events; transfers get the name of their object and their value as text."""
+        return [self._with_name(event) if isinstance(event, SdoTransferReport) else event for event in events]
+
+    def _with_name(self, event: SdoTransferReport) -> SdoTransferReport:
+        known = self._pdos.object(event.node, event.index, event.sub)
+        if known is None:
+            return event
+        return replace(event, name=known.name, text=known.read(event.data) if event.data is not None else "")
