@@ -148,6 +148,19 @@ class RtuLine:
 
     # Receiving
 
+    def answer_in(self, data: bytes, now: float) -> bytes | None:
+        """Return the PDU if these bytes, the last received at `now`, are one frame with a good CRC from the unit of the
+        last request, and no others are held; None if `feed` must decode them.
+
+        The caller must check that the PDU has the length that its count announces: otherwise only a silence ends it.
+        """
+        if self._held or self.strict or not SHORTEST <= len(data) <= LONGEST:
+            return None
+        if data[0] != self._unit or crc16(data):
+            return None
+        self._last = now
+        return data[1:-2]
+
     @property
     def held(self) -> bytes:
         """The bytes that may still become a frame."""

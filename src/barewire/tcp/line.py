@@ -86,13 +86,13 @@ class TcpLine:
         is_right_number = not self.numbered or adu.transaction == self._transaction
         return is_right_number and (self.any_unit or adu.unit == self._unit)
 
-    def answer_in(self, data: bytes) -> bytes | None:
+    def answer_in(self, data: bytes, now: float) -> bytes | None:
         """Return the PDU if these bytes are exactly one response to the last request; None if `feed` must decode them.
 
         The state does not change.
 
         >>> line = TcpLine()
-        >>> line.request(1, b"\\x07") and line.answer_in(bytes.fromhex("00 01 00 00 00 03 01 07 6D"))
+        >>> line.request(1, b"\\x07") and line.answer_in(bytes.fromhex("00 01 00 00 00 03 01 07 6D"), now=0.0)
         b'\\x07m'
         """
         size = len(data)

@@ -66,21 +66,24 @@ def abandon(conversation: Conversation[Item, Result], port: AsyncPort[Item], err
 
 
 async def exchange(bus: Bus, unit: int, request: Request[R], timeout: float, port: AsyncPort[bytes]) -> R:
-    """Do the same as `fast_path.exchange` on an asyncio port. There `write` of a TCP connection needs no `sent`."""
-    frame = bus.begin(unit, request) if timeout > 0.0 else None
+    """Do the same as `fast_path.exchange` on an asyncio port, for lines with numbered responses.
+
+    On other lines a request waits for a round of the loop, which reads what the port received before, and for `sent`.
+    """
+    clock = asyncio.get_running_loop().time
+    now = clock()
+    frame = bus.begin(unit, request, timeout, now) if timeout > 0.0 and bus.line.numbered else None
     if frame is None:
         return await run(bus.ask(unit, request, timeout=timeout, retries=0), port)
-    clock = asyncio.get_running_loop().time
-    now = 0.0  # not sent yet
     try:
         port.write(frame)
         now = clock()
         data = await port.receive(timeout)
-        response = answer(bus, unit, request, data, now)
+        arrived = clock()
+        response = answer(bus, unit, request, data, arrived)
         if response is not None:
             return response
-        heard = Heard(data, clock())
     except BaseException as error:
         abandon(listening(bus, unit, request, timeout, now), port, error)
         raise
-    return await run(listening(bus, unit, request, timeout, now), port, heard)
+    return await run(listening(bus, unit, request, timeout, now), port, Heard(data, arrived))

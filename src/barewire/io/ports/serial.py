@@ -89,6 +89,7 @@ class SerialPort:
         self._character = settings.timing.character
         self._rts = rs485 == "rts"
         self._set_direction = set_direction
+        self._turns = self._rts or set_direction is not None  # this port sets the direction of the line
         self._sending = False
         self._serial = _open(path, settings)
         try:
@@ -139,17 +140,24 @@ class SerialPort:
         """Send bytes. Returns when the last one is on the wire, as far as the system reports."""
         ends = time.monotonic() + (self._pace.duration(len(item)) if self._pace else 0.0)
         try:
-            self.set_direction(sending=True)
-            try:
+            if self._turns:
+                self._send_and_turn(item)
+            else:
                 self._serial.write(item)
                 self._serial.flush()
-            finally:
-                self.set_direction(sending=False)
         except PortError:
             raise
         except _FAILURES as error:
             raise PortError(f"{self.name}: {self.failure(error)}") from None
         time.sleep(max(0.0, ends - time.monotonic()))
+
+    def _send_and_turn(self, item: bytes) -> None:
+        self.set_direction(sending=True)
+        try:
+            self._serial.write(item)
+            self._serial.flush()
+        finally:
+            self.set_direction(sending=False)
 
     def set_direction(self, *, sending: bool) -> None:
         """Set the direction of the line by RTS or by the function of the caller, if one of them is to do that."""
@@ -179,13 +187,15 @@ class SerialPort:
         """Return received bytes, or None after `timeout` seconds."""
         try:
             if hasattr(self._serial, "fileno"):
-                # The timeout of pyserial is not used, because each change of it configures the port again.
-                if not select.select([self._serial.fileno()], [], [], min(timeout, LONGEST_WAIT))[0]:
+                # Not by pyserial: each change of its timeout configures the port again, and its `read` waits for more
+                # bytes after the first ones.
+                end = self._serial.fileno()
+                if not select.select([end], [], [], min(timeout, LONGEST_WAIT))[0]:
                     return None
-                data = self._serial.read(CHUNK)
-                if not data:
+                received = os.read(end, CHUNK)
+                if not received:
                     raise PortError(f"{self.name}: {self.failure()}")
-                return bytes(data)
+                return received
             self._serial.timeout = min(timeout, LONGEST_WAIT)
             data = self._serial.read(1)
             return bytes(data + self._serial.read(self._serial.in_waiting)) if data else None

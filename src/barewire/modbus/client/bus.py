@@ -26,10 +26,12 @@ bus assumes that a unit answers requests in the order in which they were sent, e
 A write without a response may have been carried out: its error is `WriteOutcomeUnknown`, and it is repeated only if
 the caller allows it.
 
-Most requests on TCP are one send and one receive. These can be carried out without running a conversation:
+Most requests are one send and one receive. These can be carried out without running a conversation. `begin` decides
+whether the frame is written at once or waits for something, such as a silence:
 
-    ask(unit, request)   =   begin(unit, request) -> the frame; send it;  the response arrived:     answered(unit, now)
-                                                                          anything else happened:   rest(unit, ...)
+    ask(unit, request)   =   begin(unit, ...) -> the frame; write it; sent(now)
+                                                     the response arrived:      answered(unit, now)
+                                                     anything else happened:    rest(unit, ...)
 """
 
 from __future__ import annotations
@@ -105,6 +107,7 @@ class Bus(RequestRecord):
         take_over = getattr(line, "continue_from", None)  # of an `EchoLine`, which most clients do not load
         if take_over is not None:
             take_over(self.line)
+        self._must_listen = True  # a serial server may send what it received before the connection
         self.line = line
 
     def ask(
@@ -171,6 +174,7 @@ class Bus(RequestRecord):
 
     def overhear(self, data: bytes | None, now: float) -> None:
         """Take bytes that arrived while no request was open."""
+        self._must_listen = True
         self._pass_over(Heard(data, now))
 
     def wait_until_idle(self, timeout: float) -> Conversation[bytes, float]:
@@ -187,6 +191,7 @@ class Bus(RequestRecord):
             if deadline is not None and deadline > quiet:
                 quiet = deadline
             if heard.item is None and now >= quiet:
+                self._must_listen = False
                 return now
             if now >= give_up:
                 raise NoAnswer(f"the line is never silent: another station has been sending for {timeout:g} s")
@@ -236,15 +241,11 @@ class Bus(RequestRecord):
             if sent_at is None:
                 self._leave_pending(now)  # of an exchange that was interrupted
                 frame = line.request(unit, request.encode())
-                if timeout > self._longest_timeout:
-                    self._longest_timeout = timeout
-                # From here on a response may come, so however this exchange ends, the answer must be left pending.
-                # Counted in the same statement, so that no exception comes between.
-                self._sent_at, opened = None, (unit, request)
-                self._open, self.counters.asked = opened, self.counters.asked + 1
+                opened = unit, request  # before it is recorded: an exception may come between both
+                self._record(opened, timeout)
                 heard = yield Send(frame)
-                self._sent_at = now = heard.now
-                line.sent(now)
+                now = heard.now
+                self.sent(now)
             until = now + timeout
             while now < until:
                 wake = line.deadline

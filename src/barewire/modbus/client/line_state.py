@@ -205,20 +205,39 @@ class RequestRecord:
         self._longest_timeout = timeout
         self._open: tuple[int, Request[Any]] | None = None
         self._sent_at: float | None = None  # when it was sent, if that is known
+        self._must_listen = True  # bytes came since the line was idle, so more of them may have arrived by now
 
-    def begin(self, unit: int, request: Request[Any]) -> bytes | None:
+    def begin(self, unit: int, request: Request[Any], timeout: float, now: float) -> bytes | None:
         """Return the frame of a request that may be sent at once; None if it may have to wait, so that `ask` is needed.
 
-        The caller that sends the frame must then call `answered` or run `rest`.
+        The caller has passed to `overhear` what the port had received. It calls `sent` when the frame is transmitted (a
+        numbered line needs no `sent`), then `answered`, or runs `rest`.
         """
-        line, unit_state = self.line, self.state.units.get(unit)
-        if unit_state is None or unit_state.dead_until > NEVER or self.state.has_gaps or not line.numbered:
+        line, state = self.line, self.state
+        unit_state = state.units.get(unit)
+        if unit_state is None or unit_state.dead_until > NEVER or state.has_gaps:
             return None
-        if self._open is not None:
+        if not line.numbered:
+            is_silent = line.deadline is None and now >= line.quiet_at
+            if self._must_listen or not is_silent or state.pending or self._open is not None:
+                return None
+        elif self._open is not None:  # its exchange was interrupted
             self._leave_pending(NEVER)
         frame = line.request(unit, request.encode())
-        self._open, self.counters.asked = (unit, request), self.counters.asked + 1
+        self._record((unit, request), timeout)
         return frame
+
+    def _record(self, opened: tuple[int, Request[Any]], timeout: float) -> None:
+        """Record a request before it is sent: from then on a response may come, however its exchange ends."""
+        if timeout > self._longest_timeout:
+            self._longest_timeout = timeout
+        self._sent_at = None
+        self._open, self.counters.asked = opened, self.counters.asked + 1
+
+    def sent(self, now: float) -> None:
+        """Record that the open request was transmitted, its last byte at `now`."""
+        self._sent_at = now
+        self.line.sent(now)
 
     def answered(self, unit: int, now: float) -> None:
         """Record that the response to the open request arrived."""
