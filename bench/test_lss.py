@@ -13,7 +13,7 @@ import pytest
 
 from barewire import CanopenClient, CanopenServer
 from barewire.canopen import LocalNode, LssAddress, LssSlave, LssState, ObjectDictionary
-from barewire.canopen.lss.fastscan import _FLOOR
+from barewire.canopen.lss.master import _FLOOR
 from bench.race import Many, Race, entries
 
 ADDRESS = LssAddress(0xFFFF0360, 0xDEADBEEF, 0x7FFF0002, 0xFFFFFFFF)

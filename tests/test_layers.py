@@ -221,7 +221,7 @@ REFUSED = {
     "the front door offers no command": ("barewire/__init__.py", "from barewire_workbench.cli import main"),
     "an unknown room": ("barewire/profinet/frame.py", "import struct"),
     "no clock": ("barewire/modbus/client/bus.py", "import time"),
-    "no clock, from": ("barewire/canopen/nmt/heartbeat.py", "from time import monotonic"),
+    "no clock, from": ("barewire/canopen/nmt/error_control.py", "from time import monotonic"),
     "no asyncio, inside a function": ("barewire/rtu/timing.py", "def now():\n    import asyncio"),
     "no logging, for types only": (
         "barewire/devices/description/load.py",

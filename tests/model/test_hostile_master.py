@@ -21,8 +21,7 @@ from barewire.canopen import CanFrame
 from barewire.canopen.communication_objects import integer_value
 from barewire.canopen.device.error_control import ErrorControl
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.pdo.active import ActivePdo
-from barewire.canopen.pdo.engine import PdoEngine
+from barewire.canopen.pdo.engine import ActivePdo, PdoEngine
 from barewire.canopen.sync import SyncProducer
 from barewire.devices import load, names
 from tests.model.choices import run_all

@@ -31,8 +31,7 @@ Every service that barewire knows, with its bytes, its clause and example frames
 """
 
 EXAMPLES = {
-    "nmt.messages": ("000#0105",),
-    "nmt.heartbeat": ("705#00", "705#05"),
+    "nmt.messages": ("000#0105", "705#00", "705#05"),
     "sync": ("080#", "080#01"),
     "time_stamp": ("100#00000000A42D",),
     "emcy": ("085#1023030000000000",),

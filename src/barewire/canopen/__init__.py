@@ -73,15 +73,13 @@ if TYPE_CHECKING:
         register_of as register_of,
     )
     from barewire.canopen.frame import CanFrame as CanFrame, ErrorFrame as ErrorFrame, FdFrame as FdFrame
-    from barewire.canopen.lss.fastscan import (
-        AssignedNode as AssignedNode,
-        assign_node_ids as assign_node_ids,
-        fastscan as fastscan,
-    )
     from barewire.canopen.lss.master import (
+        AssignedNode as AssignedNode,
         activate_bit_timing as activate_bit_timing,
+        assign_node_ids as assign_node_ids,
         configure_bit_timing as configure_bit_timing,
         configure_node as configure_node,
+        fastscan as fastscan,
         identify_slaves as identify_slaves,
         identify_unconfigured as identify_unconfigured,
         inquire_address as inquire_address,
@@ -117,13 +115,15 @@ if TYPE_CHECKING:
         network_list as network_list,
         slave_of as slave_of,
     )
-    from barewire.canopen.nmt.heartbeat import (
+    from barewire.canopen.nmt.error_control import (
+        Guard as Guard,
+        GuardedNode as GuardedNode,
+        GuardEvent as GuardEvent,
+        GuardingMaster as GuardingMaster,
         HeartbeatConsumer as HeartbeatConsumer,
         HeartbeatEvent as HeartbeatEvent,
         HeartbeatProducer as HeartbeatProducer,
-        NodeState as NodeState,
-        consumer_entry as consumer_entry,
-        guarding_request as guarding_request,
+        LifeEvent as LifeEvent,
     )
     from barewire.canopen.nmt.master import (
         NmtConfirmation as NmtConfirmation,
@@ -139,29 +139,23 @@ if TYPE_CHECKING:
         NmtMessage as NmtMessage,
         NmtSlave as NmtSlave,
         NmtState as NmtState,
-    )
-    from barewire.canopen.nmt.node_guarding import (
-        Guard as Guard,
-        GuardedNode as GuardedNode,
-        GuardEvent as GuardEvent,
-        GuardingMaster as GuardingMaster,
-        LifeEvent as LifeEvent,
+        NodeState as NodeState,
+        consumer_entry as consumer_entry,
+        guarding_request as guarding_request,
     )
     from barewire.canopen.object_dictionary import Entry as Entry, ObjectDictionary as ObjectDictionary
     from barewire.canopen.pdo.config import PdoConfig as PdoConfig, pdos_of as pdos_of
     from barewire.canopen.pdo.engine import PdoEngine as PdoEngine
     from barewire.canopen.pdo.mapping import MappedObject as MappedObject, PdoMapping as PdoMapping
     from barewire.canopen.pdo.multiplexed import Mpdo as Mpdo
-    from barewire.canopen.pdo.named_values import (
+    from barewire.canopen.pdo.remote import (
+        PdoConfigPolicy as PdoConfigPolicy,
         PdoConsumer as PdoConsumer,
         PdoReceived as PdoReceived,
         RemotePdo as RemotePdo,
-        remote_pdo as remote_pdo,
-    )
-    from barewire.canopen.pdo.remote_config import (
-        PdoConfigPolicy as PdoConfigPolicy,
         mapping_of as mapping_of,
         read_pdo as read_pdo,
+        remote_pdo as remote_pdo,
         write_pdo as write_pdo,
     )
     from barewire.canopen.sdo import (
@@ -198,12 +192,11 @@ __getattr__, __dir__, __all__ = lazy(
         "sdo": "upload upload_to download BlockSettings Channel SdoDialect STANDARD fit SdoServer",
         "object_dictionary": "Entry ObjectDictionary",
         "datatypes": "TimeOfDay TimeDifference",
-        "nmt.messages": "NmtCommand NmtState NmtMessage NmtChange NmtSlave",
+        "nmt.messages": "NmtCommand NmtState NmtMessage NmtChange NmtSlave NodeState consumer_entry guarding_request",
         "nmt.master": "NmtConfirmation request_state send_nmt wait_for_boot_up wait_for_heartbeat wait_for_state",
-        "nmt.heartbeat": (
-            "NodeState HeartbeatProducer HeartbeatConsumer HeartbeatEvent consumer_entry guarding_request"
+        "nmt.error_control": (
+            "HeartbeatProducer HeartbeatConsumer HeartbeatEvent Guard GuardingMaster GuardEvent GuardedNode LifeEvent"
         ),
-        "nmt.node_guarding": "Guard GuardingMaster GuardEvent GuardedNode LifeEvent",
         "emcy": "Emergency error_text register_names register_of EmcyProducer EmcyConsumer EmcyEvent",
         "cyclic": "CyclicProducer",
         "sync": "SyncMessage SyncProducer SyncMonitor SyncEvent",
@@ -212,17 +205,16 @@ __getattr__, __dir__, __all__ = lazy(
         "pdo.multiplexed": "Mpdo",
         "pdo.config": "PdoConfig pdos_of",
         "pdo.engine": "PdoEngine",
-        "pdo.remote_config": "read_pdo write_pdo mapping_of PdoConfigPolicy",
-        "pdo.named_values": "remote_pdo RemotePdo PdoConsumer PdoReceived",
+        "pdo.remote": "read_pdo write_pdo mapping_of PdoConfigPolicy remote_pdo RemotePdo PdoConsumer PdoReceived",
         "sdo.client": "read_object write_object",
         "bus.scan": "scan ScanResult ScannedNode",
         "lss.messages": "LssAddress LssMessage LssService LssState LssRefused Fastscan",
         "lss.slave": "LssSlave",
         "lss.master": (
             "switch_global switch_selective identify_slaves identify_unconfigured inquire_address inquire_node "
-            "configure_node configure_bit_timing activate_bit_timing store_configuration"
+            "configure_node configure_bit_timing activate_bit_timing store_configuration "
+            "fastscan assign_node_ids AssignedNode"
         ),
-        "lss.fastscan": "fastscan assign_node_ids AssignedNode",
         "device.device": "LocalNode",
         "device.node_group": "NodeGroup",
         "device.storage": "StoredParameters",

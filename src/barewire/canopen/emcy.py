@@ -42,7 +42,7 @@ from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import CobEntry, classify, cob_id
 from barewire.canopen.communication_objects import integer_value, replace_entry, validate_cob_id_writes, validate_writes
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.nmt.heartbeat import NodeState
+from barewire.canopen.nmt.messages import NodeState
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.codecs import Layout
 from barewire.errors import DecodeError, EncodeError, shown

@@ -21,7 +21,7 @@ from barewire.canopen import (
     fastscan,
     identify_unconfigured,
 )
-from barewire.canopen.lss.fastscan import FastscanProgress
+from barewire.canopen.lss.master import FastscanProgress
 from barewire.conversation import Abandoned, Conversation, Send, abort_frames
 from barewire.errors import EncodeError, NoAnswer
 from tests.canopen.virtual_bus import VirtualBus, never

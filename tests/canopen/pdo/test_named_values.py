@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import CanFrame, Channel, Entry, ObjectDictionary, PdoConfig, SdoServer
-from barewire.canopen.pdo.named_values import PdoConsumer, RemotePdo, remote_pdo
+from barewire.canopen.pdo.remote import PdoConsumer, RemotePdo, remote_pdo
 from barewire.errors import EncodeError
 from tests.canopen.sdo.sdo_bus import Bus, Store
 

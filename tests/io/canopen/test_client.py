@@ -17,9 +17,8 @@ import pytest
 from barewire import CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, LocalNode, LssSlave, LssState, NmtCommand, NmtState, PdoConfig, SdoAbort, scan
 from barewire.canopen.emcy import EmcyEvent
-from barewire.canopen.nmt.heartbeat import HeartbeatEvent
-from barewire.canopen.nmt.node_guarding import Guard, GuardEvent
-from barewire.canopen.pdo.named_values import PdoReceived
+from barewire.canopen.nmt.error_control import Guard, GuardEvent, HeartbeatEvent
+from barewire.canopen.pdo.remote import PdoReceived
 from barewire.canopen.sync import SyncEvent
 from barewire.canopen.time_stamp import TimeReceived
 from barewire.devices import load

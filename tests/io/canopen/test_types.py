@@ -8,8 +8,8 @@ from typing import assert_type
 from barewire import AsyncCanopenClient, AsyncCanopenServer, CanopenClient, CanopenServer, connect, connect_async
 from barewire.canopen import CanFrame, Channel, LssAddress, NodeState, PdoConfig, RemotePdo
 from barewire.canopen.emcy import EmcyEvent
-from barewire.canopen.nmt.heartbeat import HeartbeatEvent
-from barewire.canopen.pdo.named_values import PdoReceived
+from barewire.canopen.nmt.error_control import HeartbeatEvent
+from barewire.canopen.pdo.remote import PdoReceived
 from barewire.codecs import Value
 from barewire.devices.drive import DriveStatus
 from barewire.devices.parameter import Reading

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from barewire.canopen.cob_ids import NODE_MAX, NODE_MIN, check_node, classify, cob_id
 from barewire.canopen.emcy import Emergency
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.nmt.heartbeat import NodeState
+from barewire.canopen.nmt.messages import NodeState
 from barewire.canopen.sdo import Abort, ExpeditedUpload, InitiateUpload, decode_sdo_response
 from barewire.canopen.sdo.channel import Channel
 from barewire.conversation import Conversation, Heard, Listen, Send

@@ -45,7 +45,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import Entry
 from barewire.canopen.pdo.config import PdoConfig
 from barewire.canopen.pdo.multiplexed import MPDO_COUNTS
-from barewire.canopen.pdo.remote_config import PdoConfigPolicy, read_pdo, write_pdo
+from barewire.canopen.pdo.remote import PdoConfigPolicy, read_pdo, write_pdo
 from barewire.canopen.sdo import Channel, download, upload
 from barewire.canopen.sdo.channel import channel_to
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation

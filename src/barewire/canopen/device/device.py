@@ -43,7 +43,7 @@ from barewire.canopen.emcy import EmcyConsumer, EmcyProducer
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.messages import REQUEST_KEY
 from barewire.canopen.lss.slave import LssSlave
-from barewire.canopen.nmt.heartbeat import HeartbeatProducer
+from barewire.canopen.nmt.error_control import HeartbeatProducer
 from barewire.canopen.nmt.messages import NmtCommand, NmtSlave, NmtState
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.config import PdoConfig, checked_pdos

@@ -8,7 +8,7 @@
         a monitored node is lost or boots, or the master sends no request in time   ->  emergency 8130h, then behaviour
         its heartbeat, or a request, arrives again                                  ->  emergency 0000h       1029h
 
-This file combines `nmt.heartbeat` and `nmt.node_guarding` as the objects configure them.
+This file combines the machines of `nmt.error_control` as the objects configure them.
 
 The TIME and EMCY consumers of a device, as its objects configure them.   [CiA 301, TIME, EMCY]
 
@@ -27,9 +27,8 @@ from barewire.canopen.cob_ids import CobEntry, cob_id
 from barewire.canopen.communication_objects import integer_value, validate_cob_id_writes, validate_writes
 from barewire.canopen.emcy import EmcyConsumer
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, HeartbeatProducer, consumer_entry
-from barewire.canopen.nmt.messages import NmtState
-from barewire.canopen.nmt.node_guarding import GuardedNode
+from barewire.canopen.nmt.error_control import GuardedNode, HeartbeatConsumer, HeartbeatProducer
+from barewire.canopen.nmt.messages import NmtState, consumer_entry
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.time_stamp import TimeConsumer, TimeStamp
 

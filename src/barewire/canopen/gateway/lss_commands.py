@@ -15,12 +15,13 @@ from __future__ import annotations
 from barewire.canopen.cob_ids import NODE_MAX
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.lines import GatewayCode, GatewayError
-from barewire.canopen.lss.fastscan import assign_node_ids, fastscan
 from barewire.canopen.lss.master import (
     LSS_TIMEOUT,
     activate_bit_timing,
+    assign_node_ids,
     configure_bit_timing,
     configure_node,
+    fastscan,
     identify_slaves,
     identify_unconfigured,
     inquire_address,

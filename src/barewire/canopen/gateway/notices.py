@@ -36,8 +36,7 @@ from barewire.canopen.gateway.lines import (
     width,
     word_count,
 )
-from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, HeartbeatEvent
-from barewire.canopen.nmt.node_guarding import Guard, GuardEvent, GuardingMaster
+from barewire.canopen.nmt.error_control import Guard, GuardEvent, GuardingMaster, HeartbeatConsumer, HeartbeatEvent
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
 from barewire.canopen.pdo.config import RTR_AT_ONCE, PdoConfig
 from barewire.canopen.pdo.engine import PdoEngine

@@ -4,6 +4,5 @@ The files, in reading order:
 
         messages     the messages, the address of a device, the bit rate table
         slave        the LSS state of a device
-        master       the services of the master, one conversation each
-        fastscan     find devices whose address is unknown, and assign node-IDs to all of them
+        master       the services of the master, one conversation each; fastscan
 """

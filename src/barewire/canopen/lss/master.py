@@ -12,14 +12,40 @@ master                                   the devices
 A bus has one LSS master, which sends one request at a time, so an answer belongs to the last request. Where no answer
 means "no such device", the result is False, 0 or None. If a device in configuration does not answer, NoAnswer is
 raised.
+
+Fastscan finds devices that have no node-ID and whose LSS address is unknown, bit by bit:
+
+        51 | number | bit | sub | next       devices answer if their part `sub` equals `number` from bit `bit` upwards
+
+        begin            any device without a node-ID answers           its response time is measured
+        part 0, bit 31   number 0  -> answer: the bit is 0              no answer: the bit is 1
+        ...              32 requests for a part, 128 for an address
+        part 0 whole     must be confirmed -> answer: go on to part 1
+
+A bit that is 1 costs a whole time-out, so the time-out determines how long a scan takes. It is three times the longest
+response time so far, and never less than `floor`. If devices answer with different delays, a late answer would be
+mistaken for one to the next request. So if the begin request brought several answers, the scan waits after every answer
+for as long as they were apart (`linger`).
+
+A lost frame looks like "no answer" and makes a wrong bit, which the confirmation of the part detects. The time-out is
+then doubled, each request without an answer is repeated from now on, and the scan starts again. Parts that were
+confirmed before are not scanned again, but confirmed with one request.
 """
 
 from __future__ import annotations
 
-from barewire.canopen.cob_ids import check_node
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from barewire.canopen.cob_ids import check_node, check_node_ids
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.messages import (
+    BEGIN,
+    STORE_NOT_SUPPORTED,
     UNCONFIGURED,
+    Fastscan,
     LssAddress,
     LssMessage,
     LssRefused,
@@ -27,6 +53,7 @@ from barewire.canopen.lss.messages import (
     LssState,
     with_number,
 )
+from barewire.canopen.nmt.messages import NodeState
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
@@ -172,3 +199,227 @@ def _must_accept(message: LssMessage, timeout: float) -> Conversation[CanFrame, 
     answer = yield from _must_answer(message, timeout)
     if answer.body[0]:
         raise LssRefused(LssService(message.service), answer.body[0], answer.body[1])
+
+
+_FLOOR = 0.010
+"""The shortest time-out in seconds. A device answers within a millisecond or two; the rest is for the adapter."""
+
+KnownAddress = Sequence[int | None]
+"""Vendor-ID, product code, revision and serial number; None for a part that is unknown."""
+
+_NOTHING_KNOWN: KnownAddress = (None, None, None, None)
+
+
+class FastscanProgress(NamedTuple):
+    """The progress of a scan: the part and its bit, the number found so far, the present time-out in seconds."""
+
+    part: int
+    bit: int
+    number: int
+    wait: float
+    restarts: int
+
+
+@dataclass(slots=True)
+class _Timing:
+    """The time-out of requests, adapted to response times and to failures."""
+
+    floor: float
+    longest: float
+    wait: float
+    linger: float = 0.0  # seconds of listening after an answer, for the answers of slower devices
+    restarts: int = 0
+
+    def note_answer(self, response_time: float) -> None:
+        self.wait = min(max(self.wait, 3 * response_time), self.longest)
+
+    def note_failure(self) -> None:
+        """Wait longer from now on: a frame was lost, or an answer came after the time-out."""
+        self.restarts += 1
+        self.wait = min(2 * self.wait, self.longest)
+        if self.linger:
+            self.linger = min(2 * self.linger, self.longest)
+
+    @property
+    def attempts(self) -> int:
+        """How often a request is sent before "no answer" is accepted: once while no scan has failed."""
+        return 1 if not self.restarts else 2 if self.restarts < 4 else 3
+
+
+def fastscan(
+    known: KnownAddress = _NOTHING_KNOWN,
+    *,
+    timeout: float = LSS_TIMEOUT,
+    floor: float = _FLOOR,
+    attempts: int = 10,
+    progress: Callable[[FastscanProgress], None] | None = None,
+) -> Conversation[CanFrame, LssAddress | None]:
+    """Find one device without a node-ID and switch it to configuration. Return its address, None if there is none.
+
+    known      parts of the address that are not scanned but confirmed with one request each; the result is None
+               if no device matches them
+    timeout    time-out of the begin request, in seconds
+    floor      shortest time-out of all other requests, in seconds
+    attempts   scans before NoAnswer is raised, because the bus loses too many frames to confirm an address
+    progress   called before each request
+    """
+    if len(known) != 4:
+        raise EncodeError(f"{len(known)} known parts: expected 4, None for an unknown one")
+    timing = _Timing(floor, timeout, floor)
+    found: list[int | None] = [None, None, None, None]
+    unmatched = 0  # scans in which a known part was not confirmed
+    while timing.restarts < attempts:
+        if (yield from _begin(timing, timeout)):
+            failed = yield from _scan(known, found, timing, progress)
+            if failed is None:
+                return LssAddress(*(part or 0 for part in found))
+            unmatched += known[failed] is not None
+            if unmatched == 3:
+                return None
+        elif not timing.restarts:
+            return None
+        timing.note_failure()
+        # If the last answer was lost, a device is in configuration and no longer takes part: switch it back.
+        yield from switch_global(LssState.WAITING)
+    raise NoAnswer(f"fastscan ran {attempts} times and found no address that a device confirmed")
+
+
+def _begin(timing: _Timing, timeout: float) -> Conversation[CanFrame, bool]:
+    """Send the begin request, at most twice; measure the response time and how far apart the answers are."""
+    for _ in range(2):
+        times = yield from _request(Fastscan(0, BEGIN, 0, 0), timeout, None)
+        if times:
+            timing.note_answer(times[-1])
+            if len(times) > 1:
+                timing.linger = max(timing.linger, timing.floor, 1.5 * (times[-1] - times[0]))
+            return True
+    return False
+
+
+def _scan(
+    known: KnownAddress,
+    found: list[int | None],
+    timing: _Timing,
+    progress: Callable[[FastscanProgress], None] | None,
+) -> Conversation[CanFrame, int | None]:
+    """Scan the four parts once, into `found`. Return the part that was not confirmed, None if all were."""
+    for part in range(4):
+        number = known[part] if known[part] is not None else found[part]
+        if number is None:
+            number = yield from _scan_part(part, timing, progress)
+        if not (yield from _matches(Fastscan(number, 0, part, (part + 1) % 4), timing)):
+            found[part] = None
+            return part
+        found[part] = number
+    return None
+
+
+def _scan_part(
+    part: int, timing: _Timing, progress: Callable[[FastscanProgress], None] | None
+) -> Conversation[CanFrame, int]:
+    number = 0
+    for bit in range(31, -1, -1):
+        if progress is not None:
+            progress(FastscanProgress(part, bit, number, timing.wait, timing.restarts))
+        if not (yield from _matches(Fastscan(number, bit, part, part), timing)):
+            number |= 1 << bit
+    return number
+
+
+def _matches(request: Fastscan, timing: _Timing) -> Conversation[CanFrame, bool]:
+    """Return whether any device answers the request."""
+    for _ in range(timing.attempts):
+        times = yield from _request(request, timing.wait, timing.linger)
+        if times:
+            timing.note_answer(times[0])
+            return True
+    return False
+
+
+def _request(request: Fastscan, wait: float, linger: float | None) -> Conversation[CanFrame, list[float]]:
+    """Return the response times of a request: wait for an answer, then `linger` for others (None: the whole `wait`)."""
+    sent: Heard[CanFrame] = yield Send(request.encode())
+    until = sent.now + wait
+    times: list[float] = []
+    while True:
+        heard: Heard[CanFrame] = yield Listen(until)
+        if heard.item is not None and read_answer(heard.item, LssService.IDENTIFIED) is not None:
+            times.append(heard.now - sent.now)
+            if linger is not None and len(times) == 1:
+                until = heard.now + linger
+        if heard.now >= until or (times and linger == 0):
+            return times
+
+
+class AssignedNode(NamedTuple):
+    """A device that was given a node-ID. `booted` is whether its boot-up message was received, `stored` whether it
+    has stored the node-ID for the next power-on."""
+
+    address: LssAddress
+    node: int
+    booted: bool
+    stored: bool
+
+
+def assign_node_ids(
+    nodes: Iterable[int],
+    known: KnownAddress = _NOTHING_KNOWN,
+    *,
+    store: bool = True,
+    timeout: float = LSS_TIMEOUT,
+    floor: float = _FLOOR,
+    progress: Callable[[FastscanProgress], None] | None = None,
+    found: Callable[[AssignedNode], None] | None = None,
+) -> Conversation[CanFrame, list[AssignedNode]]:
+    """Find devices without a node-ID and assign `nodes` to them in order, until no device or no node-ID is left.
+
+    `known`, `timeout`, `floor` and `progress` are those of `fastscan`; `found` is called for each device. With `store`,
+    each device is asked to store its node-ID; one that does not support that has it until it is switched off
+    (`AssignedNode.stored`). Raise LssRefused if a device refuses its node-ID, or if its storage fails. However it ends,
+    no device is left in configuration.
+    """
+    check_node_ids("nodes", nodes)
+    assigned: list[AssignedNode] = []
+    yield from switch_global(LssState.WAITING)
+    try:
+        for node in nodes:
+            address = yield from fastscan(known, timeout=timeout, floor=floor, progress=progress)
+            if address is None:
+                break
+            yield from configure_node(node, timeout=timeout)
+            stored = store and (yield from _stores(timeout))
+            now = yield from send_lss(LssMessage(LssService.SWITCH_GLOBAL, bytes([LssState.WAITING])))
+            booted = yield from _wait_for_boot_up(node, now + timeout)
+            assigned.append(AssignedNode(address, node, booted, stored))
+            if found is not None:
+                found(assigned[-1])
+    except GeneratorExit:
+        raise  # the conversation is closed: nothing can be sent any more
+    except BaseException:
+        # A device in configuration does not take part in the next scan, and obeys what is meant for another one.
+        yield from switch_global(LssState.WAITING)
+        raise
+    return assigned
+
+
+def _stores(timeout: float) -> Conversation[CanFrame, bool]:
+    """Let the device store its configuration; return False if it does not support that, which CiA 305 allows."""
+    try:
+        yield from store_configuration(timeout=timeout)
+    except LssRefused as refusal:
+        if refusal.code != STORE_NOT_SUPPORTED:
+            raise
+        return False
+    return True
+
+
+def _wait_for_boot_up(node: int, until: float) -> Conversation[CanFrame, bool]:
+    """Wait for the boot-up message of the node; return whether it was received."""
+    while True:
+        heard: Heard[CanFrame] = yield Listen(until)
+        if heard.item is not None:
+            with suppress(DecodeError):
+                if NodeState.decode(heard.item).node == node:
+                    return True
+        if heard.now >= until:
+            return False

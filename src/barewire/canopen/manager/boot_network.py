@@ -32,9 +32,8 @@ from typing import Literal, NamedTuple, TypeAlias
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.manager.boot_slave import RESET_TIME, BootError, BootProgress, BootResult, boot_slave
 from barewire.canopen.manager.network_list import BootSlave, NetworkList, checked_network
-from barewire.canopen.nmt.heartbeat import HeartbeatConsumer, NodeState
-from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
-from barewire.canopen.nmt.node_guarding import Guard, GuardEvent, GuardingMaster
+from barewire.canopen.nmt.error_control import Guard, GuardEvent, GuardingMaster, HeartbeatConsumer
+from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState, NodeState
 from barewire.canopen.sdo import Channel
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError

@@ -26,9 +26,8 @@ from barewire.canopen.configuration.configure import compare_device, configure_d
 from barewire.canopen.configuration.settings import DATE, DEVICE_TYPE, IDENTITY, DeviceConfiguration, Setting
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.manager.network_list import BootSlave
-from barewire.canopen.nmt.heartbeat import NodeState, guarding_request
 from barewire.canopen.nmt.master import request_state, wait_for_boot_up, wait_for_heartbeat
-from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
+from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState, NodeState, guarding_request
 from barewire.canopen.sdo import Channel, download, upload
 from barewire.canopen.sdo.channel import channel_to
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Listen, Send

@@ -2,9 +2,8 @@
 
 The files, in reading order:
 
-        messages         the NMT commands, the states of a node and their transitions
-        heartbeat        the state byte on 700h+n; heartbeat producer and consumer
-        node_guarding    the older error control, by remote frames
+        messages         the commands, the states of a node and their transitions, the state byte on 700h+n
+        error_control    heartbeat producer and consumer; node guarding, by remote frames
         node_monitor     which nodes sent frames and when, to explain why a node did not respond
         master           send a command and await its confirmation; wait for a state or a boot-up message
 """

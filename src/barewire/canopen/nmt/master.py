@@ -20,8 +20,7 @@ from typing import NamedTuple
 
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.nmt.heartbeat import NodeState, guarding_request
-from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtMessage, NmtState
+from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtMessage, NmtState, NodeState, guarding_request
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer, shown
 
@@ -115,9 +114,9 @@ def wait_for_boot_up(node: int | None = None, *, timeout: float = 10.0) -> Conve
     """Wait for the boot-up message of a node, or of any node with None. Raise NoAnswer.
 
     >>> from barewire.conversation import play
-    >>> play(wait_for_state(5, [NmtState.STOPPED], timeout=0.5), lambda frame, now: [])
+    >>> play(wait_for_boot_up(5, timeout=0.5), lambda frame, now: [])
     Traceback (most recent call last):
-    barewire.errors.NoAnswer: no state stopped from node 5 within 0.5 s: no state was reported
+    barewire.errors.NoAnswer: no boot-up message from node 5 within 0.5 s: no state was reported
     """
     return _wait(node, "boot-up message", lambda received: received.is_boot_up, timeout)
 

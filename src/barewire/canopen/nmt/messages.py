@@ -1,6 +1,7 @@
-"""NMT messages and states: five commands from the master, four states in every device.   [CiA 301, NMT]
+"""NMT messages and states: five commands from the master, four states in every device.   [CiA 301, NMT, error control]
 
-        000h | command | node |          2 bytes, not confirmed; node 0 addresses all nodes
+        000h | command | node          not confirmed; node 0 addresses all nodes
+        700h+n | t sssssss             the state of node n: in a boot-up message, a heartbeat, a response to guarding
 
         01 start         02 stop         80 enter pre-operational         81 reset node      82 reset communication
 
@@ -11,7 +12,7 @@
                                                               OPERATIONAL 05 <-----+  +---------+  STOPPED 04
 
 Start, stop and enter pre-operational lead to their state from each of the lower three states; a device in INITIALISING
-receives nothing. `SERVICES_IN` lists the services that work in each state; `NmtSlave.may` reads it.
+receives nothing.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from barewire.canopen.cob_ids import ServiceName, check_node, cob_id
+from barewire.canopen.cob_ids import ServiceName, check_node, classify, cob_id
 from barewire.canopen.frame import CanFrame
-from barewire.codecs import Layout
+from barewire.codecs import BitPattern, Layout
 from barewire.errors import DecodeError, EncodeError
 
 
@@ -44,6 +45,9 @@ class NmtState(IntEnum):
     OPERATIONAL = 0x05
     PRE_OPERATIONAL = 0x7F
 
+
+STATE_BYTE = BitPattern("tsss ssss")
+_NAMES = {state.value: state.name.lower().replace("_", "-") for state in NmtState}
 
 STATE_AFTER = {
     NmtCommand.START: NmtState.OPERATIONAL,
@@ -102,6 +106,72 @@ class NmtMessage:
         if node > 127:
             raise DecodeError("value", frame.data, 1, f"node {node}: expected 0..127")
         return cls(NmtCommand(command), node)
+
+
+@dataclass(frozen=True, slots=True)
+class NodeState:
+    """A heartbeat, a boot-up message or the response to node guarding: all carry this one byte.
+
+        700h+n | t sssssss        t = 0 in a heartbeat; alternates in responses to node guarding
+
+    >>> str(NodeState(5, NmtState.OPERATIONAL).encode())
+    '705#05'
+    >>> NodeState.decode(CanFrame.parse("705#85"))
+    NodeState(node=5, state=5, toggle=True)
+    """
+
+    node: int
+    state: int
+    toggle: bool = False
+
+    @property
+    def is_boot_up(self) -> bool:
+        """Whether it is the boot-up message 00h: the node has just finished its initialisation."""
+        return self.state == NmtState.INITIALISING and not self.toggle
+
+    @property
+    def name(self) -> str:
+        """The state in words, or as a number if it is a reserved value."""
+        return _NAMES.get(self.state, f"state {self.state:02X}h")
+
+    def encode(self) -> CanFrame:
+        """Return the frame: one byte on 700h+n."""
+        return CanFrame(cob_id("error control", self.node), bytes([STATE_BYTE.encode(t=self.toggle, s=self.state)]))
+
+    @classmethod
+    def decode(cls, frame: CanFrame) -> NodeState:
+        """Decode a frame. Bytes behind the first are ignored, because some devices send them.
+
+        Raise DecodeError for another identifier and for a frame without data.
+        """
+        found = classify(frame)
+        if found is None or found[0].name != "error control" or frame.remote:
+            raise DecodeError(
+                "mismatch", frame.data, 0, f"{frame} is not an error control message: expected 701h..77Fh"
+            )
+        if not frame.data:
+            raise DecodeError("short", frame.data, 0, "the state is byte 0, but there are none")
+        fields = STATE_BYTE.decode(frame.data[0])
+        return cls(found[1], fields["s"], bool(fields["t"]))
+
+
+def guarding_request(node: int) -> CanFrame:
+    """Return the remote frame by which a master requests the state of a node.
+
+    >>> str(guarding_request(5))
+    '705#R1'
+    """
+    return CanFrame(cob_id("error control", node), remote=True, requested=1)
+
+
+def consumer_entry(word: int) -> tuple[int, float] | None:
+    """Return one entry of 1016h as (node, seconds); None if it is unused, which is node 0 or time 0.
+
+    >>> consumer_entry(134072)
+    (2, 3.0)
+    """
+    node, milliseconds = word >> 16 & 0x7F, word & 0xFFFF
+    return (node, milliseconds / 1000) if node and milliseconds else None
 
 
 class NmtChange(NamedTuple):

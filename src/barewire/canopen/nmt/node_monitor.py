@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 from barewire.canopen.cob_ids import NODE_MAX, NODE_MIN, SERVICES, check_node
 from barewire.canopen.frame import BASE_MAX, CanFrame, ErrorFrame
-from barewire.canopen.nmt.heartbeat import NodeState
-from barewire.canopen.nmt.messages import NmtState
+from barewire.canopen.nmt.messages import NmtState, NodeState
 from barewire.errors import DecodeError
 
 _SHOWN = 5

@@ -5,8 +5,6 @@ The files, in reading order:
         mapping          which bits of a frame are which object
         multiplexed      MPDOs: one object in a frame, with its index and sub-index
         config           the communication and mapping records in the object dictionary
-        active           one PDO of a device as configured now
         engine           all PDOs of a device: sent and received by SYNC, change, time and request
-        remote_config    read and write the configuration of the PDOs of another device
-        named_values     the PDOs of other devices as named values
+        remote           the PDOs of other devices: their configuration, their values by name
 """

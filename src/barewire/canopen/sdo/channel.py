@@ -39,8 +39,7 @@ from dataclasses import dataclass, fields
 from barewire.canopen.abort_codes import AbortCode
 from barewire.canopen.cob_ids import CobEntry, classify, default_sdo_channel
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.nmt.heartbeat import NodeState
-from barewire.canopen.nmt.messages import NmtState
+from barewire.canopen.nmt.messages import NmtState, NodeState
 from barewire.canopen.nmt.node_monitor import NodeMonitor, TrafficMark
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.messages import (

@@ -38,8 +38,7 @@ from barewire.canopen.lss.messages import (
     LssService,
     LssState,
 )
-from barewire.canopen.nmt.heartbeat import STATE_BYTE, NodeState
-from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState
+from barewire.canopen.nmt.messages import STATE_BYTE, NmtCommand, NmtMessage, NmtState, NodeState
 from barewire.canopen.pdo.mapping import MappedObject, PdoMapping
 from barewire.canopen.sdo.messages import LAST, Abort, InitiateUpload, has_reserved_bits
 from barewire.canopen.sync import SyncMessage

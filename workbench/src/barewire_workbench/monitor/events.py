@@ -27,8 +27,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 from barewire.canopen.abort_codes import abort_text
 from barewire.canopen.emcy import error_text, register_names
-from barewire.canopen.nmt.heartbeat import NodeState
-from barewire.canopen.nmt.messages import NmtCommand
+from barewire.canopen.nmt.messages import NmtCommand, NodeState
 from barewire.codecs import Value
 from barewire_workbench.frames.result import counted
 from barewire_workbench.recordings.model import Unread

@@ -11,8 +11,7 @@ from barewire.canopen.datatypes import DAY, TimeOfDay
 from barewire.canopen.emcy import Emergency
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.messages import LssMessage
-from barewire.canopen.nmt.heartbeat import NodeState, consumer_entry
-from barewire.canopen.nmt.messages import NmtCommand, NmtMessage
+from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NodeState, consumer_entry
 from barewire.canopen.pdo.mapping import MappedObject, PdoMapping
 from barewire.canopen.sync import SyncMessage
 from barewire.canopen.time_stamp import TimeStamp

@@ -10,8 +10,8 @@ from barewire.canopen.datatypes import DATA_TYPES, DAY, TimeDifference, TimeOfDa
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.messages import LssAddress
 from barewire.canopen.lss.slave import LssSlave
+from barewire.canopen.nmt.error_control import GuardedNode
 from barewire.canopen.nmt.messages import NmtState
-from barewire.canopen.nmt.node_guarding import GuardedNode
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
 from barewire.canopen.sdo import BlockSettings, SdoServer, download, upload
 from barewire.conversation import Conversation, Heard, Listen

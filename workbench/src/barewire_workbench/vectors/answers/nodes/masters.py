@@ -13,8 +13,7 @@ from barewire.canopen.lss import fastscan, master
 from barewire.canopen.lss.messages import LssAddress, LssRefused, LssState
 from barewire.canopen.manager.boot_slave import boot_slave
 from barewire.canopen.manager.network_list import BootSlave
-from barewire.canopen.nmt.heartbeat import HeartbeatConsumer
-from barewire.canopen.nmt.node_guarding import Guard, GuardingMaster
+from barewire.canopen.nmt.error_control import Guard, GuardingMaster, HeartbeatConsumer
 from barewire.conversation import Conversation, play
 from barewire.errors import NoAnswer
 from barewire_workbench.vectors.answers.texts import octets

@@ -1,4 +1,14 @@
-"""Node guarding and life guarding: error control by polling with remote frames.   [CiA 301, node guarding]
+"""Error control: heartbeats, and the older node guarding.   [CiA 301, heartbeat, node guarding, life guarding]
+
+A heartbeat *producer* sends its state every 1017h milliseconds. A *consumer* has a time for each monitored node (1016h)
+and keeps one of three conditions for it; each transition is an event:
+
+        unknown --heartbeat--> active --silence--> lost --heartbeat--> active
+           ^______________________boot-up_______________|
+
+A boot-up message alone does not start the monitoring: a device without heartbeat sends one as well.
+
+In node guarding the master requests the state by a remote frame:
 
         master                                     node
         700h+n, remote         ->                                  every guard time
@@ -21,9 +31,163 @@ from typing import Literal, NamedTuple
 
 from barewire.canopen.cob_ids import check_node, cob_id
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.nmt.heartbeat import NodeState, guarding_request
-from barewire.canopen.nmt.messages import NmtState
-from barewire.errors import DecodeError, EncodeError
+from barewire.canopen.nmt.messages import NmtState, NodeState, guarding_request
+from barewire.errors import DecodeError, EncodeError, shown
+
+
+class HeartbeatProducer:
+    """A machine that sends `state` every `period` seconds; a period of 0 means never.
+
+    The times are absolute (t0 + k times the period), so a late call does not shift the later heartbeats. After a long
+    pause one heartbeat is sent, and the missed ones are skipped.
+    """
+
+    __slots__ = ("_next", "_period", "node", "state")
+
+    def __init__(self, node: int) -> None:
+        self.node = check_node(node)
+        self.state: NmtState = NmtState.INITIALISING
+        self._period = 0.0
+        self._next: float | None = None
+
+    @property
+    def deadline(self) -> float | None:
+        """When the next heartbeat is due."""
+        return self._next
+
+    @property
+    def period(self) -> float:
+        """Seconds between two heartbeats, 0 for none."""
+        return self._period
+
+    def set_period(self, period: float, now: float) -> None:
+        """Set the period of 1017h, in seconds. If it changes, the next heartbeat is due at once."""
+        if period == self._period:
+            return
+        self._period = period
+        self._next = now if period > 0 else None
+
+    def boot_up(self, now: float) -> CanFrame:
+        """Return the boot-up message; the first heartbeat is due one period later."""
+        self._next = now + self._period if self._period > 0 else None
+        return NodeState(self.node, NmtState.INITIALISING).encode()
+
+    def feed(self, item: None, now: float) -> list[CanFrame]:
+        """Return the heartbeat, if one is due."""
+        if self._next is None or now < self._next:
+            return []
+        missed = int((now - self._next) / self._period)
+        self._next += (missed + 1) * self._period
+        return [NodeState(self.node, self.state).encode()]
+
+
+Liveness = Literal["unknown", "active", "lost"]
+HeartbeatKind = Literal["active", "state", "lost", "booted", "rebooted"]
+
+
+class HeartbeatEvent(NamedTuple):
+    """A change of a node.
+
+    active      its first heartbeat, or the first one after it was lost
+    state       its NMT state has changed
+    lost        no heartbeat within its time
+    booted      its boot-up message
+    rebooted    the boot-up message of a node that was active
+    """
+
+    node: int
+    kind: HeartbeatKind
+    state: int | None
+    at: float
+
+
+class _Watched:
+    __slots__ = ("deadline", "liveness", "state")
+
+    def __init__(self) -> None:
+        self.liveness: Liveness = "unknown"
+        self.state: int | None = None
+        self.deadline: float | None = None
+
+
+class HeartbeatConsumer:
+    """A machine that follows the heartbeats of all nodes, and monitors the nodes that have a time.
+
+    >>> consumer = HeartbeatConsumer({5: 1.5})
+    >>> [event.kind for event in consumer.feed(CanFrame.parse("705#7F"), 10.0)], consumer.deadline
+    (['active'], 11.5)
+    >>> [event.kind for event in consumer.feed(None, 11.5)], consumer.liveness(5)
+    (['lost'], 'lost')
+    """
+
+    __slots__ = ("_nodes", "times")
+
+    def __init__(self, times: Mapping[int, float]) -> None:
+        self.times: dict[int, float] = {}
+        self._nodes: dict[int, _Watched] = {}  # at most 127
+        self.watch(times)
+
+    def watch(self, times: Mapping[int, float]) -> None:
+        """Monitor these nodes: node -> seconds. Monitoring restarts for a node whose time changed."""
+        if not isinstance(times, Mapping):
+            raise EncodeError(f"{shown(times)}: expected a mapping of node-ID to seconds, such as {{5: 1.5}}")
+        for node, seconds in times.items():
+            check_node(node)
+            if not isinstance(seconds, (int, float)) or not seconds > 0:
+                raise EncodeError(f"heartbeat time {shown(seconds)} s of node {node}: expected more than 0")
+        for node, watched in self._nodes.items():
+            if times.get(node) != self.times.get(node):
+                watched.liveness, watched.deadline = "unknown", None
+        self.times = dict(times)
+
+    def expect(self, node: int, until: float) -> None:
+        """Report the node as lost at `until` even without an earlier heartbeat, for a master that just started it."""
+        self._nodes.setdefault(check_node(node), _Watched()).deadline = until
+
+    @property
+    def deadline(self) -> float | None:
+        """When the next node counts as lost unless it sends a heartbeat before."""
+        return min((due for watched in self._nodes.values() if (due := watched.deadline) is not None), default=None)
+
+    def liveness(self, node: int) -> Liveness:
+        """Return the condition of a node."""
+        watched = self._nodes.get(node)
+        return "unknown" if watched is None else watched.liveness
+
+    def state(self, node: int) -> int | None:
+        """Return the last NMT state that the node reported, None before the first."""
+        watched = self._nodes.get(node)
+        return None if watched is None else watched.state
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[HeartbeatEvent]:
+        """Return the events of nodes that are lost by now, then those of the frame."""
+        events: list[HeartbeatEvent] = []
+        for node, watched in self._nodes.items():
+            if watched.deadline is not None and now >= watched.deadline:
+                watched.liveness, watched.deadline = "lost", None
+                events.append(HeartbeatEvent(node, "lost", watched.state, now))
+        if frame is None:
+            return events
+        try:
+            received = NodeState.decode(frame)
+        except DecodeError:
+            return events
+        watched = self._nodes.setdefault(received.node, _Watched())
+        before, state_before = watched.liveness, watched.state
+        watched.state = received.state
+        if received.is_boot_up:
+            watched.liveness, watched.deadline = "unknown", None
+            kind: HeartbeatKind = "rebooted" if before == "active" else "booted"
+            events.append(HeartbeatEvent(received.node, kind, received.state, now))
+            return events
+        seconds = self.times.get(received.node)
+        watched.liveness = "active"
+        watched.deadline = None if seconds is None else now + seconds
+        if before != "active":
+            events.append(HeartbeatEvent(received.node, "active", received.state, now))
+        elif received.state != state_before:
+            events.append(HeartbeatEvent(received.node, "state", received.state, now))
+        return events
 
 
 class Guard(NamedTuple):
