@@ -9,7 +9,7 @@ import pytest
 
 import barewire
 import barewire.modbus
-from barewire.canopen.lss import fastscan as lss_scan, master as lss_master
+from barewire.canopen.lss import master as lss_master
 from barewire.io.canopen.methods.lss import LssMethods
 from barewire.io.canopen.methods.nmt import NodeNmtMethods
 from barewire.io.canopen.methods.operations import Methods
@@ -81,7 +81,7 @@ LSS_METHODS = [name for name in vars(LssMethods) if not name.startswith("_")]
 
 @pytest.mark.parametrize("name", LSS_METHODS)
 def test_a_method_of_lss_has_the_parameters_of_its_function(name: str) -> None:
-    function = inspect.signature(getattr(lss_master, name, None) or getattr(lss_scan, name))
+    function = inspect.signature(getattr(lss_master, name))
     method = inspect.signature(getattr(LssMethods(cast("Any", None)), name))
     assert list(method.parameters.values()) == list(function.parameters.values())
     assert f"Conversation[CanFrame, {method.return_annotation}]" == function.return_annotation

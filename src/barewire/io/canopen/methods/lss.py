@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
 from barewire.canopen.cob_ids import cob_id
-from barewire.canopen.lss import fastscan as lss_scan, master as lss_master
+from barewire.canopen.lss import master as lss_master
 from barewire.io.canopen.methods.nmt import ERROR_CONTROL
 from barewire.io.canopen.methods.operations import BusOperation, Methods, R, operation
 
@@ -57,5 +57,5 @@ class LssMethods(Methods[R]):
     configure_bit_timing = _lss(lss_master.configure_bit_timing)
     activate_bit_timing = _lss(lss_master.activate_bit_timing)
     store_configuration = _lss(lss_master.store_configuration)
-    fastscan = _lss(lss_scan.fastscan)
-    assign_node_ids = _lss(lss_scan.assign_node_ids)
+    fastscan = _lss(lss_master.fastscan)
+    assign_node_ids = _lss(lss_master.assign_node_ids)

@@ -9,7 +9,7 @@ from typing import Any
 from barewire.canopen.configuration.concise_dcf import ConciseValue
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.gateway.session import GatewaySession
-from barewire.canopen.lss import fastscan, master
+from barewire.canopen.lss import master
 from barewire.canopen.lss.messages import LssAddress, LssRefused, LssState
 from barewire.canopen.manager.boot_slave import boot_slave
 from barewire.canopen.manager.network_list import BootSlave
@@ -93,7 +93,7 @@ def _service(ask: Fields) -> Conversation[CanFrame, Any]:
         case "store":
             return master.store_configuration()
         case _:
-            return fastscan.fastscan([None if part is None else int(part, 16) for part in ask["known"]])
+            return master.fastscan([None if part is None else int(part, 16) for part in ask["known"]])
 
 
 def _numbers(parts: Sequence[str]) -> list[int]:
