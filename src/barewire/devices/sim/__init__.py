@@ -33,7 +33,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, overload
+from typing import Literal, TypedDict, Unpack, overload
 
 from barewire.devices.description.load import load
 from barewire.devices.device import Device
@@ -47,42 +47,22 @@ _SIMULATORS: dict[str, type[Simulator]] = {"adxl": Adxl, "az3": Az3, "csd-mt": C
 """The machines with behaviour, by the name of their description."""
 
 
+class _DeliverySettings(TypedDict, total=False):
+    """The addresses of a machine, where they are not those of its description."""
+
+    node: int | None
+    bitrate: int | None
+    unit: int | None
+
+
 @overload
-def simulator(
-    device: Literal["adxl"],
-    now: float = 0.0,
-    *,
-    node: int | None = None,
-    bitrate: int | None = None,
-    unit: int | None = None,
-) -> Adxl: ...
+def simulator(device: Literal["adxl"], now: float = 0.0, **delivered: Unpack[_DeliverySettings]) -> Adxl: ...
 @overload
-def simulator(
-    device: Literal["az3"],
-    now: float = 0.0,
-    *,
-    node: int | None = None,
-    bitrate: int | None = None,
-    unit: int | None = None,
-) -> Az3: ...
+def simulator(device: Literal["az3"], now: float = 0.0, **delivered: Unpack[_DeliverySettings]) -> Az3: ...
 @overload
-def simulator(
-    device: Literal["csd-mt"],
-    now: float = 0.0,
-    *,
-    node: int | None = None,
-    bitrate: int | None = None,
-    unit: int | None = None,
-) -> CsdMt: ...
+def simulator(device: Literal["csd-mt"], now: float = 0.0, **delivered: Unpack[_DeliverySettings]) -> CsdMt: ...
 @overload
-def simulator(
-    device: str | Path | Device,
-    now: float = 0.0,
-    *,
-    node: int | None = None,
-    bitrate: int | None = None,
-    unit: int | None = None,
-) -> Simulator: ...
+def simulator(device: str | Path | Device, now: float = 0.0, **delivered: Unpack[_DeliverySettings]) -> Simulator: ...
 def simulator(
     device: str | Path | Device,
     now: float = 0.0,

@@ -35,14 +35,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from barewire.codecs import Value
 from barewire.devices.device import Device, ModbusSettings
 from barewire.devices.sim.adxl_motor import FREQUENCY, LINE_RATIOS, RATED_CURRENT, Motor, MotorPhase, MotorSample
 from barewire.devices.sim.machine import Simulator, parse_setting
 from barewire.devices.sim.modbus import ModbusAdapter
-from barewire.devices.sim.store import Declined, SimulatedMachine
+from barewire.devices.sim.store import Declined
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, SERVER_DEVICE_BUSY, ModbusException
 from barewire.modbus.messages.base import Response
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus, ReadExceptionStatusResponse
@@ -149,20 +149,10 @@ _EVENT_TEXT = 0x5031
 _EVENT_REGISTERS = 28
 
 
-class Starter(SimulatedMachine, Protocol):
-    """The part of the soft starter that this adapter uses."""
-
-    events: EventList
-    reboots_until: float
-
-    def exception_status(self) -> int:
-        """Return the byte of function 07."""
-
-
 class AdxlModbusAdapter(ModbusAdapter):
     """03, 04, 06, 07 and 17 (hexadecimal 11); exception 06 while the starter reboots."""
 
-    def __init__(self, starter: Starter, settings: ModbusSettings) -> None:
+    def __init__(self, starter: Adxl, settings: ModbusSettings) -> None:
         super().__init__(starter, settings)
         self.starter = starter
 

@@ -44,7 +44,6 @@ The file, to read, to edit, and to keep beside a test:
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -127,6 +126,11 @@ class RecordedRequest:
     left_out: int = 0
 
     @property
+    def place(self) -> tuple[object, ...]:
+        """What requests have in common whose answers are one sequence."""
+        return self.function, self.table, self.address, self.quantity, self.pdu
+
+    @property
     def count(self) -> int:
         """How often it was sent."""
         return sum(answer.times for answer in self.answers) + self.left_out
@@ -171,6 +175,9 @@ _SAME_LATENCY = 0.02
 """Seconds: answers of one row differ less than this in their latency, or less than by half."""
 
 
+# Learning
+
+
 class _Exchange(NamedTuple):
     request: RequestSeen
     response: ResponseSeen | None
@@ -180,8 +187,8 @@ def learn_line(events: Iterable[SnifferEvent], *, limit: int = ANSWERS_LIMIT) ->
     """Return what the events of a sniffer show of each unit. `limit`: the most rows of answers to one request.
 
     >>> from barewire.modbus import ReadHoldingRegisters
-    >>> asked = RequestSeen(7, bytes.fromhex("0300000001"), 1.0, ReadHoldingRegisters(0, 1))
-    >>> line = learn_line([asked, ResponseSeen(7, bytes.fromhex("03020017"), 1.25, None, asked)])
+    >>> request = RequestSeen(7, bytes.fromhex("0300000001"), 1.0, ReadHoldingRegisters(0, 1))
+    >>> line = learn_line([request, ResponseSeen(7, bytes.fromhex("03020017"), 1.25, None, request)])
     >>> line.units[7].requests[0].answers[0].values
     (23,)
 
@@ -190,7 +197,8 @@ def learn_line(events: Iterable[SnifferEvent], *, limit: int = ANSWERS_LIMIT) ->
     if limit < 1:
         raise EncodeError(f"limit {limit}: expected a number of answers, from 1 on", "limit")
     line = RecordedLine()
-    exchanges: dict[int, _Exchange] = {}  # by the identity of the request, which it keeps alive
+    # By the identity of the request, which the exchange keeps alive: a late response replaces "no answer".
+    exchanges: dict[int, _Exchange] = {}
     times: list[float] = []
     for event in events:
         times.append(event.at)
@@ -211,49 +219,44 @@ def learn_line(events: Iterable[SnifferEvent], *, limit: int = ANSWERS_LIMIT) ->
         return line
     start = min(times)
     line.seconds = max(times) - start
-    by_request: dict[int, dict[tuple[object, ...], list[_Exchange]]] = {}
-    for exchange in sorted(exchanges.values(), key=lambda found: found.request.at):
-        request = exchange.request
-        by_request.setdefault(request.unit, {}).setdefault(_sequence_key(request), []).append(exchange)
-    for address, requests in sorted(by_request.items()):
-        unit = RecordedUnit(address)
-        for place, found in requests.items():
-            unit.requests.append(_learned(place, found, start, limit))
-        line.units[address] = unit
+    by_unit: dict[int, dict[tuple[object, ...], list[_Exchange]]] = {}
+    for exchange in sorted(exchanges.values(), key=lambda exchange: exchange.request.at):
+        requests = by_unit.setdefault(exchange.request.unit, {})
+        requests.setdefault(_without_answers(exchange.request).place, []).append(exchange)
+    for address, requests in sorted(by_unit.items()):
+        learned = [_learn_request(repeated, start, limit) for repeated in requests.values()]
+        line.units[address] = RecordedUnit(address, learned)
     return line
 
 
-def _sequence_key(request: RequestSeen) -> tuple[object, ...]:
-    """Return what requests have in common whose answers are one sequence: function, address and quantity, or all."""
-    message, function = request.message, request.pdu[0]
-    if message is None or function not in READS | WRITES:
-        return (request.pdu,)
-    return function, message.address, getattr(message, "quantity", 1)  # type: ignore[attr-defined]  # these have one
+def _without_answers(seen: RequestSeen) -> RecordedRequest:
+    """Return the request as it is recorded; requests with one `place` have one sequence of answers."""
+    message: Any = seen.message  # the messages of these eight functions have an address
+    function = seen.pdu[0]
+    table = READS.get(function) or WRITES.get(function)
+    if message is None or table is None:
+        return RecordedRequest(function, pdu=seen.pdu)
+    return RecordedRequest(function, table, message.address, getattr(message, "quantity", 1))
 
 
-def _learned(place: tuple[object, ...], exchanges: list[_Exchange], start: float, limit: int) -> RecordedRequest:
-    pdu = exchanges[0].request.pdu
-    found = RecordedRequest(pdu[0], pdu=pdu)
-    if len(place) > 1:
-        _, address, quantity = place
-        table = READS.get(pdu[0]) or WRITES[pdu[0]]
-        found = RecordedRequest(pdu[0], table, int(str(address)), int(str(quantity)))
+def _learn_request(exchanges: list[_Exchange], start: float, limit: int) -> RecordedRequest:
+    request = _without_answers(exchanges[0].request)
     rows: list[list[RecordedAnswer]] = []
     for exchange in exchanges:
-        answer = _learned_answer(exchange, start)
+        answer = _learn_answer(exchange, start)
         if rows and answer.content == rows[-1][0].content and _alike(answer.latency, rows[-1][0].latency):
             rows[-1].append(answer)
         else:
             rows.append([answer])
-    found.left_out = sum(map(len, rows[limit:]))
-    found.answers = [_joined(row) for row in rows[:limit]]
-    sent = [exchange.request.at for exchange in exchanges]
-    found.period = round(median([after - before for before, after in pairwise(sent)] or [0.0]), 3)
-    return found
+    request.left_out = sum(map(len, rows[limit:]))
+    request.answers = [_joined(row) for row in rows[:limit]]
+    sent_at = [exchange.request.at for exchange in exchanges]
+    request.period = round(median([after - before for before, after in pairwise(sent_at)] or [0.0]), 3)
+    return request
 
 
-def _alike(one: float, other: float) -> bool:
-    return abs(one - other) <= max(_SAME_LATENCY, 0.5 * min(one, other))
+def _alike(latency: float, other: float) -> bool:
+    return abs(latency - other) <= max(_SAME_LATENCY, 0.5 * min(latency, other))
 
 
 def _joined(row: list[RecordedAnswer]) -> RecordedAnswer:
@@ -264,13 +267,12 @@ def _joined(row: list[RecordedAnswer]) -> RecordedAnswer:
     return first
 
 
-def _learned_answer(exchange: _Exchange, start: float) -> RecordedAnswer:
-    """Return what was answered to one request."""
+def _learn_answer(exchange: _Exchange, start: float) -> RecordedAnswer:
     request, response = exchange
     message, at = request.message, round(request.at - start, 6)
     answer = RecordedAnswer(at, at)
     if message is not None and request.pdu[0] in WRITES:
-        answer.wrote = _values_in(message)
+        answer.wrote = values_in(message)
     if response is None:
         answer.silent = True
         return answer
@@ -279,29 +281,33 @@ def _learned_answer(exchange: _Exchange, start: float) -> RecordedAnswer:
         if message is None:
             answer.pdu = response.pdu
         elif request.pdu[0] in READS:
-            answer.values = _values_in(message.read_response(response.pdu))
+            answer.values = values_in(message.read_response(response.pdu))
         else:
             message.read_response(response.pdu)
             if answer.wrote is None:
                 answer.pdu = response.pdu
     except ModbusException as declined:
         answer.exception = declined.code
-    except BarewireError:
+    except BarewireError:  # a response that does not fit its request is replayed as it was
         answer.pdu = response.pdu
     return answer
 
 
-def _values_in(message: object) -> tuple[int, ...]:
+def values_in(message: Any) -> tuple[int, ...]:
     """Return the values in a message that reads or writes registers or bits."""
     for name in ("registers", "bits"):
-        if (row := getattr(message, name, None)) is not None:
-            return tuple(map(int, row))
-    return (int(message.value),)  # type: ignore[attr-defined]  # a single one
+        if (values := getattr(message, name, None)) is not None:
+            return tuple(map(int, values))
+    return (int(message.value),)
 
+
+# The file
 
 _FUNCTION_OF = {table: function for function, table in READS.items()}
 _SECONDS_MAX = 1e12
-_ANSWER_KEYS = ("at", "until", "times", "latency", "values", "wrote", "exception", "silent", "pdu")
+_MANY = 1 << 62
+_CONTENT_KEYS = ("values", "exception", "silent", "pdu")
+_ANSWER_KEYS = ("at", "until", "times", "latency", "wrote", *_CONTENT_KEYS)
 _REQUEST_KEYS = ("read", "write", "pdu", "function", "quantity", "period", "left_out", "answers")
 
 
@@ -351,9 +357,9 @@ def _request_rows(request: RecordedRequest) -> Iterable[str]:
 
 
 def _answer_items(answer: RecordedAnswer) -> Iterable[str]:
-    yield f"at = {answer.at:.6g}" if answer.at < 1e5 else f"at = {answer.at:.1f}"
+    yield f"at = {_seconds_text(answer.at)}"
     if answer.times > 1:
-        yield f"until = {answer.until:.6g}" if answer.until < 1e5 else f"until = {answer.until:.1f}"
+        yield f"until = {_seconds_text(answer.until)}"
         yield f"times = {answer.times}"
     if not answer.silent:
         yield f"latency = {answer.latency:.4g}"
@@ -366,7 +372,12 @@ def _answer_items(answer: RecordedAnswer) -> Iterable[str]:
     if answer.silent:
         yield "silent = true"
     if answer.pdu is not None:
-        yield f"pdu = {json.dumps(answer.pdu.hex(' ').upper())}"
+        yield f'pdu = "{answer.pdu.hex(" ").upper()}"'
+
+
+def _seconds_text(seconds: float) -> str:
+    # Six digits are microseconds in a short recording; in one of days they would round to ten seconds.
+    return f"{seconds:.6g}" if seconds < 1e5 else f"{seconds:.1f}"
 
 
 def is_recorded(text: str) -> bool:
@@ -380,22 +391,24 @@ def from_toml(text: str, name: str) -> RecordedLine:
     Raises EncodeError with the place of what is wrong: file, unit, request, answer, key.
     """
     try:
-        items = tomllib.loads(text)
+        file = _Table(name, tomllib.loads(text))
     except RecursionError:
         raise EncodeError(f"{name}: nested too deeply to be read") from None
     except ValueError as error:  # tomllib's own error, or Python's for a number of 5000 digits
         raise EncodeError(f"{name}: not TOML: {error}") from None
-    _check_keys(items, ("unit",), name)
+    file.check_keys("unit")
     line = RecordedLine()
-    for place, item in enumerate(_tables(items, "unit", name), start=1):
-        where = f"{name}: [[unit]] number {place}"
-        _check_keys(item, ("address", "request"), where)
-        address = _whole(item, "address", where, 0, 255)
+    for number, items in enumerate(file.tables("unit"), start=1):
+        table = _Table(f"{name}: [[unit]] number {number}", items)
+        table.check_keys("address", "request")
+        address = table.whole("address", 0, 255)
         if address in line.units:
-            raise EncodeError(f"{where}: address {address} is given twice")
-        where = f"{name}: unit {address}"
-        rows = _tables(item, "request", where) if "request" in item else []
-        requests = [_request(row, f"{where}: request {number}") for number, row in enumerate(rows, start=1)]
+            raise table.error(f"address {address} is given twice")
+        table = _Table(f"{name}: unit {address}", items)
+        requests = [
+            _request(_Table(f"{table.where}: request {place}", row))
+            for place, row in enumerate(table.tables("request"), start=1)
+        ]
         line.units[address] = RecordedUnit(address, requests)
     if not line.units:
         raise EncodeError(f"{name}: no [[unit]] in it; expected a file that `barewire record` wrote")
@@ -403,146 +416,148 @@ def from_toml(text: str, name: str) -> RecordedLine:
     return line
 
 
-def _request(item: dict[str, Any], where: str) -> RecordedRequest:
-    _check_keys(item, _REQUEST_KEYS, where)
-    kinds = [kind for kind in ("read", "write", "pdu") if kind in item]
+def _request(table: _Table) -> RecordedRequest:
+    table.check_keys(*_REQUEST_KEYS)
+    kinds = [kind for kind in ("read", "write", "pdu") if kind in table.items]
     if len(kinds) != 1:
-        raise EncodeError(f"{where}: expected one of the keys read, write and pdu, got {' and '.join(kinds) or 'none'}")
-    kind = kinds[0]
+        raise table.error(f"expected one of the keys read, write and pdu, got {' and '.join(kinds) or 'none'}")
+    (kind,) = kinds
     if kind == "pdu":
-        pdu = _hexadecimal(item, "pdu", where)
-        found = RecordedRequest(pdu[0], pdu=pdu)
+        pdu = table.hexadecimal("pdu")
+        request = RecordedRequest(pdu[0], pdu=pdu)
     else:
-        found = _place(item, kind, where)
-    found.period = _seconds(item, "period", where)
-    found.left_out = _whole(item, "left_out", where, 0, 1 << 62, 0)
-    if not _list(item, "answers", where):
-        raise EncodeError(f"{where}: key 'answers': expected at least one answer, such as {{ values = [1] }}")
-    for number, row in enumerate(item["answers"], start=1):
-        there = f"{where}: answer {number}"
+        request = _request_at(table, kind)
+    request.period = table.seconds("period")
+    request.left_out = table.whole("left_out", 0, _MANY, 0)
+    rows = table.array("answers")
+    if not rows:
+        raise table.error("key 'answers': expected at least one answer, such as { values = [1] }")
+    for number, row in enumerate(rows, start=1):
+        answer = _Table(f"{table.where}: answer {number}", row)
         if not isinstance(row, dict):
-            raise EncodeError(f"{there}: {shown(row)}: expected a table, such as {{ values = [1] }}")
-        found.answers.append(_answer(row, found, kind, there))
+            raise answer.error(f"{shown(row)}: expected a table, such as {{ values = [1] }}")
+        request.answers.append(_answer(answer, request, kind))
     if kind == "write":
-        found.quantity = len(found.answers[0].wrote or ())
-        if any(len(answer.wrote or ()) != found.quantity for answer in found.answers):
-            raise EncodeError(f"{where}: key 'wrote': expected as many values in each answer")
-    return found
+        request.quantity = len(request.answers[0].wrote or ())
+        if any(len(answer.wrote or ()) != request.quantity for answer in request.answers):
+            raise table.error("key 'wrote': expected as many values in each answer")
+    return request
 
 
-def _place(item: dict[str, Any], kind: str, where: str) -> RecordedRequest:
+def _request_at(table: _Table, kind: str) -> RecordedRequest:
     """Return the request of `read = "holding:0"` or `write = "coil:5"`, without its answers."""
-    text = item[kind]
-    table, _, number = text.partition(":") if isinstance(text, str) else ("", "", "")
-    tables = tuple(READS.values()) if kind == "read" else ("coil", "holding")
-    if table not in tables:
-        expected = f"expected one of {', '.join(tables)}, a colon and an address, such as 'holding:0'"
-        raise EncodeError(f"{where}: key {kind!r}: {shown(text)}: {expected}{suggest(table, dict.fromkeys(tables))}")
-    if not number.isdecimal() or len(number) > 5 or int(number) > 0xFFFF:
-        raise EncodeError(f"{where}: key {kind!r}: {shown(text)}: expected an address in 0..65535 after the colon")
+    text = table.items[kind]
+    name, _, digits = text.partition(":") if isinstance(text, str) else ("", "", "")
+    names = tuple(READS.values()) if kind == "read" else ("coil", "holding")
+    if name not in names:
+        expected = f"expected one of {', '.join(names)}, a colon and an address, such as 'holding:0'"
+        raise table.error(f"key {kind!r}: {shown(text)}: {expected}{suggest(name, names)}")
+    # The digits are counted first: Python refuses to convert some thousands of them.
+    if not digits.isdecimal() or len(digits) > 5 or int(digits) > 0xFFFF:
+        raise table.error(f"key {kind!r}: {shown(text)}: expected an address in 0..65535 after the colon")
     if kind == "read":
-        quantity = _whole(item, "quantity", where, 1, 2000 if table in ("coil", "discrete") else 125)
-        return RecordedRequest(_FUNCTION_OF[table], table, int(number), quantity)
-    functions = sorted(function for function, written in WRITES.items() if written == table)
-    function = item.get("function")
+        quantity = table.whole("quantity", 1, 2000 if name in ("coil", "discrete") else 125)
+        return RecordedRequest(_FUNCTION_OF[name], name, int(digits), quantity)
+    functions = sorted(function for function, written in WRITES.items() if written == name)
+    function = table.items.get("function")
     if isinstance(function, bool) or function not in functions:
-        given = "not given" if function is None else shown(function)
-        raise EncodeError(f"{where}: key 'function': {given}: expected {' or '.join(map(str, functions))}")
-    return RecordedRequest(function, table, int(number))
+        got = "not given" if function is None else shown(function)
+        raise table.error(f"key 'function': {got}: expected {' or '.join(map(str, functions))}")
+    return RecordedRequest(function, name, int(digits))
 
 
-def _answer(item: dict[str, Any], request: RecordedRequest, kind: str, where: str) -> RecordedAnswer:
-    _check_keys(item, _ANSWER_KEYS, where)
-    at = _seconds(item, "at", where)
+def _answer(table: _Table, request: RecordedRequest, kind: str) -> RecordedAnswer:
+    table.check_keys(*_ANSWER_KEYS)
+    at = table.seconds("at")
     answer = RecordedAnswer(
         at=at,
-        until=max(at, _seconds(item, "until", where)),
-        times=_whole(item, "times", where, 1, 1 << 62, 1),
-        latency=_seconds(item, "latency", where),
+        until=max(at, table.seconds("until")),
+        times=table.whole("times", 1, _MANY, 1),
+        latency=table.seconds("latency"),
     )
-    given = [key for key in ("values", "exception", "silent", "pdu") if key in item]
-    needed = "exactly one" if kind != "write" else "at most one"
-    if len(given) > 1 or (kind != "write" and not given):
-        text = f"expected {needed} of the keys values, exception, silent and pdu, got {' and '.join(given) or 'none'}"
-        raise EncodeError(f"{where}: {text}")
+    contents = [key for key in _CONTENT_KEYS if key in table.items]
+    if len(contents) > 1 or (kind != "write" and not contents):
+        needed = "at most one" if kind == "write" else "exactly one"
+        got = " and ".join(contents) or "none"
+        raise table.error(f"expected {needed} of the keys values, exception, silent and pdu, got {got}")
     most = 1 if request.table in ("coil", "discrete") else 0xFFFF
-    if "values" in item:
-        answer.values = _row(item, "values", where, most)
+    if "values" in table.items:
+        answer.values = table.numbers("values", most)
         if kind != "read" or len(answer.values) != request.quantity:
             expected = f"{request.quantity} values" if kind == "read" else "no values: that is for reads"
-            raise EncodeError(f"{where}: key 'values': {len(answer.values)} values: expected {expected}")
+            raise table.error(f"key 'values': {len(answer.values)} values: expected {expected}")
     if kind == "write":
-        answer.wrote = _row(item, "wrote", where, most)
-    elif "wrote" in item:
-        raise EncodeError(f"{where}: key 'wrote': expected in the answers to a write only")
-    if "exception" in item:
-        answer.exception = _whole(item, "exception", where, 1, 255)
-    if "silent" in item:
-        if item["silent"] is not True:
-            raise EncodeError(f"{where}: key 'silent': {shown(item['silent'])}: expected true, or no such key")
+        answer.wrote = table.numbers("wrote", most)
+    elif "wrote" in table.items:
+        raise table.error("key 'wrote': expected in the answers to a write only")
+    if "exception" in table.items:
+        answer.exception = table.whole("exception", 1, 255)
+    if "silent" in table.items:
+        if table.items["silent"] is not True:
+            raise table.error(f"key 'silent': {shown(table.items['silent'])}: expected true, or no such key")
         answer.silent = True
-    if "pdu" in item:
-        answer.pdu = _hexadecimal(item, "pdu", where)
+    if "pdu" in table.items:
+        answer.pdu = table.hexadecimal("pdu")
     return answer
 
 
-# The values of keys
+class _Table(NamedTuple):
+    """A table of the file, and its place for errors. A method returns the value of a key, or raises EncodeError."""
 
+    where: str
+    items: Mapping[str, Any]
 
-def _check_keys(item: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
-    for key in item:
-        if key not in known:
-            hint = suggest(key, dict.fromkeys(known))
-            raise EncodeError(f"{where}: unknown key {shown(key)}: expected some of {', '.join(known)}{hint}")
+    def error(self, text: str) -> EncodeError:
+        return EncodeError(f"{self.where}: {text}")
 
+    def check_keys(self, *known: str) -> None:
+        for key in self.items:
+            if key not in known:
+                expected = f"expected some of {', '.join(known)}{suggest(key, known)}"
+                raise self.error(f"unknown key {shown(key)}: {expected}")
 
-def _tables(item: Mapping[str, Any], key: str, where: str) -> list[dict[str, Any]]:
-    found = item.get(key, [])
-    if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
-        raise EncodeError(f"{where}: key {key!r}: expected tables")
-    return found
+    def tables(self, key: str) -> list[dict[str, Any]]:
+        rows = self.items.get(key, [])
+        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            raise self.error(f"key {key!r}: expected tables")
+        return rows
 
+    def array(self, key: str) -> list[Any]:
+        items = self.items.get(key)
+        if not isinstance(items, list):
+            raise self.error(f"key {key!r}: {shown(items)}: expected a list")
+        return items
 
-def _list(item: Mapping[str, Any], key: str, where: str) -> list[Any]:
-    found = item.get(key)
-    if not isinstance(found, list):
-        raise EncodeError(f"{where}: key {key!r}: {shown(found)}: expected a list")
-    return found
+    def whole(self, key: str, low: int, high: int, default: int | None = None) -> int:
+        value = self.items.get(key, default)
+        if type(value) is not int or not low <= value <= high:  # True is an int, too
+            got = "not given" if value is None else shown(value)
+            raise self.error(f"key {key!r}: {got}: expected a whole number in {low}..{high}")
+        return value
 
+    def seconds(self, key: str) -> float:
+        value = self.items.get(key, 0.0)
+        if type(value) not in (int, float) or not 0 <= value < _SECONDS_MAX:
+            expected = f"expected seconds, 0 or more and below {_SECONDS_MAX:g}"
+            raise self.error(f"key {key!r}: {shown(value)}: {expected}")
+        return float(value)
 
-def _whole(item: Mapping[str, Any], key: str, where: str, low: int, high: int, default: int | None = None) -> int:
-    value = item.get(key, default)
-    if type(value) is not int or not low <= value <= high:
-        got = "not given" if value is None else shown(value)
-        raise EncodeError(f"{where}: key {key!r}: {got}: expected a whole number in {low}..{high}")
-    return value
+    def numbers(self, key: str, most: int) -> tuple[int, ...]:
+        row = self.array(key)
+        for value in row:
+            if type(value) is not int or not 0 <= value <= most:
+                raise self.error(f"key {key!r}: {shown(value)}: expected whole numbers in 0..{most}")
+        if not row:
+            raise self.error(f"key {key!r}: expected at least one value")
+        return tuple(row)
 
-
-def _seconds(item: Mapping[str, Any], key: str, where: str) -> float:
-    value = item.get(key, 0.0)
-    if type(value) not in (int, float) or not 0 <= value < _SECONDS_MAX:
-        raise EncodeError(
-            f"{where}: key {key!r}: {shown(value)}: expected seconds, 0 or more and below {_SECONDS_MAX:g}"
-        )
-    return float(value)
-
-
-def _row(item: Mapping[str, Any], key: str, where: str, most: int) -> tuple[int, ...]:
-    row = _list(item, key, where)
-    for value in row:
-        if type(value) is not int or not 0 <= value <= most:
-            raise EncodeError(f"{where}: key {key!r}: {shown(value)}: expected whole numbers in 0..{most}")
-    if not row:
-        raise EncodeError(f"{where}: key {key!r}: expected at least one value")
-    return tuple(row)
-
-
-def _hexadecimal(item: Mapping[str, Any], key: str, where: str) -> bytes:
-    text = item[key]
-    try:
-        pdu = bytes.fromhex(text)
-    except (TypeError, ValueError):
-        pdu = b""
-    if not 1 <= len(pdu) <= 253:
-        raise EncodeError(f"{where}: key {key!r}: {shown(text)}: expected 1 to 253 bytes in hexadecimal, '2B 0E 01 00'")
-    return pdu
+    def hexadecimal(self, key: str) -> bytes:
+        text = self.items[key]
+        try:
+            pdu = bytes.fromhex(text)
+        except (TypeError, ValueError):
+            pdu = b""
+        if not 1 <= len(pdu) <= 253:
+            expected = "expected 1 to 253 bytes in hexadecimal, '2B 0E 01 00'"
+            raise self.error(f"key {key!r}: {shown(text)}: {expected}")
+        return pdu

@@ -20,7 +20,15 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from barewire.codecs import Layout
-from barewire.devices.sim.recorded import READS, WRITES, RecordedAnswer, RecordedRequest, RecordedUnit, from_toml
+from barewire.devices.sim.recorded import (
+    READS,
+    WRITES,
+    RecordedAnswer,
+    RecordedRequest,
+    RecordedUnit,
+    from_toml,
+    values_in,
+)
 from barewire.errors import EncodeError
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ILLEGAL_FUNCTION, ModbusException
 from barewire.modbus.messages.base import Response
@@ -49,22 +57,29 @@ class _WriteAnswer(NamedTuple):
     back: bool
 
 
+class _Position(NamedTuple):
+    """Which answer is the next: the row of equal answers, and how many of this row were given."""
+
+    row: int
+    given: int
+
+
 class _Track:
     """The answers to one request, and which of them is the next."""
 
     def __init__(self, request: RecordedRequest) -> None:
         self.request = request
         self._answers = request.answers
-        self._next = (0, 0)  # the row of equal answers, and how many of it were given
+        self._next = _Position(0, 0)
 
     def take(self) -> RecordedAnswer:
         """Return the next answer; after the last one the last one again."""
         row, given = self._next
         answer = self._answers[row]
         if given + 1 < answer.times:
-            self._next = row, given + 1
+            self._next = _Position(row, given + 1)
         elif row + 1 < len(self._answers):
-            self._next = row + 1, 0
+            self._next = _Position(row + 1, 0)
         return answer
 
     def take_write(self, values: tuple[int, ...]) -> _WriteAnswer | None:
@@ -73,29 +88,32 @@ class _Track:
         They are searched from the next one on, and then from the first one on. None: these values were never written.
         The time is None if the recording ends with writes of these values: then nothing follows them.
         """
-        row, given = self._next
+        next_row, given = self._next
         rows = range(len(self._answers))
-        for candidate in (*rows[row:], *rows[:row]):
-            answer = self._answers[candidate]
-            if answer.wrote != values:
-                continue
-            given = given if candidate == row else 0
-            is_over = candidate == rows[-1] and given >= answer.times
-            at = None if is_over else answer.time_of(given)
-            has_more = given + 1 < answer.times or candidate == rows[-1]
-            self._next = (candidate, min(given + 1, answer.times)) if has_more else (candidate + 1, 0)
-            return _WriteAnswer(answer, at, back=candidate < row)
-        return None
+        for row in (*rows[next_row:], *rows[:next_row]):
+            if self._answers[row].wrote == values:
+                break
+        else:
+            return None
+        answer, is_last = self._answers[row], row == rows[-1]
+        given = given if row == next_row else 0
+        at = None if is_last and given >= answer.times else answer.time_of(given)
+        if given + 1 < answer.times or is_last:
+            # In the last row `given` reaches `times`: that is where the recording is over.
+            self._next = _Position(row, min(given + 1, answer.times))
+        else:
+            self._next = _Position(row + 1, 0)
+        return _WriteAnswer(answer, at, back=row < next_row)
 
     def go_to(self, at: float, *, back: bool) -> None:
         """Continue with the first answer after this time; without `back` only if it is ahead."""
-        place = (len(self._answers) - 1, self._answers[-1].times - 1)
+        position = _Position(len(self._answers) - 1, self._answers[-1].times - 1)
         for row, answer in enumerate(self._answers):
             if answer.until > at:
-                place = row, next(given for given in range(answer.times) if answer.time_of(given) > at)
+                position = _Position(row, next(n for n in range(answer.times) if answer.time_of(n) > at))
                 break
-        if back or place > self._next:
-            self._next = place
+        if back or position > self._next:
+            self._next = position
 
     @property
     def is_refused(self) -> bool:
@@ -131,8 +149,8 @@ class ReplayedUnit:
         self._reads: dict[tuple[str, int, int], _Track] = {}
         self._writes: dict[tuple[int, int, int], _Track] = {}
         self._others: dict[bytes, _Track] = {}
-        self._present: dict[tuple[str, int], int] = {}  # the values that were answered or written last
-        self._kept: dict[tuple[str, int], int] = {}  # those written by a client and not in the recording
+        self._present: dict[tuple[str, int], int] = {}  # the values that were answered last
+        self._written: dict[tuple[str, int], int] = {}  # those of a client, in writes that were not recorded
         for request in self.recorded.requests:
             track = _Track(request)
             place = request.address, request.quantity
@@ -158,8 +176,7 @@ class ReplayedUnit:
         track = self._others.get(request.encode())
         if track is None:
             raise ModbusException(ILLEGAL_FUNCTION, function)
-        answer = track.take()
-        return self._sent(request, answer, None)
+        return self._sent(request, track.take(), None)
 
     def _read(self, request: Any, table: str) -> Response | Delayed | None:
         address, quantity = request.address, request.quantity
@@ -173,15 +190,12 @@ class ReplayedUnit:
             self._present.update({(table, first + offset): value for offset, value in enumerate(answer.values)})
         if not all(place in self._present for place in places):
             raise ModbusException(ILLEGAL_DATA_ADDRESS, request.function_code)
-        row = tuple(self._kept.get(place, self._present[place]) for place in places)
+        row = tuple(self._written.get(place, self._present[place]) for place in places)
         response = request.response(tuple(map(bool, row)) if table in ("coil", "discrete") else row)
         return self._sent(request, answer, response)
 
     def _track(self, table: str, address: int, quantity: int) -> _Track | None:
         """Return the answers to this read, or to the shortest one that it is within."""
-        exact = self._reads.get((table, address, quantity))
-        if exact is not None:
-            return exact
         around = [
             (length, first)
             for known, first, length in self._reads
@@ -189,34 +203,31 @@ class ReplayedUnit:
         ]
         if not around:
             return None
-        length, first = min(around)
+        length, first = min(around)  # the same read is the shortest of all
         return self._reads[table, first, length]
 
     def _write(self, request: Any, table: str) -> Response | Delayed | None:
         function, address = request.function_code, request.address
-        if function in (5, 6):
-            values: tuple[int, ...] = (int(request.value),)
-        else:
-            values = tuple(map(int, request.bits if table == "coil" else request.registers))
+        values = values_in(request)
         places = {(table, address + offset): value for offset, value in enumerate(values)}
         track = self._writes.get((function, address, len(values)))
-        written = None if track is None else track.take_write(values)
+        recorded = None if track is None else track.take_write(values)
         done = request.response(address, request.value if function in (5, 6) else len(values))
-        if written is not None:
-            answer = written.answer
-            if written.at is not None:
+        if recorded is not None:
+            answer = recorded.answer
+            if recorded.at is not None:
                 for read in self._reads.values():
-                    read.go_to(written.at, back=written.back)
+                    read.go_to(recorded.at, back=recorded.back)
             if answer.exception is None and not answer.silent and answer.pdu is None:
                 self._present.update(places)
                 for place in places:
-                    self._kept.pop(place, None)
+                    self._written.pop(place, None)
             return self._sent(request, answer, done)
         if track is not None and track.is_refused:
             return self._sent(request, track.request.answers[-1], None)
         if not all(place in self._present for place in places):
             raise ModbusException(ILLEGAL_DATA_ADDRESS, function)
-        self._kept.update(places)
+        self._written.update(places)
         return self._sent(request, None, done)
 
     def _sent(
