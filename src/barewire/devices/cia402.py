@@ -74,6 +74,31 @@ CONTROL_PATTERNS: dict[DriveCommand, tuple[int, int]] = {
 }
 
 
+NEW_SET_POINT, IMMEDIATELY, RELATIVE, HALT = 0x10, 0x20, 0x40, 0x100
+"""Bits of the control word in profile position; 4 starts a homing run in homing, 8 halts in every mode."""
+
+VOLTAGE_ENABLED, QUICK_STOP, REMOTE, REACHED, LIMITED, MODE_BIT, MODE_ERROR = 4, 5, 9, 10, 11, 12, 13
+"""Numbers of bits of the status word. The mode gives 12 and 13 their meaning: set-point acknowledge, speed is 0, homing
+attained; following error, homing error."""
+
+STATUS_BITS: dict[int, str] = {
+    0: "ready to switch on",
+    1: "switched on",
+    2: "operation enabled",
+    3: "fault",
+    4: "voltage enabled",
+    5: "quick stop",
+    6: "switch on disabled",
+    7: "warning",
+    9: "remote",
+    10: "target reached",
+    11: "internal limit active",
+    12: "bit 12",
+    13: "bit 13",
+}
+"""The bits of the status word by the names of CiA 402; 8, 14 and 15 belong to the manufacturer."""
+
+
 class Transition(NamedTuple):
     """One arrow of the drawing. Without a command the drive makes it by itself."""
 
@@ -176,14 +201,27 @@ def after(state: State, control_word: int, previous: int = 0, *, stays_in_quick_
     >>> after(State.READY_TO_SWITCH_ON, 0x000F)
     <State.OPERATION_ENABLED: 'operation enabled'>
     """
-    command = command_of(control_word, previous)
-    if command is None:
-        return state
-    for number, source, target, trigger in TRANSITIONS:
-        if source is state and trigger is command and (number != 16 or stays_in_quick_stop):
-            # One word can make two transitions: 000Fh switches a ready drive on and enables it.
-            state = target
+    for transition in transitions_by(state, control_word, previous, stays_in_quick_stop=stays_in_quick_stop):
+        state = transition.target
     return state
+
+
+def transitions_by(
+    state: State, control_word: int, previous: int = 0, *, stays_in_quick_stop: bool = False
+) -> list[Transition]:
+    """Return the transitions that a control word makes from a state, one after the other.
+
+    >>> [transition.number for transition in transitions_by(State.READY_TO_SWITCH_ON, 0x000F)]
+    [3, 4]
+    """
+    command, passed = command_of(control_word, previous), []
+    for transition in TRANSITIONS:
+        # In the order of the list one word can make two transitions: 000Fh switches a ready drive on and enables it.
+        is_made = transition.source is state and command is not None and transition.command is command
+        if is_made and (transition.number != 16 or stays_in_quick_stop):
+            passed.append(transition)
+            state = transition.target
+    return passed
 
 
 def next_control_word(state: State, goal: State, *, stays_in_quick_stop: bool = False) -> int | None:

@@ -32,35 +32,33 @@ from typing import Any, Generic, NamedTuple, Protocol
 
 from barewire.codecs import Value
 from barewire.conversation import Conversation, Item
-from barewire.devices.cia402 import FAULT_STATES, DriveCommand, State, next_control_word, state_of
+from barewire.devices.cia402 import (
+    FAULT_STATES,
+    HALT,
+    IMMEDIATELY,
+    LIMITED,
+    MODE_BIT,
+    MODE_ERROR,
+    NEW_SET_POINT,
+    REACHED,
+    RELATIVE,
+    REMOTE,
+    STATUS_BITS,
+    VOLTAGE_ENABLED,
+    DriveCommand,
+    State,
+    next_control_word,
+    state_of,
+)
 from barewire.devices.device import Device, drive_roles
 from barewire.devices.parameter import Parameter, Reading, show
 from barewire.devices.request_checks import check_encodable, check_homing_method, check_mode, check_seconds
 from barewire.errors import BarewireError, DecodeError, EncodeError, Refused
 
-VOLTAGE_ENABLED, REMOTE, REACHED, LIMITED, MODE_BIT, MODE_ERROR = 4, 9, 10, 11, 12, 13
-
 _DEFINED_BITS = 0x01FF
 """The bits of the control word that CiA 402 defines in these modes."""
 
 NOT_ENABLED = "the drive is not enabled: enable it first, or together with the movement (--enable, enable=True)"
-
-_BIT_NAMES: dict[int, str] = {
-    0: "ready to switch on",
-    1: "switched on",
-    2: "operation enabled",
-    3: "fault",
-    4: "voltage enabled",
-    5: "quick stop",
-    6: "switch on disabled",
-    7: "warning",
-    9: "remote",
-    10: "target reached",
-    11: "internal limit active",
-    12: "bit 12",
-    13: "bit 13",
-}
-"""The bits of the status word that CiA 402 names; 12 and 13 belong to the mode."""
 
 
 class DriveStatus(NamedTuple):
@@ -139,7 +137,7 @@ def bit_names(word: int) -> list[str]:
     >>> bit_names(0x0221)
     ['ready to switch on', 'quick stop', 'remote']
     """
-    return [name for bit, name in _BIT_NAMES.items() if word >> bit & 1]
+    return [name for bit, name in STATUS_BITS.items() if word >> bit & 1]
 
 
 def stuck_error(
@@ -209,7 +207,6 @@ def _code(parameter: Parameter, value: Value) -> str:
 
 
 _ENABLED = int(DriveCommand.ENABLE_OPERATION)
-_NEW_SET_POINT, _IMMEDIATELY, _RELATIVE, _HALT = 0x10, 0x20, 0x40, 0x100
 _READ_ROLES = ("status_word", "mode_display", "position", "velocity")
 _ZERO_STOPS = {
     "move": ("profile_velocity", "acceleration"),
@@ -346,7 +343,7 @@ class Drive(Generic[Item]):
         """
         values = {"profile_velocity": velocity, "acceleration": acceleration, "deceleration": deceleration}
         motion = self._motion("move", {**values, "target_position": target}, within, enable)
-        set_point = _ENABLED | (_RELATIVE if relative else 0) | (_IMMEDIATELY if immediately else 0)
+        set_point = _ENABLED | (RELATIVE if relative else 0) | (IMMEDIATELY if immediately else 0)
         return self._move(motion, set_point, target)
 
     def _move(self, motion: _Motion, set_point: int, target: float) -> Conversation[Item, DriveStatus]:
@@ -354,11 +351,11 @@ class Drive(Generic[Item]):
         yield from self._command(set_point)
         low, high = "bit 12 to fall (set-point acknowledge)", "bit 12 to rise (set-point acknowledge)"
         yield from self._until("move", low, lambda status: not status.has(MODE_BIT), self.timeout)
-        yield from self._command(set_point | _NEW_SET_POINT)
+        yield from self._command(set_point | NEW_SET_POINT)
         yield from self._until("move", high, lambda status: status.has(MODE_BIT), self.timeout)
         yield from self._command(set_point)
         status = yield from self._until("move", "target reached", lambda status: status.has(REACHED), motion.within)
-        goal = target + float(before.position or 0) if set_point & _RELATIVE else target
+        goal = target + float(before.position or 0) if set_point & RELATIVE else target
         if status.has(LIMITED) and status.position is not None and status.position != goal:
             raise (
                 yield from self._stuck("move", "target reached", None, status, [f"position {show(status.position)}"])
@@ -413,7 +410,7 @@ class Drive(Generic[Item]):
             check_homing_method(method.parameter, method.value)
         yield from self._prepare("home", motion)
         yield from self._command(_ENABLED)
-        yield from self._command(_ENABLED | _NEW_SET_POINT)
+        yield from self._command(_ENABLED | NEW_SET_POINT)
         # Bit 12 may be that of the last homing until the drive begins.
         yield from self.access.wait((yield from self.access.wait(_NOW)) + self.period)
 
@@ -516,7 +513,7 @@ class Drive(Generic[Item]):
         wanted = settings[self.roles.mode]
         halted = status.state is State.OPERATION_ENABLED and mode.value != wanted
         if halted:
-            yield from self._command(_ENABLED | _HALT)
+            yield from self._command(_ENABLED | HALT)
             yield from self._until(action, "standstill (halt)", lambda status: status.has(REACHED), within)
         yield from self.access.write(settings)
         if halted:  # in the new mode too: in profile velocity, slow enough counts as standing

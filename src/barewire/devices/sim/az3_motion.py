@@ -42,8 +42,8 @@ from functools import partial
 from math import inf, isfinite, pi
 from typing import TYPE_CHECKING
 
-from barewire.devices.cia402 import State, Transition
-from barewire.devices.sim.cia402_axis import CURRENT_ON, HALT, NEW_SET_POINT, POSITION, TORQUE, VELOCITY, Cia402Axis
+from barewire.devices.cia402 import HALT, NEW_SET_POINT, State, Transition
+from barewire.devices.sim.cia402_axis import CURRENT_ON, POSITION, TORQUE, VELOCITY, Cia402Axis
 from barewire.devices.sim.store import MachineClock, MachineStore
 from barewire.devices.sim.trajectory import Trajectory, wrapped
 

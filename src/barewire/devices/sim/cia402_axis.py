@@ -15,13 +15,27 @@ from __future__ import annotations
 from math import inf
 from typing import Protocol
 
-from barewire.devices.cia402 import TRANSITIONS, DriveCommand, State, Transition, command_of, with_state
+from barewire.devices.cia402 import (
+    HALT,
+    IMMEDIATELY,
+    MODE_BIT,
+    NEW_SET_POINT,
+    QUICK_STOP,
+    REACHED,
+    RELATIVE,
+    REMOTE,
+    TRANSITIONS,
+    VOLTAGE_ENABLED,
+    DriveCommand,
+    State,
+    Transition,
+    command_of,
+    with_state,
+)
 from barewire.devices.sim.trajectory import Trajectory, wrapped
 
 POSITION, VELOCITY, TORQUE, HOMING = 1, 3, 4, 6
-NEW_SET_POINT, IMMEDIATELY, RELATIVE, HALT = 0x10, 0x20, 0x40, 0x100
 _COUNTER_RANGE = 1 << 32
-_VOLTAGE_ENABLED, _QUICK_STOP, _REMOTE, REACHED, _MODE_BIT = 0x10, 0x20, 0x200, 0x400, 0x1000
 
 CURRENT_ON = frozenset({State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE})
 
@@ -202,9 +216,9 @@ class Cia402Axis:
     def follow(self, now: float) -> None:
         """Ramp to the target velocity in profile velocity mode, if the shaft may run."""
         if self.state is State.OPERATION_ENABLED and self.mode == VELOCITY and not self._halts:
-            wanted = self.settings.target_velocity()
+            target = self.settings.target_velocity()
             acceleration, deceleration = self.settings.acceleration(), self.settings.deceleration(self.mode)
-            self.trajectory.run_at(now, wanted if self.may_go(wanted) else 0.0, acceleration, deceleration)
+            self.trajectory.run_at(now, target if self.may_go(target) else 0.0, acceleration, deceleration)
 
     def change_mode(self, now: float) -> None:
         """Apply a mode of operation that was written. A movement of the old mode ends on its ramp."""
@@ -252,29 +266,34 @@ class Cia402Axis:
     def status(self, now: float) -> int:
         """Return the status word, without the bits that a drive adds."""
         # In SWITCH ON DISABLED CiA 402 leaves bit 5 open; table 12 of the CSD MT manual prints 1.
-        word = with_state(_QUICK_STOP if self.state is State.SWITCH_ON_DISABLED else 0, self.state)
+        word = with_state(1 << QUICK_STOP if self.state is State.SWITCH_ON_DISABLED else 0, self.state)
         if self.powered_since is not None:
-            word |= _VOLTAGE_ENABLED
+            word |= 1 << VOLTAGE_ENABLED
         # During a fault reaction the drive accepts no commands: remote is 0 (CSD MT manual, register 1085, step 3).
         if self.state is not State.FAULT_REACTION_ACTIVE:
-            word |= _REMOTE
+            word |= 1 << REMOTE
         if self.state in CURRENT_ON and self._target_reached(now):
-            word |= REACHED
-        if self.mode == VELOCITY and self.state is not State.FAULT_REACTION_ACTIVE:
-            width, seconds = self.settings.zero_window()
-            since = self.trajectory.inside_since(now, 0.0, width)
-            word |= _MODE_BIT if since is not None and now - since >= seconds else 0
-        elif self.mode == HOMING:
-            word |= _MODE_BIT if self.homed else 0
-        elif self.mode == POSITION:
-            word |= _MODE_BIT if self._acknowledged else 0
-        return word
+            word |= 1 << REACHED
+        return word | self._mode_bit(now) << MODE_BIT
+
+    def _mode_bit(self, now: float) -> bool:
+        if self.mode == POSITION:
+            return self._acknowledged
+        if self.mode == HOMING:
+            return self.homed
+        # In velocity mode it means "speed is 0", which a drive does not tell while it brakes because of a fault.
+        return self.mode == VELOCITY and self.state is not State.FAULT_REACTION_ACTIVE and self._stands(now)
+
+    def _stands(self, now: float) -> bool:
+        width, seconds = self.settings.zero_window()
+        since = self.trajectory.inside_since(now, 0.0, width)
+        return since is not None and now - since >= seconds
 
     def _target_reached(self, now: float) -> bool:
         if self.mode == VELOCITY and self.state is State.OPERATION_ENABLED:
-            wanted = self.settings.target_velocity()
-            wanted = wanted if self.may_go(wanted) and not self._halts else 0.0
+            target = self.settings.target_velocity()
+            velocity = target if self.may_go(target) and not self._halts else 0.0
             width, seconds = self.settings.velocity_window()
-            since = self.trajectory.inside_since(now, wanted, width)
+            since = self.trajectory.inside_since(now, velocity, width)
             return since is not None and now - since >= seconds
         return self._reached and not self.trajectory.moves(now)

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 
 from barewire.devices.cia402 import (
     CONTROL_PATTERNS,
+    STATUS_BITS,
     STATUS_PATTERNS,
     TRANSITIONS,
     DriveCommand,
@@ -21,6 +22,7 @@ from barewire.devices.cia402 import (
     command_of,
     next_control_word,
     state_of,
+    transitions_by,
 )
 from barewire.devices.device import Device
 from barewire.errors import DecodeError, EncodeError, shown
@@ -41,22 +43,10 @@ _CONTROL_BITS: dict[int, str] = {
     **dict.fromkeys(range(11, 16), "manufacturer specific"),
 }
 _STATUS_BITS: dict[int, str] = {
-    0: "ready to switch on",
-    1: "switched on",
-    2: "operation enabled",
-    3: "fault",
-    4: "voltage enabled",
+    **dict.fromkeys(range(16), "manufacturer specific"),
+    **STATUS_BITS,
     5: "quick stop (0 = active)",
-    6: "switch on disabled",
-    7: "warning",
-    8: "manufacturer specific",
-    9: "remote",
-    10: "target reached",
-    11: "internal limit active",
-    12: "mode specific",
-    13: "mode specific",
-    14: "manufacturer specific",
-    15: "manufacturer specific",
+    **dict.fromkeys((12, 13), "mode specific"),
 }
 _MODES = ("profile position (1)", "profile velocity (3)", "homing (6)")
 _CONTROL_MODES = {
@@ -240,22 +230,12 @@ def _edge(word: int, previous: int) -> list[StepSection]:
 def _effect(word: int, previous: int, stays: bool) -> StepTable:
     rows = []
     for state in State:
-        target = after(state, word, previous, stays_in_quick_stop=stays)
-        numbers = _numbers(state, target, command_of(word, previous))
-        rows.append((state.value, numbers, "stays" if target is state else target.value))
+        passed = transitions_by(state, word, previous, stays_in_quick_stop=stays)
+        numbers = ", ".join(str(transition.number) for transition in passed)
+        rows.append((state.value, numbers, passed[-1].target.value if passed else "stays"))
     return StepTable(
         "What it does, by the state that the drive is in:", ("state", "transition", "next state"), tuple(rows)
     )
-
-
-def _numbers(state: State, target: State, command: DriveCommand | None) -> str:
-    """Return the numbers of the transitions on the way, at most two: 000Fh switches on and enables."""
-    passed = []
-    for number, source, end, trigger in TRANSITIONS:
-        if state is not target and source is state and trigger is command:
-            passed.append(str(number))
-            state = end
-    return ", ".join(passed)
 
 
 def _transitions() -> StepTable:

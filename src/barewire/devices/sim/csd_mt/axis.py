@@ -33,8 +33,8 @@ from collections.abc import Iterator
 from math import inf
 from typing import NamedTuple
 
-from barewire.devices.cia402 import State, Transition, command_of
-from barewire.devices.sim.cia402_axis import CURRENT_ON, HOMING, POSITION, RELATIVE, VELOCITY, Cia402Axis
+from barewire.devices.cia402 import RELATIVE, State, Transition, command_of
+from barewire.devices.sim.cia402_axis import CURRENT_ON, HOMING, POSITION, VELOCITY, Cia402Axis
 from barewire.devices.sim.csd_mt.environment import FOLLOWING, SPEED_TOO_HIGH, Context, TimedAction
 from barewire.devices.sim.csd_mt.inputs import Inputs, Sign
 from barewire.devices.sim.csd_mt.shaft import Shaft

@@ -33,16 +33,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from barewire.codecs import Value
-from barewire.devices.cia402 import FAULT_STATES, State
+from barewire.devices.cia402 import FAULT_STATES, IMMEDIATELY, REACHED, State
 from barewire.devices.device import Device, ModbusSettings
-from barewire.devices.sim.cia402_axis import (
-    CURRENT_ON,
-    HOMING,
-    IMMEDIATELY,
-    POSITION,
-    REACHED,
-    VELOCITY,
-)
+from barewire.devices.sim.cia402_axis import CURRENT_ON, HOMING, POSITION, VELOCITY
 from barewire.devices.sim.csd_mt.axis import StepperAxis
 from barewire.devices.sim.csd_mt.environment import FOLLOWING, NO_POWER, Context, Environment, TimedAction
 from barewire.devices.sim.csd_mt.inputs import Edges, Inputs
@@ -248,7 +241,7 @@ class CsdMt(Simulator):
         if self.shaft.error or (axis.state is State.FAULT_REACTION_ACTIVE and axis.cause == FOLLOWING):
             word |= _FOLLOWING_ERROR
         if self.shaft.recovering:
-            word &= ~REACHED
+            word &= ~(1 << REACHED)
         if self.inputs.limited:
             word |= _LIMITED
         if store.whole("Enable SW bit 7") and self.thermal.is_warm:
