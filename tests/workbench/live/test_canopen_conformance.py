@@ -24,7 +24,7 @@ from barewire_workbench.cli.conform import node_case_fields, node_case_line
 from barewire_workbench.live import canopen_conformance as shell
 from barewire_workbench.live.canopen_conformance import NodeCaseResult, conform_can
 from barewire_workbench.live.unfinished import Unfinished
-from barewire_workbench.vectors.answers.nodes.conformance import plain_device
+from barewire_workbench.vectors.answers.device_conformance import plain_device
 from tests.helpers import free_port, refused
 from tests.workbench.cli.helpers import COMMAND, run_command, run_here, simulated_at
 from tests.workbench.conform.canopen.described import RIGHT, device as described_device

@@ -13,7 +13,7 @@ import pytest
 
 from barewire.modbus import Bus
 from barewire_workbench.vectors.answers import client
-from barewire_workbench.vectors.answers.client_peer import ClientPeer
+from barewire_workbench.vectors.answers.client import ClientPeer
 from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import judge
 from barewire_workbench.vectors.questions import Question

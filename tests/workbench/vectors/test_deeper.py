@@ -21,7 +21,7 @@ from barewire.rtu import Timing, crc16
 from barewire.rtu.crc import crc16_bit_by_bit
 from barewire.rtu.line import RtuLine
 from barewire.tcp import TcpLine
-from barewire_workbench.vectors.answers.texts import octets
+from barewire_workbench.vectors.answers.values import octets
 from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import judge
 from barewire_workbench.vectors.questions import Case, Question

@@ -14,7 +14,7 @@ from barewire_workbench.conform.canopen.battery import needs_reset, prepare, run
 from barewire_workbench.conform.canopen.model import NodeCase, NodeOutcome, Subject
 from barewire_workbench.conform.canopen.probe import probe
 from barewire_workbench.live.canopen_conformance import cases
-from barewire_workbench.vectors.answers.nodes import conformance
+from barewire_workbench.vectors.answers import device_conformance as conformance
 from tests.canopen.virtual_bus import Participant, VirtualBus
 
 ADDRESS, LARGE, NODE = conformance.ADDRESS, conformance.LARGE, conformance.NODE

@@ -16,7 +16,7 @@ from barewire_workbench.conform.canopen.battery import FLOOD, run_case
 from barewire_workbench.conform.canopen.model import NodeCase, NodeStep, Sdo, Subject
 from barewire_workbench.conform.canopen.probe import probe, second_answer
 from barewire_workbench.live.canopen_conformance import case_names, cases
-from barewire_workbench.vectors.answers.nodes.conformance import plain_device
+from barewire_workbench.vectors.answers.device_conformance import plain_device
 from tests.workbench.conform.canopen.devices import (
     ADDRESS,
     LARGE,

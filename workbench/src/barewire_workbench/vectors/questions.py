@@ -6,12 +6,13 @@
     expected            {"lrc": "F3"}
 
 A field of `given` with a question mark is left out of the question if the case does not have it; without its other
-fields a case does not ask the question. Some fields are made of others here: see `_made`.
+fields a case does not ask the question. Some fields are made of others: see `_MADE`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 Case: TypeAlias = Mapping[str, Any]
@@ -19,11 +20,6 @@ Fields: TypeAlias = dict[str, Any]
 
 DESCRIPTION = frozenset({"comment", "source", "printed", "why", "clause", "origin", "confirmed_by", "unconfirmed"})
 """Fields that say something about a case, and change neither its questions nor the verdict."""
-
-FRAMES = ("rtu-frame", "ascii-frame", "tcp-frame")
-TALKS = ("rtu-talk", "ascii-talk", "tcp-talk")
-_NOISE = {"rtu-frame": "FF 00", "ascii-frame": "\x00\xffzz"}
-"""What stands before a frame in one of its deliveries. A stream of TCP has no noise."""
 
 
 class Operation(NamedTuple):
@@ -75,17 +71,15 @@ def operations(kinds: Mapping[str, Any], kind: str) -> tuple[Operation, ...]:
 def questions(kind: str, case: Case, of_kind: tuple[Operation, ...]) -> Iterator[Question]:
     """Yield the questions of a case."""
     for operation in of_kind:
-        if operation.do not in case.get("do", (operation.do,)) or not _is_asked(operation.do, case):
+        do = operation.do
+        # An invalid case asks for the direction of `fails`, or for both in a comparison.
+        if do not in case.get("do", (do,)) or case.get("fails", "compare") not in ("compare", do):
             continue
-        for number, fields in enumerate(_made(kind, operation.do, case)):
+        made = _MADE[kind](do, case) if kind in _MADE else [case]
+        for number, fields in enumerate(made):
             question = _question(operation, fields)
             if question is not None:
-                yield Question(case, kind, operation.do, *question, number)
-
-
-def _is_asked(do: str, case: Case) -> bool:
-    """Whether an invalid case asks for this direction: the one of `fails`, or both for a comparison."""
-    return case.get("fails", "compare") in ("compare", do)
+                yield Question(case, kind, do, *question, number)
 
 
 def _question(operation: Operation, case: Case) -> tuple[Fields, Fields] | None:
@@ -118,58 +112,61 @@ def _without(value: Any, keys: tuple[str, ...]) -> Any:
 
 # Fields that are made of others -----------------------------------------------------------------------------------
 
-
-def _made(kind: str, do: str, case: Case) -> Iterator[Case]:
-    """Yield the fields of each question of one operation: those of the case, and those made of them."""
-    if kind in FRAMES and do == "receive":
-        if case["result"] == "valid":
-            yield from _deliveries(kind, case)
-    elif kind in TALKS and do == "frames":
-        if not case["held"]:
-            events = [event for step in case["talk"] for event in step["events"]]
-            yield {**case, "frames": [event for event in events if "pdu" in event]}
-    elif kind == "sdo-talk":
-        if case.get("broken") != do:
-            yield _side(do, case)
-    elif kind == "server-conformance":
-        yield from ({**case, "framing": framing} for framing in case["framings"])
-    elif kind == "device-conformance":
-        yield {**case, "failure": None}
-    elif kind == "bits":
-        yield {**case, "count": len(case["bits"].replace(" ", ""))}
-    elif kind == "pdu" and "function" not in case:
-        two_bytes = case["pdu"].startswith(("2B", "AB FF"))
-        yield {**case, "function": case["pdu"][: 5 if two_bytes else 2]}
-    elif kind == "drive-command":
-        yield {**case, "matches": True}
-    elif kind == "parameter" and do == "decode" and not {"registers", "bytes"} & case.keys():
-        return
-    elif kind == "heartbeat-consumer" and do == "encode" and case["node"] is None:
-        return  # several numbers say that an entry is unused
-    else:
-        yield case
+_NOISE = {"rtu": "FF 00", "ascii": "\x00\xffzz"}
+"""What stands before a frame in one of its deliveries. A stream of TCP has no noise."""
 
 
-def _deliveries(kind: str, case: Case) -> Iterator[Case]:
+def _frame(framing: str, do: str, case: Case) -> Iterable[Case]:
+    if do != "receive":
+        return [case]
+    return _deliveries(framing, case) if case["result"] == "valid" else []
+
+
+def _deliveries(framing: str, case: Case) -> Iterator[Case]:
     """Yield the ways to deliver a frame: whole, byte by byte, cut in two at each place, twice, behind noise.
 
     `pieces` are the bytes of each delivery, without a pause between two. `frames` are what must come out.
     """
-    whole = case["text"] if kind == "ascii-frame" else case["frame"].split()
-    joined = "".join if kind == "ascii-frame" else " ".join
+    whole = case["text"] if framing == "ascii" else case["frame"].split()
+    joined = "".join if framing == "ascii" else " ".join
     frame = {name: case[name] for name in ("transaction", "unit", "pdu") if name in case}
     ways: list[list[Any]] = [[whole], [whole[at : at + 1] for at in range(len(whole))]]
     ways += [[whole[:at], whole[at:]] for at in range(1, len(whole))]
     for way in ways:
         yield {**case, "pieces": [joined(piece) for piece in way], "frames": [frame]}
-    if "uncountable" in case.get("flags", ()):
+    if "uncountable" in case.get("flags", ()):  # its length is not in its bytes: behind others it is not found
         return
-    twice = [joined([*whole, *whole]) if kind != "ascii-frame" else whole + whole]
-    yield {**case, "pieces": twice, "frames": [frame, frame]}
-    if kind in _NOISE:
-        noise = _NOISE[kind]
-        behind = noise + whole if kind == "ascii-frame" else f"{noise} {joined(whole)}"
-        yield {**case, "pieces": [behind], "frames": [frame]}
+    yield {**case, "pieces": [joined([*whole, *whole])], "frames": [frame, frame]}
+    if framing in _NOISE:
+        yield {**case, "pieces": [joined([_NOISE[framing], joined(whole)])], "frames": [frame]}
+
+
+def _talk(do: str, case: Case) -> Iterable[Case]:
+    if do != "frames":
+        return [case]
+    events = [event for step in case["talk"] for event in step["events"]]
+    # Bytes that are still held could become a frame in the silence that is added.
+    return [] if case["held"] else [{**case, "frames": [event for event in events if "pdu" in event]}]
+
+
+def _pdu(do: str, case: Case) -> Iterable[Case]:
+    if "function" in case:
+        return [case]
+    has_two_bytes = case["pdu"].startswith(("2B", "AB FF"))
+    return [{**case, "function": case["pdu"][: 5 if has_two_bytes else 2]}]
+
+
+def _parameter(do: str, case: Case) -> Iterable[Case]:
+    return [] if do == "decode" and not {"registers", "bytes"} & case.keys() else [case]
+
+
+def _consumer(do: str, case: Case) -> Iterable[Case]:
+    # Several numbers say that an entry is unused.
+    return [] if do == "encode" and case["node"] is None else [case]
+
+
+def _transfer(do: str, case: Case) -> Iterable[Case]:
+    return [] if case.get("broken") == do else [_side(do, case)]
 
 
 def _side(do: str, case: Case) -> Case:
@@ -198,3 +195,18 @@ def _side(do: str, case: Case) -> Case:
         fields["arrived"] = case["value"]
     ends = case["ends"] if case["ends"] == "done" else {"abort": case["ends"]["abort"]}
     return fields | ({"ends": ends} if do == "client" else {})
+
+
+_MADE: dict[str, Callable[[str, Case], Iterable[Case]]] = {
+    **{f"{framing}-frame": partial(_frame, framing) for framing in ("rtu", "ascii", "tcp")},
+    **dict.fromkeys(("rtu-talk", "ascii-talk", "tcp-talk"), _talk),
+    "pdu": _pdu,
+    "bits": lambda do, case: [{**case, "count": len(case["bits"].replace(" ", ""))}],
+    "parameter": _parameter,
+    "drive-command": lambda do, case: [{**case, "matches": True}],
+    "sdo-talk": _transfer,
+    "heartbeat-consumer": _consumer,
+    "server-conformance": lambda do, case: [{**case, "framing": framing} for framing in case["framings"]],
+    "device-conformance": lambda do, case: [{**case, "failure": None}],
+}
+"""By kind: the fields of each question of an operation, those of the case and those made of them."""

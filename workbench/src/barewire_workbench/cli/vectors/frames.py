@@ -22,7 +22,7 @@ from barewire_workbench.frames.can import explain_can, explain_segment
 from barewire_workbench.frames.modbus import explain_pdu
 from barewire_workbench.frames.result import as_problem, explained_fields
 from barewire_workbench.monitor import CanMonitor
-from barewire_workbench.vectors.answers.nodes.conformance import case_on_device
+from barewire_workbench.vectors.answers.device_conformance import case_on_device
 from barewire_workbench.vectors.questions import Case
 
 _FRAMES = {"rtu-frame": ("rtu", "frame"), "ascii-frame": ("ascii", "text"), "tcp-frame": ("tcp", "frame")}

@@ -1,15 +1,13 @@
-"""The answers of barewire to the questions of the vectors: one function for each kind and operation.
+"""The answers of barewire to the questions of the vectors: for each kind and operation one function.
 
-The files, in reading order:
+The files, in reading order; each ends with its table, `ANSWERS`:
 
-    texts        hexadecimal, registers and bits as the vectors write them
-    codecs       number, bits, register-part, text
-    messages     pdu, exchange
-    frames       crc16, lrc, rtu-timing, the three frame kinds, tls-role
-    modbus/      server, server-conformance, gateway
-    lines        the three talk kinds of lines
-    canopen      frames and messages of CANopen
-    transfers    sdo-talk, object-value, node-talk
-    devices      parameter, drive-state, drive-command
-    table        `own_answer`: question -> answer
+    values                how the vectors write values; numbers, bits, characters, parameters, the words of a drive
+    modbus                messages, checksums, the three framings
+    servers               servers and gateways of Modbus, asked step by step
+    client                a Modbus client on a line, with its peer
+    canopen               frames and messages of CANopen; logs and an EDS
+    nodes                 SDO transfers, devices and masters over time
+    device_conformance    our devices, tested by the cases of device-conformance
+    table                 `own_answer`: question -> answer
 """

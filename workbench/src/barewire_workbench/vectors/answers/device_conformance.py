@@ -20,6 +20,7 @@ from barewire_workbench.conform.canopen.battery import run_case
 from barewire_workbench.conform.canopen.model import NodeCase, Subject
 from barewire_workbench.conform.canopen.probe import probe
 from barewire_workbench.conform.canopen.script import Placeholders, applies, read_node_case
+from barewire_workbench.vectors.answers.values import Answers
 from barewire_workbench.vectors.questions import Fields
 
 NODE: Final = 5
@@ -54,7 +55,7 @@ def plain_device(*more: Entry, tpdo: int | None = None, address: LssAddress = AD
     return LocalNode(NODE, ObjectDictionary(objects), pdos, lss=LssSlave(address))
 
 
-def run_on_device(given: Fields) -> Fields:
+def _run_on_device(given: Fields) -> Fields:
     """Run the case against the first of our devices that it is for; return the difference, or null."""
     case, make = _case_and_device(given)
     return {"failure": _Bus(make()).run(run_case(case)).failure}
@@ -133,4 +134,7 @@ class _Bus:
 
     def _feed(self, frame: CanFrame | None) -> None:
         sent = self._device.feed(frame, self._now)
-        self._coming.extend((self._now + _RESPONSE_TIME, one) for one in sent)
+        self._coming.extend((self._now + _RESPONSE_TIME, answer) for answer in sent)
+
+
+ANSWERS: Answers = {"device-conformance": {"run": _run_on_device}}

@@ -1,1 +1,0 @@
-"""Answers for CANopen nodes over time: devices, and masters."""
