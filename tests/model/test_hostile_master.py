@@ -19,7 +19,7 @@ from hypothesis import given, strategies as st
 
 from barewire.canopen import CanFrame
 from barewire.canopen.communication_objects import integer_value
-from barewire.canopen.device.error_control import ErrorControl
+from barewire.canopen.device.services import ErrorControl
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.engine import ActivePdo, PdoEngine
 from barewire.canopen.sync import SyncProducer

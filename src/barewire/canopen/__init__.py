@@ -13,7 +13,8 @@ CAN delivers whole frames, so there is no framing here. The rooms and files, in 
     cyclic                 frames that are sent again and again
     nmt/                   states, commands, heartbeats            sdo/     read and write objects of any length
     emcy                   emergency messages                      pdo/     process data
-    lss/                   assign node-IDs                         bus/     scan, time-out explanations, locks
+    lss/                   assign node-IDs                         scan     find the nodes on a bus
+    channel_locks          which transfers may run at the same time
     device/                `LocalNode`, a whole device             eds/     EDS and DCF files
     configuration/         a device and its DCF: compared, written
     manager/               boots a network: checks, configures, starts its nodes
@@ -28,7 +29,6 @@ from barewire._lazy import lazy
 
 if TYPE_CHECKING:
     from barewire.canopen.abort_codes import AbortCode as AbortCode, SdoAbort as SdoAbort, abort_text as abort_text
-    from barewire.canopen.bus.scan import ScannedNode as ScannedNode, ScanResult as ScanResult, scan as scan
     from barewire.canopen.cob_ids import (
         CobEntry as CobEntry,
         CobService as CobService,
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from barewire.canopen.datatypes import TimeDifference as TimeDifference, TimeOfDay as TimeOfDay
     from barewire.canopen.device.device import LocalNode as LocalNode
     from barewire.canopen.device.node_group import NodeGroup as NodeGroup
-    from barewire.canopen.device.sdo_channels import client_channel as client_channel
+    from barewire.canopen.device.services import client_channel as client_channel
     from barewire.canopen.device.storage import StoredParameters as StoredParameters
     from barewire.canopen.emcy import (
         EmcyConsumer as EmcyConsumer,
@@ -158,6 +158,7 @@ if TYPE_CHECKING:
         remote_pdo as remote_pdo,
         write_pdo as write_pdo,
     )
+    from barewire.canopen.scan import ScannedNode as ScannedNode, ScanResult as ScanResult, scan as scan
     from barewire.canopen.sdo import (
         STANDARD as STANDARD,
         BlockSettings as BlockSettings,
@@ -207,7 +208,7 @@ __getattr__, __dir__, __all__ = lazy(
         "pdo.engine": "PdoEngine",
         "pdo.remote": "read_pdo write_pdo mapping_of PdoConfigPolicy remote_pdo RemotePdo PdoConsumer PdoReceived",
         "sdo.client": "read_object write_object",
-        "bus.scan": "scan ScanResult ScannedNode",
+        "scan": "scan ScanResult ScannedNode",
         "lss.messages": "LssAddress LssMessage LssService LssState LssRefused Fastscan",
         "lss.slave": "LssSlave",
         "lss.master": (
@@ -219,7 +220,7 @@ __getattr__, __dir__, __all__ = lazy(
         "device.node_group": "NodeGroup",
         "device.storage": "StoredParameters",
         "communication_objects": "standard_objects",
-        "device.sdo_channels": "client_channel",
+        "device.services": "client_channel",
         "configuration.settings": "device_configuration DeviceConfiguration Setting Difference",
         "manager.network_list": "BootSlave NetworkList network_list slave_of",
         "manager.boot_network": "BootEvent NetworkBoot boot_network BootManager check_network",

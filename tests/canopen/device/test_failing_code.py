@@ -19,8 +19,7 @@ from barewire.canopen import (
     PdoConfig,
 )
 from barewire.canopen.communication_objects import standard_objects
-from barewire.canopen.device.error_control import DeviceConsumers, ErrorControl
-from barewire.canopen.device.sdo_channels import AdditionalServers
+from barewire.canopen.device.services import AdditionalServers, DeviceConsumers, ErrorControl
 from barewire.canopen.pdo.engine import PdoEngine
 from barewire.canopen.sdo.server import SdoServer
 from barewire.codecs import Value

@@ -6,7 +6,7 @@ import pytest
 
 from barewire.canopen import CanFrame, Channel, Entry, LocalNode, ObjectDictionary, SdoAbort, download, upload
 from barewire.canopen.communication_objects import standard_objects
-from barewire.canopen.device.sdo_channels import client_channel
+from barewire.canopen.device.services import client_channel
 from barewire.canopen.sdo.client import find_channel
 from barewire.errors import EncodeError
 from tests.canopen.virtual_bus import VirtualBus

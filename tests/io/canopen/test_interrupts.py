@@ -19,7 +19,7 @@ import pytest
 
 from barewire import AsyncCanopenClient, CanopenClient
 from barewire.canopen import CanFrame
-from barewire.canopen.bus.channel_locks import ChannelLock
+from barewire.canopen.channel_locks import ChannelLock
 from barewire.errors import BarewireError
 from barewire.io.canopen.bus.async_bus import AsyncStream
 from barewire.io.canopen.client import channels_locked

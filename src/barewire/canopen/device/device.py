@@ -30,15 +30,18 @@ from collections.abc import Callable, Hashable, Iterable
 
 from barewire._callbacks import check_callbacks
 from barewire.canopen.cob_ids import NODE_MAX, check_node
-from barewire.canopen.device.error_control import (
+from barewire.canopen.device.services import (
     HEARTBEAT_ERROR,
+    WRONG_LENGTH,
+    AdditionalServers,
     DeviceConsumers,
+    DeviceSync,
     ErrorControl,
+    validate_channel_writes,
     validate_consumer_writes,
+    validate_sync_writes,
 )
-from barewire.canopen.device.sdo_channels import AdditionalServers, validate_channel_writes
 from barewire.canopen.device.storage import StoredParameters
-from barewire.canopen.device.sync import WRONG_LENGTH, DeviceSync, validate_sync_writes
 from barewire.canopen.emcy import EmcyConsumer, EmcyProducer
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.messages import REQUEST_KEY

@@ -27,7 +27,7 @@ SWEEP_TIME = 0.1
 """Seconds after which each node is fed the time at the latest, because the application may have changed its values."""
 
 _NEVER = float("inf")
-_EVERYTHING: frozenset[tuple[int, bool]] = frozenset()
+_NOTHING: frozenset[tuple[int, bool]] = frozenset()
 
 
 class _Member:
@@ -40,7 +40,7 @@ class _Member:
         self.place = place
         self.name = f"node {getattr(machine, 'node', None) or place + 1}"
         self.is_stated = hasattr(type(machine), "receives")
-        self.keys: frozenset[tuple[int, bool]] | None = _EVERYTHING
+        self.keys: frozenset[tuple[int, bool]] | None = _NOTHING
         self.due = _NEVER
         self.on_failure: Any = None  # the node's own, while the group has one
 
@@ -157,7 +157,10 @@ class NodeGroup:
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """Return the frames that the nodes send after a frame, or after time passing."""
         frames: list[CanFrame] = []
-        own, self._own = self._own, deque()
+        own, self._own = (
+            self._own,
+            deque(),
+        )  # what is sent in answer to them waits for the next feed, or it might never end
         for sent, sender in own:
             self._deliver(sent, sender, now, frames)
         if frame is not None:
@@ -178,7 +181,7 @@ class NodeGroup:
         server.do(lambda now: group.sent(5, group.node(5).error(0x4210, now)))
         """
         machine, output = self.node(node), list[CanFrame]()
-        member = next(one for one in self._members if one.machine is machine)
+        member = next(member for member in self._members if member.machine is machine)
         self._take(member, frames, output)
         self._follow(member)
         return output
@@ -221,12 +224,17 @@ class NodeGroup:
         before, member.keys = member.keys, keys
         if before is None:
             self._promiscuous.remove(member)
-        for key in (before or _EVERYTHING) - (keys or _EVERYTHING):
+        for key in (before or _NOTHING) - (keys or _NOTHING):
             self._listeners[key].remove(member)
-        for key in (keys or _EVERYTHING) - (before or _EVERYTHING):
-            self._listeners[key] = sorted([*self._listeners.get(key, ()), member], key=lambda one: one.place)
+        # Sorted, so that the order in which nodes answer a frame does not depend on when they were configured.
+        for key in (keys or _NOTHING) - (before or _NOTHING):
+            self._listeners[key] = sorted([*self._listeners.get(key, ()), member], key=_place)
         if keys is None:
-            self._promiscuous = sorted([*self._promiscuous, member], key=lambda one: one.place)
+            self._promiscuous = sorted([*self._promiscuous, member], key=_place)
+
+
+def _place(member: _Member) -> int:
+    return member.place
 
 
 def _reporter(group: NodeGroup, member: _Member) -> Callable[[str, Exception], None]:

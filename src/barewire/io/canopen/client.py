@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.canopen import CanFrame
-from barewire.canopen.bus.channel_locks import ChannelLock, LockKeys
+from barewire.canopen.channel_locks import ChannelLock, LockKeys
 from barewire.canopen.sdo.channel import Channel
 from barewire.conversation import Conversation, Heard
 from barewire.errors import BarewireError, PortError

@@ -16,7 +16,7 @@ import time
 from queue import Empty, SimpleQueue
 from typing import Generic, Protocol, TypeVar
 
-from barewire.canopen.bus.channel_locks import ChannelLock
+from barewire.canopen.channel_locks import ChannelLock
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.channel import Channel
 from barewire.canopen.sdo.plain import NOT_PLAIN, PlainExchange

@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from typing import Self, TypeVar
 
-from barewire.canopen.bus.channel_locks import ChannelLock, LockKeys
+from barewire.canopen.channel_locks import ChannelLock, LockKeys
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
 from barewire.io.canopen.bus.event_stream import STREAM_ROOM, FrameListener, Listener, Report, StreamBase

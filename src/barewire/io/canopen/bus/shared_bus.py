@@ -20,7 +20,7 @@ from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from typing import Any, Self
 
-from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks
+from barewire.canopen.channel_locks import ChannelLock, ChannelLocks
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect

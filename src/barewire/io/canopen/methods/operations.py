@@ -36,7 +36,7 @@ from typing import (
     overload,
 )
 
-from barewire.canopen.bus.channel_locks import LockKeys
+from barewire.canopen.channel_locks import LockKeys
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.channel import Channel
 from barewire.canopen.sdo.dialect import SdoDialect

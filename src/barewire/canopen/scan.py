@@ -15,6 +15,7 @@ are not SDO responses are never evidence.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
@@ -107,14 +108,13 @@ def scan(
     >>> def bus(frame, now):
     ...     return [(now + 0.001, CanFrame.parse("585#4300100092010200"))] if frame.id == 0x605 else []
     >>> result, seconds = play(scan(range(1, 11)), bus)
-    >>> [(found.node, f"{found.device_type:08X}h", found.why) for found in result.nodes.values()]
+    >>> [(node.node, f"{node.device_type:08X}h", node.why) for node in result.nodes.values()]
     [(5, '00020192h', 'answered')]
     """
     result = ScanResult()
     pending: dict[int, float] = {}  # node -> time of the request
-    asked: dict[int, float] = {}  # the same of all requests
-    unasked = [check_node(node) for node in nodes] if ask else []
-    unasked.reverse()
+    requested: dict[int, float] = {}  # the same of all requests
+    remaining = deque(check_node(node) for node in nodes) if ask else deque[int]()
     heard: Heard[CanFrame] = yield Listen(float("-inf"))
     quiet_until = heard.now + listen
     ready = quiet_until  # when the next request may be sent
@@ -125,23 +125,23 @@ def scan(
                 if abort is not None:
                     yield Send(abort)
             pending = {node: sent_at for node, sent_at in pending.items() if heard.now < sent_at + timeout}
-            if unasked and heard.now >= ready and len(pending) < outstanding:
-                node = unasked.pop()
+            if remaining and heard.now >= ready and len(pending) < outstanding:
+                node = remaining.popleft()
                 if progress is not None:
                     progress(node, result)
-                asked[node] = heard.now  # before it is sent: the scan may be abandoned then
+                requested[node] = heard.now  # before it is sent: the scan may be abandoned then
                 sent: Heard[CanFrame] = yield Send(CanFrame(cob_id("SDO request", node), _REQUEST))
-                pending[node] = asked[node] = sent.now
+                pending[node] = requested[node] = sent.now
                 ready = sent.now + gap
-            if not unasked and not pending and heard.now >= quiet_until:
+            if not remaining and not pending and heard.now >= quiet_until:
                 break
             first_timeout = min((sent_at + timeout for sent_at in pending.values()), default=quiet_until)
-            heard = yield Listen(ready if unasked and len(pending) < outstanding else max(first_timeout, heard.now))
+            heard = yield Listen(ready if remaining and len(pending) < outstanding else max(first_timeout, heard.now))
     finally:
         if channels is not None:
-            answered = {node for node, found in result.nodes.items() if found.answered_after is not None}
-            for node in asked.keys() - answered:
-                channel, sent_at = channels(node), asked[node]
+            answered = {node for node, scanned in result.nodes.items() if scanned.answered_after is not None}
+            for node in requested.keys() - answered:
+                channel, sent_at = channels(node), requested[node]
                 channel.be_quiet(sent_at + 2 * max(timeout, channel.timeout), (_OBJECT,), _OBJECT, sent_at)
     result.nodes = dict(sorted(result.nodes.items()))
     return result
@@ -162,14 +162,14 @@ def _evaluate(result: ScanResult, frame: CanFrame, pending: dict[int, float], no
     try:
         if service.name == "error control":
             state = NodeState.decode(frame)
-            found = _entry(result, node)
-            found.state = state
-            found.add_evidence("boot-up" if state.is_boot_up else "heartbeat")
+            scanned = _entry(result, node)
+            scanned.state = state
+            scanned.add_evidence("boot-up" if state.is_boot_up else "heartbeat")
         elif service.name == "EMCY":
             emergency = Emergency.decode(frame)
-            found = _entry(result, node)
-            found.emergency = emergency
-            found.add_evidence("emergency")
+            scanned = _entry(result, node)
+            scanned.emergency = emergency
+            scanned.add_evidence("emergency")
         elif service.name == "SDO answer":
             return _evaluate_response(result, node, frame, pending, now)
         else:
@@ -183,18 +183,18 @@ def _evaluate_response(
     result: ScanResult, node: int, frame: CanFrame, pending: dict[int, float], now: float
 ) -> CanFrame | None:
     response = decode_sdo_response(frame.data)
-    found = _entry(result, node)
+    scanned = _entry(result, node)
     address = (getattr(response, "index", None), getattr(response, "sub", None))
     if node not in pending or address != _OBJECT:
-        found.add_evidence("SDO response to another client")
+        scanned.add_evidence("SDO response to another client")
         return None
-    found.answered_after = now - pending.pop(node)
-    found.add_evidence("answered")
+    scanned.answered_after = now - pending.pop(node)
+    scanned.add_evidence("answered")
     if isinstance(response, Abort):
-        found.abort = response.code
+        scanned.abort = response.code
     elif isinstance(response, ExpeditedUpload):
-        found.device_type = int.from_bytes(response.data, "little")
-    else:
+        scanned.device_type = int.from_bytes(response.data, "little")
+    else:  # no device type is longer than 4 bytes: the transfer that this response begins is not carried out
         return CanFrame(cob_id("SDO request", node), Abort(_DEVICE_TYPE, 0, 0x0800_0000).encode())
     return None
 

@@ -105,13 +105,13 @@ class ChannelLocks:
         """Remove a request, granted or waiting, and grant the requests that waited only for it. A second call completes
         one that an exception ended."""
         self._queue.pop(lock, None)
-        taken: set[Hashable] = set()
+        claimed: set[Hashable] = set()  # the keys of older requests
         for waiting in self._queue:
             keys = waiting.keys
-            if not waiting.granted and (not taken if keys is None else taken.isdisjoint(keys)):
+            if not waiting.granted and (not claimed if keys is None else claimed.isdisjoint(keys)):
                 waiting.wake()  # before it counts as granted: a second call wakes it if an exception comes between
                 waiting.granted = True
             if keys is None:
                 break  # all later requests wait for a request for everything
-            taken |= keys
+            claimed |= keys
         lock.granted = False

@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 from hypothesis import given, strategies as st
 
-from barewire.canopen.bus.channel_locks import ChannelLock, ChannelLocks, LockKeys
+from barewire.canopen.channel_locks import ChannelLock, ChannelLocks, LockKeys
 from barewire.errors import EncodeError
 from tests.interrupts import Interrupt, interrupt
 
