@@ -13,7 +13,7 @@ CAN delivers whole frames, so there is no framing here. The rooms and files, in 
     cyclic                 frames that are sent again and again
     nmt/                   states, commands, heartbeats            sdo/     read and write objects of any length
     emcy                   emergency messages                      pdo/     process data
-    lss/                   assign node-IDs                         scan     find the nodes on a bus
+    lss/                   assign node-IDs                         bus_scan find the nodes on a bus
     channel_locks          which transfers may run at the same time
     device/                `LocalNode`, a whole device             eds/     EDS and DCF files
     configuration/         a device and its DCF: compared, written
@@ -29,6 +29,7 @@ from barewire._lazy import lazy
 
 if TYPE_CHECKING:
     from barewire.canopen.abort_codes import AbortCode as AbortCode, SdoAbort as SdoAbort, abort_text as abort_text
+    from barewire.canopen.bus_scan import ScannedNode as ScannedNode, ScanResult as ScanResult, scan as scan
     from barewire.canopen.cob_ids import (
         CobEntry as CobEntry,
         CobService as CobService,
@@ -158,7 +159,6 @@ if TYPE_CHECKING:
         remote_pdo as remote_pdo,
         write_pdo as write_pdo,
     )
-    from barewire.canopen.scan import ScannedNode as ScannedNode, ScanResult as ScanResult, scan as scan
     from barewire.canopen.sdo import (
         STANDARD as STANDARD,
         BlockSettings as BlockSettings,
@@ -208,7 +208,7 @@ __getattr__, __dir__, __all__ = lazy(
         "pdo.engine": "PdoEngine",
         "pdo.remote": "read_pdo write_pdo mapping_of PdoConfigPolicy remote_pdo RemotePdo PdoConsumer PdoReceived",
         "sdo.client": "read_object write_object",
-        "scan": "scan ScanResult ScannedNode",
+        "bus_scan": "scan ScanResult ScannedNode",
         "lss.messages": "LssAddress LssMessage LssService LssState LssRefused Fastscan",
         "lss.slave": "LssSlave",
         "lss.master": (

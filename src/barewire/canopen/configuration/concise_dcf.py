@@ -49,10 +49,10 @@ def encode_concise_dcf(values: Iterable[ConciseValue]) -> bytes:
     """
     values = list(values)
     pieces = [len(values).to_bytes(_COUNT, "little")]
-    for one in values:
-        if not (0 <= one.index <= 0xFFFF and 0 <= one.sub <= 0xFF):
-            raise EncodeError(f"index {one.index:X}h, sub-index {one.sub:X}h: expected 0..FFFFh and 0..FFh")
-        pieces += [_HEAD.pack(one.index, one.sub, len(one.data)), one.data]
+    for value in values:
+        if not (0 <= value.index <= 0xFFFF and 0 <= value.sub <= 0xFF):
+            raise EncodeError(f"index {value.index:X}h, sub-index {value.sub:X}h: expected 0..FFFFh and 0..FFh")
+        pieces += [_HEAD.pack(value.index, value.sub, len(value.data)), value.data]
     return b"".join(pieces)
 
 
@@ -90,55 +90,62 @@ def concise_dcf(configuration: DeviceConfiguration) -> list[ConciseValue]:
 
     First all PDOs are switched off; then follow the other objects, the mapping and the parameters of each PDO, its
     COB-ID, and last 1020h, the date. The highest sub-index of an array or record is left out if it is the default of
-    the DCF. Raise EncodeError if a mapping is configured without the COB-ID of its PDO or
-    without the number of its objects.
+    the DCF. Raise EncodeError if a mapping is configured without the COB-ID of its PDO or without the number of its
+    objects.
     """
     return list(_writes(configuration))
 
 
 def _writes(configuration: DeviceConfiguration) -> Iterator[ConciseValue]:
-    others = [one for one in configuration.settings if pdo_of(one.entry.index) is None]
-    compound = {one.entry.index for one in others if one.entry.sub}
-    # The number of entries of an array or record may be fixed in a device: it is written only where it changes.
-    plain = [
-        one for one in others if one.entry.sub or one.entry.index not in compound or one.value != one.entry.default
-    ]
+    others: list[Setting] = []
     pdos: dict[int, tuple[PdoConfig, dict[ObjectAddress, Setting]]] = {}
-    for one in configuration.settings:
-        if (pdo := pdo_of(one.entry.index)) is not None:
-            pdos.setdefault(pdo.communication, (pdo, {}))[1][one.place] = one
+    for setting in configuration.settings:
+        if (pdo := pdo_of(setting.entry.index)) is None:
+            others.append(setting)
+        else:
+            pdos.setdefault(pdo.communication, (pdo, {}))[1][setting.place] = setting
     for pdo, settings in pdos.values():
-        cob_id = settings.get((pdo.communication, 1))
-        if any(index == pdo.map for index, _ in settings):
-            for missing, index, sub in (("COB-ID", pdo.communication, 1), ("number of objects", pdo.map, 0)):
-                if (index, sub) not in settings:
-                    text = (
-                        f"its mapping is configured, but not its {missing}: expected a value of {index:04X}h:{sub:02X}"
-                    )
-                    raise EncodeError(f"{pdo.direction}{pdo.number}: {text}")
-        if cob_id is not None:
+        _check_complete(pdo, settings)
+        if (pdo.communication, 1) in settings:
+            cob_id = settings[pdo.communication, 1]
             yield ConciseValue(*cob_id.place, (int(cob_id.value) | _OFF).to_bytes(4, "little"))
-    cycle = None if any(one.entry.index == CYCLE for one in plain) else 0
-    for entry, data in plain_writes([Difference(one.entry, None, one.value) for one in plain], cycle):
+    # The number of entries of an array or record may be fixed in a device: it is written only where it changes.
+    compound = {setting.entry.index for setting in others if setting.entry.sub}
+    changes = [
+        Difference(setting.entry, None, setting.value)
+        for setting in others
+        if setting.entry.sub or setting.entry.index not in compound or setting.value != setting.entry.default
+    ]
+    cycle = None if any(change.entry.index == CYCLE for change in changes) else 0
+    for entry, data in plain_writes(changes, cycle):
         yield ConciseValue(entry.index, entry.sub, data)
     for pdo, settings in pdos.values():
         yield from _pdo_writes(pdo, settings)
-    for one in configuration.date:
-        yield ConciseValue(*one.place, one.data)
+    for setting in configuration.date:
+        yield ConciseValue(*setting.place, setting.data)
+
+
+def _check_complete(pdo: PdoConfig, settings: Mapping[ObjectAddress, Setting]) -> None:
+    if not any(index == pdo.map for index, _ in settings):
+        return
+    for missing, index, sub in (("COB-ID", pdo.communication, 1), ("number of objects", pdo.map, 0)):
+        if (index, sub) not in settings:
+            text = f"its mapping is configured, but not its {missing}: expected a value of {index:04X}h:{sub:02X}"
+            raise EncodeError(f"{pdo.direction}{pdo.number}: {text}")
 
 
 def _pdo_writes(pdo: PdoConfig, settings: Mapping[ObjectAddress, Setting]) -> Iterator[ConciseValue]:
     count, cob_id = settings.get((pdo.map, 0)), settings.get((pdo.communication, 1))
     if count is not None:
         yield ConciseValue(pdo.map, 0, b"\0")
-    for one in settings.values():
-        if one.entry.index == pdo.map and one.entry.sub:
-            yield ConciseValue(*one.place, one.data)
+    for setting in settings.values():
+        if setting.entry.index == pdo.map and setting.entry.sub:
+            yield ConciseValue(*setting.place, setting.data)
     if count is not None and count.value:
         yield ConciseValue(*count.place, count.data)
-    for one in settings.values():
-        if one.entry.index == pdo.communication and one is not cob_id:
-            yield ConciseValue(*one.place, one.data)
+    for setting in settings.values():
+        if setting.entry.index == pdo.communication and setting is not cob_id:
+            yield ConciseValue(*setting.place, setting.data)
     if cob_id is not None and not int(cob_id.value) & _OFF:
         yield ConciseValue(*cob_id.place, cob_id.data)
 
@@ -154,11 +161,11 @@ def concise_values(concise: Iterable[ConciseValue], objects: ObjectDictionary) -
     Raise EncodeError for an object that `objects` does not have, DecodeError for bytes that are not of its type.
     """
     values: dict[ObjectAddress | str, Value] = {}
-    for one in concise:
-        entry = objects.at((one.index, one.sub))
+    for write in concise:
+        entry = objects.at((write.index, write.sub))
         try:
-            values[one.index, one.sub] = entry.codec.decode(one.data)
+            values[write.index, write.sub] = entry.codec.decode(write.data)
         except DecodeError as error:
-            error.add_context(f"{one!r} is to be {entry.name}, {entry.type}")
+            error.add_context(f"{write!r} is to be {entry.name}, {entry.type}")
             raise
     return values

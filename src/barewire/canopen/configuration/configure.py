@@ -65,36 +65,36 @@ def plain_writes(changes: Iterable[Difference], cycle: int | None = None) -> Ite
     decide whether a step before is needed; None: it is always done.
     """
     changes = sorted(changes, key=_order)
-    consumers = [change for change in changes if change.entry.index == _CONSUMERS and change.entry.sub]
-    for change in consumers if len(consumers) > 1 else []:
-        if change.present != 0:
-            yield change.entry, bytes(4)
     overflow = next((change for change in changes if change.entry.index == OVERFLOW), None)
-    wanted_cycle = next((change for change in changes if change.entry.index == CYCLE), None)
+    new_cycle = next((change for change in changes if change.entry.index == CYCLE), None)
+    consumers = [change for change in changes if change.entry.index == _CONSUMERS and change.entry.sub]
+    if len(consumers) > 1:  # two of them may exchange their nodes
+        for change in consumers:
+            if change.present != 0:
+                yield change.entry, bytes(4)
     if overflow is not None and (cycle is None or cycle):
         yield _CYCLE_ENTRY, bytes(4)
-    channels = [change for change in changes if change.entry.index in _SDO_CHANNELS and change.entry.sub in (1, 2)]
-    for change in channels:
-        yield from _switched_off(change)
+    for change in changes:
+        if change.entry.index in _SDO_CHANNELS and change.entry.sub in (1, 2):
+            yield from _switched_off(change)
     for change in changes:
         if change.entry.index in (_SYNC, _TIME, _EMCY):
             yield from _switched_off(change)
-        if change is overflow or (change is wanted_cycle and overflow is not None):
-            continue
-        yield change.entry, change.entry.codec.encode(change.wanted)
+        if overflow is None or change not in (overflow, new_cycle):
+            yield change.entry, change.data
     if overflow is not None:
-        yield overflow.entry, overflow.entry.codec.encode(overflow.wanted)
-        if wanted_cycle is not None:
-            yield wanted_cycle.entry, wanted_cycle.entry.codec.encode(wanted_cycle.wanted)
+        yield overflow.entry, overflow.data
+        if new_cycle is not None:
+            yield new_cycle.entry, new_cycle.data
         elif cycle:
             yield _CYCLE_ENTRY, cycle.to_bytes(4, "little")
 
 
 def _switched_off(change: Difference) -> Iterator[tuple[Entry, bytes]]:
     """Yield the write that switches a service off with its present identifier, if its identifier changes."""
-    present = change.present if isinstance(change.present, int) else None
     if not isinstance(change.wanted, int):
         return
+    present = change.present if isinstance(change.present, int) else None
     if present is not None and not (present ^ change.wanted) & ~(_BIT30 | _BIT31):
         return  # the identifier stays
     before = change.wanted if present is None else present
@@ -119,7 +119,6 @@ ConfigureProgress = Callable[[int, int, str], object]
 added to the total when it is known what differs."""
 
 _STORE = 0x1010
-_OFF = 1 << 31
 _MISSING = (AbortCode.NO_OBJECT, AbortCode.NO_SUB)
 _ONLY_CHANGES = PdoConfigPolicy(skip_equal=True)
 
@@ -153,7 +152,7 @@ def compare_device(
     Write-only objects and objects that the device does not have differ always. Raise SdoAbort and NoAnswer.
     """
     settings = *configuration.identity, *configuration.settings, *configuration.date
-    return _Steps(channel_to(node, None), timeout, progress).compare(settings)
+    return _Configurator(channel_to(node, None), configuration, timeout, progress).compare(settings)
 
 
 def configure_device(
@@ -176,63 +175,18 @@ def configure_device(
     objects; after the writes, if a value that is read back is not the one that was written. Raise SdoAbort for a value
     that the device refuses, and NoAnswer.
     """
-    return _configure(_Steps(channel_to(node, None), timeout, progress), configuration, store, dry_run)
+    configurator = _Configurator(channel_to(node, None), configuration, timeout, progress)
+    return configurator.configure(store=store, dry_run=dry_run)
 
 
-def _configure(
-    steps: _Steps, configuration: DeviceConfiguration, store: bool, dry_run: bool
-) -> Conversation[CanFrame, ConfigurationResult]:
-    try:
-        wrong = yield from steps.compare(configuration.identity)
-        found = [] if wrong else (yield from steps.compare((*configuration.settings, *configuration.date)))
-        changes = [one for one in found if one.entry.index != DATE]
-        absent = [one for one in found if one.reason and one.entry.access != "wo"]
-        pdos = [] if absent else (yield from _changed_pdos(steps, configuration, changes))
-    except BarewireError as error:
-        if not dry_run:
-            error.add_note(f"nothing was written to node {steps.channel.node}")
-        raise
-    if wrong:
-        raise ConfigurationFailed(f"node {steps.channel.node} is another device: {'; '.join(map(str, wrong))}")
-    if absent:
-        raise ConfigurationFailed(f"node {steps.channel.node}: nothing was written: {'; '.join(map(str, absent))}")
-    if dry_run:
-        return ConfigurationResult(tuple(found), False, configuration.left_out)
-    dates = [one for one in found if one.entry.index == DATE]
-    try:
-        if changes:
-            if configuration.date and not dates:
-                # The device has the date of this configuration, but not its values: not to remain if a write fails.
-                yield from steps.write(configuration.date[0].entry, bytes(4), "the date is removed")
-            yield from _write_changes(steps, changes, pdos)
-            yield from _read_back(steps, configuration, changes)
-        if changes or dates:
-            for setting in configuration.date:
-                yield from steps.write(setting.entry, setting.data)
-    except BarewireError as error:
-        error.add_note(f"node {steps.channel.node} has {steps.written_text(error)}; configure it again")
-        raise
-    if store:
-        yield from _store(steps)
-    return ConfigurationResult((*changes, *dates), store, configuration.left_out)
+class _Configurator:
+    """One comparison or configuration of a device. Each step is told to `progress`."""
 
-
-def _store(steps: _Steps) -> Conversation[CanFrame, None]:
-    steps.tell(f"store: {_STORE:04X}h:01")
-    try:
-        wait = max(steps.timeout, STORE_TIMEOUT)
-        yield from download(steps.channel, _STORE, 1, b"save", timeout=wait)
-    except BarewireError as error:
-        stored = "may have stored them or not" if isinstance(error, NoAnswer) else "did not store them"
-        error.add_note(f"node {steps.channel.node} has all values of the configuration, and {stored}")
-        raise
-
-
-class _Steps:
-    """The SDO transfers of one configuration, told to `progress`."""
-
-    def __init__(self, channel: Channel, timeout: float, progress: ConfigureProgress | None) -> None:
+    def __init__(
+        self, channel: Channel, configuration: DeviceConfiguration, timeout: float, progress: ConfigureProgress | None
+    ) -> None:
         self.channel = channel
+        self.configuration = configuration
         self.timeout = timeout
         self.progress = progress
         self.done = self.total = 0
@@ -240,7 +194,47 @@ class _Steps:
         self.writing = ""  # what is being written
         self.off: list[PdoConfig] = []
 
-    def tell(self, step: str) -> None:
+    def configure(self, *, store: bool, dry_run: bool) -> Conversation[CanFrame, ConfigurationResult]:
+        configuration, name = self.configuration, f"node {self.channel.node}"
+        try:
+            foreign = yield from self.compare(configuration.identity)
+            settings = () if foreign else (*configuration.settings, *configuration.date)
+            differences = yield from self.compare(settings)
+            missing = [
+                difference for difference in differences if difference.reason and difference.entry.access != "wo"
+            ]
+            changes = [difference for difference in differences if difference.entry.index != DATE]
+            pdos = [] if missing else (yield from self._changed_pdos(changes))
+        except BarewireError as error:
+            if not dry_run:
+                error.add_note(f"nothing was written to {name}")
+            raise
+        if foreign:
+            raise ConfigurationFailed(f"{name} is another device: {'; '.join(map(str, foreign))}")
+        if missing:
+            raise ConfigurationFailed(f"{name}: nothing was written: {'; '.join(map(str, missing))}")
+        if dry_run:
+            return ConfigurationResult(tuple(differences), False, configuration.left_out)
+        dates = [difference for difference in differences if difference.entry.index == DATE]
+        try:
+            if changes:
+                if configuration.date and not dates:
+                    # The device has the date of this configuration, but not its values: the date must not remain if a
+                    # write fails.
+                    yield from self._write(configuration.date[0].entry, bytes(4), "the date is removed")
+                yield from self._write_changes(changes, pdos)
+                yield from self._read_back(changes)
+            if changes or dates:
+                for setting in configuration.date:
+                    yield from self._write(setting.entry, setting.data)
+        except BarewireError as error:
+            error.add_note(f"{name} has {self._written_text(error)}; configure it again")
+            raise
+        if store:
+            yield from self._store()
+        return ConfigurationResult((*changes, *dates), store, configuration.left_out)
+
+    def _tell(self, step: str) -> None:
         self.total = max(self.total, self.done + 1)
         if self.progress is not None:
             self.progress(self.done, self.total, step)
@@ -249,16 +243,16 @@ class _Steps:
     def compare(self, settings: Iterable[Setting]) -> Conversation[CanFrame, list[Difference]]:
         settings = list(settings)
         self.total += len(settings)
-        found = []
+        differences = []
         for setting in settings:
-            difference = yield from self.difference(setting, "read")
+            difference = yield from self._difference(setting, "read")
             if difference is not None:
-                found.append(difference)
-        return found
+                differences.append(difference)
+        return differences
 
-    def difference(self, setting: Setting, verb: str) -> Conversation[CanFrame, Difference | None]:
+    def _difference(self, setting: Setting, verb: str) -> Conversation[CanFrame, Difference | None]:
         entry = setting.entry
-        self.tell(f"{verb} {object_text(entry)}")
+        self._tell(f"{verb} {object_text(entry)}")
         if entry.access == "wo":
             return Difference(entry, None, setting.value, "write-only")
         try:
@@ -275,22 +269,22 @@ class _Steps:
         except DecodeError:
             return Difference(entry, data, setting.value)
 
-    def write(self, entry: Entry, data: bytes, why: str = "") -> Conversation[CanFrame, None]:
+    def _write(self, entry: Entry, data: bytes, why: str = "") -> Conversation[CanFrame, None]:
         text = value_text(entry, entry.codec.decode(data))
-        self.tell(f"write {object_text(entry)} = {text}{why and f' ({why})'}")
+        self._tell(f"write {object_text(entry)} = {text}{why and f' ({why})'}")
         self.writing = f"{entry.index:04X}h:{entry.sub:02X}"
         try:
             yield from download(self.channel, entry.index, entry.sub, data, timeout=self.timeout)
         except SdoAbort as refusal:
             refusal.add_context(f"while writing {object_text(entry)} = {text}")
             raise
-        self.has_written(self.writing)
+        self._has_written(self.writing)
 
-    def has_written(self, place: str) -> None:
+    def _has_written(self, place: str) -> None:
         self.written.append(place)
         self.writing = ""
 
-    def written_text(self, error: BarewireError) -> str:
+    def _written_text(self, error: BarewireError) -> str:
         """Return in words how far a configuration came until this error."""
         count = len(self.written)
         text = f"{count or 'no'} object{'s' if count > 1 else ''} written"
@@ -299,84 +293,90 @@ class _Steps:
         off = ", ".join(f"{pdo.direction}{pdo.number}" for pdo in self.off)
         return f"{text}{off and f', and these PDOs switched off: {off}'}, and not the date of the configuration"
 
+    # PDOs and writes
 
-def _changed_pdos(
-    steps: _Steps, configuration: DeviceConfiguration, changes: list[Difference]
-) -> Conversation[CanFrame, list[tuple[PdoConfig, PdoConfig]]]:
-    """Return each PDO that changes as it is, and as it is to be."""
-    numbers = {(pdo.direction, pdo.number): pdo for one in changes if (pdo := pdo_of(one.entry.index)) is not None}
-    pdos = []
-    for pdo in numbers.values():
-        present = yield from read_pdo(steps.channel, pdo.direction, pdo.number, timeout=steps.timeout)
-        pdos.append((present, _wanted_pdo(present, configuration.settings, changes)))
-    return pdos
+    def _changed_pdos(self, changes: list[Difference]) -> Conversation[CanFrame, list[tuple[PdoConfig, PdoConfig]]]:
+        """Return each PDO that changes as it is, and as it is to be."""
+        records = [pdo for change in changes if (pdo := pdo_of(change.entry.index)) is not None]
+        pdos = []
+        for direction, number in dict.fromkeys((pdo.direction, pdo.number) for pdo in records):
+            present = yield from read_pdo(self.channel, direction, number, timeout=self.timeout)
+            pdos.append((present, _wanted_pdo(present, self.configuration.settings, changes)))
+        return pdos
 
+    def _write_changes(
+        self, changes: list[Difference], pdos: list[tuple[PdoConfig, PdoConfig]]
+    ) -> Conversation[CanFrame, None]:
+        plain = [change for change in changes if pdo_of(change.entry.index) is None]
+        cycle = None
+        if any(change.entry.index == OVERFLOW for change in plain):
+            cycle = yield from self._present_cycle()
+        writes = list(plain_writes(plain, cycle))
+        self.total += len(writes) + 2 * len(pdos) + len(changes)
+        for present, _ in pdos:
+            if not (present.cob_id or 0) & _BIT31:
+                entry = Entry(present.communication, 1, f"COB-ID of {present.direction}{present.number}", "u32")
+                yield from self._write(entry, ((present.cob_id or 0) | _BIT31).to_bytes(4, "little"), "off")
+                self.off.append(present)
+        for entry, data in writes:
+            yield from self._write(entry, data)
+        for _, pdo in pdos:
+            self._tell(f"write {pdo!r}")
+            self.writing = f"{pdo.direction}{pdo.number}"
+            yield from write_pdo(self.channel, pdo, policy=_ONLY_CHANGES, timeout=self.timeout)
+            self._has_written(self.writing)
+            self.off = [other for other in self.off if other.communication != pdo.communication]
 
-def _write_changes(
-    steps: _Steps, changes: list[Difference], pdos: list[tuple[PdoConfig, PdoConfig]]
-) -> Conversation[CanFrame, None]:
-    plain = [one for one in changes if pdo_of(one.entry.index) is None]
-    cycle = None
-    if any(one.entry.index == OVERFLOW for one in plain):
-        cycle = yield from _present_cycle(steps)
-    writes = list(plain_writes(plain, cycle))
-    steps.total += len(writes) + 2 * len(pdos) + len(changes)
-    for present, _ in pdos:
-        if not (present.cob_id or 0) & _OFF:
-            off = Entry(present.communication, 1, f"COB-ID of {present.direction}{present.number}", "u32")
-            yield from steps.write(off, ((present.cob_id or 0) | _OFF).to_bytes(4, "little"), "off")
-            steps.off.append(present)
-    for entry, data in writes:
-        yield from steps.write(entry, data)
-    for _, pdo in pdos:
-        steps.tell(f"write {pdo!r}")
-        steps.writing = f"{pdo.direction}{pdo.number}"
-        yield from write_pdo(steps.channel, pdo, policy=_ONLY_CHANGES, timeout=steps.timeout)
-        steps.has_written(steps.writing)
-        steps.off = [one for one in steps.off if one.communication != pdo.communication]
+    def _read_back(self, changes: list[Difference]) -> Conversation[CanFrame, None]:
+        """Read what was written. Of a PDO everything: the writes of one of its values may change another."""
+        places = {(change.entry.index, change.entry.sub) for change in changes}
+        records: set[int] = set()
+        for change in changes:
+            if (pdo := pdo_of(change.entry.index)) is not None:
+                records |= {pdo.communication, pdo.map}
+        wrong = []
+        for setting in self.configuration.settings:
+            if (setting.place in places or setting.entry.index in records) and setting.entry.access != "wo":
+                difference = yield from self._difference(setting, "read back")
+                if difference is not None:
+                    wrong.append(str(difference))
+        if wrong:
+            text = f"node {self.channel.node} has other values than were written: {'; '.join(wrong)}"
+            raise ConfigurationFailed(text)
 
+    def _present_cycle(self) -> Conversation[CanFrame, int]:
+        try:
+            data = yield from upload(self.channel, CYCLE, 0, size=4, timeout=self.timeout)
+        except SdoAbort as refusal:
+            if refusal.code not in _MISSING:
+                raise
+            return 0
+        return int.from_bytes(data[:4], "little")
 
-def _read_back(
-    steps: _Steps, configuration: DeviceConfiguration, changes: list[Difference]
-) -> Conversation[CanFrame, None]:
-    records = {one.entry.index for one in changes}
-    for pdo in [pdo_of(index) for index in records]:
-        records |= {pdo.communication, pdo.map} if pdo is not None else set()
-    places = {(one.entry.index, one.entry.sub) for one in changes}
-    wrong = []
-    for setting in configuration.settings:
-        in_pdo = setting.entry.index in records and pdo_of(setting.entry.index) is not None
-        if (setting.place in places or in_pdo) and setting.entry.access != "wo":
-            difference = yield from steps.difference(setting, "read back")
-            if difference is not None:
-                wrong.append(str(difference))
-    if wrong:
-        raise ConfigurationFailed(f"node {steps.channel.node} has other values than were written: {'; '.join(wrong)}")
-
-
-def _present_cycle(steps: _Steps) -> Conversation[CanFrame, int]:
-    try:
-        data = yield from upload(steps.channel, CYCLE, 0, size=4, timeout=steps.timeout)
-    except SdoAbort as refusal:
-        if refusal.code not in _MISSING:
+    def _store(self) -> Conversation[CanFrame, None]:
+        self._tell(f"store: {_STORE:04X}h:01")
+        try:
+            yield from download(self.channel, _STORE, 1, b"save", timeout=max(self.timeout, STORE_TIMEOUT))
+        except BarewireError as error:
+            stored = "may have stored them or not" if isinstance(error, NoAnswer) else "did not store them"
+            error.add_note(f"node {self.channel.node} has all values of the configuration, and {stored}")
             raise
-        return 0
-    return int.from_bytes(data[:4], "little")
 
 
 def _wanted_pdo(present: PdoConfig, settings: Iterable[Setting], changes: Iterable[Difference]) -> PdoConfig:
     """Return a PDO as it is to be: the settings of its two records, and for all else the present values."""
     records = {present.communication, present.map}
-    values = {one.place: int(one.value) for one in settings if one.entry.index in records}
+    values = {setting.place: int(setting.value) for setting in settings if setting.entry.index in records}
     fields: dict[str, Any] = {}
     for sub, name in ((1, "cob_id"), (2, "type"), (3, "inhibit"), (5, "event_timer"), (6, "sync_start")):
         if (present.communication, sub) in values:
             fields[name] = values[present.communication, sub]
     count = values.get((present.map, 0), present.count)
     multiplexed = MPDO_COUNTS.get(count)
-    for one in changes:
-        if one.entry.index == present.map and one.entry.sub > (0 if multiplexed else count):
-            name, place = f"{present.direction}{present.number}", f"{present.map:04X}h:{one.entry.sub:02X}"
+    name = f"{present.direction}{present.number}"
+    for change in changes:
+        if change.entry.index == present.map and change.entry.sub > (0 if multiplexed else count):
+            place = f"{present.map:04X}h:{change.entry.sub:02X}"
             text = f"expected a value for {present.map:04X}h:00 that includes it"
             raise EncodeError(f"{name} maps {count} objects, but {place} is configured: {text}")
     words = []
@@ -384,7 +384,7 @@ def _wanted_pdo(present: PdoConfig, settings: Iterable[Setting], changes: Iterab
         before = present.mapping[sub - 1] if sub <= len(present.mapping) else None
         word = values.get((present.map, sub), before)
         if word is None:
-            name, place = f"{present.direction}{present.number}", f"{present.map:04X}h:{sub:02X}"
+            place = f"{present.map:04X}h:{sub:02X}"
             raise EncodeError(f"{name} maps {count} objects: expected a value for {place} in the configuration")
         words.append(word)
     check_bits(present, words)

@@ -30,14 +30,22 @@ from barewire.codecs import Value
 from barewire.errors import EncodeError, shown
 
 DEVICE_TYPE, IDENTITY, DATE = 0x1000, 0x1018, 0x1020
-_COMMANDS = {0x1003, 0x1010, 0x1011, DATE, 0x1023, 0x1024, 0x1025, 0x1026, 0x1F50, 0x1F51}
+_COMMANDS = {0x1003, 0x1010, 0x1011, 0x1023, 0x1024, 0x1025, 0x1026, 0x1F50, 0x1F51}
 """Objects whose write is a command or deletes something: error history, store, restore, OS commands, programs."""
 
 _PDO_TYPES = {1: "u32", 2: "u8", 3: "u16", 5: "u16", 6: "u8"}
 _VARIABLE_TYPES = dict.fromkeys((DEVICE_TYPE, 0x1005, 0x1006, 0x1012, 0x1014), "u32") | {0x1019: "u8"}
 _RECORD_TYPES = dict.fromkeys((0x1016, IDENTITY, DATE), "u32")
 _SDO_TYPES = {1: "u32", 2: "u32", 3: "u8"}
-_MODIFIED = re.compile(r"(\d\d?)-(\d\d?)-(\d{4})"), re.compile(r"(\d\d?):(\d\d)\s*([AP]M)?", re.IGNORECASE)
+_PDO_RECORDS: tuple[tuple[int, PdoDirection], ...] = (
+    (0x1400, "RPDO"),
+    (0x1600, "RPDO"),
+    (0x1800, "TPDO"),
+    (0x1A00, "TPDO"),
+)
+_RESERVED = 4  # sub-index of a communication record
+_DAY_TEXT = re.compile(r"(\d\d?)-(\d\d?)-(\d{4})")
+_CLOCK_TEXT = re.compile(r"(\d\d?):(\d\d)\s*([AP]M)?", re.IGNORECASE)
 
 
 class Setting(NamedTuple):
@@ -73,6 +81,11 @@ class Difference(NamedTuple):
     wanted: Value
     reason: str = ""
 
+    @property
+    def data(self) -> bytes:
+        """The bytes of the configured value in an SDO, little-endian."""
+        return self.entry.codec.encode(self.wanted)
+
     def __str__(self) -> str:
         present = self.reason if self.present is None else value_text(self.entry, self.present)
         return f"{object_text(self.entry)}: device {present}, configuration {value_text(self.entry, self.wanted)}"
@@ -103,9 +116,9 @@ class DeviceConfiguration:
     left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for one in (*self.settings, *self.identity, *self.date):
-            _check(one)
-        _check_mappings({one.place: one for one in self.settings})
+        for setting in (*self.settings, *self.identity, *self.date):
+            _check(setting)
+        _check_mappings({setting.place: setting for setting in self.settings})
 
     def __repr__(self) -> str:
         return f"<DeviceConfiguration of node {self.node}: {len(self.settings)} settings>"
@@ -127,7 +140,9 @@ def device_configuration(dcf: Eds, node: int | None = None) -> DeviceConfigurati
     none is given, and for values that a `DeviceConfiguration` cannot have.
     """
     items = {(described.index, item.sub): item for described, item in every_item(dcf.objects.values())}
-    unreadable = [str(one) for one in dcf.diagnostics if "ParameterValue" in one.text and one.rule in _UNREADABLE]
+    unreadable = [
+        str(finding) for finding in dcf.diagnostics if "ParameterValue" in finding.text and finding.rule in _UNREADABLE
+    ]
     if unreadable:
         more = f"; and {len(unreadable) - 1} more" if len(unreadable) > 1 else ""
         raise EncodeError(f"line {unreadable[0]}{more}", "dcf")
@@ -135,15 +150,14 @@ def device_configuration(dcf: Eds, node: int | None = None) -> DeviceConfigurati
         raise EncodeError("the file has no ParameterValue: expected a DCF, such as eds.to_dcf makes of an EDS", "dcf")
     number = dcf.node_id if node is None else node
     if number is None:
-        wrong = next((f" ({one})" for one in dcf.diagnostics if "NodeID" in one.text), "")
-        raise EncodeError(f"the DCF has no node-ID: expected NodeID in [DeviceComissioning], or a node{wrong}", "dcf")
+        finding = next((f" ({finding})" for finding in dcf.diagnostics if "NodeID" in finding.text), "")
+        raise EncodeError(f"the DCF has no node-ID: expected NodeID in [DeviceComissioning], or a node{finding}", "dcf")
     check_node(number)
     objects = dcf.dictionary(number)
     left_out: list[str] = []
-    settings = list(_settings(objects, items, left_out))
-    return DeviceConfiguration(
-        number, tuple(settings), tuple(_identity(dcf, objects, items)), _date(dcf, objects, items), tuple(left_out)
-    )
+    settings = tuple(_settings(objects, items, left_out))
+    identity = tuple(_identity(dcf, objects, items))
+    return DeviceConfiguration(number, settings, identity, _date(dcf, objects, items), tuple(left_out))
 
 
 def _settings(
@@ -151,36 +165,36 @@ def _settings(
 ) -> Iterator[Setting]:
     counted: set[int] = set()  # mappings whose number is a setting because an entry is one
     for place, item in sorted(items.items()):
-        if item.value is None:
-            continue
         entry = objects.entry(*place)
-        if entry.access in ("ro", "const") or entry.index in (DEVICE_TYPE, IDENTITY):
+        if item.value is None or entry.access in ("ro", "const") or entry.index in (DEVICE_TYPE, IDENTITY, DATE):
             continue
-        reason = ""
-        if entry.index in _COMMANDS:
-            reason = "" if entry.index == DATE else "writing it is a command"
-        elif item.flags & 3:
-            reason = f"ObjFlags={item.flags} excludes it"
-        elif (pdo := pdo_of(entry.index)) is None:
-            yield Setting(entry, objects.get(*place))
-        elif entry.index == pdo.communication:
-            if entry.sub in _PDO_TYPES:
-                yield Setting(entry, objects.get(*place))
-            elif entry.sub != 4:  # reserved
-                reason = "a PDO has no such parameter"
-        else:
-            count = objects.get(pdo.map, 0) if (pdo.map, 0) in objects else 0
-            if entry.sub == 0:
-                yield Setting(entry, objects.get(*place))
-            elif isinstance(count, int) and entry.sub <= count <= ENTRIES_MAX:
-                number, written = objects.entry(pdo.map, 0), items.get((pdo.map, 0))
-                is_default = written is not None and written.value is None and number.access not in ("ro", "const")
-                if is_default and pdo.map not in counted:
-                    counted.add(pdo.map)
-                    yield Setting(number, count)
-                yield Setting(entry, objects.get(*place))
+        pdo = pdo_of(entry.index)
+        reason = _why_left_out(entry, item, pdo)
         if reason:
             left_out.append(f"{object_text(entry)}: {reason}")
+            continue
+        if pdo is not None and entry.index == pdo.communication and entry.sub == _RESERVED:
+            continue
+        if pdo is not None and entry.index == pdo.map and entry.sub:
+            count = objects.get(pdo.map, 0) if (pdo.map, 0) in objects else 0
+            if not isinstance(count, int) or not entry.sub <= count <= ENTRIES_MAX:
+                continue
+            number, stated = objects.entry(pdo.map, 0), items.get((pdo.map, 0))
+            is_default = stated is not None and stated.value is None and number.access not in ("ro", "const")
+            if is_default and pdo.map not in counted:
+                counted.add(pdo.map)
+                yield Setting(number, count)
+        yield Setting(entry, objects.get(*place))
+
+
+def _why_left_out(entry: Entry, item: EdsItem, pdo: PdoConfig | None) -> str:
+    if entry.index in _COMMANDS:
+        return "writing it is a command"
+    if item.flags & 3:
+        return f"ObjFlags={item.flags} excludes it"
+    if pdo is not None and entry.index == pdo.communication and entry.sub not in (*_PDO_TYPES, _RESERVED):
+        return "a PDO has no such parameter"
+    return ""
 
 
 def _type_of(entry: Entry) -> str | None:
@@ -195,11 +209,11 @@ def _type_of(entry: Entry) -> str | None:
 
 def _check(setting: Setting) -> None:
     """Raise EncodeError for a value that does not fit its type, or the type that its object has by CiA 301."""
-    entry, value, wanted = setting.entry, setting.value, _type_of(setting.entry)
-    if wanted is not None:
-        kind, bits = entry.type[0], int(wanted[1:])
-        if kind not in "ui" or entry.type[1:] != wanted[1:]:
-            raise EncodeError(f"{object_text(entry)} is {entry.type}: expected {wanted}; its value is {shown(value)}")
+    entry, value, expected = setting.entry, setting.value, _type_of(setting.entry)
+    if expected is not None:
+        kind, bits = entry.type[0], int(expected[1:])
+        if kind not in "ui" or entry.type[1:] != expected[1:]:
+            raise EncodeError(f"{object_text(entry)} is {entry.type}: expected {expected}; its value is {shown(value)}")
         if not isinstance(value, int) or not 0 <= value < 1 << bits:
             raise EncodeError(f"{object_text(entry)} = {shown(value)}: expected 0..{(1 << bits) - 1:X}h")
     try:
@@ -210,14 +224,13 @@ def _check(setting: Setting) -> None:
 
 def _check_mappings(settings: Mapping[ObjectAddress, Setting]) -> None:
     """Raise EncodeError for a number of mapped objects that does not exist, and for more than 64 bits."""
-    for (index, sub), one in settings.items():
-        pdo, count = pdo_of(index), one.value
+    for (index, sub), setting in settings.items():
+        pdo, count = pdo_of(index), setting.value
         if pdo is None or index != pdo.map or sub or not isinstance(count, int) or count in MPDO_COUNTS:
             continue
         if count > ENTRIES_MAX:
-            raise EncodeError(f"{object_text(one.entry)} = {count}: expected 0..{ENTRIES_MAX}, FEh or FFh")
-        entries = [settings[index, sub].value for sub in range(1, count + 1) if (index, sub) in settings]
-        check_bits(pdo, [int(word) for word in entries])
+            raise EncodeError(f"{object_text(setting.entry)} = {count}: expected 0..{ENTRIES_MAX}, FEh or FFh")
+        check_bits(pdo, [int(settings[index, sub].value) for sub in range(1, count + 1) if (index, sub) in settings])
 
 
 def check_bits(pdo: PdoConfig, words: Iterable[int]) -> None:
@@ -233,21 +246,16 @@ def pdo_of(index: int) -> PdoConfig | None:
     >>> pdo_of(0x1A01)
     PdoConfig('TPDO', 2, (), type=255)
     """
-    kinds: tuple[tuple[int, PdoDirection], ...] = (
-        (0x1400, "RPDO"),
-        (0x1600, "RPDO"),
-        (0x1800, "TPDO"),
-        (0x1A00, "TPDO"),
-    )
-    for first, direction in kinds:
+    for first, direction in _PDO_RECORDS:
         if first <= index < first + PDOS_MAX:
             return PdoConfig(direction, index - first + 1, ())
     return None
 
 
 def _identity(dcf: Eds, objects: ObjectDictionary, items: dict[tuple[int, int], EdsItem]) -> Iterator[Setting]:
-    """Yield what the device must be. A default of 0 says nothing; the revision and the serial number count if they are
-    those of this one device."""
+    """Yield what the device must be."""
+    # A default of 0 says nothing. A default revision or serial number is that of the device from which the EDS was
+    # made: only a ParameterValue is that of this device.
     for place in ((DEVICE_TYPE, 0), *((IDENTITY, sub) for sub in range(1, 5))):
         item = items.get(place)
         if item is None or (item.value is None and place[1] > 2):
@@ -282,17 +290,17 @@ def _date(dcf: Eds, objects: ObjectDictionary, items: dict[tuple[int, int], EdsI
 
 def _moment(date: str, time: str) -> datetime | None:
     """Return the date `mm-dd-yyyy` and the time `hh:mm` with AM or PM; None if the date is not readable."""
-    day, clock = _MODIFIED[0].search(date), _MODIFIED[1].search(time)
+    day, clock = _DAY_TEXT.search(date), _CLOCK_TEXT.search(time)
     if day is None:
         return None
     hour, minute = (int(clock[1]), int(clock[2])) if clock else (0, 0)
-    if clock and clock[3]:
+    if clock and clock[3]:  # 12 AM is 0 h, 12 PM is 12 h
         hour = hour % 12 + (12 if clock[3].upper() == "PM" else 0)
     try:
         moment = datetime(int(day[3]), int(day[1]), int(day[2]), hour, minute)
     except ValueError:
         return None
-    return moment if moment.year >= 1984 else None
+    return moment if moment.year >= 1984 else None  # CANopen counts the days from 1984-01-01
 
 
 def object_text(entry: Entry) -> str:

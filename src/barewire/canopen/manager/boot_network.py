@@ -90,7 +90,7 @@ class NetworkBoot(NamedTuple):
         )
 
     def __repr__(self) -> str:
-        booted = sum(one.ok for one in self.results)
+        booted = sum(result.ok for result in self.results)
         return f"<NetworkBoot: {'ready' if self.ready else 'not ready'}, {booted} nodes booted>"
 
 
@@ -262,6 +262,7 @@ class BootManager:
         for node in self._nodes.values():
             self._forget(node)
             node.reboots = 0
+            # Optional nodes are booted when they send their boot-up message, mandatory ones if they do not send it too.
             if node.slave.keep_alive:
                 node.begin_at = now
             elif node.slave.mandatory:
@@ -273,11 +274,13 @@ class BootManager:
             node.process.conversation.close()
         node.process = node.begin_at = node.guarding = None
         node.booted = node.started = node.waiting = False
-        self._heartbeats.watch({n: t for n, t in self._heartbeats.times.items() if n != node.slave.node})
+        times = self._heartbeats.times
+        self._heartbeats.watch({number: time for number, time in times.items() if number != node.slave.node})
 
     # Boot slave
 
     def _receive(self, node: _Node, frame: CanFrame, now: float) -> _Output:
+        """Begin a process with the boot-up message of a node, or go on with the one that runs."""
         booting = False
         if frame.id & _FUNCTION_CODE == _ERROR_CONTROL:
             try:
@@ -286,8 +289,10 @@ class BootManager:
                 return
         if node.process is not None:
             yield from self._step(node, frame, now)
-            ended = node.process.result
-            if not booting or ended is None or ended.ok or node.reboots == REBOOTS:
+            result = node.process.result
+            # A node whose boot-up message ended its process has lost what was written. It boots again, not for ever.
+            boots_again = booting and result is not None and not result.ok and node.reboots < REBOOTS
+            if not boots_again:
                 yield from self._end(node, now)
                 return
             node.reboots += 1
@@ -367,6 +372,7 @@ class BootManager:
         if not self.network.start_all or not self.network.start_slaves:
             return
         nodes = list(self._nodes.values())
+        # One NMT command for all also starts those that failed, so each one must have booted.
         if nodes and all(node.booted and node.slave.boot for node in nodes):
             yield _nmt(NmtCommand.START, 0)
             yield BootEvent(0, "started", now)
@@ -412,8 +418,8 @@ class BootManager:
         yield BootEvent(slave.node, "lost", now)
         if slave.mandatory and self.network.stop_all:
             self._stopped, self._boot_end = True, None
-            for one in self._nodes.values():
-                self._forget(one)
+            for other in self._nodes.values():
+                self._forget(other)
             yield _nmt(NmtCommand.STOP, 0)
             yield BootEvent(0, "stopped", now)
         elif slave.mandatory and self.network.reset_all:

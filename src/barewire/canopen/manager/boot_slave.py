@@ -16,16 +16,17 @@ step.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
 from typing import NamedTuple
 
 from barewire.canopen.configuration.concise_dcf import ConciseValue
 from barewire.canopen.configuration.configure import compare_device, configure_device
-from barewire.canopen.configuration.settings import DATE, DEVICE_TYPE, IDENTITY, DeviceConfiguration, Setting
+from barewire.canopen.configuration.settings import DATE, DEVICE_TYPE, IDENTITY, DeviceConfiguration
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.manager.network_list import BootSlave
+from barewire.canopen.manager.program import IDENTIFICATION, download_program, program_objects
 from barewire.canopen.nmt.master import request_state, wait_for_boot_up, wait_for_heartbeat
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState, NodeState, guarding_request
 from barewire.canopen.sdo import Channel, download, upload
@@ -134,8 +135,8 @@ def boot_slave(
 
     The process raises nothing: each failure is the `error` and the `reason` of the result.
     """
-    where = channel_to(slave.node if channel is None else channel, None)
-    return _Boot(slave, where, timeout, progress, after_boot_up, end, dry_run).run()
+    sdo = channel_to(slave.node if channel is None else channel, None)
+    return _Boot(slave, sdo, timeout, progress, after_boot_up, end, dry_run).run()
 
 
 class _Boot:
@@ -163,14 +164,32 @@ class _Boot:
         self.must_not_boot = False  # from its first response on, except where a reset is expected
 
     def run(self) -> Conversation[CanFrame, BootResult]:
+        node = self.slave.node
         try:
             yield from self._watched(self._steps())
         except BootFailed as failed:
-            return BootResult(self.slave.node, failed.error, failed.reason, self.state, self.configured)
+            return BootResult(node, failed.error, failed.reason, self.state, self.configured)
         if self.planned is not None:
-            return BootResult(self.slave.node, None, planned=tuple(self.planned))
+            return BootResult(node, None, planned=tuple(self.planned))
         operational = self.state == NmtState.OPERATIONAL
-        return BootResult(self.slave.node, BootError.L if operational else None, "", self.state, self.configured)
+        return BootResult(node, BootError.L if operational else None, "", self.state, self.configured)
+
+    # The flow chart of CiA 302-2, boot slave
+
+    def _steps(self) -> Conversation[CanFrame, None]:
+        slave = self.slave
+        if not slave.listed:
+            raise BootFailed(BootError.A)
+        if slave.boot:
+            yield from self._check_identity()
+            may_run = slave.keep_alive and not self.after_boot_up and self.planned is None
+            runs = (yield from self._check_keep_alive()) if may_run else False
+            if not runs:
+                if slave.check_program:
+                    yield from self._check_program()
+                yield from self._check_configuration()
+        if self.planned is None:
+            yield from self._start_error_control()
 
     def _watched(self, steps: Conversation[CanFrame, None]) -> Conversation[CanFrame, None]:
         """Carry out the steps until the node reboots, or the time is over. Raise BootFailed then."""
@@ -198,32 +217,17 @@ class _Boot:
             return False
         return received.node == self.slave.node and received.is_boot_up
 
-    def _steps(self) -> Conversation[CanFrame, None]:
-        slave = self.slave
-        if not slave.listed:
-            raise BootFailed(BootError.A)
-        if slave.boot:
-            yield from self.check_identity()
-            asks = slave.keep_alive and not self.after_boot_up and self.planned is None
-            running = (yield from self.is_kept_alive()) if asks else False
-            if not running:
-                if slave.check_program:
-                    yield from self._check_program()
-                yield from self._check_configuration()
-        if self.planned is None:
-            yield from self._start_error_control()
-
-    def tell(self, step: str) -> None:
+    def _tell(self, step: str) -> None:
         self.step = step
         if self.progress is not None:
             self.progress(self.slave.node, step)
 
     # Identity
 
-    def check_identity(self) -> Conversation[CanFrame, None]:
+    def _check_identity(self) -> Conversation[CanFrame, None]:
         slave = self.slave
         retries = RETRIES if self.planned is None else 0
-        device_type = yield from self.read(DEVICE_TYPE, 0, BootError.B, "device type", retries=retries)
+        device_type = yield from self._read(DEVICE_TYPE, 0, BootError.B, "device type", retries=retries)
         _compare(BootError.C, device_type, slave.device_type)
         checks = (
             (1, slave.vendor, BootError.D, "vendor-ID"),
@@ -233,14 +237,15 @@ class _Boot:
         )
         for sub, expected, error, name in checks:
             if expected:
-                _compare(error, (yield from self.read(IDENTITY, sub, error, name)), expected)
+                number = yield from self._read(IDENTITY, sub, error, name)
+                _compare(error, number, expected)
 
-    def read(
+    def _read(
         self, index: int, sub: int, error: BootError, name: str, *, size: int = 4, retries: int = 0
     ) -> Conversation[CanFrame, int]:
         """Read a number. Raise BootFailed with `error` if the node refuses it, or does not respond."""
         self.error = error
-        self.tell(f"read {index:04X}h:{sub:02X} {name}")
+        self._tell(f"read {index:04X}h:{sub:02X} {name}")
         while True:
             try:
                 data = yield from upload(self.channel, index, sub, size=size, limit=size, timeout=self.timeout)
@@ -255,11 +260,11 @@ class _Boot:
 
     # Keep alive
 
-    def is_kept_alive(self) -> Conversation[CanFrame, bool]:
+    def _check_keep_alive(self) -> Conversation[CanFrame, bool]:
         """Return whether the node is operational, so that it goes on; otherwise reset its communication."""
         slave = self.slave
         self.error = error = BootError.E if slave.heartbeat else BootError.F
-        self.tell("wait for its heartbeat" if slave.heartbeat else "request its state by node guarding")
+        self._tell("wait for its heartbeat" if slave.heartbeat else "request its state by node guarding")
         try:
             if slave.heartbeat:
                 received = yield from wait_for_heartbeat(slave.node, timeout=slave.heartbeat)
@@ -268,13 +273,13 @@ class _Boot:
             if received.state == NmtState.OPERATIONAL:
                 self.state = received.state
                 return True
-            yield from self.reset()
+            yield from self._reset()
         except NoAnswer as silence:
             raise BootFailed(error, str(silence)) from None
         return False
 
-    def reset(self) -> Conversation[CanFrame, None]:
-        self.tell("reset its communication")
+    def _reset(self) -> Conversation[CanFrame, None]:
+        self._tell("reset its communication")
         self.must_not_boot = False
         yield Send(NmtMessage(NmtCommand.RESET_COMMUNICATION, self.slave.node).encode())
         yield from wait_for_boot_up(self.slave.node, timeout=RESET_TIME)
@@ -283,23 +288,19 @@ class _Boot:
     # Program and configuration
 
     def _check_program(self) -> Conversation[CanFrame, None]:
-        from barewire.canopen.manager.program import download_program, program_objects
-
         slave = self.slave
         objects = program_objects(slave.software, slave.software_date)
         if not objects:
             raise BootFailed(BootError.G)
         for index, sub, name, expected in objects:
-            found = yield from self.read(index, sub, BootError.G, name, retries=RETRIES)
-            if found != expected:
+            present = yield from self._read(index, sub, BootError.G, name, retries=RETRIES)
+            if present != expected:
                 break
         else:
-            return
-        other = (
-            f"read {found:08X}h, expected {expected:08X}h"
-            if index == 0x1F56
-            else f"{name}: {found}, expected {expected}"
-        )
+            return  # it is the expected program
+        other = f"{name}: {present}, expected {expected}"
+        if index == IDENTIFICATION:
+            other = f"read {present:08X}h, expected {expected:08X}h"
         if not slave.update_program or slave.keep_alive:
             raise BootFailed(BootError.H, other)
         if not slave.program:
@@ -307,63 +308,62 @@ class _Boot:
         if self.planned is not None:
             self.planned.append(f"its program would be replaced, {len(slave.program)} bytes: {other}")
             return
-        self.error, self.end = BootError.I, float("inf")
+        self.error, self.end = BootError.I, float("inf")  # half a program would be worse than a late one
         self.must_not_boot = False  # it may restart when its program stops or starts
         try:
-            yield from download_program(self.channel, slave.program, objects, self.timeout, self.tell)
+            yield from download_program(self.channel, slave.program, objects, self.timeout, self._tell)
         except BarewireError as failure:
             raise BootFailed(BootError.I, f"{other}; {failure}") from None
-        yield from self.check_identity()
+        yield from self._check_identity()
 
     def _check_configuration(self) -> Conversation[CanFrame, None]:
         slave = self.slave
         if not slave.configuration and not slave.concise:
             return
-        if any(slave.date):
-            try:
-                present = []
-                for sub, name in ((1, "configuration date"), (2, "configuration time")):
-                    present.append((yield from self.read(DATE, sub, BootError.J, name, retries=RETRIES)))
-                if tuple(present) == slave.date:
-                    return
-            except BootFailed:
-                pass  # a device without 1020h is always configured
-        if self.planned is not None:
-            yield from self._compare_configuration(self.planned)
+        if any(slave.date) and (yield from self._has_expected_date()):
             return
-        self.error, self.end = BootError.J, float("inf")
+        if self.planned is not None:
+            yield from self._plan_configuration(self.planned)
+            return
+        self.error, self.end = BootError.J, float("inf")  # a configuration that has begun is completed
         try:
-            dates: tuple[Setting, ...] = ()
-            values: Sequence[ConciseValue] = slave_values(slave)
-            if isinstance(slave.configuration, DeviceConfiguration):
-                configuration = slave.configuration
-                if values:  # 1020h is written when these are there too
-                    configuration, dates = replace(configuration, date=()), configuration.date
-                yield from configure_device(
-                    self.channel,
-                    configuration,
-                    timeout=self.timeout,
-                    progress=lambda done, total, step: self.tell(step),
-                )
-            for one in (*values, *(ConciseValue(*date.place, date.data) for date in dates)):
-                self.tell(f"write {one.index:04X}h:{one.sub:02X}")
-                yield from download(self.channel, one.index, one.sub, one.data, timeout=self.timeout)
+            yield from self._write_configuration()
         except BarewireError as failure:
             raise BootFailed(BootError.J, str(failure)) from None
         self.configured = True
 
-    def _compare_configuration(self, planned: list[str]) -> Conversation[CanFrame, None]:
+    def _has_expected_date(self) -> Conversation[CanFrame, bool]:
+        try:
+            day = yield from self._read(DATE, 1, BootError.J, "configuration date", retries=RETRIES)
+            time = yield from self._read(DATE, 2, BootError.J, "configuration time", retries=RETRIES)
+        except BootFailed:
+            return False  # a device without 1020h is always configured
+        return (day, time) == self.slave.date
+
+    def _write_configuration(self) -> Conversation[CanFrame, None]:
+        configuration, values = self.slave.configuration, _concise_values(self.slave)
+        if isinstance(configuration, DeviceConfiguration):
+            if values:  # 1020h must not say that the node is configured before these are written too
+                values += tuple(ConciseValue(*date.place, date.data) for date in configuration.date)
+                configuration = replace(configuration, date=())
+            yield from configure_device(
+                self.channel, configuration, timeout=self.timeout, progress=lambda done, total, step: self._tell(step)
+            )
+        for value in values:
+            self._tell(f"write {value.index:04X}h:{value.sub:02X}")
+            yield from download(self.channel, value.index, value.sub, value.data, timeout=self.timeout)
+
+    def _plan_configuration(self, planned: list[str]) -> Conversation[CanFrame, None]:
         """Add what would be written. A concise DCF is written without a comparison."""
-        slave, values = self.slave, slave_values(self.slave)
-        if isinstance(slave.configuration, DeviceConfiguration):
+        configuration, values = self.slave.configuration, _concise_values(self.slave)
+        if isinstance(configuration, DeviceConfiguration):
             self.error = BootError.J
-            self.tell("compare its configuration")
+            self._tell("compare its configuration")
             try:
-                planned += map(
-                    str, (yield from compare_device(self.channel, slave.configuration, timeout=self.timeout))
-                )
+                differences = yield from compare_device(self.channel, configuration, timeout=self.timeout)
             except BarewireError as failure:
                 raise BootFailed(BootError.J, str(failure)) from None
+            planned += map(str, differences)
         if values:
             planned.append(f"{len(values)} value{'s' if len(values) > 1 else ''} of the concise DCF")
 
@@ -373,26 +373,24 @@ class _Boot:
         slave = self.slave
         self.error = BootError.K
         if slave.heartbeat:
-            self.tell("wait for its heartbeat")
+            self._tell("wait for its heartbeat")
             try:
-                received: NodeState = yield from wait_for_heartbeat(slave.node, timeout=slave.heartbeat)
+                received = yield from wait_for_heartbeat(slave.node, timeout=slave.heartbeat)
             except NoAnswer as silence:
                 raise BootFailed(BootError.K, str(silence)) from None
             self.state = received.state
         elif slave.guard_time:
-            self.tell("start node guarding")
+            self._tell("start node guarding")
             yield Send(guarding_request(slave.node))
 
 
-def slave_values(slave: BootSlave) -> tuple[ConciseValue, ...]:
-    """Return the values of the concise DCF of a slave."""
-    return (
-        slave.concise
-        if isinstance(slave.configuration, DeviceConfiguration)
-        else (*slave.configuration, *slave.concise)
-    )
+def _concise_values(slave: BootSlave) -> tuple[ConciseValue, ...]:
+    """Return the values of the concise DCF of a slave, alone or beside a DCF."""
+    if isinstance(slave.configuration, DeviceConfiguration):
+        return slave.concise
+    return *slave.configuration, *slave.concise
 
 
-def _compare(error: BootError, found: int, expected: int) -> None:
-    if expected and found != expected:
-        raise BootFailed(error, f"read {found:08X}h, expected {expected:08X}h")
+def _compare(error: BootError, present: int, expected: int) -> None:
+    if expected and present != expected:
+        raise BootFailed(error, f"read {present:08X}h, expected {expected:08X}h")

@@ -121,10 +121,11 @@ class NetworkList:
     node: int | None = None
 
     def __post_init__(self) -> None:
-        for slave in (given := tuple(self.slaves)):
+        slaves = tuple(self.slaves)
+        for slave in slaves:
             if not isinstance(slave, BootSlave):
                 raise EncodeError(f"NetworkList: {shown(slave)}: expected a BootSlave, such as BootSlave(5)", "slaves")
-        object.__setattr__(self, "slaves", tuple(sorted(given, key=lambda slave: slave.node)))
+        object.__setattr__(self, "slaves", tuple(sorted(slaves, key=lambda slave: slave.node)))
         numbers = [slave.node for slave in self.slaves]
         for number in numbers:
             if numbers.count(number) > 1 or number == self.node:
@@ -150,8 +151,8 @@ def slave_of(configuration: DeviceConfiguration, *, mandatory: bool = False, hea
 
     `heartbeat` is the time after which it counts as lost; the heartbeat time of the node itself (1017h) is in its DCF.
     """
-    known = {one.place: int(one.value) for one in configuration.identity}
-    date = [int(one.value) for one in configuration.date]
+    known = {setting.place: int(setting.value) for setting in configuration.identity}
+    date = [int(setting.value) for setting in configuration.date]
     return BootSlave(
         configuration.node,
         mandatory,
@@ -241,13 +242,14 @@ def _stored_dcf(objects: ObjectDictionary, node: int, date: tuple[int, int]) -> 
         place = f"DCF of node {node}: 1F21h:{node:02X} = {storage}"
         raise EncodeError(f"{place}: expected 0, which is text; other formats are those of a manufacturer")
     try:
-        found = device_configuration(parse(text), node)
+        configuration = device_configuration(parse(text), node)
     except BarewireError as error:
         error.add_context(f"DCF of node {node}, 1F20h:{node:02X}")
         raise
     if date == (0, 0):
-        return found
-    return replace(found, date=tuple(one._replace(value=value) for one, value in zip(found.date, date)))
+        return configuration
+    stamp = tuple(setting._replace(value=value) for setting, value in zip(configuration.date, date))
+    return replace(configuration, date=stamp)
 
 
 def _integer(objects: ObjectDictionary, index: int, sub: int) -> int:

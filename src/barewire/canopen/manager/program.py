@@ -28,7 +28,7 @@ FLASH_INTERVAL = 0.1
 FLASH_TIME = 60.0
 """Seconds that a node has to write its flash, and to start its program."""
 
-_DATA, _CONTROL, _VERIFY, _IDENTIFICATION, _FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
+_DATA, _CONTROL, _VERIFY, IDENTIFICATION, _FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
 _STOP, _START, _CLEAR = 0, 1, 3
 _RETRIES = 3
 _FLASH_ERRORS = {
@@ -58,7 +58,7 @@ def program_objects(identification: int, date: tuple[int, int]) -> list[ProgramO
     ['1F52h:01 = 15519', '1F52h:02 = 1000', '1F56h:01 = 7']
     """
     dates = [(_VERIFY, 1, "program date", date[0]), (_VERIFY, 2, "program time", date[1])]
-    identified = (_IDENTIFICATION, 1, "program identification", identification)
+    identified = (IDENTIFICATION, 1, "program identification", identification)
     return [*(dates if any(date) else ()), *([identified] if identification else ())]
 
 
@@ -84,9 +84,9 @@ def download_program(
     yield from _wait_for_flash(channel, timeout)
     for index, sub, _, expected in objects:
         data = yield from upload(channel, index, sub, size=4, limit=4, timeout=timeout)
-        found = int.from_bytes(data[:4], "little")
-        if found != expected:
-            text = f"{index:04X}h:{sub:02X} is {found:08X}h, expected {expected:08X}h"
+        present = int.from_bytes(data[:4], "little")
+        if present != expected:
+            text = f"{index:04X}h:{sub:02X} is {present:08X}h, expected {expected:08X}h"
             raise ProgramFailed(f"after the download {text}")
     tell("start its program")
     yield from _command(channel, _START, timeout, may_be_silent=True)
