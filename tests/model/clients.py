@@ -39,7 +39,7 @@ from unittest.mock import patch
 import barewire
 from barewire.errors import PortError
 from barewire.io.engine import blocking, fast_path
-from barewire.io.modbus import async_connection, client as client_module, connection
+from barewire.io.modbus import async_client, client as client_module
 from barewire.io.modbus.async_client import AsyncModbusClient
 from barewire.io.modbus.client import ModbusClient
 from tests.model.choices import Choices
@@ -110,10 +110,10 @@ def _play_threads(line: ClientLine, shares: list[Iterator[Step]]) -> ModbusClien
     threads = VirtualThreads(line)
     clock = threads.monotonic
     with (
-        patch.object(connection, "threading", threads),
-        patch.object(connection, "time", threads),
-        patch.object(connection, "run", partial(blocking.run, clock=clock)),
-        patch.object(connection, "exchange", partial(fast_path.exchange, clock=clock)),
+        patch.object(client_module, "threading", threads),
+        patch.object(client_module, "time", threads),
+        patch.object(client_module, "run", partial(blocking.run, clock=clock)),
+        patch.object(client_module, "exchange", partial(fast_path.exchange, clock=clock)),
         patch.object(client_module, "dialer", lambda _: partial(VirtualPort, line, threads)),
     ):
         client = ModbusClient(line.clients.carrier.url, timeout=TIMEOUT, jitter=line.jitter, **line.options)
@@ -230,7 +230,7 @@ def _play_tasks(line: ClientLine, shares: list[Iterator[Step]]) -> AsyncModbusCl
         return client
 
     try:
-        with patch.object(async_connection, "connect", connect):
+        with patch.object(async_client, "connect", connect):
             return loop.run_until_complete(play())
     finally:
         loop.close()

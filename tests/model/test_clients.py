@@ -9,7 +9,7 @@ from itertools import product
 import pytest
 
 from barewire.conversation import Conversation
-from barewire.io.modbus import async_connection, connection
+from barewire.io.modbus import async_client, client as client_module
 from barewire.io.modbus.carriers import ModbusOptions
 from barewire.modbus import Adu, Bus, EchoLine, Noise
 from barewire.modbus.client import bus
@@ -100,8 +100,8 @@ def test_an_exception_at_any_line_neither_loses_a_pending_answer_nor_the_turn_on
 
 def finds(setup: Clients, planted: type[Bus], monkeypatch: pytest.MonkeyPatch) -> bool:
     """Return whether a client with a planted mistake gets a wrong answer within 200 runs."""
-    monkeypatch.setattr(connection, "Bus", planted)
-    monkeypatch.setattr(async_connection, "Bus", planted)
+    monkeypatch.setattr(client_module, "Bus", planted)
+    monkeypatch.setattr(async_client, "Bus", planted)
     tally, dice = Tally(), random.Random(1)
     play = clients_scenario(setup, tally)
     for _ in range(200):

@@ -13,7 +13,7 @@ import pytest
 from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusServer
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.endpoint import CARRIERS, Endpoint
-from barewire.io.modbus import async_connection, carriers
+from barewire.io.modbus import async_client, carriers
 from barewire.io.modbus.carriers import timing_in_words
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import ReadHoldingRegisters, Table, WriteSingleRegister
@@ -199,7 +199,7 @@ def test_bytes_that_arrive_with_the_last_ones_of_a_handshake(
             assert [await client.read_holding_registers(0, 1) for _ in range(3)] == [(0,)] * 3
             assert client.bus.counters.strays == 1 or "0B AD 00 00" in caplog.text
 
-    monkeypatch.setattr(async_connection, "connect", connect_to_a_talker)
+    monkeypatch.setattr(async_client, "connect", connect_to_a_talker)
     with ModbusServer("tcp://127.0.0.1:0", {1: Table()}) as server:
         asyncio.run(main(int(server.url.rpartition(":")[2])))
 

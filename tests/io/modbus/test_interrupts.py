@@ -20,7 +20,7 @@ from barewire import AsyncModbusClient, ModbusClient
 from barewire.ascii import AsciiLine
 from barewire.errors import NoAnswer
 from barewire.io.engine import blocking, fast_path
-from barewire.io.modbus import async_connection, client as client_module, connection
+from barewire.io.modbus import async_client, client as client_module
 from barewire.modbus import Line
 from barewire.rtu import RtuLine
 from barewire.tcp import TcpLine
@@ -121,7 +121,7 @@ def blocking_run(
     unit = VirtualUnit(server_line(), BEFORE[before])
     patch.setattr(blocking.run, "__defaults__", (lambda: unit.now, None))
     patch.setattr(fast_path.exchange, "__defaults__", (lambda: unit.now,))
-    patch.setattr(connection, "time", SimpleNamespace(monotonic=lambda: unit.now, sleep=unit.pause))
+    patch.setattr(client_module, "time", SimpleNamespace(monotonic=lambda: unit.now, sleep=unit.pause))
     patch.setattr(client_module, "dialer", lambda endpoint: lambda: unit)
     client = ModbusClient(url, timeout=TIMEOUT, unit=1, retries=retries)
     for address, _ in enumerate(BEFORE[before]):
@@ -169,7 +169,7 @@ def asyncio_run(
         selector.received = lambda data: loop.call_soon(receive, data)
         return unit
 
-    patch.setattr(async_connection, "connect", connect)
+    patch.setattr(async_client, "connect", connect)
     client = AsyncModbusClient(url, timeout=TIMEOUT, unit=1, retries=retries)
 
     async def prepare() -> None:

@@ -2,10 +2,9 @@
 
 The files, in reading order:
 
-    carriers                        the framing state, the port and the options of an endpoint
-    methods                         the base class of both clients: read_coils and all other methods
-    client_log                      the lines in the log of a client
-    connection, client              the blocking client
-    async_connection, async_client  the asyncio client
-    sniff                           listens in on a serial line
+    carriers                the framing state, the port and the options of an endpoint
+    methods                 the base class of both clients: read_coils and all other methods
+    connection              what the connections of both clients have in common: log, pauses, errors
+    client, async_client    the blocking and the asyncio client, each with its connection
+    sniff                   listens in on a serial line
 """

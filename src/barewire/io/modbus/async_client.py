@@ -13,31 +13,267 @@ TCP by its transaction number.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Coroutine, Mapping, Sequence
-from functools import partial
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
-from barewire.io.endpoint import check_timeout
+from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError, shown
+from barewire.io.engine.asyncio import exchange, run
 from barewire.io.engine.backoff import random_fraction
+from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
 from barewire.io.engine.methods import AsyncioClient
-from barewire.io.modbus.async_connection import AsyncConnection
-from barewire.io.modbus.carriers import back_off, bus_options
-from barewire.io.modbus.methods import ModbusMethods, checked_request
-from barewire.modbus.exceptions import ModbusException
+from barewire.io.log import watch_both
+from barewire.io.modbus.carriers import bus_options, connect, modbus_line
+from barewire.io.modbus.connection import ConnectionBase
+from barewire.io.modbus.methods import ModbusMethods
+from barewire.io.ports.mailbox import Mailbox
+from barewire.io.ports.trace import traced
+from barewire.modbus.adu import BROADCAST
+from barewire.modbus.client.bus import Bus
+from barewire.modbus.client.fair_queue import FairQueue, Ticket
+from barewire.tcp import FanOut
 
 if TYPE_CHECKING:
     from typing import Unpack
 
     from barewire.conversation import Conversation
-    from barewire.io.endpoint import SetDirection
+    from barewire.io.endpoint import Endpoint, SetDirection
     from barewire.io.modbus.carriers import ModbusOptions
+    from barewire.io.ports.base import AsyncLink
     from barewire.io.ports.trace import Watch
-    from barewire.modbus.client.bus import Bus
     from barewire.modbus.messages.base import Request, Response
 
 R = TypeVar("R", bound="Response")
 T = TypeVar("T")
+
+
+class Lane:
+    """The place of one request under way: its bus, and the mailbox of its answers."""
+
+    def __init__(self, bus: Bus) -> None:
+        self.bus = bus
+        self.box: Mailbox | None = None
+
+
+class AsyncConnection(ConnectionBase):
+    """The connection of a client: opened when it is needed, dropped when it fails, its lanes used in turn.
+
+        requests ->  fair queue  ->  lane 1: bus, mailbox  ->  |
+                                     lane 2: bus, mailbox  ->  |  one connection
+                                     ...
+
+    A lane carries one request at a time. There is one lane on a serial line and up to 16 over TCP, TLS and UDP, where
+    `FanOut` passes each answer to the lane with its transaction number. A task that is cancelled releases its lane, and
+    the connection stays open for the others. The methods wait at most `patience` seconds for the back-off.
+    """
+
+    harmless = (BarewireError, asyncio.CancelledError)  # a task is cancelled only where it waits
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        in_flight: int,
+        jitter: Callable[[], float],
+        bus_options: dict[str, Any],
+        watch: Watch | None,
+    ) -> None:
+        super().__init__(endpoint, jitter, watch)
+        if not isinstance(in_flight, int) or not 1 <= in_flight <= 16:
+            raise EncodeError(
+                f"in_flight {shown(in_flight)}: expected 1..16 requests under way [MB-TCP 4.2.1]", "in_flight"
+            )
+        bus = Bus(modbus_line(endpoint, "client"), **bus_options)
+        if in_flight > 1 and not bus.line.numbered:
+            raise EncodeError(
+                "in_flight: answers without transaction numbers cannot be matched, so one at a time", "in_flight"
+            )
+        self.lanes = [Lane(bus), *(Lane(bus.sibling_bus(bus.line)) for _ in range(in_flight - 1))]
+        bus.state.on_stray = self._log.stray
+        self._link: AsyncLink | None = None
+        self._new_queue()
+
+    def _new_queue(self) -> None:
+        self._queue = FairQueue(len(self.lanes))
+        self._waiters: dict[Ticket, asyncio.Future[None]] = {}
+        self._opening = asyncio.Lock()
+
+    def run(
+        self,
+        make: Callable[[Bus], Conversation[bytes, T]],
+        unit: int | None,
+        patience: float,
+        request: Request[Any] | None = None,
+    ) -> Coroutine[Any, Any, T]:
+        """Carry out a conversation when it is this unit's turn, on a free lane."""
+        return self._on_lane(unit, patience, lambda bus, box: run(make(bus), box), request)
+
+    def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> Coroutine[Any, Any, R]:
+        """Do the same as `run` with `bus.ask`, on the fast path (`engine.fast_path`)."""
+        if unit == BROADCAST and not self.lanes[0].bus.line.numbered:
+            # Raises EncodeError: a broadcast has no answer.
+            return self.run(lambda bus: bus.ask(unit, request), unit, patience)
+        return self._on_lane(unit, patience, lambda bus, box: exchange(bus, unit, request, timeout, box), request)
+
+    async def _on_lane(
+        self,
+        unit: int | None,
+        patience: float,
+        act: Callable[[Bus, Mailbox], Coroutine[Any, Any, T]],
+        request: Request[Any] | None = None,
+    ) -> T:
+        """Wait until it is this unit's turn, and call `act` with a free lane, which no other task uses meanwhile.
+
+        An exception may come at any line, also in `finally`: hence the second one.
+        """
+        ticket = Ticket(unit)
+        lane = box = None
+        has_left = False
+        try:
+            try:
+                place = self._queue.join(ticket)
+                lane = self.lanes[await self._turn(ticket) if place is None else place]
+                box = self._open_box(lane) or await self.open(lane, patience)
+                return await act(lane.bus, box)
+            except BaseException as error:
+                # Another task may have opened the connection again meanwhile.
+                if (
+                    lane is not None
+                    and self._is_lost_by(error, lane.bus, unit, request)
+                    and box is lane.box is not None
+                ):
+                    self.drop(str(lane.bus.line.broken or box.lost or error))
+                raise
+            finally:
+                has_left = self._leave(ticket)
+        finally:
+            if not has_left:
+                self._leave(ticket)
+
+    async def _turn(self, ticket: Ticket) -> int:
+        """Wait until the ticket is admitted, and return its place."""
+        while (place := self._queue.place(ticket)) is None:
+            self._waiters[ticket] = asyncio.get_running_loop().create_future()
+            await self._waiters[ticket]
+        return place
+
+    def _leave(self, ticket: Ticket) -> bool:
+        """End a ticket, and wake the tasks whose turn it is. Returns True."""
+        self._queue.leave(ticket)
+        if self._waiters:
+            self._waiters.pop(ticket, None)
+            for holder in self._queue.holders & self._waiters.keys():
+                if not self._waiters[holder].done():
+                    self._waiters[holder].set_result(None)
+        return True
+
+    def _open_box(self, lane: Lane) -> Mailbox | None:
+        """Return the lane's mailbox if it is connected. Bytes received since the last request go to the bus first."""
+        box = lane.box
+        if box is None or box.lost is not None:
+            return None
+        if box.loop is not asyncio.get_running_loop():
+            if box.loop.is_closed():
+                return None
+            raise PortError("the client is connected in another event loop: close it there, or use a client for each")
+        while box.chunks and (data := box.take()) is not None:
+            lane.bus.overhear(data, asyncio.get_running_loop().time())
+        return box if lane.bus.line.broken is None else None
+
+    async def open(self, lane: Lane, patience: float) -> Mailbox:
+        """Return the lane's mailbox. It is connected again if necessary."""
+        opening = False
+        try:
+            try:
+                opening = await self._opening.acquire()
+                now = asyncio.get_running_loop().time()
+                box = self._open_box(lane)
+                if box is not None:
+                    return box
+                self.drop("the connection was given up")
+                await asyncio.sleep(self.pause_before_opening(now, patience))
+                return await self._connect(lane)
+            finally:
+                if opening:
+                    opening = self._end_opening()
+        finally:  # as in `_on_lane`
+            if opening:
+                self._end_opening()
+
+    def _end_opening(self) -> bool:
+        """Let the next task open the connection. Returns False. A second call has no effect."""
+        if self._opening.locked():
+            self._opening.release()
+        return False
+
+    def can_open(self, patience: float) -> bool:
+        """Return whether the connection is closed and a request could open it again within `patience` seconds."""
+        wait = self.back_off.wait(asyncio.get_running_loop().time())
+        return self.lanes[0].box is None and not self._closed and wait <= patience
+
+    async def _connect(self, lane: Lane) -> Mailbox:
+        clock = asyncio.get_running_loop().time
+        watch = watch_both(self._watch, self._log.watch())
+        datagrams, any_unit = self._endpoint.is_datagram, self._endpoint.flag("any_unit")
+        fan = FanOut(len(self.lanes), datagrams=datagrams, any_unit=any_unit) if len(self.lanes) > 1 else None
+        lines = [modbus_line(self._endpoint, "client")] if fan is None else fan.lines
+        if fan is not None:
+            fan.on_stray = self._log.foreign
+        # Before the connection: a side that sends at once, with the last bytes of a TLS handshake, is heard.
+        boxes = [Mailbox(self._endpoint.place) for _ in lines]
+
+        def deliver(data: bytes) -> None:
+            assert fan is not None
+            for place, frame in fan.feed(data):
+                boxes[place].put(frame)
+
+        def lose(why: str) -> None:
+            for box in boxes:
+                box.fail(why)
+
+        receive = traced("received", deliver if fan is not None else lambda data: boxes[0].put(data), watch)
+        try:
+            link = self._link = await connect(self._endpoint, receive, lose)
+            end_after_fork(self)
+        except PortError as error:
+            self._not_opened(error, clock())
+            raise
+        self._opened()
+        write = traced("sent", link.write if fan is None else link.write_together, watch)
+        for other, box, line in zip(self.lanes, boxes, lines):
+            box.connected(write, link.sent)
+            line.sent(clock())  # a client waits for a silence of the line before its first request
+            other.bus.continue_on(line)
+            other.box = box
+        return boxes[self.lanes.index(lane)]
+
+    def drop(self, why: str) -> None:
+        """Close a connection that failed: tasks that wait for an answer get a PortError with `why`."""
+        if self._link is not None:
+            ended = next((lane.box.lost for lane in self.lanes if lane.box is not None and lane.box.lost), None)
+            self._log.lost("" if self._closed else ended or why)
+            with suppress(RuntimeError):  # the event loop of the connection is closed
+                self._link.close()
+            self._link = None
+        for lane in self.lanes:
+            if lane.box is not None:
+                lane.box.fail(why)
+                lane.box = None
+
+    def close(self) -> None:
+        """Close the connection for good."""
+        self._closed = self._closed or "the client was closed"
+        self.drop("the client was closed")
+        self._log.flush()
+
+    def end_in_child(self) -> None:
+        """Refuse further requests in a forked process, and leave the connection to the process that opened it."""
+        if self._link is not None:
+            self._closed = f"the client was {OPENED_BEFORE_FORK}"
+            self._link = None  # not closed: the selector of its event loop is shared with the parent
+            for lane in self.lanes:
+                lane.box = None
+        self._new_queue()
 
 
 class AsyncModbusClient(ModbusMethods, AsyncioClient):
@@ -66,9 +302,7 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         **options: Unpack[ModbusOptions],
     ) -> None:
         endpoint = self._configure(url, set_direction, {"unit": unit, "timeout": timeout, **options})
-        self.connection = AsyncConnection(
-            endpoint, in_flight, back_off(endpoint, jitter), bus_options(endpoint, gaps), watch
-        )
+        self.connection = AsyncConnection(endpoint, in_flight, jitter, bus_options(endpoint, gaps), watch)
         self._lazy = lazy
 
     async def __aenter__(self) -> Self:
@@ -140,31 +374,20 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         repeat_writes: bool = False,
     ) -> Coroutine[Any, Any, R]:
         """Send a request message and return its response message: as `ModbusClient.ask`."""
-        checked_request(request)
-        limit = self.timeout
-        if timeout is not None:
-            check_timeout(timeout)
-            limit = timeout
-        address = self.unit_for(unit)
-        repeats = self.retries if retries is None else retries
-        if not repeats or (request.writes and not repeat_writes):
+        address, limit, repeats = self._ask_arguments(request, unit, timeout, retries)
+        if repeats <= 0 or (request.writes and not repeat_writes):
             return self.connection.ask(address, request, limit, self.timeout)
 
-        def asking(bus: Bus, left: int = 0) -> Conversation[bytes, R]:
-            return bus.ask(address, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
+        return self._ask_again(address, request, limit, repeats, repeat_writes)
 
-        return self._ask_again(asking, address, repeats, getattr(request, "address", None))
+    async def _ask_again(self, unit: int, request: Request[R], timeout: float, repeats: int, repeat_writes: bool) -> R:
+        def asking(bus: Bus) -> Conversation[bytes, R]:
+            return bus.ask(unit, request, timeout=timeout, retries=repeats, repeat_writes=repeat_writes)
 
-    async def _ask_again(
-        self, asking: Callable[..., Conversation[bytes, R]], unit: int, left: int, address: int | None
-    ) -> R:
         while True:
             try:
-                return await self.connection.run(partial(asking, left=left), unit, self.timeout)
-            except ModbusException as error:
-                error.add_place(unit, address)
-                raise
+                return await self.connection.run(asking, unit, self.timeout, request)
             except (PortError, NoAnswer):
-                if not left or not self.connection.can_open(self.timeout):
+                if not repeats or not self.connection.can_open(self.timeout):
                     raise
-                left -= 1
+                repeats -= 1

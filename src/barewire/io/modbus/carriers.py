@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 from barewire.errors import EncodeError
 from barewire.io.endpoint import CARRIERS, DEFAULT_ASCII_PATIENCE, LATENCIES, Endpoint
-from barewire.io.engine.backoff import BackOff
 from barewire.tcp import DatagramLine, TcpLine
 
 if TYPE_CHECKING:
@@ -153,12 +152,6 @@ async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Ca
     ports = import_module(f"barewire.io.ports.async_{endpoint.transport}")
     link: AsyncLink = await ports.connect(endpoint, receive, lose)
     return link
-
-
-def back_off(endpoint: Endpoint, jitter: Callable[[], float]) -> BackOff:
-    """Return the pauses between attempts to connect, with the bounds that an endpoint has."""
-    first, longest = endpoint.pauses
-    return BackOff(jitter, first=first, longest=longest)
 
 
 def bus_options(endpoint: Endpoint, gaps: Mapping[int, float] | None = None) -> dict[str, Any]:

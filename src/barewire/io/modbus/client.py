@@ -5,36 +5,203 @@
         client.ask(ReadHoldingRegisters(0, 2)).registers     any request message
 
 A client may be used from several threads. There is one exchange at a time on the line, and the units take turns. After
-a connection has failed, the next request opens it again (`connection`).
+a connection has failed, the next request opens it again.
 """
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from barewire.errors import BarewireError, NoAnswer, PortError
-from barewire.io.endpoint import check_timeout
+from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
 from barewire.io.engine.backoff import random_fraction
+from barewire.io.engine.blocking import run
+from barewire.io.engine.fast_path import exchange
+from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
 from barewire.io.engine.methods import BlockingClient
-from barewire.io.modbus.carriers import back_off, bus_options, dialer, modbus_line
-from barewire.io.modbus.client_log import ClientLog
-from barewire.io.modbus.connection import Connection
-from barewire.io.modbus.methods import ModbusMethods, checked_request
-from barewire.modbus.exceptions import ModbusException
+from barewire.io.log import watch_both
+from barewire.io.modbus.carriers import bus_options, dialer, modbus_line
+from barewire.io.modbus.connection import ConnectionBase
+from barewire.io.modbus.methods import ModbusMethods
+from barewire.io.ports.trace import Trace
+from barewire.modbus.adu import BROADCAST
+from barewire.modbus.client.bus import Bus
+from barewire.modbus.client.fair_queue import FairQueue, Ticket
 
 if TYPE_CHECKING:
     from typing import Unpack
 
     from barewire.conversation import Conversation
-    from barewire.io.endpoint import SetDirection
+    from barewire.io.endpoint import Endpoint, SetDirection
     from barewire.io.modbus.carriers import ModbusOptions
+    from barewire.io.ports.base import Port
     from barewire.io.ports.trace import Watch
-    from barewire.modbus.client.bus import Bus
     from barewire.modbus.messages.base import Request, Response
 
 R = TypeVar("R", bound="Response")
 T = TypeVar("T")
+
+
+class Connection(ConnectionBase):
+    """The port of a client and its bus: opened when it is needed, dropped when it fails, used by one thread at a time.
+
+        thread 1, unit 1  --.
+        thread 2, unit 7  ---+-- fair queue --> lock --> port, bus --> the line
+        thread 3, unit 1  --'
+
+    While no thread waits, the lock is taken without the queue. After a connection has failed, the next request opens it
+    again, at once the first time, then after pauses that grow. The methods wait at most `patience` seconds for them.
+    """
+
+    def __init__(
+        self, endpoint: Endpoint, jitter: Callable[[], float], bus_options: dict[str, Any], watch: Watch | None
+    ) -> None:
+        super().__init__(endpoint, jitter, watch)
+        self.port: Port[bytes] | None = None
+        self.bus = Bus(modbus_line(endpoint, "client"), **bus_options)
+        self.bus.state.on_stray = self._log.stray
+        self._dial = dialer(endpoint)
+        self._new_queue()
+
+    def _new_queue(self) -> None:
+        # Held during an exchange. An RLock knows its owner as soon as it is acquired, whatever exception comes then.
+        self._line: Any = threading.RLock()  # Any: its `_is_owned`, which Condition uses too, has no type
+        # Of the threads in the queue: while there are any, the line is taken in turn.
+        self._tickets: set[Ticket] = set()
+        self._queue = FairQueue()
+        self._queue_lock: Any = threading.RLock()
+        self._changed = threading.Condition(self._queue_lock)
+
+    def run(
+        self,
+        conversation: Conversation[bytes, T],
+        unit: int | None,
+        patience: float,
+        request: Request[Any] | None = None,
+    ) -> T:
+        """Carry out a conversation when it is this unit's turn, with the line to itself."""
+        return self._on_line(unit, lambda: run(conversation, self.open(patience)), request)
+
+    def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
+        """Do the same as `run` with `bus.ask`, on the fast path (`engine.fast_path`)."""
+        if unit == BROADCAST and not self.bus.line.numbered:
+            return self.run(self.bus.ask(unit, request, retries=0), unit, patience)  # raises: a broadcast has no answer
+        return self._on_line(unit, lambda: exchange(self.bus, unit, request, timeout, self.open(patience)), request)
+
+    def _on_line(self, unit: int | None, act: Callable[[], T], request: Request[Any] | None = None) -> T:
+        """Call `act` when it is this unit's turn, with the line to itself. Raises EncodeError if that would never be,
+        because this thread has the line.
+
+        An exception may come at any line, also in `finally`: hence the second one.
+        """
+        line = self._line
+        if line._is_owned():
+            text = "the client is used inside one of its own callbacks (watch=, a handler of its log, ...)"
+            raise EncodeError(f"{text}, during a request: use it afterwards, or another client")
+        ticket, has_left = None, False
+        try:
+            try:
+                if self._tickets or not line.acquire(False):
+                    ticket = Ticket(unit)
+                    self._wait(ticket)
+                return act()
+            except BaseException as error:
+                if line._is_owned() and self._is_lost_by(error, self.bus, unit, request):
+                    self.drop(str(self.bus.line.broken or error.__cause__ or error))
+                raise
+            finally:
+                if ticket is not None:
+                    has_left = self._give_back(ticket)
+                elif line._is_owned():
+                    line.release()
+        finally:
+            if not has_left and (ticket is not None or line._is_owned()):
+                self._give_back(ticket)
+
+    def _wait(self, ticket: Ticket) -> None:
+        """Wait in the queue until it is this ticket's turn and the line is free."""
+        with self._changed:
+            self._tickets.add(ticket)
+            self._queue.join(ticket)
+            self._changed.wait_for(lambda: self._queue.place(ticket) is not None)
+        self._line.acquire()
+
+    def _give_back(self, ticket: Ticket | None) -> bool:
+        """Give back what this thread has of the line and of the queue. Returns True. A second call has no effect."""
+        if self._line._is_owned():
+            self._line.release()
+        if ticket is not None:
+            with self._changed:
+                self._tickets.discard(ticket)
+                self._queue.leave(ticket)
+                self._changed.notify_all()
+            while self._queue_lock._is_owned():  # an exception came as a `with` ended
+                self._queue_lock.release()
+        return True
+
+    def open(self, patience: float) -> Port[bytes]:
+        """Return the port. It is opened if there is none, or if it has failed."""
+        if self.port is not None:
+            try:
+                data = self.port.receive(0.0)
+                if data is not None:
+                    self.bus.overhear(data, time.monotonic())
+                if self.bus.line.broken is None and not self._closed:
+                    return self.port
+                why = str(self.bus.line.broken)
+            except PortError as error:
+                why = str(error)
+            self.drop(why)
+        time.sleep(self.pause_before_opening(time.monotonic(), patience))
+        try:
+            port = self._dial()
+        except PortError as error:
+            self._not_opened(error, time.monotonic())
+            raise
+        watch = watch_both(self._watch, self._log.watch())
+        line = modbus_line(self._endpoint, "client")
+        line.sent(time.monotonic())  # a client waits for a silence of the line before its first request
+        # Before the port is there: bytes of the old connection must not stand before those of the new one.
+        self.bus.continue_on(line)
+        self.port = port if watch is None else Trace(port, watch)
+        end_after_fork(self)
+        self._opened()
+        return self.port
+
+    def can_open(self, patience: float) -> bool:
+        """Return whether the port is closed and a request could open it again within `patience` seconds."""
+        return self.port is None and not self._closed and self.back_off.wait(time.monotonic()) <= patience
+
+    def open_now(self, patience: float) -> None:
+        """Open the port if there is none, without a pause after earlier failures."""
+
+        def open_at_once() -> None:
+            self.back_off.reset()
+            self.open(patience)
+
+        self._on_line(None, open_at_once)
+
+    def drop(self, why: str) -> None:
+        """Close a port that failed; the next request opens another one."""
+        if self.port is not None:
+            self._log.lost(why)
+            self.port.close()
+            self.port = None
+
+    def close(self) -> None:
+        """Close the port for good."""
+        self._closed = self._closed or "the client was closed"
+        self.drop("")
+        self._log.flush()
+
+    def end_in_child(self) -> None:
+        """Refuse further requests in a forked process, and leave the port to the process that opened it."""
+        if self.port is not None:
+            self._closed = f"the client was {OPENED_BEFORE_FORK}"
+            self.port = None  # not closed: its `close` may set the direction of the line, which the parent still uses
+        self._new_queue()  # locks of threads that do not exist here
 
 
 class ModbusClient(ModbusMethods, BlockingClient):
@@ -68,14 +235,7 @@ class ModbusClient(ModbusMethods, BlockingClient):
         **options: Unpack[ModbusOptions],
     ) -> None:
         endpoint = self._configure(url, set_direction, {"unit": unit, "timeout": timeout, **options})
-        self.connection = Connection(
-            dialer(endpoint),
-            lambda: modbus_line(endpoint, "client"),
-            back_off(endpoint, jitter),
-            bus_options(endpoint, gaps),
-            ClientLog(endpoint),
-            watch,
-        )
+        self.connection = Connection(endpoint, jitter, bus_options(endpoint, gaps), watch)
         if not lazy:
             self.connection.open(self.timeout)
 
@@ -146,25 +306,16 @@ class ModbusClient(ModbusMethods, BlockingClient):
         `repeat_writes`. Raises ModbusException for an exception response, NoAnswer after the time-out
         (WriteOutcomeUnknown for a write), PortError if the port fails, TypeError if `request` is not a request message.
         """
-        checked_request(request)
-        limit = self.timeout
-        if timeout is not None:
-            check_timeout(timeout)
-            limit = timeout
-        address = self.unit_for(unit)
-        repeats = self.retries if retries is None else retries
+        address, limit, repeats = self._ask_arguments(request, unit, timeout, retries)
         connection = self.connection
-        if not repeats or (request.writes and not repeat_writes):
+        if repeats <= 0 or (request.writes and not repeat_writes):
             return connection.ask(address, request, limit, self.timeout)
-        left = repeats
+        # A conversation repeats a request on the same connection; this loop does it on a new one.
         while True:
-            asking = connection.bus.ask(address, request, timeout=limit, retries=left, repeat_writes=repeat_writes)
+            asking = connection.bus.ask(address, request, timeout=limit, retries=repeats, repeat_writes=repeat_writes)
             try:
-                return connection.run(asking, address, self.timeout)
-            except ModbusException as error:
-                error.add_place(address, getattr(request, "address", None))
-                raise
+                return connection.run(asking, address, self.timeout, request)
             except (PortError, NoAnswer):
-                if not left or not connection.can_open(self.timeout):
+                if not repeats or not connection.can_open(self.timeout):
                     raise
-                left -= 1
+                repeats -= 1

@@ -134,6 +134,15 @@ class ModbusMethods:
             return self.unit
         return device.modbus.unit if device and device.modbus else 1
 
+    def _ask_arguments(
+        self, request: Request[Any], unit: int | None, timeout: float | None, retries: int | None
+    ) -> tuple[int, float, int]:
+        """Check the arguments of `ask`, and return the unit, the time-out and the number of retries."""
+        checked_request(request)
+        check_timeout(timeout)
+        limit = self.timeout if timeout is None else timeout
+        return self.unit_for(unit), limit, self.retries if retries is None else retries
+
     @exchange
     def read_coils(self, address: int, quantity: int) -> Exchange[tuple[bool, ...]]:
         """Read 1 to 2000 coils from `address` on (function 01)."""
