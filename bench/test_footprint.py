@@ -56,9 +56,9 @@ IMPORTS = {
     "barewire.tcp": "import barewire.tcp",
     "barewire.codecs": "import barewire.codecs",
     "barewire.modbus messages": "from barewire.modbus import ReadHoldingRegisters",
-    "barewire blocking TCP client": "from barewire import ModbusClient; import barewire.io.ports.tcp",
+    "barewire blocking TCP client": "from barewire import ModbusClient; import barewire.io.ports.network",
     "barewire blocking TCP client, a URL and its first message": "from barewire import ModbusClient; "
-    "ModbusClient('tcp://127.0.0.1:1', lazy=True); import barewire.io.ports.tcp; "
+    "ModbusClient('tcp://127.0.0.1:1', lazy=True); import barewire.io.ports.network; "
     "from barewire.modbus import ReadHoldingRegisters",
     "barewire asyncio client": "from barewire import AsyncModbusClient",
     "can": "import can",

@@ -60,7 +60,7 @@ def test_the_rtu_line_is_loaded_when_it_is_first_used() -> None:
 
 NO_CLIENT_NEEDS = {"asyncio", "ssl", "logging", "tomllib", "fractions", "subprocess", "json", "pathlib", "random"}
 NO_CLIENT_NEEDS |= {"urllib.parse", "ipaddress"}
-BLOCKING = "from barewire import ModbusClient; import barewire.io.ports.tcp"
+BLOCKING = "from barewire import ModbusClient; import barewire.io.ports.network"
 MESSAGE = "from barewire.modbus import ReadHoldingRegisters"
 CLIENT_FILES = {"adu", "client", "client.bus", "client.fair_queue", "client.line_state", "messages", "exceptions"}
 OTHER_ROOMS = ("barewire.canopen", "barewire.devices", "barewire_workbench", "barewire.ascii", "barewire.rtu")

@@ -232,7 +232,7 @@ REFUSED = {
     "pyserial in its file only": ("barewire/io/engine/blocking.py", "import serial"),
     "pyserial in its file only, cli": ("barewire_workbench/cli/read.py", "from serial.tools import list_ports"),
     "python-can in io only": ("barewire_workbench/cli/scan.py", "import can"),
-    "click in cli only": ("barewire/io/ports/trace.py", "import click"),
+    "click in cli only": ("barewire/io/ports/base.py", "import click"),
     "rich in cli only": ("barewire_workbench/api.py", "from rich.table import Table"),
     "no other third party": ("barewire/io/engine/asyncio.py", "import trio"),
     "no fieldbus library": ("barewire/io/gateway.py", "from pymodbus.client import ModbusTcpClient"),

@@ -9,8 +9,7 @@ import barewire.io
 
 HOME = Path(barewire.io.__file__).parent
 FLOORS = [
-    {"url", "log"},
-    {"endpoint"},
+    {"endpoint", "log"},
     {"ports"},
     {"engine"},
     {"drive"},

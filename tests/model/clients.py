@@ -38,7 +38,7 @@ from unittest.mock import patch
 
 import barewire
 from barewire.errors import PortError
-from barewire.io.engine import blocking, fast_path
+from barewire.io.engine import blocking
 from barewire.io.modbus import async_client, client as client_module
 from barewire.io.modbus.async_client import AsyncModbusClient
 from barewire.io.modbus.client import ModbusClient
@@ -113,7 +113,7 @@ def _play_threads(line: ClientLine, shares: list[Iterator[Step]]) -> ModbusClien
         patch.object(client_module, "threading", threads),
         patch.object(client_module, "time", threads),
         patch.object(client_module, "run", partial(blocking.run, clock=clock)),
-        patch.object(client_module, "exchange", partial(fast_path.exchange, clock=clock)),
+        patch.object(client_module, "exchange", partial(blocking.exchange, clock=clock)),
         patch.object(client_module, "dialer", lambda _: partial(VirtualPort, line, threads)),
     ):
         client = ModbusClient(line.clients.carrier.url, timeout=TIMEOUT, jitter=line.jitter, **line.options)

@@ -43,8 +43,7 @@ can             node             device's own, 1   node-ID, 1..127
                 bitrate          125000            bit/s
                 ...                                options of the interface, as python-can names them
 
-The tunnels are rtu+tcp and ascii+tcp. The table `CARRIERS` has the framing and the transport of each scheme; a new
-transport is a line there and two files in `ports`, one for each engine.
+The tunnels are rtu+tcp and ascii+tcp. The table `CARRIERS` has the framing and the transport of each scheme.
 """
 
 from __future__ import annotations
@@ -55,7 +54,6 @@ from typing import NamedTuple
 
 from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import EncodeError, shown
-from barewire.io.url import can_be_host, pairs, split, unquote
 
 PSEUDO_TERMINAL = "pty"
 DEFAULT_BAUDRATE = 19200
@@ -91,8 +89,8 @@ _OTHER_NAMES = {"unit": "node", "node": "unit", "baudrate": "bitrate", "bitrate"
 class Carrier(NamedTuple):
     """The meaning of a scheme: the framing of Modbus messages (rtu, ascii or tcp), and the transport of the frames.
 
-    `transport` names two files in `barewire.io.ports`. TRANSPORT.py has `dialer(endpoint)` for blocking clients,
-    async_TRANSPORT.py has `connect(endpoint, receive, lose)` for asyncio clients.
+    `dialer` of `barewire.io.modbus.carriers` has the port of each transport for blocking clients, `connect` of
+    `barewire.io.ports.async_links` for asyncio clients.
     """
 
     framing: str
@@ -396,3 +394,72 @@ class Endpoint(NamedTuple):
 
         expected = f"expected one of {', '.join(words)}{suggest(text, words)}"
         raise _error(str(self), f"{key}={shown(text)}, {expected}")
+
+
+# URLs, without `urllib.parse`, which takes 20 ms to load --------------------------------------------------------------
+#
+#     rtu:///dev/tty%23USB0?baudrate=9600&unit=7     ->     rtu     /dev/tty#USB0     (baudrate, 9600), (unit, 7)
+#     |-|   |--------------||-------------------|           %23 is a byte in hexadecimal, in options + is a blank
+
+_HEXADECIMAL = frozenset("0123456789abcdefABCDEF")
+
+
+def split(url: str) -> tuple[str, str, str]:
+    """Return the scheme in lower case ("" without "://"), the part before the first "?", and the part after it.
+
+    >>> split("TCP://10.0.0.5:502?unit=1")
+    ('tcp', '10.0.0.5:502', 'unit=1')
+    """
+    scheme, mark, rest = url.strip().partition("://")
+    place, _, query = rest.partition("?")
+    return scheme.lower() if mark else "", place, query
+
+
+def pairs(query: str) -> list[tuple[str, str]]:
+    """Return the options in their order. An option without "=" has the value "".
+
+    >>> pairs("unit=1&server_name=a+b%26c&lazy")
+    [('unit', '1'), ('server_name', 'a b&c'), ('lazy', '')]
+    """
+    options = []
+    for option in query.replace("+", " ").split("&"):
+        if option:
+            key, _, value = option.partition("=")
+            options.append((unquote(key), unquote(value)))
+    return options
+
+
+def unquote(text: str) -> str:
+    """Replace %XX by bytes. A "%" without two digits remains; bytes that are not UTF-8 become U+FFFD.
+
+    >>> unquote("/dev/tty%23%C3%A9"), unquote("100%")
+    ('/dev/tty#é', '100%')
+    """
+    first, *parts = text.split("%")
+    data = first.encode("utf-8", "surrogatepass")
+    for part in parts:
+        code, rest = part[:2], part[2:]
+        if len(code) == 2 and _HEXADECIMAL.issuperset(code):
+            data += bytes.fromhex(code) + rest.encode("utf-8", "surrogatepass")
+        else:
+            data += b"%" + part.encode("utf-8", "surrogatepass")
+    return data.decode("utf-8", "replace") if parts else text
+
+
+def can_be_host(name: str) -> bool:
+    """Return whether a text can be the name or address of a host: its labels have up to 63 letters, all together 253.
+
+    The empty text can: it is any address of this machine.
+
+    >>> can_be_host("gateway.local"), can_be_host("a..b"), can_be_host(64 * "a"), can_be_host("zähler")
+    (True, False, False, True)
+    """
+    if not name.isprintable() or len(name) > 253:
+        return False
+    if name.isascii():
+        *labels, last = name.split(".")
+        return all(0 < len(label) < 64 for label in labels) and len(last) < 64
+    try:
+        return bool(name.encode("idna"))  # loads a codec, and `re` with it
+    except UnicodeError:
+        return False

@@ -23,7 +23,7 @@ from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import BusDown, BusUp
 from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint
-from barewire.io.engine.backoff import BackOff
+from barewire.io.engine.connections import BackOff
 from barewire.io.ports.can.python_can import GARBLED_LIMIT, CanPort
 from tests.helpers import free_port
 from tests.io.canopen.memory_bus import MemoryPort, device

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from barewire.errors import BarewireError, PortError
-from barewire.io.engine import asyncio as aio, fast_path as plain
+from barewire.io.engine import asyncio as aio, blocking as plain
 from barewire.io.engine.blocking import run
 from barewire.modbus import (
     Bus,

@@ -13,8 +13,9 @@ import pytest
 from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusServer
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.endpoint import CARRIERS, Endpoint
-from barewire.io.modbus import async_client, carriers
+from barewire.io.modbus import async_client
 from barewire.io.modbus.carriers import timing_in_words
+from barewire.io.ports import async_links
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import ReadHoldingRegisters, Table, WriteSingleRegister
 from tests.certificates import tls_url
@@ -190,7 +191,7 @@ def test_bytes_that_arrive_with_the_last_ones_of_a_handshake(
     async def connect_to_a_talker(
         endpoint: Endpoint, receive: Callable[[bytes], None], lose: Callable[[str], None]
     ) -> Any:
-        link = await carriers.connect(endpoint, receive, lose)
+        link = await async_links.connect(endpoint, receive, lose)
         receive(bytes.fromhex("0BAD 0000 0005 01 03 02 00 63"))
         return link
 

@@ -19,7 +19,7 @@ import pytest
 from barewire import AsyncModbusClient, ModbusClient
 from barewire.ascii import AsciiLine
 from barewire.errors import NoAnswer
-from barewire.io.engine import blocking, fast_path
+from barewire.io.engine import blocking
 from barewire.io.modbus import async_client, client as client_module
 from barewire.modbus import Line
 from barewire.rtu import RtuLine
@@ -120,7 +120,7 @@ def blocking_run(
     url, server_line = CARRIERS[carrier]
     unit = VirtualUnit(server_line(), BEFORE[before])
     patch.setattr(blocking.run, "__defaults__", (lambda: unit.now, None))
-    patch.setattr(fast_path.exchange, "__defaults__", (lambda: unit.now,))
+    patch.setattr(blocking.exchange, "__defaults__", (lambda: unit.now,))
     patch.setattr(client_module, "time", SimpleNamespace(monotonic=lambda: unit.now, sleep=unit.pause))
     patch.setattr(client_module, "dialer", lambda endpoint: lambda: unit)
     client = ModbusClient(url, timeout=TIMEOUT, unit=1, retries=retries)

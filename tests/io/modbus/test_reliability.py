@@ -14,7 +14,7 @@ import pytest
 
 from barewire import AsyncModbusClient, ModbusClient, ModbusServer
 from barewire.errors import NoAnswer, PortError
-from barewire.io.engine.backoff import BackOff
+from barewire.io.engine.connections import BackOff
 from barewire.modbus import (
     ReadHoldingRegisters,
     Table,

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import pytest
 
 from barewire.errors import PortError
-from barewire.io.ports.mailbox import Mailbox
-from barewire.io.ports.tcp import TcpPort
+from barewire.io.ports.async_links import Mailbox
+from barewire.io.ports.network import TcpPort
 from tests.io.peers import peer
 
 SOON, LONG = 0.05, 30.0
@@ -103,7 +103,7 @@ def test_sending_more_than_the_system_takes_at_once(
     assert bytes(found) == much
     exchanged(ends, 1, LONG)
     assert port.receive(0.0) is None
-    monkeypatch.setattr("barewire.io.ports.tcp.CONNECT_TIMEOUT", 0.1)
+    monkeypatch.setattr("barewire.io.ports.network.CONNECT_TIMEOUT", 0.1)
 
     def send_more() -> None:
         """A system may hold 16 MiB and more for a socket that was read quickly before; but not 256."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import pytest
 
 from barewire import AsyncModbusServer, ModbusServer, Table
-from barewire.io.ports.udp import is_own_address
+from barewire.io.ports.network import is_own_address
 from barewire.io.server.limits import COPIES, RATE, DatagramLimits
 
 WRITE = bytes.fromhex("0001 0000 0006 01 06 0001 002A")

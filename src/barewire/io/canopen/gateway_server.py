@@ -32,7 +32,7 @@ from barewire.io.canopen.bus.subscriber import LONGEST_PULL, FramesLost
 from barewire.io.canopen.methods.lss import LSS_LOCK, LSS_RECEIVES
 from barewire.io.canopen.methods.operations import NO_FRAMES, NO_LOCKS, BusOperation, sdo_transfer
 from barewire.io.log import PortLog
-from barewire.io.ports.tcp import place_of, reason
+from barewire.io.ports.network import place_of, reason
 
 GATEWAY_CONNECTIONS = 64
 UNREAD_LIMIT = 0x10000

@@ -22,7 +22,7 @@ import time
 
 from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX
 from barewire.errors import PortError
-from barewire.io.ports.tcp import reason
+from barewire.io.ports.network import reason
 
 _BACKLOG = 0x10000
 """Bytes that may wait for one client; further frames are dropped."""

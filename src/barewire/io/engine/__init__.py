@@ -2,9 +2,8 @@
 
 The files, in reading order:
 
-    blocking        on a blocking port                  asyncio         on an asyncio port
-    fast_path       one request and one response, without a conversation: nearly all exchanges
-    methods         a blocking and an asyncio method of one definition
-    backoff         pauses between attempts to connect  locking         one thread at a time in a machine
-    forking         a child process does not use the connections of its parent
+    blocking, asyncio   carry out a conversation, or one request and one response: nearly all exchanges of Modbus
+    methods             a blocking and an asyncio method of one definition
+    connections         pauses between attempts to connect; a child process does not use those of its parent
+    locking             one thread at a time in a machine
 """

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import BarewireError
-from barewire.io.engine.blocking import frames_of_abort, hand_over
-from barewire.io.engine.fast_path import answer, listening
+from barewire.io.engine.blocking import answer, frames_of_abort, hand_over, listening
 from barewire.io.ports.base import raise_port_error
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ def abandon(conversation: Conversation[Item, Result], port: AsyncPort[Item], err
 
 
 async def exchange(bus: Bus, unit: int, request: Request[R], timeout: float, port: AsyncPort[bytes]) -> R:
-    """Do the same as `fast_path.exchange` on an asyncio port, for lines with numbered responses.
+    """Do the same as `blocking.exchange` on an asyncio port, for lines with numbered responses.
 
     On other lines a request waits for a round of the loop, which reads what the port received before, and for `sent`.
     """

@@ -20,15 +20,14 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError, shown
 from barewire.io.engine.asyncio import exchange, run
-from barewire.io.engine.backoff import random_fraction
-from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
+from barewire.io.engine.connections import OPENED_BEFORE_FORK, end_after_fork, random_fraction
 from barewire.io.engine.methods import AsyncioClient
 from barewire.io.log import watch_both
-from barewire.io.modbus.carriers import bus_options, connect, modbus_line
+from barewire.io.modbus.carriers import bus_options, modbus_line
 from barewire.io.modbus.connection import ConnectionBase
 from barewire.io.modbus.methods import ModbusMethods
-from barewire.io.ports.mailbox import Mailbox
-from barewire.io.ports.trace import traced
+from barewire.io.ports.async_links import Mailbox, connect
+from barewire.io.ports.base import traced
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.client.bus import Bus
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
@@ -40,8 +39,7 @@ if TYPE_CHECKING:
     from barewire.conversation import Conversation
     from barewire.io.endpoint import Endpoint, SetDirection
     from barewire.io.modbus.carriers import ModbusOptions
-    from barewire.io.ports.base import AsyncLink
-    from barewire.io.ports.trace import Watch
+    from barewire.io.ports.base import AsyncLink, Watch
     from barewire.modbus.messages.base import Request, Response
 
 R = TypeVar("R", bound="Response")
@@ -109,7 +107,7 @@ class AsyncConnection(ConnectionBase):
         return self._on_lane(unit, patience, lambda bus, box: run(make(bus), box), request)
 
     def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> Coroutine[Any, Any, R]:
-        """Do the same as `run` with `bus.ask`, on the fast path (`engine.fast_path`)."""
+        """Do the same as `run` with `bus.ask`, on the fast path (`engine.blocking`)."""
         if unit == BROADCAST and not self.lanes[0].bus.line.numbered:
             # Raises EncodeError: a broadcast has no answer.
             return self.run(lambda bus: bus.ask(unit, request), unit, patience)
@@ -136,13 +134,11 @@ class AsyncConnection(ConnectionBase):
                 box = self._open_box(lane) or await self.open(lane, patience)
                 return await act(lane.bus, box)
             except BaseException as error:
-                # Another task may have opened the connection again meanwhile.
-                if (
-                    lane is not None
-                    and self._is_lost_by(error, lane.bus, unit, request)
-                    and box is lane.box is not None
-                ):
-                    self.drop(str(lane.bus.line.broken or box.lost or error))
+                if lane is not None:
+                    is_lost = self._is_lost_by(error, lane.bus, unit, request)
+                    # Another task may have opened the connection again meanwhile.
+                    if is_lost and box is not None and lane.box is box:
+                        self.drop(str(lane.bus.line.broken or box.lost or error))
                 raise
             finally:
                 has_left = self._leave(ticket)

@@ -17,7 +17,6 @@ A keyword is an option of the URL and overrides it: `ModbusClient("tcp://10.0.0.
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping
-from importlib import import_module
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
@@ -26,7 +25,7 @@ from barewire.io.endpoint import CARRIERS, DEFAULT_ASCII_PATIENCE, LATENCIES, En
 from barewire.tcp import DatagramLine, TcpLine
 
 if TYPE_CHECKING:
-    from barewire.io.ports.base import AsyncLink, Port
+    from barewire.io.ports.base import Port
     from barewire.modbus.framing import Line
     from barewire.rtu.timing import Timing
 
@@ -142,16 +141,17 @@ def _timing(endpoint: Endpoint) -> Timing:
 
 def dialer(endpoint: Endpoint) -> Callable[[], Port[bytes]]:
     """Return the function that opens the port of a blocking client."""
-    dial: Callable[[], Port[bytes]] = import_module(f"barewire.io.ports.{endpoint.transport}").dialer(endpoint)
-    return dial
+    if endpoint.transport == "serial":
+        from barewire.io.ports.serial import SerialPort  # needs pyserial
 
+        return lambda: SerialPort.of(endpoint)
+    if endpoint.transport == "tls":
+        from barewire.io.ports.tls import dialer as tls_dialer
 
-async def connect(endpoint: Endpoint, receive: Callable[[bytes], None], lose: Callable[[str], None]) -> AsyncLink:
-    """Open the connection of an asyncio client. `receive` is called with received bytes, and `lose` with the reason
-    when the connection ends."""
-    ports = import_module(f"barewire.io.ports.async_{endpoint.transport}")
-    link: AsyncLink = await ports.connect(endpoint, receive, lose)
-    return link
+        return tls_dialer(endpoint)
+    from barewire.io.ports.network import dialer as network_dialer
+
+    return network_dialer(endpoint)
 
 
 def bus_options(endpoint: Endpoint, gaps: Mapping[int, float] | None = None) -> dict[str, Any]:

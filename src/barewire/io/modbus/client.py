@@ -16,16 +16,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
-from barewire.io.engine.backoff import random_fraction
-from barewire.io.engine.blocking import run
-from barewire.io.engine.fast_path import exchange
-from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
+from barewire.io.engine.blocking import exchange, run
+from barewire.io.engine.connections import OPENED_BEFORE_FORK, end_after_fork, random_fraction
 from barewire.io.engine.methods import BlockingClient
 from barewire.io.log import watch_both
 from barewire.io.modbus.carriers import bus_options, dialer, modbus_line
 from barewire.io.modbus.connection import ConnectionBase
 from barewire.io.modbus.methods import ModbusMethods
-from barewire.io.ports.trace import Trace
+from barewire.io.ports.base import Trace
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.client.bus import Bus
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
@@ -36,8 +34,7 @@ if TYPE_CHECKING:
     from barewire.conversation import Conversation
     from barewire.io.endpoint import Endpoint, SetDirection
     from barewire.io.modbus.carriers import ModbusOptions
-    from barewire.io.ports.base import Port
-    from barewire.io.ports.trace import Watch
+    from barewire.io.ports.base import Port, Watch
     from barewire.modbus.messages.base import Request, Response
 
 R = TypeVar("R", bound="Response")
@@ -85,7 +82,7 @@ class Connection(ConnectionBase):
         return self._on_line(unit, lambda: run(conversation, self.open(patience)), request)
 
     def ask(self, unit: int, request: Request[R], timeout: float, patience: float) -> R:
-        """Do the same as `run` with `bus.ask`, on the fast path (`engine.fast_path`)."""
+        """Do the same as `run` with `bus.ask`, on the fast path (`engine.blocking`)."""
         if unit == BROADCAST and not self.bus.line.numbered:
             return self.run(self.bus.ask(unit, request, retries=0), unit, patience)  # raises: a broadcast has no answer
         return self._on_line(unit, lambda: exchange(self.bus, unit, request, timeout, self.open(patience)), request)

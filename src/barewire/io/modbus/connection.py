@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from barewire.errors import BarewireError, NoAnswer, PortError
-from barewire.io.engine.backoff import BackOff
+from barewire.io.engine.connections import BackOff
 from barewire.io.log import PortLog
 from barewire.modbus.adu import Adu, describe_event
 from barewire.modbus.exceptions import ModbusException
@@ -16,7 +16,7 @@ from barewire.tcp import TcpLine
 
 if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint
-    from barewire.io.ports.trace import Watch
+    from barewire.io.ports.base import Watch
     from barewire.modbus.client.bus import Bus
     from barewire.modbus.client.line_state import PendingAnswer
     from barewire.modbus.framing import LineEvent

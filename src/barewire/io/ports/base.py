@@ -1,14 +1,21 @@
-"""The protocols of ports: one for each engine, one for connections of asyncio clients; sending on a full CAN port."""
+"""The protocols of ports: one for each engine, one for connections of asyncio clients; what all ports can use.
+
+`Trace` and `traced` show all items to a function of the caller.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Awaitable, Callable
-from typing import NoReturn, Protocol, TypeVar
+from typing import Any, Generic, Literal, NoReturn, Protocol, TypeVar
 
 from barewire.errors import PortError
 
 Item = TypeVar("Item")
+
+Direction = Literal["sent", "received"]
+Watch = Callable[[Direction, Any], None]
+"""Called with the direction and the item, before it is sent or delivered."""
 
 
 class Port(Protocol[Item]):
@@ -80,3 +87,39 @@ def raise_port_error(port: object, error: OSError) -> NoReturn:
         raise error
     name = getattr(port, "name", None) or type(port).__name__
     raise PortError(f"{name}: {error.strerror or error or type(error).__name__}") from error
+
+
+class Trace(Generic[Item]):
+    """A port around a port. It calls `watch(direction, item)` for every item that is sent or received."""
+
+    def __init__(self, port: Port[Item], watch: Watch) -> None:
+        self._port = port
+        self._watch = watch
+
+    def send(self, item: Item) -> None:
+        """Show the item, then send it."""
+        self._watch("sent", item)
+        self._port.send(item)
+
+    def receive(self, timeout: float) -> Item | None:
+        """Receive from the port, and show the item."""
+        item = self._port.receive(timeout)
+        if item is not None:
+            self._watch("received", item)
+        return item
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
+
+
+def traced(direction: Direction, pass_on: Callable[[bytes], None], watch: Watch | None) -> Callable[[bytes], None]:
+    """Return a function that calls `watch(direction, data)`, if there is a `watch`, and then `pass_on(data)`."""
+    if watch is None:
+        return pass_on
+
+    def show_and_pass_on(data: bytes) -> None:
+        watch(direction, data)
+        pass_on(data)
+
+    return show_and_pass_on

@@ -19,7 +19,7 @@ import tty
 from pathlib import Path
 
 from barewire.errors import PortError
-from barewire.io.ports.tcp import CHUNK, LONGEST_WAIT, reason
+from barewire.io.ports.network import CHUNK, LONGEST_WAIT, reason
 from barewire.rtu.timing import Timing
 
 _SLAVE_MAJORS = range(136, 144)

@@ -9,13 +9,12 @@ import re
 import select
 import sys
 import time
-from collections.abc import Callable
 from typing import NamedTuple
 
 from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import DEFAULT_BAUDRATE, PSEUDO_TERMINAL, Endpoint, SetDirection
+from barewire.io.ports.network import CHUNK, LONGEST_WAIT, UNPLUGGED, reason
 from barewire.io.ports.pty import check_not_foreign, check_not_served, is_pseudo_terminal
-from barewire.io.ports.tcp import CHUNK, LONGEST_WAIT, UNPLUGGED, reason
 from barewire.rtu.timing import Timing, character_bits
 
 try:
@@ -32,11 +31,6 @@ if sys.platform != "win32":
     import termios
 
     _FAILURES += (termios.error,)
-
-
-def dialer(endpoint: Endpoint) -> Callable[[], SerialPort]:
-    """Return the function that opens the port of an endpoint."""
-    return lambda: SerialPort.of(endpoint)
 
 
 class SerialSettings(NamedTuple):

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports.tcp import CHUNK, CONNECT_TIMEOUT, LONGEST_WAIT, TcpPort, reason
+from barewire.io.ports.network import CHUNK, CONNECT_TIMEOUT, LONGEST_WAIT, TcpPort, reason
 
 if TYPE_CHECKING:
     from barewire.modbus.server.authorization import Authorization

@@ -18,9 +18,8 @@ from typing import Any, cast
 
 from barewire.errors import DecodeError, PortError
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports.tcp import CHUNK, CONNECTIONS, listening_socket, place_of, reason
+from barewire.io.ports.network import CHUNK, CONNECTIONS, is_own_address, listening_socket, place_of, reason
 from barewire.io.ports.tls import roles_of, server_context, tls_reason
-from barewire.io.ports.udp import is_own_address
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.limits import COPIES, RATE, Acceptor, DatagramLimits, End
 from barewire.io.server.units import Inject, UnitsConnection, UnitsServer

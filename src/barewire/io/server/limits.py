@@ -34,7 +34,7 @@ from collections.abc import Callable
 from math import inf
 from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar
 
-from barewire.io.ports.tcp import CONNECTIONS, readiness, reason, set_socket_options
+from barewire.io.ports.network import CONNECTIONS, readiness, reason, set_socket_options
 from barewire.io.server.base import POLL_INTERVAL, server_log
 from barewire.modbus.server.server import ServerStatistics
 

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     import socket
 
     from barewire.io.fault_injection.faults import Faults
-    from barewire.io.ports.async_serial import SerialLink
-    from barewire.io.ports.trace import Watch
+    from barewire.io.ports.async_links import SerialLink
+    from barewire.io.ports.base import Watch
     from barewire.modbus.server.server import Reply
 
 
@@ -97,7 +97,7 @@ class SerialServer(UnitsServer):
         """Open the port, and serve. Raises PortError."""
         from asyncio import get_running_loop
 
-        from barewire.io.ports.async_serial import SerialLink
+        from barewire.io.ports.async_links import SerialLink
 
         self._loop = get_running_loop()
         self._link = SerialLink(SerialPort.of_server(self.endpoint), self._feed, self._fail)

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from barewire.io.ports.tcp import CHUNK, listening_socket
+from barewire.io.ports.network import CHUNK, listening_socket
 from barewire.io.server.base import POLL_INTERVAL, ends_program
 from barewire.io.server.limits import Acceptor, End
 from barewire.io.server.units import UnitsConnection, UnitsServer

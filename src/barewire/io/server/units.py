@@ -21,7 +21,7 @@ from barewire.modbus.server.server import Server, ServerStatistics
 if TYPE_CHECKING:
     from barewire.errors import PortError
     from barewire.io.endpoint import Endpoint
-    from barewire.io.ports.trace import Watch
+    from barewire.io.ports.base import Watch
     from barewire.modbus import Unit
     from barewire.modbus.messages.registry import AnyRequest
     from barewire.modbus.server.server import Reply

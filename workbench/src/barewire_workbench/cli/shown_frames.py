@@ -20,7 +20,7 @@ from barewire_workbench.cli.arguments import print_json
 if TYPE_CHECKING:
     from barewire.canopen.frame import CanFrame
     from barewire.devices import Device
-    from barewire.io.ports.trace import Direction, Watch
+    from barewire.io.ports.base import Direction, Watch
     from barewire_workbench import Explanation
 
 frames_option = click.option(

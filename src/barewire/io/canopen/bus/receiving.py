@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from asyncio import AbstractEventLoop
 
     from barewire.io.canopen.bus.loop_reader import LoopReader
-    from barewire.io.ports.trace import Direction
+    from barewire.io.ports.base import Direction
 
 _RECEIVE_TIMEOUT = 0.05
 """Seconds that the reader waits for a frame before it checks whether the bus was closed."""

@@ -22,7 +22,7 @@ from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import EncodeError, PortError, shown
 from barewire.io.canopen.bus.subscriber import BusItem, FramesLost
 from barewire.io.endpoint import PAUSES
-from barewire.io.engine.backoff import BackOff
+from barewire.io.engine.connections import BackOff
 from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
 

@@ -29,7 +29,7 @@ from barewire.io.canopen.bus.receiving import ReceivingBus, Sender, WatchFrames,
 from barewire.io.canopen.bus.reconnect import Dial, leaves_out_own_frames
 from barewire.io.canopen.bus.subscriber import BusDown, Key, Subscriber
 from barewire.io.endpoint import PAUSES, Endpoint
-from barewire.io.engine.forking import OPENED_BEFORE_FORK, end_after_fork
+from barewire.io.engine.connections import OPENED_BEFORE_FORK, end_after_fork
 from barewire.io.ports.base import Port, raise_port_error, send_when_room
 
 _NO_KEYS: frozenset[Key] = frozenset()

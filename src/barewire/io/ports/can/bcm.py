@@ -21,7 +21,7 @@ from struct import Struct
 
 from barewire.canopen.frame import CanFrame
 from barewire.errors import EncodeError, PortError
-from barewire.io.ports.tcp import reason
+from barewire.io.ports.network import reason
 
 MOST_FRAMES = 256
 SHORTEST_PERIOD = 0.0001

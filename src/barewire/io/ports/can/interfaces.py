@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 from barewire.errors import EncodeError
 from barewire.io.endpoint import CAN_OPTIONS, Endpoint
-from barewire.io.ports.can.raw_socket import check_socketcan_options
-from barewire.io.ports.can.socketcan import SocketCanPort
+from barewire.io.ports.can.socketcan import SocketCanPort, check_socketcan_options
 
 if TYPE_CHECKING:
     from barewire.io.ports.can.memory import MemoryPort

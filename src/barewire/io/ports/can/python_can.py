@@ -21,7 +21,7 @@ from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, CanFrame, E
 from barewire.errors import EncodeError, PortError, shown
 from barewire.io.endpoint import CAN_OPTIONS, DEFAULT_BITRATE, Endpoint, unknown_option
 from barewire.io.ports.base import send_when_room
-from barewire.io.ports.tcp import UNPLUGGED, reason
+from barewire.io.ports.network import UNPLUGGED, reason
 
 try:
     import can

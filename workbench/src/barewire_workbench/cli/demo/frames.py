@@ -23,7 +23,7 @@ from barewire.codecs import Value
 from barewire.devices import Reading
 from barewire.devices.sim import Simulator, simulator
 from barewire.io.machine import MachineClient
-from barewire.io.ports.trace import Direction, Watch
+from barewire.io.ports.base import Direction, Watch
 from barewire_workbench import Explanation, explain
 from barewire_workbench.cli.arguments import print_json
 from barewire_workbench.cli.simulate import machine_server

@@ -22,7 +22,7 @@ from barewire.devices import Reading
 from barewire.devices.drive import DriveStatus
 from barewire.devices.sim import Simulator, simulator
 from barewire.io.machine import MachineClient
-from barewire.io.ports.trace import Direction
+from barewire.io.ports.base import Direction
 from barewire_workbench.cli.arguments import Choice, output_form
 from barewire_workbench.cli.demo.frames import (
     LINE,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Self
 
 from barewire.errors import EncodeError, PortError
-from barewire.io.ports.tcp import reason
+from barewire.io.ports.network import reason
 from barewire_workbench.monitor.recording import LOG_ENDINGS
 
 

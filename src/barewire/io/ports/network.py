@@ -1,4 +1,4 @@
-"""TCP connections as blocking ports, and functions for all sockets. Every failure is a PortError of one line."""
+"""TCP and UDP as blocking ports, and functions for all sockets. Every failure is a PortError of one line."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import select
 import socket
 import struct
 from collections.abc import Callable
+from typing import Any
 
 from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint
@@ -27,10 +28,11 @@ _DONT_WAIT = getattr(socket, "MSG_DONTWAIT", 0)
 """The flag of a call that must not wait on a blocking socket. Windows has none: there the sockets never block."""
 
 
-def dialer(endpoint: Endpoint) -> Callable[[], TcpPort]:
+def dialer(endpoint: Endpoint) -> Callable[[], TcpPort | UdpPort]:
     """Return the function that opens the port of an endpoint."""
+    kind = UdpPort if endpoint.is_datagram else TcpPort
     host, port = endpoint.host_and_port
-    return lambda: TcpPort(host, port)
+    return lambda: kind(host, port)
 
 
 class TcpPort:
@@ -114,6 +116,38 @@ class TcpPort:
         self._socket.close()
 
 
+class UdpPort:
+    """Datagrams to one server, and only from it."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.name = f"{host}:{port}"
+        try:
+            family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            self._socket = socket.socket(family, kind, protocol)
+            self._socket.connect(address)
+        except OSError as error:
+            raise PortError(f"{self.name}: {reason(error)}") from None
+
+    def send(self, item: bytes) -> None:
+        """Send one datagram."""
+        try:
+            self._socket.send(item)
+        except OSError as error:
+            raise PortError(f"{self.name}: {reason(error)}") from None
+
+    def receive(self, timeout: float) -> bytes | None:
+        """Return the next datagram, or None after `timeout` seconds. Raises PortError if the peer's port is closed."""
+        try:
+            ready, _, _ = select.select([self._socket], [], [], min(timeout, LONGEST_WAIT))
+            return self._socket.recv(CHUNK) if ready else None
+        except (OSError, ValueError) as error:
+            raise PortError(f"{self.name}: {reason(error)}") from None
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
 def readiness(connection: socket.socket) -> Callable[[float], object]:
     """Return a function that waits for so many seconds until there are bytes to read, and returns whether there are.
 
@@ -147,6 +181,19 @@ def listening_socket(endpoint: Endpoint) -> tuple[socket.socket, str]:
     except OSError as error:
         raise PortError(f"{host}:{port}: {reason(error)}") from None
     return listener, str(endpoint._replace(place=place_of(host, listener.getsockname()[1])))
+
+
+def is_own_address(own: Any, sender: Any) -> bool:
+    """Return whether `sender` is the address of the socket that is bound to `own`: the same, or if it is bound to all
+    hosts of this machine, one of them with the same port."""
+    if sender[1] != own[1] or own[0] not in ("0.0.0.0", "::"):
+        return bool(sender[:2] == own[:2])
+    with socket.socket(socket.AF_INET6 if ":" in own[0] else socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((sender[0], 0, *sender[2:]))  # the system binds to addresses of this machine only
+        except OSError:
+            return False
+    return True
 
 
 def place_of(host: str, port: int) -> str:

@@ -1,17 +1,32 @@
-"""The pauses between attempts to connect: none before the first, then longer and longer ones.
+"""What every connection needs: pauses between attempts to connect, and an end in forked processes.
 
     attempt fails at 0.0      next attempt not before 0.125 s later (`first`), then 0.25, 0.5, ... up to `longest`
 
 The pauses vary at random (`jitter`), so that the hundred clients of a server that was restarted do not all connect at
 the same time. Nothing runs in the background: a client without requests does not connect. Times and random numbers are
 passed in.
+
+A child process has inherited the connections of its parent by `fork`:
+
+        parent    client ---- socket ----.
+                                          >---- one connection: an answer goes to whichever process reads first
+        child     client ---- socket ----'
+
+So the child's copy of an open client raises PortError, and the parent's stays as it is: nothing is sent, and no
+connection is shut down. `multiprocessing` forks by default on Linux up to Python 3.13.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from typing import Protocol
+from weakref import WeakSet
 
 from barewire.io.endpoint import PAUSES
+
+OPENED_BEFORE_FORK = "opened before fork: open one in this process"
+"""The end of the error in the child."""
 
 
 def random_fraction() -> float:
@@ -60,3 +75,26 @@ class BackOff:
         self._failures = 0
         self._not_before = float("-inf")
         self.why = ""
+
+
+class _Inheritable(Protocol):
+    def end_in_child(self) -> None:
+        """Make this copy raise PortError. Called in a child process, whose only thread is the caller's."""
+
+
+_open: WeakSet[_Inheritable] | None = None
+
+
+def end_after_fork(connection: _Inheritable) -> None:
+    """Call `end_in_child` of this connection in each process that is forked from this one, while the object lives."""
+    global _open
+    if _open is None:
+        _open = WeakSet()
+        if hasattr(os, "register_at_fork"):  # not on Windows, which has no fork
+            os.register_at_fork(after_in_child=_end_all)
+    _open.add(connection)
+
+
+def _end_all() -> None:
+    for connection in tuple(_open or ()):
+        connection.end_in_child()
