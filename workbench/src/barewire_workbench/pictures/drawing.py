@@ -90,18 +90,23 @@ _PAINTS = """
 def stylesheet(scope: str, *, follows_page: bool = False) -> str:
     """Return the style sheet for the elements inside `scope`, a CSS selector.
 
-    With `follows_page` an attribute `data-theme` of an element around the picture, "light" or "dark", is stronger than
-    the setting of the system: pages of documentation have such a switch.
-
     >>> "@media (prefers-color-scheme:dark)" in stylesheet(".bw")
     True
     """
-    light, dark = (painted(_PAINTS, scope, place) for place in (0, 1))
-    rules = [_SHAPES.replace("{s}", scope), light, f"@media (prefers-color-scheme:dark){{{dark}}}"]
+    return _SHAPES.replace("{s}", scope).strip() + "\n" + themed(_PAINTS, scope, follows_page=follows_page)
+
+
+def themed(rules: str, scope: str, *, follows_page: bool = False) -> str:
+    """Return rules of CSS with the light colours, and those with the dark ones for a system that is set to dark.
+
+    With `follows_page` an attribute `data-theme` of an element around the scope, "light" or "dark", is stronger than
+    the setting of the system: pages of documentation have such a switch.
+    """
+    sheets = [painted(rules, scope, 0), f"@media (prefers-color-scheme:dark){{{painted(rules, scope, 1)}}}"]
     if follows_page:
-        rules += [painted(_PAINTS, f'[data-theme="{name}"] {scope}', place)
-                  for place, name in enumerate(("light", "dark"))]  # fmt: skip
-    return "\n".join(rule.strip() for rule in rules)
+        for place, theme in enumerate(("light", "dark")):
+            sheets.append(painted(rules, f'[data-theme="{theme}"] {scope}', place))
+    return "\n".join(sheets)
 
 
 def painted(rules: str, scope: str, place: int) -> str:
@@ -110,16 +115,16 @@ def painted(rules: str, scope: str, place: int) -> str:
     >>> painted("{s} p{color:@ink}", ".bw", 1)
     '.bw p{color:#e8edf2}'
     """
-    return re.sub(r"@(\w+)", lambda found: COLOURS[found[1]][place], rules.replace("{s}", scope)).strip()
+    return re.sub(r"@(\w+)", lambda role: COLOURS[role[1]][place], rules.replace("{s}", scope)).strip()
 
 
-def contrast(one: str, other: str) -> float:
+def contrast(text: str, background: str) -> float:
     """Return the contrast of two colours, 1 to 21.   [WCAG 2.1, contrast ratio]
 
     >>> round(contrast("#000000", "#ffffff"))
     21
     """
-    lighter, darker = sorted((_luminance(one), _luminance(other)), reverse=True)
+    lighter, darker = sorted((_luminance(text), _luminance(background)), reverse=True)
     return (lighter + 0.05) / (darker + 0.05)
 
 
@@ -196,16 +201,16 @@ def text_wave(levels: Sequence[int], width: int, before: int = 1) -> list[str]:
     '---'       '---
     """
     lines = ["", "", ""]
-    for level, last in zip(levels, (before, *levels)):
+    for level, previous in zip(levels, (before, *levels)):
         high, low = ("-", " ") if level else (" ", "-")
-        edges = (".", "|", "'") if level != last else (high, " ", low)
+        edges = (".", "|", "'") if level != previous else (high, " ", low)
         for number, (edge, fill) in enumerate(zip(edges, (high, " ", low))):
             lines[number] += edge + (width - 1) * fill
     return [line.rstrip() for line in lines]
 
 
 class Drawing:
-    """Collects elements of SVG in order: later ones lie over earlier ones."""
+    """Collects elements of SVG in order: later ones lie over earlier ones. `css` has the classes of an element."""
 
     def __init__(self) -> None:
         self._parts: list[str] = []
@@ -216,52 +221,59 @@ class Drawing:
     def __str__(self) -> str:
         return "".join(self._parts)
 
+    def _add(self, element: str, css: str, content: object = None, **attributes: float | str) -> None:
+        values = "".join(
+            f' {name}="{value if isinstance(value, str) else number_text(value)}"' for name, value in attributes.items()
+        )
+        ending = "/>" if content is None else f">{xml_text(content)}</{element}>"
+        self._parts.append(f"<{element}{values}{_class(css)}{ending}")
+
     def text(self, x: float, y: float, text: object, css: str = "") -> None:
         """Add a text; `y` is its base line."""
-        self._parts.append(f'<text x="{number_text(x)}" y="{number_text(y)}"{_class(css)}>{xml_text(text)}</text>')
+        self._add("text", css, text, x=x, y=y)
 
     def row(self, places: Sequence[float], y: float, characters: str, css: str = "") -> None:
         """Add a row of single characters, each at its own place."""
-        x = " ".join(number_text(place) for place in places)
-        self._parts.append(f'<text x="{x}" y="{number_text(y)}"{_class(css)}>{xml_text(characters)}</text>')
+        self._add("text", css, characters, x=" ".join(map(number_text, places)), y=y)
 
     def box(self, x: float, y: float, width: float, height: float, css: str = "", round_: float = 0) -> None:
-        """Add a rectangle."""
-        corners = f' rx="{number_text(round_)}"' if round_ else ""
-        size = f'width="{number_text(width)}" height="{number_text(height)}"'
-        self._parts.append(f'<rect x="{number_text(x)}" y="{number_text(y)}" {size}{corners}{_class(css)}/>')
+        """Add a rectangle, with round corners of this radius."""
+        corners = {"rx": round_} if round_ else {}
+        self._add("rect", css, x=x, y=y, width=width, height=height, **corners)
 
     def dot(self, x: float, y: float, radius: float, css: str = "dot") -> None:
         """Add a disc."""
-        circle = f'cx="{number_text(x)}" cy="{number_text(y)}" r="{number_text(radius)}"'
-        self._parts.append(f"<circle {circle}{_class(css)}/>")
+        self._add("circle", css, cx=x, cy=y, r=radius)
 
     def line(self, points: Sequence[tuple[float, float]], css: str = "l") -> None:
         """Add a line through points."""
-        path = "M" + "L".join(f"{number_text(x)} {number_text(y)}" for x, y in points)
-        self._parts.append(f'<path d="{path}"{_class(css)}/>')
+        self._add("path", css, d="M" + "L".join(f"{number_text(x)} {number_text(y)}" for x, y in points))
 
-    def path(self, path: str, css: str = "l") -> None:
-        """Add a path in the notation of SVG."""
-        self._parts.append(f'<path d="{path}"{_class(css)}/>')
+    def vertical(self, x: float, top: float, bottom: float, css: str = "l") -> None:
+        """Add a vertical line."""
+        self._add("path", css, d=f"M{number_text(x)} {number_text(top)}V{number_text(bottom)}")
+
+    def horizontal(self, y: float, left: float, right: float, css: str = "l") -> None:
+        """Add a horizontal line."""
+        self._add("path", css, d=f"M{number_text(left)} {number_text(y)}H{number_text(right)}")
 
     def wave(self, x: float, levels: Sequence[int], width: float, high: float, low: float, before: int = 1) -> None:
         """Add the levels of bits, each `width` wide, as one line; `before` is the level on the left of it."""
-        path, last = f"M{number_text(x)} {number_text(high if before else low)}", before
+        path, previous = f"M{number_text(x)} {number_text(high if before else low)}", before
         for place, level in enumerate(levels, start=1):
-            if level != last:
+            if level != previous:
                 path += f"V{number_text(high if level else low)}"
-            path, last = f"{path}H{number_text(x + place * width)}", level
-        self._parts.append(f'<path d="{path}" class="w"/>')
+            path, previous = f"{path}H{number_text(x + place * width)}", level
+        self._add("path", "w", d=path)
 
     def arrow(self, x: float, y: float, direction: str, css: str = "tip") -> None:
         """Add the head of an arrow with its tip at (x, y); `direction` is "left", "right", "up" or "down"."""
-        back, side = 9, 4.5
+        length, half = 9, 4.5
         across, down = {"left": (1, 0), "right": (-1, 0), "up": (0, 1), "down": (0, -1)}[direction]
-        corners = [(x + across * back + down * side, y + down * back + across * side),
-                   (x + across * back - down * side, y + down * back - across * side)]  # fmt: skip
+        corners = [(x + across * length + down * half, y + down * length + across * half),
+                   (x + across * length - down * half, y + down * length - across * half)]  # fmt: skip
         points = "L".join(f"{number_text(a)} {number_text(b)}" for a, b in [(x, y), *corners])
-        self._parts.append(f'<path d="M{points}Z"{_class(css)}/>')
+        self._add("path", css, d=f"M{points}Z")
 
     @contextmanager
     def group(self, css: str = "", label: str = "", *, focus: bool = False) -> Iterator[None]:

@@ -39,41 +39,24 @@ class FieldsPicture(Picture):
 
     kind = "fields"
 
+    caption = "The bytes of a field and its line in the list have the same number, and light each other up."
+
     def __init__(self, explanation: Explanation, name: str = "") -> None:
         self.explanation = explanation
-        self.name = name or f"{explanation.protocol.upper()} frame"
-
-    @property
-    def title(self) -> str:
-        """The protocol and the length."""
-        explanation = self.explanation
-        if explanation.protocol == "can":
-            size = sum(field.length for field in explanation.fields)
-            return f"CAN frame {explanation.fields[0].hex if explanation.fields else ''}, {counted(size)}"
-        unit = "character" if explanation.protocol == "ascii" else "byte"
+        self.links = len(explanation.fields)
         size = max((field.offset + field.length for field in explanation.fields), default=0)
-        return f"{self.name}, {counted(size, unit)}"
-
-    @property
-    def caption(self) -> str:
-        """How to read the boxes."""
-        return "The bytes of a field and its line in the list have the same number, and light each other up."
-
-    @property
-    def links(self) -> int:
-        """Each field is a group."""
-        return len(self.explanation.fields)
+        name = name or f"{explanation.protocol.upper()} frame"
+        if explanation.protocol == "can":
+            name += f" {explanation.fields[0].hex if explanation.fields else ''}"
+        self.title = f"{name}, {counted(size, 'character' if explanation.protocol == 'ascii' else 'byte')}"
 
     def lines(self) -> list[str]:
-        """Return the lines of the explanation."""
         return self.explanation.lines()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the explanation as data."""
         return self.explanation.as_dict()
 
     def tiles(self) -> Sequence[Tile]:
-        """Return the boxes, and the list of fields with the verdict."""
         return [self._boxes(), self._list()]
 
     def _boxes(self) -> Tile:
@@ -113,7 +96,7 @@ class FieldsPicture(Picture):
                 for x, texts, css in ((_NAME_AT, name, "h"), (_HEX_AT, digits, "m"), (400, meaning, "")):
                     for row, text in enumerate(texts):
                         drawing.text(x, y + 18 + 18 * row, text, css)
-            drawing.path(f"M0 {y + height + 1}H{_WIDTH}", "g")
+            drawing.horizontal(y + height + 1, 0, _WIDTH, "g")
             y += height + 2
         for mark, css, text in self.judgement():
             for line in text_lines(f"{mark} {text}", _WIDTH, 16.5):
@@ -128,7 +111,6 @@ class FieldsPicture(Picture):
         return [first, *(("→", "", finding.line) for finding in self.explanation.diagnosis)]
 
     def html_body(self) -> str:
-        """Return the bytes as boxes that wrap, a table of the fields, the verdict and the diagnosis."""
         boxes, rows = [], []
         for number, field in enumerate(self.explanation.fields):
             tint = f"t{number % TINTS}"

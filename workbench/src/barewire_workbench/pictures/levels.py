@@ -71,15 +71,14 @@ class LevelsPicture(Picture):
         self.timing = Timing.of(baudrate, form.bits)
         self.data, self.form, self.baudrate, self.silence = data, form, baudrate, silence
         self.names = [*names, *[""] * len(data)][: len(data)]
+        self.title = f"Levels on the line: {counted(len(data), 'character')}, {form}, {baudrate} bit/s"
+        missing = len(data) - CHARACTERS_DRAWN
+        self.left_out = f"The last {counted(missing, 'character')} are not drawn." if missing > 0 else ""
+        self.caption = self._caption()
+        parity_name = ["par"] if form.parity != "N" else []
+        self.bit_names = ["start", *map(str, range(form.data_bits)), *parity_name, *["stop"] * form.stop_bits]
 
-    @property
-    def title(self) -> str:
-        """The number of characters, the format and the baud rate."""
-        return f"Levels on the line: {counted(len(self.data), 'character')}, {self.form}, {self.baudrate} bit/s"
-
-    @property
-    def caption(self) -> str:
-        """How to read the levels."""
+    def _caption(self) -> str:
         parity = {"N": "no parity bit", "E": "a parity bit that makes the number of ones even",
                   "O": "a parity bit that makes the number of ones odd"}[self.form.parity]  # fmt: skip
         text = (
@@ -91,20 +90,7 @@ class LevelsPicture(Picture):
         text += f", all {number} of them {1e3 * self.timing.duration(number):.3f} ms." if number > 1 else "."
         return text + (f" {self.left_out}" if self.left_out else "")
 
-    @property
-    def left_out(self) -> str:
-        """What is not drawn, in words; empty if everything is."""
-        missing = len(self.data) - CHARACTERS_DRAWN
-        return f"The last {counted(missing, 'character')} are not drawn." if missing > 0 else ""
-
-    @property
-    def bit_names(self) -> list[str]:
-        """The names of the bits of a character, in the order on the line."""
-        parity = ["par"] if self.form.parity != "N" else []
-        return ["start", *map(str, range(self.form.data_bits)), *parity, *["stop"] * self.form.stop_bits]
-
     def lines(self) -> list[str]:
-        """Return three lines for the levels of each character, with its bits above and below."""
         lines = [
             f"{self.form} at {self.baudrate} bit/s: a bit lasts {1e6 / self.baudrate:.1f} us, "
             f"a character of {self.form.bits} bits {1e3 * self.timing.character:.3f} ms"
@@ -125,7 +111,7 @@ class LevelsPicture(Picture):
                 "       " + "".join(f"  {level} " for level in levels).rstrip(),
             ]
         lines += ["", *quiet] if quiet else []
-        return [*lines, *filter(None, ["", self.left_out] if self.left_out else [])]
+        return [*lines, "", self.left_out] if self.left_out else lines
 
     @property
     def _silence_text(self) -> str:
@@ -136,7 +122,6 @@ class LevelsPicture(Picture):
         return f"byte {place}, {self.data[place]:02X}h{name}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the levels as data; the first level of `levels` is sent first."""
         return {
             "picture": self.kind,
             "format": str(self.form),
@@ -157,7 +142,6 @@ class LevelsPicture(Picture):
         }
 
     def tiles(self) -> Sequence[Tile]:
-        """Return a tile for the idle line, one for each character, and one for the silence at the end."""
         characters, number = [], -1
         for place in range(min(len(self.data), CHARACTERS_DRAWN)):
             if not place or not self.names[place] or self.names[place] != self.names[place - 1]:
@@ -190,7 +174,7 @@ class LevelsPicture(Picture):
         drawing.text(3, 14, text_lines(self._heading(place), width - 6)[0], "h")
         drawing.box(0, 22, width, 98, tint)
         for bit in range(len(levels) + 1):
-            drawing.path(f"M{bit * _BIT} 22V120", "l" if bit in (0, len(levels)) else "g")
+            drawing.vertical(bit * _BIT, 22, 120, "l" if bit in (0, len(levels)) else "g")
         for middle, name in zip(middles, names):
             drawing.text(middle, 38, name, "s c")
         drawing.wave(0, levels, _BIT, _HIGH, _LOW)
@@ -208,15 +192,15 @@ def frame_bytes(explanation: Explanation) -> list[tuple[int, str]]:
     >>> frame_bytes(explain("rtu", bytes.fromhex("07 41")))[:2]
     [(7, 'unit'), (65, 'function code')]
     """
-    found: list[tuple[int, str]] = []
+    named: list[tuple[int, str]] = []
     for field in explanation.fields:
         if not field.length:
             continue
         if explanation.protocol != "ascii":
-            found += [(byte, field.name) for byte in bytes.fromhex(field.hex)]
+            named += [(byte, field.name) for byte in bytes.fromhex(field.hex)]
         else:
-            found += [(code, field.name) for character in field_characters(field) for code in _codes(character)]
-    return found
+            named += [(code, field.name) for character in field_characters(field) for code in _codes(character)]
+    return named
 
 
 def _codes(character: str) -> bytes:
@@ -238,13 +222,13 @@ def frame_levels(explanation: Explanation, form: CharacterFormat | None = None, 
 
     Raises EncodeError if a byte has more bits than a character of this `form`.
     """
-    found = frame_bytes(explanation)
+    named = frame_bytes(explanation)
     is_ascii = explanation.protocol == "ascii"
-    wide = next((byte for byte, _ in found if form is not None and byte >> form.data_bits), None)
+    wide = next((byte for byte, _ in named if form is not None and byte >> form.data_bits), None)
     if wide is not None:
         raise EncodeError(f"byte {wide:02X}h does not fit the {form.data_bits if form else 8} data bits of {form}")
     form = form or CharacterFormat(7 if is_ascii else 8, "E", 1)
-    data, names = bytes(byte for byte, _ in found), [name for _, name in found]
+    data, names = bytes(byte for byte, _ in named), [name for _, name in named]
     return LevelsPicture(data, form, baudrate, names, "" if is_ascii else "t3.5")
 
 
@@ -276,30 +260,17 @@ class CanFramePicture(Picture):
 
     def __init__(self, sent: CanBits, bitrate: int | None = None) -> None:
         self.sent, self.bitrate = sent, bitrate
-
-    @property
-    def title(self) -> str:
-        """The frame."""
-        return f"CAN frame {self.sent.frame} on the bus"
-
-    @property
-    def caption(self) -> str:
-        """How to read the bits."""
-        return (
+        self.title = f"CAN frame {sent.frame} on the bus"
+        self._counts = f"{len(sent.bits)} bits from SOF to the end of EOF, {sent.stuff_count} of them stuff bits"
+        if bitrate is not None:
+            self._counts += f"; {1e6 * sent.duration(bitrate):.0f} us at {bitrate} bit/s"
+        self.caption = (
             f"{self._counts}. Level 1 is recessive, level 0 dominant. A bit marked s, with a frame, is a stuff bit: "
             "the sender inserts it after five equal bits, and the receivers remove it. "
             "The ACK slot is dominant because a receiver has confirmed the frame."
         )
 
-    @property
-    def _counts(self) -> str:
-        text = f"{len(self.sent.bits)} bits from SOF to the end of EOF, {self.sent.stuff_count} of them stuff bits"
-        if self.bitrate is not None:
-            text += f"; {1e6 * self.sent.duration(self.bitrate):.0f} us at {self.bitrate} bit/s"
-        return text
-
     def lines(self) -> list[str]:
-        """Return five lines for each part of the frame: name, levels, wave."""
         lines, before = [self._counts], 1
         for _, bits in self._groups():
             levels = [bit.level for bit in bits]
@@ -318,7 +289,6 @@ class CanFramePicture(Picture):
         return [line.rstrip() for line in lines]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return fields and bits as data. `levels` has the stuff bits, at the places `stuff`; the fields do not."""
         sent = self.sent
         return {
             "picture": self.kind,
@@ -336,8 +306,8 @@ class CanFramePicture(Picture):
 
     def _groups(self) -> Iterator[tuple[int, list[CanBit]]]:
         """Yield the bits of each tile, and the number of its part of the frame: a long part has several tiles."""
-        for number, (_, found) in enumerate(groupby(self.sent.bits, self._tile_key)):
-            bits = list(found)
+        for number, (_, group) in enumerate(groupby(self.sent.bits, self._tile_key)):
+            bits = list(group)
             size = -(-len(bits) // -(-len(bits) // _BITS_IN_TILE))  # equal pieces, none longer than a tile
             for start in range(0, len(bits), size):
                 yield number, bits[start : start + size]
@@ -360,7 +330,6 @@ class CanFramePicture(Picture):
         return ", ".join(names)
 
     def tiles(self) -> Sequence[Tile]:
-        """Return a tile for each part of the frame."""
         tiles, before = [self._axis()], 1
         for number, bits in self._groups():
             tiles.append(self._tile(bits, before, f"t{number % TINTS}"))
@@ -388,9 +357,9 @@ class CanFramePicture(Picture):
                 drawing.box(place * _CAN_BIT + 1, 23, _CAN_BIT - 2, 94, "l d")
                 drawing.text(middles[place], 133, "s", "h c")
         start = 0
-        for name, found in groupby(bits, lambda bit: bit.field):
-            size = len(list(found))
-            drawing.path(f"M{start * _CAN_BIT} 22V118", "l")
+        for name, group in groupby(bits, lambda bit: bit.field):
+            size = len(list(group))
+            drawing.vertical(start * _CAN_BIT, 22, 118)
             if not alone:
                 drawing.text(middles[start] if size == 1 else start * _CAN_BIT + 3, 36, _label(name, size * _CAN_BIT),
                              "s c" if size == 1 else "s")  # fmt: skip

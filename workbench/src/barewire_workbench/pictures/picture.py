@@ -19,7 +19,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, Literal, get_args
 
 from barewire.errors import EncodeError
-from barewire_workbench.pictures.drawing import Tile, painted, stylesheet, text_lines, xml_text
+from barewire_workbench.pictures.drawing import Tile, stylesheet, text_lines, themed, xml_text
 
 PictureForm = Literal["text", "json", "html", "svg"]
 PICTURE_FORMS: tuple[PictureForm, ...] = get_args(PictureForm)
@@ -31,19 +31,16 @@ SVG_WIDTH = 920
 
 
 class Picture(ABC):
-    """A picture. A subclass has its data, and draws them in tiles."""
+    """A picture. A subclass has its data, and draws them in tiles.
+
+    `title` is what the picture shows, in one line; `caption` is how to read it. `links` is the number of groups that
+    light up together: their elements have the classes f0, f1, ...
+    """
 
     kind: ClassVar[str]
-
-    @property
-    @abstractmethod
-    def title(self) -> str:
-        """What the picture shows, in one line."""
-
-    @property
-    @abstractmethod
-    def caption(self) -> str:
-        """How to read it."""
+    title: str
+    caption: str
+    links = 0
 
     @abstractmethod
     def lines(self) -> list[str]:
@@ -56,11 +53,6 @@ class Picture(ABC):
     @abstractmethod
     def tiles(self) -> Sequence[Tile]:
         """Return the parts of the drawing."""
-
-    @property
-    def links(self) -> int:
-        """The number of groups that light up together: their elements have the classes f0, f1, ..."""
-        return 0
 
     @property
     def role(self) -> str:
@@ -86,11 +78,10 @@ def _link_rules(picture: Picture, scope: str) -> str:
     if not picture.links:
         return ""
     chosen = [f"{scope}:has(.f{number}:hover,.f{number}:focus)" for number in range(picture.links)]
-    parts = ",".join(f"{one} .f{number}" for number, one in enumerate(chosen))
-    boxes = ",".join(f"{one} rect.f{number}" for number, one in enumerate(chosen))
-    rules = f"{parts}{{outline:2px solid @accent;outline-offset:-2px}}\n{boxes}{{stroke:@accent;stroke-width:2.5}}"
-    light, dark = painted(rules, scope, 0), painted(rules, scope, 1)
-    return f"{light}\n@media (prefers-color-scheme:dark){{{dark}}}"
+    parts = ",".join(f"{part} .f{number}" for number, part in enumerate(chosen))
+    boxes = ",".join(f"{part} rect.f{number}" for number, part in enumerate(chosen))
+    outline = "{outline:2px solid @accent;outline-offset:-2px}"
+    return themed(f"{parts}{outline}\n{boxes}{{stroke:@accent;stroke-width:2.5}}", scope)
 
 
 def as_svg(picture: Picture) -> str:
@@ -136,22 +127,14 @@ def _rows(tiles: Iterable[Tile], width: int, y: int, role: str) -> tuple[list[st
     return parts, y + tallest + 8
 
 
-_PAGE = """
-body{margin:0;background:@paper;color:@ink}
-.bw{background:@paper;color:@ink}
-.bw .soft{color:@soft}
-.bw .good{color:@good}
-.bw .bad{color:@bad}
-.bw table,.bw th,.bw td{border-color:@grid}
-.bw pre{border-color:@grid}
-.bw a{color:@accent}
-.bw :focus-visible{outline-color:@accent}
-.bw .bytes .field{border-color:@line}
-"""
-
 _PAGE_SHAPES = """
 html{color-scheme:light dark}
 body{font:16px/1.5 system-ui,"Segoe UI",Roboto,"DejaVu Sans",sans-serif;padding:16px;max-width:1248px;margin:0 auto}
+@media (max-width:640px){.bw .wide{display:none}.bw th,.bw td{padding:4px 6px 4px 2px}}
+"""
+"""Rules of a page of its own. Other pages, as those of the documentation, have theirs."""
+
+_FIGURE_SHAPES = """
 .bw{margin:0 0 32px}
 .bw h1,.bw h2{font-size:1.25rem;margin:0 0 8px}
 .bw .tiles{overflow-x:auto;display:flex;flex-wrap:wrap;row-gap:12px;align-items:flex-start;padding:4px 0}
@@ -173,22 +156,30 @@ body{font:16px/1.5 system-ui,"Segoe UI",Roboto,"DejaVu Sans",sans-serif;padding:
 .bw td{overflow-wrap:anywhere}
 .bw td.m{overflow-wrap:break-word}
 .bw td:last-child{min-width:8em}
-@media (max-width:640px){.bw .wide{display:none}.bw th,.bw td{padding:4px 6px 4px 2px}}
+"""
+
+_FIGURE_PAINTS = """
+{s}{background:@paper;color:@ink}
+{s} .soft{color:@soft}
+{s} .good{color:@good}
+{s} .bad{color:@bad}
+{s} table,{s} th,{s} td{border-color:@grid}
+{s} pre{border-color:@grid}
+{s} a{color:@accent}
+{s} :focus-visible{outline-color:@accent}
+{s} .bytes .field{border-color:@line}
 """
 
 
 def page_style(*, follows_page: bool = False) -> str:
-    """Return the style sheet of `html_fragment`s; a page needs it once. `follows_page`: see `colours.stylesheet`."""
-    light, dark = (painted(_PAGE, ".bw", place) for place in (0, 1))
-    rules = [_PAGE_SHAPES, light, f"@media (prefers-color-scheme:dark){{{dark}}}"]
-    if follows_page:
-        inside = "\n".join(line for line in _PAGE.splitlines() if line.startswith(".bw"))
-        for place, name in enumerate(("light", "dark")):
-            rules.append(painted(inside.replace(".bw", f'[data-theme="{name}"] .bw'), "", place))
-        rules[0] = "\n".join(line for line in _PAGE_SHAPES.splitlines() if line.startswith(".bw"))
-        rules[1] = painted(inside, "", 0)
-        rules[2] = f"@media (prefers-color-scheme:dark){{{painted(inside, '', 1)}}}"
-    return "\n".join([*rules, stylesheet(".bw", follows_page=follows_page)])
+    """Return the style sheet of `html_fragment`s; a page needs it once.
+
+    With `follows_page` it leaves the rest of the page as it is, and follows its `data-theme`, as `drawing.themed` does.
+    """
+    page = [] if follows_page else [_PAGE_SHAPES, themed("body{margin:0;background:@paper;color:@ink}", "")]
+    figures = themed(_FIGURE_PAINTS, ".bw", follows_page=follows_page)
+    # The rules for narrow pages have the same weight as those of the figures, so they must stand behind them.
+    return "\n".join([_FIGURE_SHAPES, *page, figures, stylesheet(".bw", follows_page=follows_page)])
 
 
 def html_fragment(picture: Picture, mark: str = "bw-0", *, heading: int = 2) -> str:

@@ -61,48 +61,29 @@ class SequencePicture(Picture):
 
     def __init__(self, title: str, messages: Iterable[SequenceMessage], stations: Sequence[str] = ()) -> None:
         source = iter(messages)
-        self._title = title
+        self.title = title
         self.messages = tuple(islice(source, MESSAGES_DRAWN))
         self.left_out = sum(1 for _ in source)
-        found = dict.fromkeys(stations)
+        self.timed = any(message.at is not None for message in self.messages)
+        order = dict.fromkeys(stations)
         for message in self.messages:
-            found |= dict.fromkeys((message.source, message.target or message.source))
-        used = [name for name in found if any(name in message[:2] for message in self.messages)]
+            order |= dict.fromkeys((message.source, message.target or message.source))
+        used = [name for name in order if any(name in message[:2] for message in self.messages)]
         self.stations = tuple(used if len(used) <= STATIONS_DRAWN else [*used[: STATIONS_DRAWN - 1], _OTHERS])
-
-    @property
-    def title(self) -> str:
-        """What was recorded."""
-        return self._title
-
-    @property
-    def caption(self) -> str:
-        """How to read the diagram, and what is left out."""
-        text = "Messages in their order; their times are not known."
+        self._left_out_text = ""
+        if self.left_out:
+            total = counted(len(self.messages) + self.left_out, "message")
+            drawn = f"The first {len(self.messages)} of {total} are drawn"
+            self._left_out_text = f"{drawn}; {self.left_out} are left out."
+        reading = "Messages in their order; their times are not known."
         if self.timed:
-            text = "Time runs downwards, in seconds and not to scale; a dashed piece of its axis is a longer pause."
-        return f"{text} {self.left_out_text}".strip()
-
-    @property
-    def timed(self) -> bool:
-        """Whether the time of a message is known."""
-        return any(message.at is not None for message in self.messages)
-
-    @property
-    def left_out_text(self) -> str:
-        """What is not drawn, in words; empty if everything is."""
-        if not self.left_out:
-            return ""
-        return (
-            f"The first {len(self.messages)} of {counted(len(self.messages) + self.left_out, 'message')} are drawn; "
-            f"{self.left_out} are left out."
-        )
+            reading = "Time runs downwards, in seconds and not to scale; a dashed piece of its axis is a longer pause."
+        self.caption = f"{reading} {self._left_out_text}".strip()
 
     def _place(self, name: str) -> int:
         return self.stations.index(name) if name in self.stations else len(self.stations) - 1
 
     def lines(self) -> list[str]:
-        """Return a line for each message, with an arrow between the columns of its stations."""
         times = ["" if message.at is None else f"{message.at:.6f}" for message in self.messages]
         wide = max(map(len, ["time", *times]))
         lines = [f"{'time':<{wide}}  " + "".join(f"{name:<{_COLUMN}}" for name in self.stations).rstrip()]
@@ -110,7 +91,7 @@ class SequencePicture(Picture):
             digits = _digits(message.data)
             text = "   ".join(filter(None, (f"{'! ' if message.wrong else ''}{message.text}", digits)))
             lines.append(f"{at:<{wide}}  {self._arrow(message)}    {text}".rstrip())
-        return [*lines, *([self.left_out_text] if self.left_out else [])]
+        return [*lines, self._left_out_text] if self.left_out else lines
 
     def _arrow(self, message: SequenceMessage) -> str:
         row = list((" " * 2 + "|" + " " * (_COLUMN - 3)) * len(self.stations))
@@ -130,7 +111,6 @@ class SequencePicture(Picture):
         return "".join(row)[: 3 + _COLUMN * (len(self.stations) - 1)] + " " * 3
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the messages as data; `left_out` is the number of those that are not in it."""
         return {
             "picture": self.kind,
             "title": self.title,
@@ -150,7 +130,6 @@ class SequencePicture(Picture):
         }
 
     def tiles(self) -> Sequence[Tile]:
-        """Return one tile: time at the left, a vertical line for each station, an arrow for each message."""
         drawing, front = Drawing(), Drawing()
         span = _SPANS.get(len(self.stations), _SPAN)
         axis = self._axis
@@ -172,7 +151,7 @@ class SequencePicture(Picture):
         for name, x in zip(self.stations, places):
             drawing.box(x - 55, 6, 110, 26, "o t0", 6)
             drawing.text(x, 24, text_lines(name, 104)[0], "h c")
-            drawing.path(f"M{x} 32V{bottom:.0f}", "l")
+            drawing.vertical(x, 32, round(bottom))
         if self.timed:
             drawing.text(8, 24, "time, s", "s soft")
             drawing.line([(axis, last), (axis, bottom)])

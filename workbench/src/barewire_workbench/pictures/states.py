@@ -29,7 +29,7 @@ WordKind = Literal["status", "control"]
 STEPS_DRAWN = 60
 """The most words in the list; the path in the drawing has all of them."""
 
-_POWER_ON, _FAULT = 0, 13
+_FAULT = 13
 _BOXES: dict[State, tuple[int, int]] = {
     State.NOT_READY_TO_SWITCH_ON: (150, 40),
     State.SWITCH_ON_DISABLED: (150, 130),
@@ -63,7 +63,6 @@ _LINES: dict[int, tuple[tuple[tuple[int, int], ...], str, tuple[int, int]]] = {
     13: (((412, 63), (490, 63)), "right", (452, 52)),
     14: (((585, 86), (585, 130)), "down", (602, 112)),
 }
-_TARGETS = {0: State.NOT_READY_TO_SWITCH_ON, 13: State.FAULT_REACTION_ACTIVE}
 
 
 class DriveWord(NamedTuple):
@@ -192,29 +191,20 @@ class StatesPicture(Picture):
     """
 
     kind = "states"
+    caption = (
+        "The numbers at the arrows are the transitions of CiA 402; 13 leads from every state, 0 is power on. Thick "
+        "arrows were taken; thick dashed ones are the shortest way to a state, not seen step by step. A number in a "
+        "box says which word of the list showed that state."
+    )
 
     def __init__(self, words: Iterable[DriveWord], name: str = "") -> None:
         self.steps = state_path(words)
         self.name = name
-
-    @property
-    def title(self) -> str:
-        """The state at the end."""
         states = [step.state for step in self.steps if step.state is not None]
-        of = f" of {self.name}" if self.name else ""
-        return f"State machine of CiA 402{of}" + (f": {states[-1].value}" if states else "")
-
-    @property
-    def caption(self) -> str:
-        """How to read the drawing."""
-        return (
-            "The numbers at the arrows are the transitions of CiA 402; 13 leads from every state, 0 is power on. Thick "
-            "arrows were taken; thick dashed ones are the shortest way to a state, not seen step by step. A number"
-            " in a box says which word of the list showed that state."
-        )
+        of = f" of {name}" if name else ""
+        self.title = f"State machine of CiA 402{of}" + (f": {states[-1].value}" if states else "")
 
     def lines(self) -> list[str]:
-        """Return a line for each word."""
         return self._list_of(2 * STEPS_DRAWN)
 
     def _list_of(self, most: int) -> list[str]:
@@ -230,7 +220,6 @@ class StatesPicture(Picture):
         return lines
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the words as data, with what each shows."""
         return {
             "picture": self.kind,
             "name": self.name,
@@ -249,7 +238,6 @@ class StatesPicture(Picture):
         }
 
     def tiles(self) -> Sequence[Tile]:
-        """Return the state machine, and the list of words."""
         return [self._machine(), self._list()]
 
     def _machine(self) -> Tile:

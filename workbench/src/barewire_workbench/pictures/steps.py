@@ -45,11 +45,12 @@ class RegistersPicture(Picture):
     """Four bytes in two registers from `address` on, in each order. Make one with `of_value` or `of_bytes`."""
 
     kind = "registers"
+    links = len("ABCD")
 
     def __init__(
         self, title: str, caption: str, type_: str, address: int, rows: Sequence[OrderRow], chosen: str
     ) -> None:
-        self._title, self._caption = title, caption
+        self.title, self.caption = title, caption
         self.type, self.address, self.rows, self.chosen = type_, address, tuple(rows), chosen
 
     @classmethod
@@ -95,26 +96,10 @@ class RegistersPicture(Picture):
         return cls(title, caption, type_, address, rows, order)
 
     @property
-    def title(self) -> str:
-        """The value, or the bytes."""
-        return self._title
-
-    @property
-    def caption(self) -> str:
-        """How to read the rows."""
-        return self._caption
-
-    @property
-    def links(self) -> int:
-        """The four bytes are groups: A to D."""
-        return 4
-
-    @property
     def _same_bytes(self) -> bool:
         return len({row.data for row in self.rows}) == 1 and len({str(row.value) for row in self.rows}) > 1
 
     def lines(self) -> list[str]:
-        """Return a line for each order."""
         names = [f"register {self.address + place}" for place in (0, 1)]
         lines = [f"        {names[0]:<14}{names[1]}"]
         for row in self.rows:
@@ -126,7 +111,6 @@ class RegistersPicture(Picture):
         return lines
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the rows as data."""
         return {
             "picture": self.kind,
             "type": self.type,
@@ -145,7 +129,6 @@ class RegistersPicture(Picture):
         }
 
     def tiles(self) -> Sequence[Tile]:
-        """Return a tile for each order."""
         return [self._tile(number, row) for number, row in enumerate(self.rows)]
 
     def _tile(self, number: int, row: OrderRow) -> Tile:
@@ -200,23 +183,12 @@ class StepsPage(Picture):
 
     def __init__(self, steps: Steps) -> None:
         self.steps = steps
-
-    @property
-    def title(self) -> str:
-        """The calculation."""
-        return self.steps.title
-
-    @property
-    def caption(self) -> str:
-        """The source."""
-        return self.steps.source
+        self.title, self.caption = steps.title, steps.source
 
     def lines(self) -> list[str]:
-        """Return the calculation as text."""
         return self.steps.lines()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the calculation as data."""
         return self.steps.as_dict()
 
     def tiles(self) -> Sequence[Tile]:
@@ -224,7 +196,6 @@ class StepsPage(Picture):
         raise EncodeError(f"steps {self.steps.subject}: a calculation is text, without a drawing")
 
     def html_body(self) -> str:
-        """Return paragraphs and tables, and the result."""
         parts = [
             _table(section) if isinstance(section, StepTable) else f"<p>{xml_text(section)}</p>"
             for section in self.steps.sections
