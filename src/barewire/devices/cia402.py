@@ -50,6 +50,11 @@ class DriveCommand(IntEnum):
     ENABLE_OPERATION = 0x000F
     FAULT_RESET = 0x0080
 
+    @property
+    def text(self) -> str:
+        """The command in the words of the standard, such as "enable operation"."""
+        return self.name.lower().replace("_", " ")
+
 
 # The status word under this mask has this value in this state, and in no other state.
 #   bit 6 switch on disabled, 5 quick stop (0: active), 3 fault, 2 operation enabled, 1 switched on, 0 ready

@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal, NamedTuple
 
-from barewire.devices.cia402 import TRANSITIONS, DriveCommand, State, command_of, state_of
+from barewire.devices.cia402 import TRANSITIONS, DriveCommand, State, command_of, state_of, transitions_by
 from barewire.errors import DecodeError, EncodeError
 from barewire_workbench.frames.result import counted
 from barewire_workbench.pictures.drawing import Drawing, Tile
@@ -89,7 +89,7 @@ class DriveStep(NamedTuple):
     def text(self) -> str:
         """What the word says, in words."""
         if self.word.kind == "control":
-            return "no command" if self.command is None else self.command.name.lower().replace("_", " ")
+            return "no command" if self.command is None else self.command.text
         if self.state is None:
             return "none of the eight states: during a transition"
         if not self.taken:
@@ -145,10 +145,10 @@ def _way(source: State, target: State, commands: Sequence[DriveCommand]) -> tupl
     """
     state, taken = source, list[int]()
     for command in commands:
-        for number, start, end, trigger in TRANSITIONS:
-            if start is state and trigger is command:
-                taken.append(number)
-                state = end
+        # A recording does not say whether the drive stays in its quick stop; if it took 16, it does.
+        for transition in transitions_by(state, command, stays_in_quick_stop=True):
+            taken.append(transition.number)
+            state = transition.target
     if state is target and taken:
         return tuple(taken), True
     if (state, target) in _BY_ITSELF:
@@ -229,7 +229,7 @@ class StatesPicture(Picture):
                     "kind": step.word.kind,
                     "word": step.word.word,
                     "state": None if step.state is None else step.state.value,
-                    "command": None if step.command is None else step.command.name.lower().replace("_", " "),
+                    "command": None if step.command is None else step.command.text,
                     "transitions": list(step.taken),
                     "sure": step.sure,
                 }

@@ -16,7 +16,6 @@ from barewire.devices.cia402 import (
     STATUS_BITS,
     STATUS_PATTERNS,
     TRANSITIONS,
-    DriveCommand,
     State,
     after,
     command_of,
@@ -98,17 +97,16 @@ def control_word_steps(word: int | None = None, previous: int = 0, device: Devic
     stays = device is not None and device.drive is not None and device.drive.stays_in_quick_stop
     sections += [_bits(word, names), _commands(word, previous), *_edge(word, previous)]
     sections += [_effect(word, previous, stays), _mode_table(_CONTROL_MODES)]
-    named = _command_name(command)
     return Steps(
         "controlword",
         f"Control word {word:04X}h" + (f" after {previous:04X}h" if previous else ""),
         _source(device),
         tuple(sections),
-        f"{word:04X}h is {named if command is None else f'the command {named}'}",
+        f"{word:04X}h is {'no command' if command is None else f'the command {command.text}'}",
         {
             "word": word,
             "bits": [bit for bit in range(16) if word >> bit & 1],
-            "command": None if command is None else named,
+            "command": None if command is None else command.text,
             "after": {state.value: after(state, word, previous, stays_in_quick_stop=stays).value for state in State},
         },
     )
@@ -138,24 +136,24 @@ def status_word_steps(word: int, device: Device | None = None) -> Steps:
         ),
     ]
     try:
-        found: State | None = state_of(word)
+        state: State | None = state_of(word)
     except DecodeError:
-        found = None
-    if found is None:
+        state = None
+    if state is None:
         sections.append("No row fits. A drive shows such a word only during a transition; read it again.")
     else:
-        sections.append(_way(found))
+        sections.append(_way(state))
     sections.append(_mode_table(_STATUS_MODES))
     return Steps(
         "statusword",
         f"Status word {word:04X}h",
         _source(device),
         tuple(sections),
-        f"{word:04X}h is {f'the state {found.value}' if found else 'no state of CiA 402'}",
+        f"{word:04X}h is {f'the state {state.value}' if state else 'no state of CiA 402'}",
         {
             "word": word,
             "bits": [bit for bit in range(16) if word >> bit & 1],
-            "state": found.value if found else None,
+            "state": state.value if state else None,
         },
     )
 
@@ -192,15 +190,11 @@ def _pattern(mask: int, value: int, bits: int) -> str:
     return "".join("x" if not mask >> bit & 1 else str(value >> bit & 1) for bit in range(bits - 1, -1, -1))
 
 
-def _command_name(command: DriveCommand | None) -> str:
-    return "no command" if command is None else command.name.lower().replace("_", " ")
-
-
 def _commands(word: int | None, previous: int) -> StepTable:
     rows = []
     for command, (mask, value) in CONTROL_PATTERNS.items():
         pattern = _pattern(mask, value, 8)
-        cells = (_command_name(command), *(pattern[7 - bit] for bit in (7, 3, 2, 1, 0)), f"{int(command):04X}h")
+        cells = (command.text, *(pattern[7 - bit] for bit in (7, 3, 2, 1, 0)), f"{int(command):04X}h")
         if word is None:
             rows.append(cells)
         else:
@@ -241,7 +235,7 @@ def _effect(word: int, previous: int, stays: bool) -> StepTable:
 def _transitions() -> StepTable:
     rows = []
     for number, source, target, command in TRANSITIONS:
-        by = "by itself" if command is None else f"{_command_name(command)}, {int(command):04X}h"
+        by = "by itself" if command is None else f"{command.text}, {int(command):04X}h"
         rows.append((str(number), source.value, by, target.value))
     return StepTable(
         "The transitions. Those that are not listed are 0, power on; 12, out of the quick stop by itself; 13, a fault. "
