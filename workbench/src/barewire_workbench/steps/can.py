@@ -129,10 +129,9 @@ def _crc(sent: CanBits) -> list[StepSection]:
             name = field.name if place == 0 else ""
             rows.append((name, level, str(top), "xor 4599h" if bit != top else "", _fifteen(crc), f"{crc:04X}h"))
     return [
-        "CRC-15. A register of 15 bits starts with zeros. For each bit from SOF to the end of the data: compare "
-        "it with "
-        "the highest bit of the register, and shift the register left by one place; if the two were different, xor it "
-        "with 4599h (x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1). Stuff bits do not count.",
+        "CRC-15. A register of 15 bits starts with zeros. For each bit from SOF to the end of the data: compare it "
+        "with the highest bit of the register, and shift the register left by one place; if the two were different, "
+        "xor it with 4599h (x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1). Stuff bits do not count.",
         StepTable("", ("field", "bit", "top", "", "register", "hex"), tuple(rows)),
         f"The CRC is what remains: {_fifteen(crc)}, {crc:04X}h, sent with the highest bit first.",
     ]
@@ -159,14 +158,12 @@ def _stuffing(sent: CanBits) -> list[StepSection]:
                 shown += f"[{last}]"
         rows.append((field.name, shown))
     return [
-        "Stuffing. After five equal bits the sender inserts one of the other level, [in brackets], from SOF to "
-        "the end of "
-        "the CRC, so that the receivers get an edge to synchronise on. An inserted bit is the first of the next "
-        "five. The receivers drop it; six equal bits are an error.",
+        "Stuffing. After five equal bits the sender inserts one of the other level, [in brackets], from SOF to the "
+        "end of the CRC, so that the receivers get an edge to synchronise on. An inserted bit is the first of the "
+        "next five. The receivers drop it; six equal bits are an error.",
         StepTable("", ("field", "bits on the bus"), tuple(rows)),
-        f"{counted(stuffed, 'stuff bit')} inserted. The ten bits behind the CRC, from the CRC delimiter to the "
-        "end of EOF, "
-        "are not stuffed: 1 0 1 1111111.",
+        f"{counted(stuffed, 'stuff bit')} inserted. The ten bits behind the CRC, from the CRC delimiter to the end of "
+        "EOF, are not stuffed: 1 0 1 1111111.",
     ]
 
 
@@ -191,11 +188,9 @@ def _length(sent: CanBits, bitrate: int) -> list[StepSection]:
     size = counted(len(frame.data), "data byte")
     return [
         f"Length. One bit lasts 1 s / {bitrate} = {shown_time(1 / bitrate)}. {INTERMISSION} recessive bits of silence "
-        f"follow each frame. Of the {stuffable} bits that are stuffed, at worst the first five and then every "
-        "four need a "
-        f"stuff bit: ({stuffable} - 1) / 4, rounded down, is {(stuffable - 1) // 4}. No frame with {size} and "
-        "this form "
-        "of identifier is longer.",
+        f"follow each frame. Of the {stuffable} bits that are stuffed, at worst the first five and then every four "
+        f"need a stuff bit: ({stuffable} - 1) / 4, rounded down, is {(stuffable - 1) // 4}. No frame with {size} and "
+        "this form of identifier is longer.",
         StepTable("", ("", "bits", "time"), rows),
     ]
 
@@ -353,9 +348,8 @@ def _flags(word: int, extended: bool) -> list[StepSection]:
 def _extended(identifier: int) -> list[StepSection]:
     return [
         f"{identifier:08X}h is sent with 29 bits: {grouped_bits(identifier, 29)}. On the wire the first 11 bits, "
-        f"{identifier >> 18:03X}h, come first, then SRR and IDE, then the other 18. CANopen uses identifiers of "
-        "11 bits; "
-        "29 bits on the same cable usually belong to another protocol.",
+        f"{identifier >> 18:03X}h, come first, then SRR and IDE, then the other 18. CANopen uses identifiers of 11 "
+        "bits; 29 bits on the same cable usually belong to another protocol.",
     ]
 
 
@@ -371,8 +365,7 @@ def _base(identifier: int, service: CobService | None, node: int) -> list[StepSe
         f"{identifier:X}h in binary, 11 bits. The upper 4 are the function code (f), the lower 7 the node-ID (n):",
         StepTable("", rows[0], rows[1:]),
         f"Function code {bits[:4]} = {code}, which is {identifier:X}h with the node-ID 0: {code} x 80h = "
-        f"{code * 128:X}h. "
-        f"Node-ID {bits[4:]} = {low:02X}h = {low}.",
+        f"{code * 128:X}h. Node-ID {bits[4:]} = {low:02X}h = {low}.",
     ]
     listed = []
     for row in SERVICES:
@@ -398,8 +391,8 @@ def _base(identifier: int, service: CobService | None, node: int) -> list[StepSe
         sections.append(f"No service of the set has the function code {bits[:4]}.")
     if is_restricted(identifier):
         sections.append(
-            f"{identifier:X}h is restricted: it may not be configured for a PDO, SYNC, EMCY, TIME or a further "
-            "SDO channel."
+            f"{identifier:X}h is restricted: it may not be configured for a PDO, SYNC, EMCY, TIME or a further SDO "
+            "channel."
         )
     else:
         sections.append(f"{identifier:X}h is not restricted: a PDO, SYNC or EMCY may be configured to use it.")

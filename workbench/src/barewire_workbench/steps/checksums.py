@@ -182,8 +182,8 @@ def lrc_steps(data: bytes) -> Steps:
         ("plus 1", f"{complement:02X}h", grouped_bits(complement, 8)),
     ]
     sections: list[StepSection] = [
-        "Add the bytes of the message: the bytes, not the characters that carry them, and without the colon, CR "
-        "and LF.",
+        "Add the bytes of the message: the bytes, not the characters that carry them, and without the colon, CR and "
+        "LF.",
         StepTable("", ("byte", "decimal", "binary", "sum", "hex"), tuple(rows)),
         "Keep 8 bits, and take the two's complement: invert all bits, add 1. That is the number which makes the sum 0.",
         StepTable("", ("step", "hex", "binary"), tuple(final)),

@@ -59,9 +59,8 @@ def order_sections(data: bytes, order: Order) -> list[StepSection]:
         rows.append((each if count > 1 else each[:2], spaced_hex(sent), *registers, text, mark))
     header = ("order", "on the wire", *[f"register n+{place}" if place else "register n" for place in range(count)])
     return [
-        f"Order. The bytes, the most significant first, are {letters}. A register of Modbus holds two bytes and "
-        "is sent "
-        "high byte first; which register has which word is not standardised.",
+        f"Order. The bytes, the most significant first, are {letters}. A register of Modbus holds two bytes and is "
+        "sent high byte first; which register has which word is not standardised.",
         StepTable("", (*header, "meaning", ""), tuple(rows)),
     ]
 
@@ -147,8 +146,7 @@ def _integer(text: str, type: str) -> tuple[int, bytes, list[StepSection]]:
         inverted = (1 << bits) - 1 + number  # 2^bits - 1 has only ones
         sections += [
             f"A negative number is stored as its two's complement, 2^{bits} - {-number} = {pattern}. To find it "
-            "without "
-            "subtracting, write the number without its sign, invert all bits, and add 1:",
+            "without subtracting, write the number without its sign, invert all bits, and add 1:",
             StepTable(
                 "",
                 ("step", "bits", "hex"),

@@ -116,8 +116,7 @@ def _character(baudrate: int, form: CharacterFormat, times: _Times) -> list[Step
         "that frame it:"
         if form.data_bits == 8
         else f"One bit lasts 1 s / {baudrate} = {shown_time(times.bit)}. A character of Modbus ASCII is one "
-        "hexadecimal "
-        "digit with the bits that frame it; a byte of the message takes two:",
+        "hexadecimal digit with the bits that frame it; a byte of the message takes two:",
         StepTable("", ("part", "bits", "time"), tuple(rows)),
     ]
     standard = 11 if form.data_bits == 8 else 10
@@ -133,9 +132,8 @@ def _silences(baudrate: int, form: CharacterFormat, times: _Times) -> list[StepS
     one = shown_time(times.character)
     if baudrate > FIXED_ABOVE:
         text = (
-            f"Above {FIXED_ABOVE} bit/s both silences are fixed, because 3.5 characters would be shorter than "
-            "the timers "
-            "of small devices can measure."
+            f"Above {FIXED_ABOVE} bit/s both silences are fixed, because 3.5 characters would be shorter than the "
+            "timers of small devices can measure."
         )
         rows = [
             ("t1.5", "fixed", shown_time(times.t15), f"1.5 x {one} = {shown_time(Fraction(3, 2) * times.character)}"),
@@ -155,19 +153,17 @@ def _silences(baudrate: int, form: CharacterFormat, times: _Times) -> list[StepS
         StepTable("", header[:width], tuple(row[:width] for row in rows)),
         "t3.5 is two numbers. For a sender it is the silence that it must keep in front of its frame "
         f"({shown_time(times.t35)}), so that each receiver sees the frame before as ended. For a receiver it is the "
-        "silence after which a frame has ended, and t1.5 the longest pause that it accepts inside one. A "
-        "program behind "
-        "a USB adapter or an operating system cannot measure that: bytes reach it in batches, with pauses that were "
-        f"never on the wire. So barewire keeps {shown_time(times.t35)} when it sends, and accepts pauses of "
+        "silence after which a frame has ended, and t1.5 the longest pause that it accepts inside one. A program "
+        "behind a USB adapter or an operating system cannot measure that: bytes reach it in batches, with pauses "
+        f"that were never on the wire. So barewire keeps {shown_time(times.t35)} when it sends, and accepts pauses of "
         f"{shown_time(PATIENCE)} inside a frame when it receives, unless the option `patience` says another time.",
     ]
 
 
 def _pauses(form: CharacterFormat) -> list[StepSection]:
     return [
-        f"{form.data_bits} data bits cannot carry the bytes of RTU, so this is a line of Modbus ASCII. There "
-        "are no t1.5 "
-        "and t3.5: the colon begins a frame, CR LF ends it, and up to 1 s may pass between two characters."
+        f"{form.data_bits} data bits cannot carry the bytes of RTU, so this is a line of Modbus ASCII. There are no "
+        "t1.5 and t3.5: the colon begins a frame, CR LF ends it, and up to 1 s may pass between two characters."
     ]
 
 
@@ -190,8 +186,7 @@ def _exchanges(times: _Times, *, is_rtu: bool) -> list[StepSection]:
     header = ("exchange", "request", "lasts", "response", "lasts", "in all", "a second")
     both = f", each after a silence of {shown_time(times.t35)}" if is_rtu else ""
     return [
-        f"Exchanges, in characters and time: the request and the response{both}. The time that the unit needs "
-        "to answer "
-        "comes on top, so a real line carries fewer.",
+        f"Exchanges, in characters and time: the request and the response{both}. The time that the unit needs to "
+        "answer comes on top, so a real line carries fewer.",
         StepTable("", header, tuple(rows)),
     ]
