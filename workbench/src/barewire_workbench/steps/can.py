@@ -8,16 +8,17 @@ here work out the CRC, the stuff bits and the identifier on their own.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 from barewire.canopen.cob_ids import SERVICES, CobEntry, CobService, classify, is_restricted
 from barewire.canopen.frame import BASE_MAX, EXTENDED_MAX, CanFrame
-from barewire.errors import EncodeError, shown
+from barewire.errors import EncodeError
 from barewire_workbench.frames.result import counted
-from barewire_workbench.steps.model import Steps, StepSection, StepTable, grouped_bits
+from barewire_workbench.steps.model import Steps, StepSection, StepTable, grouped_bits, parse_hex_number
 from barewire_workbench.steps.timing import shown_time
 from barewire_workbench.wire import (
+    CAN_CRC_POLYNOMIAL,
+    EQUAL_BITS_MAX,
     INTERMISSION,
     CanBits,
     CanField,
@@ -29,8 +30,6 @@ from barewire_workbench.wire import (
 
 FRAMES_MAX = 8
 """Frames in one arbitration."""
-
-_POLYNOMIAL = 0x4599
 
 _MEANINGS = {
     "SOF": "start of frame: dominant, all receivers synchronise",
@@ -125,7 +124,7 @@ def _crc(sent: CanBits) -> list[StepSection]:
             top = crc >> 14
             crc = crc << 1 & 0x7FFF
             if bit != top:
-                crc ^= _POLYNOMIAL
+                crc ^= CAN_CRC_POLYNOMIAL
             name = field.name if place == 0 else ""
             rows.append((name, level, str(top), "xor 4599h" if bit != top else "", _fifteen(crc), f"{crc:04X}h"))
     return [
@@ -144,18 +143,17 @@ def _fifteen(crc: int) -> str:
 def _stuffing(sent: CanBits) -> list[StepSection]:
     """Insert the stuff bits, one row for each field."""
     rows = []
-    last, equal, stuffed = "", 0, 0
-    for field in sent.fields[: _crc_place(sent) + 1]:
+    previous, equal, stuffed = "", 0, 0
+    for field in sent.fields[:-4]:  # the four fields behind the CRC are not stuffed
         shown = ""
         for level in field.levels:
-            equal = equal + 1 if level == last else 1
-            last = level
+            equal = equal + 1 if level == previous else 1
             shown += level
-            if equal == 5:
-                last = "0" if last == "1" else "1"
-                equal = 1
+            if equal == EQUAL_BITS_MAX:
+                level, equal = "0" if level == "1" else "1", 1
                 stuffed += 1
-                shown += f"[{last}]"
+                shown += f"[{level}]"
+            previous = level
         rows.append((field.name, shown))
     return [
         "Stuffing. After five equal bits the sender inserts one of the other level, [in brackets], from SOF to the "
@@ -165,10 +163,6 @@ def _stuffing(sent: CanBits) -> list[StepSection]:
         f"{counted(stuffed, 'stuff bit')} inserted. The ten bits behind the CRC, from the CRC delimiter to the end of "
         "EOF, are not stuffed: 1 0 1 1111111.",
     ]
-
-
-def _crc_place(sent: CanBits) -> int:
-    return next(place for place, field in enumerate(sent.fields) if field.name == "CRC")
 
 
 def _length(sent: CanBits, bitrate: int) -> list[StepSection]:
@@ -264,10 +258,7 @@ def parse_cob_id(text: str) -> int:
 
     Raises EncodeError for any other text, and for more than 32 bits.
     """
-    found = re.fullmatch(r"(?:0[xX])?([0-9a-fA-F]{1,8})[hH]?", text.strip())
-    if found is None:
-        raise EncodeError(f"COB-ID {shown(text)}: expected up to 8 hexadecimal digits, such as 58Fh or 0x58F", "cob_id")
-    return int(found[1], 16)
+    return parse_hex_number(text, 8, "COB-ID", "58F", "cob_id")
 
 
 def cob_id_steps(number: int, *, extended: bool = False) -> Steps:
@@ -294,8 +285,7 @@ def cob_id_steps(number: int, *, extended: bool = False) -> Steps:
         meaning = "an extended identifier of 29 bits; the predefined connection set of CANopen has none"
         service, node = None, 0
     else:
-        found = classify(CanFrame(identifier))
-        service, node = found or (None, 0)
+        service, node = classify(CanFrame(identifier)) or (None, 0)
         sections += _base(identifier, service, node)
         meaning = _service_meaning(service, node)
     return Steps(
@@ -375,10 +365,10 @@ def _base(identifier: int, service: CobService | None, node: int) -> list[StepSe
             mark = "<--" if row is service else ""
             base = f"{row.base:X}h" if row.broadcast else f"{row.base:X}h + {low:X}h"
             listed.append((row.name, f"{row.base >> 7:04b}", base, f"{own:X}h", direction, mark))
-    about = f"node {low}" if low else "all nodes"
+    whom = f"node {low}" if low else "all nodes"
     sections.append(
         StepTable(
-            f"The predefined connection set for {about}, in the order of priority: the lower number wins the bus.",
+            f"The predefined connection set for {whom}, in the order of priority: the lower number wins the bus.",
             ("service", "code", "base", "COB-ID", "direction", ""),
             tuple(listed),
         )

@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 
 from barewire.devices.cia402 import (
@@ -24,8 +23,8 @@ from barewire.devices.cia402 import (
     transitions_by,
 )
 from barewire.devices.device import Device
-from barewire.errors import DecodeError, EncodeError, shown
-from barewire_workbench.steps.model import Steps, StepSection, StepTable, grouped_bits
+from barewire.errors import DecodeError, EncodeError
+from barewire_workbench.steps.model import Steps, StepSection, StepTable, grouped_bits, parse_hex_number
 
 _CONTROL_BITS: dict[int, str] = {
     0: "switch on",
@@ -69,10 +68,7 @@ def parse_word(text: str, name: str) -> int:
 
     Raises EncodeError for any other text; `name` says there what the word is.
     """
-    found = re.fullmatch(r"(?:0[xX])?([0-9a-fA-F]{1,4})[hH]?", text.strip())
-    if found is None:
-        raise EncodeError(f"{name} {shown(text)}: expected up to 4 hexadecimal digits, such as 0637h or 0x0637", name)
-    return int(found[1], 16)
+    return parse_hex_number(text, 4, name, "0637", name)
 
 
 def control_word_steps(word: int | None = None, previous: int = 0, device: Device | None = None) -> Steps:

@@ -18,12 +18,13 @@ must reach.
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 
 LINE_WIDTH = 110
 """Characters of a line of text. Tables may be wider: their rows are never broken."""
@@ -55,13 +56,13 @@ class StepTable(NamedTuple):
         widths = [max(map(len, cells)) for cells in columns]
         to_right = self.right_columns
         rules = tuple("-" * width for width in widths)
-        found = [*textwrap.wrap(self.caption, LINE_WIDTH), ""] if self.caption else []
+        lines = [*textwrap.wrap(self.caption, LINE_WIDTH), ""] if self.caption else []
         for row in (self.header, rules, *self.rows):
             cells = (
                 cell.rjust(width) if right else cell.ljust(width) for cell, width, right in zip(row, widths, to_right)
             )
-            found.append("  ".join(cells).rstrip())
-        return found
+            lines.append("  ".join(cells).rstrip())
+        return lines
 
     def as_dict(self) -> dict[str, object]:
         """Return the table for `json.dumps`."""
@@ -96,11 +97,11 @@ class Steps:
 
     def lines(self) -> list[str]:
         """Return the calculation as lines of text, with an empty line between sections."""
-        found = [self.title, *textwrap.wrap(self.source, LINE_WIDTH)]
+        lines = [self.title, *textwrap.wrap(self.source, LINE_WIDTH)]
         for section in self.sections:
             wrapped = section.lines() if isinstance(section, StepTable) else textwrap.wrap(section, LINE_WIDTH)
-            found += ["", *wrapped]
-        return [*found, "", *textwrap.wrap(self.result, LINE_WIDTH)]
+            lines += ["", *wrapped]
+        return [*lines, "", *textwrap.wrap(self.result, LINE_WIDTH)]
 
     def as_dict(self) -> dict[str, object]:
         """Return the calculation for `json.dumps`: a section is {"text"} or {"caption", "header", "rows"}."""
@@ -135,6 +136,18 @@ def spaced_hex(data: Iterable[int]) -> str:
     '02 07'
     """
     return bytes(data).hex(" ").upper()
+
+
+def parse_hex_number(text: str, digits: int, name: str, example: str, field: str) -> int:
+    """Return a number in hexadecimal digits, with 0x in front or h behind, or neither.
+
+    Raises EncodeError for any other text, and for more `digits`; `name` and `field` say there what the number is.
+    """
+    match = re.fullmatch(rf"(?:0[xX])?([0-9a-fA-F]{{1,{digits}}})[hH]?", text.strip())
+    if match is None:
+        form = f"expected up to {digits} hexadecimal digits, such as {example}h or 0x{example}"
+        raise EncodeError(f"{name} {shown(text)}: {form}", field)
+    return int(match[1], 16)
 
 
 def check_length(data: bytes, longest: int) -> None:

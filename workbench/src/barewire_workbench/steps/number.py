@@ -51,12 +51,12 @@ def order_sections(data: bytes, order: Order) -> list[StepSection]:
     letters = " ".join(f"{chr(ord('A') + place)} = {byte:02X}h" for place, byte in enumerate(data))
     count = len(data) // 2
     rows = []
-    for each in ORDERS if count > 1 else ORDERS[:3:2]:
-        sent = ordered(data, each)
+    for possible, name in _order_names(len(data)).items():
+        sent = ordered(data, possible)
         registers = [f"{sent[place]:02X}{sent[place + 1]:02X}h" for place in range(0, len(data), 2)]
-        mark = "<--" if ordered(data, each) == ordered(data, order) and _same(each, order, count) else ""
-        text = _ORDER_TEXT[each] if count > 1 else ("high byte first" if each == "ABCD" else "bytes swapped")
-        rows.append((each if count > 1 else each[:2], spaced_hex(sent), *registers, text, mark))
+        mark = "<--" if name == _order_name(order, len(data)) else ""
+        text = _ORDER_TEXT[possible] if count > 1 else ("high byte first" if name == "AB" else "bytes swapped")
+        rows.append((name, spaced_hex(sent), *registers, text, mark))
     header = ("order", "on the wire", *[f"register n+{place}" if place else "register n" for place in range(count)])
     return [
         f"Order. The bytes, the most significant first, are {letters}. A register of Modbus holds two bytes and is "
@@ -65,10 +65,13 @@ def order_sections(data: bytes, order: Order) -> list[StepSection]:
     ]
 
 
-def _same(one: Order, other: Order, count: int) -> bool:
-    """Whether two orders are one: in a single register only the order of its two bytes is left."""
-    swapped = ("BADC", "DCBA")
-    return one == other if count > 1 else (one in swapped) == (other in swapped)
+def _order_names(size: int) -> dict[Order, str]:
+    """Return the orders that differ for a number of this size, with their names: two bytes have only AB and BA."""
+    return {"ABCD": "AB", "BADC": "BA"} if size == 2 else {order: order for order in ORDERS}
+
+
+def _order_name(order: Order, size: int) -> str:
+    return order if size > 2 else "AB" if order in ("ABCD", "CDAB") else "BA"
 
 
 NUMBER_TYPES = ("f32", "f64", "u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64")
@@ -81,7 +84,7 @@ _FAR = re.compile(r"([eE][+-]?)0*[1-9][0-9]{3,}$")
 
 
 class FloatShape(NamedTuple):
-    """A format of IEEE 754: bits of the exponent, of the fraction, and the bias."""
+    """A format of IEEE 754: the bits of the exponent and of the fraction; the sign is in front of them."""
 
     exponent: int
     fraction: int
@@ -89,6 +92,25 @@ class FloatShape(NamedTuple):
     @property
     def bias(self) -> int:
         return (1 << self.exponent - 1) - 1
+
+    @property
+    def sign(self) -> int:
+        """The pattern in which only the bit of the sign is set."""
+        return 1 << self.exponent + self.fraction
+
+    @property
+    def ones(self) -> int:
+        """The exponent of infinity and NaN: all its bits are 1."""
+        return (1 << self.exponent) - 1
+
+    def split(self, pattern: int) -> tuple[bool, int, int]:
+        """Return whether the number is negative, its exponent and its fraction."""
+        fraction = pattern & (1 << self.fraction) - 1
+        return pattern >= self.sign, pattern >> self.fraction & self.ones, fraction
+
+    def data(self, pattern: int) -> bytes:
+        """Return the bytes of a pattern, the most significant first."""
+        return pattern.to_bytes((1 + self.exponent + self.fraction) // 8, "big")
 
 
 FLOAT_SHAPES = {"f32": FloatShape(8, 23), "f64": FloatShape(11, 52)}
@@ -113,8 +135,8 @@ def number_steps(text: str, type: str = "f32", order: Order = "ABCD") -> Steps:
         value, data, sections = _integer(text, type)
         source = "Modbus Application Protocol 1.1b3, 4.2; the order of registers: a convention of each device"
     sent = coder.encode(value)
-    in_order = f" in order {order}" if len(sent) > 2 else f" in order {'AB' if order[0] in 'AC' else 'BA'}"
-    named = f"{shown(text.strip()).strip(chr(39))} as {type}{in_order if len(sent) > 1 else ''}"
+    in_order = f" in order {_order_name(order, len(sent))}" if len(sent) > 1 else ""
+    named = f"{shown(text.strip()).strip(chr(39))} as {type}{in_order}"
     registers = [int.from_bytes(sent[place : place + 2], "big") for place in range(0, len(sent) - 1, 2)]
     return Steps(
         "float",
@@ -174,7 +196,7 @@ def _float(text: str, type: str) -> tuple[float, bytes, list[StepSection]]:
     else:
         number, negative = _decimal(text, type)
         pattern, sections = _rounded(number, negative, shape, type)
-    data = pattern.to_bytes((1 + shape.exponent + shape.fraction) // 8, "big")
+    data = shape.data(pattern)
     value = struct.unpack(">f" if type == "f32" else ">d", data)[0]
     sections.append(float_fields(pattern, shape))
     if special is None:
@@ -185,8 +207,7 @@ def _float(text: str, type: str) -> tuple[float, bytes, list[StepSection]]:
 def _special(text: str, shape: FloatShape) -> tuple[int, str] | None:
     """Return the pattern and the explanation of a text that is no finite number."""
     word, negative = text.lstrip("+-"), text.startswith("-")
-    sign = int(negative) << shape.exponent + shape.fraction
-    ones = (1 << shape.exponent) - 1 << shape.fraction
+    sign, ones = shape.sign if negative else 0, shape.ones << shape.fraction
     if word in ("inf", "infinity"):
         return sign | ones, "Infinity: an exponent of ones and a fraction of zeros."
     if word == "nan":
@@ -212,7 +233,7 @@ def _decimal(text: str, type: str) -> tuple[Fraction, bool]:
 
 def _rounded(number: Fraction, negative: bool, shape: FloatShape, type: str) -> tuple[int, list[StepSection]]:
     """Return the pattern of the nearest float, and how it is found."""
-    sign = int(negative) << shape.exponent + shape.fraction
+    sign = shape.sign if negative else 0
     sections: list[StepSection] = [f"Sign. The number is {'negative: 1' if negative else 'not negative: 0'}."]
     if not number:
         return sign, [*sections, "Zero has no highest 1: exponent and fraction are 0."]
@@ -225,7 +246,7 @@ def _rounded(number: Fraction, negative: bool, shape: FloatShape, type: str) -> 
     fraction = round(fraction_exact)  # to the nearest whole number, and half to the even one, as IEEE 754 rounds
     field = 0 if subnormal else power + shape.bias
     pattern = (field << shape.fraction) + fraction  # a fraction that rounds up to 2^23 carries into the exponent
-    if pattern >> shape.fraction >= (1 << shape.exponent) - 1:
+    if pattern >> shape.fraction >= shape.ones:
         codec(type).check(math.inf if number > 10**308 else -float(number) if negative else float(number))
         raise EncodeError(f"the number does not fit {type}: at most ±{codec(type).maximum:g}", "value")
     what = f"{shown_number(number)} = {shown_number(scaled)} x 2^{power}"
@@ -272,51 +293,47 @@ def _doubling(rest: Fraction, places: int) -> StepTable:
 
 def _rounding_text(exact: Fraction, fraction: int, shape: FloatShape) -> str:
     below = math.floor(exact)
-    left = exact - below
-    if not left:
+    rest = exact - below
+    if not rest:
         return f"Rounding. Nothing is left after {shape.fraction} digits, so the number is stored exactly."
-    compared = "less than" if left < Fraction(1, 2) else "more than" if left > Fraction(1, 2) else "exactly"
+    compared = "less than" if rest < Fraction(1, 2) else "more than" if rest > Fraction(1, 2) else "exactly"
     chosen = "up: 1 is added to the last bit" if fraction > below else "down: the digits stay as they are"
     tie = ", and of two neighbours equally near the even one is taken" if compared == "exactly" else ""
     carry = ""
     if fraction == 1 << shape.fraction:
         carry = ". All digits were 1, so the carry makes the fraction 0 and adds 1 to the exponent"
-    return f"Rounding. What is left, {shown_number(left)}, is {compared} a half{tie}, so round {chosen}{carry}."
+    return f"Rounding. What is left, {shown_number(rest)}, is {compared} a half{tie}, so round {chosen}{carry}."
 
 
 def float_fields(pattern: int, shape: FloatShape) -> StepTable:
     """Return the table of the sign, the exponent and the fraction in a pattern."""
-    field = pattern >> shape.fraction & (1 << shape.exponent) - 1
-    fraction = pattern & (1 << shape.fraction) - 1
-    sign = pattern >> shape.exponent + shape.fraction
-    bits = 1 + shape.exponent + shape.fraction
-    data = pattern.to_bytes(bits // 8, "big")
+    negative, field, fraction = shape.split(pattern)
+    data = shape.data(pattern)
     return StepTable(
         "Together: sign, exponent, fraction.",
         ("field", "bits", "value"),
         (
-            ("sign", str(sign), "-" if sign else "+"),
+            ("sign", str(int(negative)), "-" if negative else "+"),
             ("exponent", grouped_bits(field, shape.exponent), f"{field}"),
             ("fraction", grouped_bits(fraction, shape.fraction), f"{fraction}"),
-            ("all", grouped_bits(pattern, bits), spaced_hex(data)),
+            ("all", grouped_bits(pattern, 8 * len(data)), spaced_hex(data)),
         ),
     )
 
 
 def _exactness(number: Fraction, negative: bool, pattern: int, shape: FloatShape, type: str) -> list[StepSection]:
-    magnitude = pattern & (1 << shape.exponent + shape.fraction) - 1
+    sign_bit, magnitude = pattern & shape.sign, pattern & shape.sign - 1
     stored = _value(magnitude, shape)
     sign = "-" if negative else ""
     if stored == number:
         return [f"The stored value is exactly {sign}{shown_number(stored, 60)}."]
     rows = []
     for place, name in ((magnitude - 1, "next to 0"), (magnitude, "stored"), (magnitude + 1, "next beyond")):
-        if place < 0 or place >> shape.fraction >= (1 << shape.exponent) - 1:
-            continue
+        if place < 0 or place >> shape.fraction >= shape.ones:
+            continue  # zero has no neighbour nearer to 0, and the largest number none beyond
         value = _value(place, shape)
         difference = shown_number(abs(value - number), 3).replace("...", "")
-        data = (place | int(negative) << shape.exponent + shape.fraction).to_bytes(shape_bytes(shape), "big")
-        rows.append((name, spaced_hex(data), f"{sign}{shown_number(value, 60)}", difference))
+        rows.append((name, spaced_hex(shape.data(sign_bit | place)), f"{sign}{shown_number(value, 60)}", difference))
     digits = ""
     if magnitude >> shape.fraction:
         digits = f" Any number of up to {6 if type == 'f32' else 15} decimal digits can be read back from a {type}."
@@ -327,14 +344,9 @@ def _exactness(number: Fraction, negative: bool, pattern: int, shape: FloatShape
     ]
 
 
-def shape_bytes(shape: FloatShape) -> int:
-    """Return the size of a float in bytes."""
-    return (1 + shape.exponent + shape.fraction) // 8
-
-
 def _value(magnitude: int, shape: FloatShape) -> Fraction:
     """Return the exact value of a pattern without its sign bit."""
-    field, fraction = magnitude >> shape.fraction, magnitude & (1 << shape.fraction) - 1
+    _, field, fraction = shape.split(magnitude)
     if field == 0:
         return Fraction(fraction, 1 << shape.fraction) * Fraction(2) ** (1 - shape.bias)
     return (1 + Fraction(fraction, 1 << shape.fraction)) * Fraction(2) ** (field - shape.bias)
@@ -387,7 +399,7 @@ def number_from_bytes_steps(data: bytes, type: str = "f32", order: Order = "ABCD
     named = f"{spaced_hex(data)} as {type}"
     straight = ordered(data, order)
     if len(data) > 1:
-        name = _order_name(order, data)
+        name = _order_name(order, len(data))
         named = f"{named} in order {name}"
         sections.append(f"Order {name}. The most significant byte first, the bytes are {spaced_hex(straight)}.")
     pattern = int.from_bytes(straight, "big")
@@ -398,12 +410,12 @@ def number_from_bytes_steps(data: bytes, type: str = "f32", order: Order = "ABCD
     if len(data) > 1:
         rows = tuple(
             (
-                _order_name(each, data),
-                spaced_hex(ordered(data, each)),
-                repr(codec(type, each).decode(data)),
-                "<--" if _order_name(each, data) == _order_name(order, data) else "",
+                possible_name,
+                spaced_hex(ordered(data, possible)),
+                repr(codec(type, possible).decode(data)),
+                "<--" if possible_name == name else "",
             )
-            for each in (ORDERS if len(data) > 2 else ORDERS[:3:2])
+            for possible, possible_name in _order_names(len(data)).items()
         )
         sections.append("Only the manual of the device says which order it uses. A wrong one often shows itself:")
         sections.append(StepTable("", ("order", "sorted", "number", ""), rows))
@@ -419,17 +431,11 @@ def number_from_bytes_steps(data: bytes, type: str = "f32", order: Order = "ABCD
     )
 
 
-def _order_name(order: Order, data: bytes) -> str:
-    """Return the name of an order; two bytes have only AB and BA."""
-    return order if len(data) > 2 else {"ABCD": "AB", "CDAB": "AB", "BADC": "BA", "DCBA": "BA"}[order]
-
-
 def _decoded_float(pattern: int, shape: FloatShape) -> list[StepSection]:
-    field = pattern >> shape.fraction & (1 << shape.exponent) - 1
-    fraction = pattern & (1 << shape.fraction) - 1
-    sign = "-" if pattern >> shape.exponent + shape.fraction else ""
+    negative, field, fraction = shape.split(pattern)
+    sign = "-" if negative else ""
     sections: list[StepSection] = [float_fields(pattern, shape)]
-    if field == (1 << shape.exponent) - 1:
+    if field == shape.ones:
         what = "of 0 mean infinity" if fraction == 0 else "other than 0 mean NaN, not a number"
         return [*sections, f"An exponent of ones and a fraction {what}."]
     part = Fraction(fraction, 1 << shape.fraction)
@@ -448,12 +454,12 @@ def _decoded_float(pattern: int, shape: FloatShape) -> list[StepSection]:
 
 
 def _decoded_integer(pattern: int, bits: int, *, signed: bool) -> list[StepSection]:
-    found = f"{pattern:0{bits // 4}X}h = {pattern}."
+    text = f"{pattern:0{bits // 4}X}h = {pattern}."
     if not signed:
-        return [found]
+        return [text]
     if not pattern >> bits - 1:
-        return [f"{found} The highest bit is 0, so the number is not negative."]
+        return [f"{text} The highest bit is 0, so the number is not negative."]
     return [
-        f"{found} The highest bit is 1, so the number is negative: "
+        f"{text} The highest bit is 1, so the number is negative: "
         f"subtract 2^{bits}, {pattern} - {1 << bits} = {pattern - (1 << bits)}."
     ]
