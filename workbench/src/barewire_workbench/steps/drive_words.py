@@ -119,10 +119,10 @@ def status_word_steps(word: int, device: Device | None = None) -> Steps:
     _check_word(word)
     names = _names(device, "status", _STATUS_BITS)
     rows = []
-    for state, (mask, value) in STATUS_PATTERNS.items():
+    for possible, (mask, value) in STATUS_PATTERNS.items():
         masked = word & mask
         mark = "<--" if masked == value else ""
-        rows.append((state.value, _pattern(mask, value, 7), f"{mask:04X}h", f"{masked:04X}h", f"{value:04X}h", mark))
+        rows.append((possible.value, _pattern(mask, value, 7), f"{mask:04X}h", f"{masked:04X}h", f"{value:04X}h", mark))
     sections: list[StepSection] = [
         _bits(word, names),
         StepTable(
