@@ -129,6 +129,52 @@ def test_a_late_response_is_distinguished_from_that_of_the_next_unit() -> None:
     assert (late.request, late.late, answer.request, answer.late) == (events[0], True, events[2], False)
 
 
+def test_of_two_responses_that_fit_two_requests_the_first_is_the_late_one() -> None:
+    """A unit answers in order, also if the time for the first response was over before the second request."""
+    for second in (1.3, 2.3):
+        frames = [(1.0, 1, READ), (second, 1, "03 0010 0002"), (second + 0.03, 1, VALUES), (second + 0.06, 1, VALUES)]
+        events = feed_frames(sniffer(), frames)
+        requests = [event for event in events if isinstance(event, RequestSeen)]
+        answers = [event for event in events if isinstance(event, ResponseSeen)]
+        assert [(answer.request, answer.late, answer.older) for answer in answers] == [
+            (requests[0], True, None),
+            (requests[1], False, None),
+        ]
+
+
+def test_one_response_that_fits_two_requests_names_the_older_one() -> None:
+    frames = [(1.0, 1, READ), (1.3, 1, "03 0010 0002"), (1.305, 1, VALUES), (1.5, 2, READ), (1.6, 2, VALUES)]
+    events = feed_frames(sniffer(), frames)
+    answers = [event for event in events if isinstance(event, ResponseSeen)]
+    assert [(answer.request.at, answer.older and answer.older.at) for answer in answers if answer.request] == [
+        (1.3, 1.0),
+        (1.5, None),
+    ]
+    assert [event.at for event in events] == [1.0, 1.3, 1.3, 1.305, 1.5, 1.6]
+    # A request that is repeated asks the same, so it does not matter which of the two is answered.
+    repeated = feed_frames(sniffer(), [(1.0, 1, READ), (1.3, 1, READ), (1.305, 1, VALUES)])
+    assert names(repeated) == ["RequestSeen", "ResponseMissing", "RequestSeen", "ResponseSeen"]
+    assert repeated[3].older is None  # type: ignore[union-attr]
+
+
+def test_a_response_that_fits_two_requests_waits_for_the_next_frame_only() -> None:
+    listener = sniffer()
+    asked = [(1.0, READ), (1.3, "03 0010 0002"), (1.305, VALUES)]
+    events = [event for at, pdu in asked for event in listener.feed(encode(1, unhex(pdu)), at)]
+    assert names(events) == ["RequestSeen", "ResponseMissing", "RequestSeen"]
+    events = listener.feed(b"\xff\x00\x55", 1.35) + silence(listener, 1.4)
+    assert events == []  # the noise waits, too
+    assert names(listener.end(1.4)) == ["ResponseSeen", "NoiseSeen"]
+    assert listener.deadline is None
+
+
+def test_a_response_behind_that_to_the_next_request_has_its_request() -> None:
+    """Two masters: the second one gets its response first."""
+    events = feed_frames(sniffer(), [(1.0, 1, READ), (1.004, 2, READ), (1.02, 2, VALUES), (1.024, 1, VALUES)])
+    assert pairs(events) == [(1.004, 1.02), (1.0, 1.024)]
+    assert [event.late for event in events if isinstance(event, ResponseSeen)] == [False, True]
+
+
 # Writes and their echoes -------------------------------------------------------------------------------------------
 
 

@@ -15,7 +15,9 @@ Frames on a serial line do not show their direction. Three criteria decide about
              nearer to each other are a pair, unless the unit is known to be slower; a single one is an `AmbiguousFrame`
 
 So a lost frame never shifts the pairs after it. The sniffer assumes one client with one open request at a time. A
-response that arrives when the client has already sent its next request is marked `late`.
+response that arrives when the client has already sent its next request is marked `late`. One that fits both requests
+waits for the next frame: if that is a second response, the first one is the late one, since a unit answers in order.
+Otherwise it answers the newer request, and names the `older` one.
 
 **On a TCP connection**, `NumberedSniffer`: responses carry the transaction number of their request, and have to fit it
 all the same. To one that does not no request belongs, and the request stays open.
@@ -44,6 +46,9 @@ WINDOW = 1.0
 OPEN_LIMIT = 256
 """The most open requests; beyond that the oldest one is reported as unanswered."""
 
+LATE_AFTER = 10.0
+"""Seconds after a request in which a late response to it may come."""
+
 _SLOWER = 1.5
 _JITTER = 0.005
 """A response may take this much longer than the slowest one, t, of its unit so far: t * 1.5 + 5 ms."""
@@ -60,7 +65,10 @@ class RequestSeen(NamedTuple):
 
 
 class ResponseSeen(NamedTuple):
-    """A response. `request` is None if it was not received; `late`: the client had sent its next request by then."""
+    """A response. `request` is None if it was not received; `late`: the client had sent its next request by then.
+
+    `older` is an earlier request, for something else and without a response, that this response fits as well.
+    """
 
     unit: int
     pdu: bytes
@@ -69,6 +77,7 @@ class ResponseSeen(NamedTuple):
     request: RequestSeen | None = None
     late: bool = False
     transaction: int | None = None
+    older: RequestSeen | None = None
 
     @property
     def seconds(self) -> float | None:
@@ -120,7 +129,7 @@ class Sniffer:
     >>> sniffer.feed(answer, 1.5)[0].request is None
     True
 
-    Its memory is bounded: two requests, two undecided frames, the noise after these, and one time for each unit.
+    Its memory is bounded: two requests, three undecided frames, the noise after these, and one time for each unit.
     """
 
     def __init__(self, line: Line, *, window: float = WINDOW) -> None:
@@ -129,7 +138,8 @@ class Sniffer:
         self.line = line
         self._window = window
         self._open: RequestSeen | None = None  # reported, and not answered yet
-        self._late: RequestSeen | None = None  # the request before, without a response
+        self._late: RequestSeen | None = None  # an earlier request, without a response
+        self._doubtful: ResponseSeen | None = None  # not reported yet: it fits both of them
         self._single: AmbiguousFrame | None = None  # not reported yet: a request or an echo
         # Two equal frames, not reported yet: a third one may be nearer to the second.
         self._pair: tuple[AmbiguousFrame, AmbiguousFrame] | None = None
@@ -178,7 +188,7 @@ class Sniffer:
 
     def end(self, now: float) -> list[SnifferEvent]:
         """End the recording, and return the events of everything that is still undecided."""
-        events = self.feed(None, max(now, self.line.deadline or now))
+        events = self.feed(None, max(now, self.line.deadline or now)) + self._settle_answer()
         if self._open is not None and now < self._open.at + self._window:
             ends, self._open = RecordingEnds(self._open, now), None
             return self._in_order([*events, *self._give_up(now), ends])
@@ -188,16 +198,21 @@ class Sniffer:
         """Return the open request as unanswered: the recording itself says that no response came."""
         return self._in_order(self._give_up(now))
 
+    @property
+    def _is_undecided(self) -> bool:
+        """Whether a frame was received that is not reported yet."""
+        return self._single is not None or self._pair is not None or self._doubtful is not None
+
     def _heard_noise(self, noise: NoiseSeen) -> list[SnifferEvent]:
         """Return the noise, and what it has to wait for if that is too much."""
-        if self._single is None and self._pair is None:
+        if not self._is_undecided:
             return [noise]
         self._noise.append(noise)
         return self._give_up(noise.at) if len(self._noise) > OPEN_LIMIT else []
 
     def _in_order(self, events: list[SnifferEvent]) -> list[SnifferEvent]:
         """Return the events and the noise that waited for them, by their times."""
-        if self._noise and self._single is None and self._pair is None:
+        if self._noise and not self._is_undecided:
             events, self._noise = sorted([*events, *self._noise], key=lambda event: event.at), []
         return events
 
@@ -205,8 +220,10 @@ class Sniffer:
 
     def _expire(self, now: float) -> list[SnifferEvent]:
         if self._open is not None and now >= self._open.at + self._window:
+            if self._doubtful is not None:
+                return self._settle_answer()
             missing = ResponseMissing(self._open, now)
-            self._open = self._late = None
+            self._late, self._open = self._open, None
             return [missing]
         if self._pair is not None and now >= 2 * self._pair[1].at - self._pair[0].at:
             return self._settle()
@@ -216,12 +233,13 @@ class Sniffer:
 
     def _give_up(self, now: float) -> list[SnifferEvent]:
         """Close everything that waits for a response, because a new request was sent or the recording ends."""
-        events = self._settle()
+        events = [*self._settle_answer(), *self._settle()]
         if self._single is not None:
             events.append(self._single)
         if self._open is not None:
             events.append(ResponseMissing(self._open, now))
-        self._late, self._open, self._single = self._open, None, None
+            self._late = self._open
+        self._open = self._single = None
         return events
 
     def _settle(self) -> list[SnifferEvent]:
@@ -231,6 +249,14 @@ class Sniffer:
         (first, second), self._pair = self._pair, None
         asked = RequestSeen(first.unit, first.pdu, first.at, first.message)
         return [asked, ResponseSeen(second.unit, second.pdu, second.at, readable(decode_response, second.pdu), asked)]
+
+    def _settle_answer(self) -> list[SnifferEvent]:
+        """Report the response that fits two requests as that to the newer one."""
+        answer, self._doubtful = self._doubtful, None
+        if answer is None:
+            return []
+        self._open = self._late = None
+        return [answer]
 
     # Frames
 
@@ -243,16 +269,31 @@ class Sniffer:
             return [*self._give_up(now), RequestSeen(unit, pdu, now, readable(decode_request, pdu))]
         asked = self._open
         if response and asked is not None and now <= asked.at + self._window and answers(asked, unit, pdu):
-            self._open = self._late = None
-            self._note_time(unit, now - asked.at)
-            return [ResponseSeen(unit, pdu, now, readable(decode_response, pdu), asked)]
+            return self._answer(ResponseSeen(unit, pdu, now, readable(decode_response, pdu), asked), asked)
+        events = self._settle_answer()
         if request and response:
-            return self._either(AmbiguousFrame(unit, pdu, now, readable(decode_request, pdu)))
+            return [*events, *self._either(AmbiguousFrame(unit, pdu, now, readable(decode_request, pdu)))]
         if request:
-            events = self._give_up(now)
+            events += self._give_up(now)
             self._open = RequestSeen(unit, pdu, now, readable(decode_request, pdu))
             return [*events, self._open]
-        return self._stray(unit, pdu, now)
+        return [*events, *self._stray(unit, pdu, now)]
+
+    def _answer(self, answer: ResponseSeen, asked: RequestSeen) -> list[SnifferEvent]:
+        """Report the response to the open request, unless it fits an earlier one as well: the next frame decides."""
+        first, late = self._doubtful, self._late
+        if first is not None and late is not None:
+            self._open = self._late = self._doubtful = None
+            return [first._replace(request=late, late=True, older=None), answer]
+        if late is not None and answer.at <= late.at + LATE_AFTER and answers(late, answer.unit, answer.pdu):
+            # The values are those of either request, if both ask the same.
+            self._doubtful = answer._replace(older=late if late.pdu != asked.pdu else None)
+            return []
+        self._open = None
+        if late is not None and answer.at > late.at + self._window:
+            self._late = None  # before that its response may still come, if there are two masters
+        self._note_time(answer.unit, answer.at - asked.at)
+        return [answer]
 
     def _stray(self, unit: int, pdu: bytes, now: float) -> list[SnifferEvent]:
         """Report a response that does not answer the open request."""

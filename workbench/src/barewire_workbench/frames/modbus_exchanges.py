@@ -260,7 +260,12 @@ class ExchangeLines:
     def _answered(self, event: ResponseSeen, request: RequestSeen) -> str:
         line = f"{self._request(request)} -> {self._values(request, event)}"
         seconds = event.at - request.at
-        return f"{line}, after {1e3 * seconds:.1f} ms" if self._timed and seconds > 0 else line
+        if self._timed and seconds > 0:
+            line += f", after {1e3 * seconds:.1f} ms"
+        if event.older is not None:
+            older = explain_pdu(event.older.pdu, "request").summary
+            line += f"; it may also be the late answer to {self._time(event.older.at).strip()} {older}"
+        return line
 
     def _values(self, request: RequestSeen, event: ResponseSeen) -> str:
         named = self._names.text(request, event) if self._names is not None else ""
@@ -330,7 +335,7 @@ def exchange_as_dict(event: SnifferEvent, *, timed: bool = True, names: UnitName
     return found if timed else {key: None if key in _TIMES else value for key, value in found.items()}
 
 
-_TIMES = frozenset({"at", "request_at", "seconds"})
+_TIMES = frozenset({"at", "request_at", "older_request_at", "seconds"})
 
 
 def _as_dict(event: SnifferEvent) -> dict[str, object]:
@@ -343,11 +348,12 @@ def _as_dict(event: SnifferEvent) -> dict[str, object]:
             if event.pdu[0] & EXCEPTION_BIT and len(event.pdu) > 1:
                 result["exception"] = event.pdu[1]
             request = event.request
-            return result | {
+            result |= {
                 "request_at": None if request is None else request.at,
                 "seconds": None if request is None else round(event.at - request.at, 6),
                 "late": event.late,
             }
+            return result if event.older is None else result | {"older_request_at": event.older.at}
         case ResponseMissing():
             return {"event": "unanswered", "at": event.at, "unit": event.request.unit, "request_at": event.request.at}
         case RecordingEnds():
