@@ -44,6 +44,17 @@ def test_a_recording_of_our_own_client_has_no_difference(node: int, timed: bool)
     assert replay.received >= 3
 
 
+@pytest.mark.parametrize("start", [0.0, 1.0, 1e9, 1e15])
+def test_frames_of_one_time_are_told_apart_by_their_order(start: float) -> None:
+    """A recorder may give a whole burst one time; after years a nanosecond is less than a float resolves."""
+    texts = (*READ, *LAST, "605#4000100000000000", "585#4300100091010F00")
+    burst = [Recorded(start, "can0", CanFrame.parse(text)) for text in texts]
+    replay = ClientReplay(5)
+    found = replay.play([Recorded(0.0, "can0", CanFrame.parse("705#05")), *burst])
+    assert [frame.outcome for frame in found] == ["same"] * 4
+    assert (replay.transfers, replay.left_out) == (2, 0)
+
+
 def test_every_kind_of_transfer_is_asked_for_again() -> None:
     bus, node = VirtualBus(), plain()
     bus.add(node, sent=node.start(0.0))

@@ -16,8 +16,11 @@ one before. A transfer whose beginning is not in the recording, or with a gap th
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from math import inf, nextafter
 from typing import NamedTuple
 
 from barewire.canopen.cob_ids import check_node
@@ -38,23 +41,28 @@ from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen, 
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire_workbench.monitor.events import SdoTransferReport
 from barewire_workbench.monitor.monitor import CanMonitor
-from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem
+from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread
 from barewire_workbench.replay.played import Played, PlayedOutcome
 
 _STEP = 0.001
-_APART = 1e-9
-"""Seconds between two frames with the same recorded time: so each has its own."""
 _PIECE = 889  # a block of 127 segments
 _STEPS_MAX = 1_000_000
 """How often a client sends or listens at most in one transfer."""
 _ABORT = b"\x80"
 
 
-class _Transfer(NamedTuple):
-    """A recorded transfer: its frames in their order with their times, and what the monitor found. `is_cut`: the
-    recording ends in it."""
+class _ChannelFrame(NamedTuple):
+    """A recorded frame of the channel, at a time that no other item has."""
 
-    frames: list[tuple[float, Recorded, CanFrame]]
+    at: float
+    item: Recorded
+    frame: CanFrame
+
+
+class _Transfer(NamedTuple):
+    """A recorded transfer: its frames, and what the monitor found. `is_cut`: the recording ends in it."""
+
+    frames: list[_ChannelFrame]
     report: SdoTransferReport
     is_cut: bool
 
@@ -115,41 +123,37 @@ class ClientReplay:
 
     def _transfers(self, items: Sequence[RecordedItem]) -> Iterator[_Transfer]:
         """Yield the transfers on the channel with all their frames; count those that are not whole."""
-        monitor, frames, reports = CanMonitor(), dict[float, tuple[Recorded, CanFrame]](), list[SdoTransferReport]()
-        first, now, lost = items[0].at if items else 0.0, 0.0, list[float]()
+        monitor, frames, reports = CanMonitor(), list[_ChannelFrame](), list[SdoTransferReport]()
+        first, now, losses = items[0].at if items else 0.0, -1.0, list[float]()
         for place, item in enumerate(items):
-            now = item.at - first + place * _APART if self.timed else place * _STEP
-            if isinstance(item, Dropped):
-                lost.append(now)
-                events = monitor.feed(item, now)
-            elif isinstance(item, Recorded) and isinstance(item.frame, CanFrame):
-                if item.frame.key in ((0x600 + self.node, False), (0x580 + self.node, False)) and not item.frame.remote:
-                    frames[now] = item, item.frame
-                events = monitor.feed(item.frame, now)
-            else:
+            if isinstance(item, Unread):
                 continue
-            reports += self._of_channel(events)
+            # Each item has a time of its own, so that a time of the monitor leads back to one frame.
+            now = max(item.at - first if self.timed else place * _STEP, nextafter(now, inf))
+            if isinstance(item, Dropped):
+                losses.append(now)
+                reports += self._of_channel(monitor.feed(item, now))
+            elif isinstance(item.frame, CanFrame):
+                if item.frame.key in ((0x600 + self.node, False), (0x580 + self.node, False)) and not item.frame.remote:
+                    frames.append(_ChannelFrame(now, item, item.frame))
+                reports += self._of_channel(monitor.feed(item.frame, now))
         reports += self._of_channel(monitor.end(now))
-        by_begin = {report.began: report for report in reports if report.began in frames}
-        begun = [by_begin[began] for began in frames if began in by_begin]
+        times = [frame.at for frame in frames]
+        begun: dict[int, SdoTransferReport] = {}  # place of the first frame -> the transfer
+        for report in reports:
+            place = len(times) if report.began is None else bisect_left(times, report.began)
+            if place < len(times) and times[place] == report.began:
+                begun[place] = report
         self.left_out += len(reports) - len(begun)
-        times = iter([*frames.items(), (float("inf"), None)])
-        at, found = next(times)
-        for report, following in zip(begun, [*(other.began for other in begun[1:]), float("inf")]):
+        for start, following in pairwise([*sorted(begun), len(frames)]):
+            report = begun[start]
             is_over = report.outcome in ("done", "aborted") and not report.late
-            end = min(following or 0.0, report.at + _APART / 2 if is_over else float("inf"))
-            own: list[tuple[float, Recorded, CanFrame]] = []
-            while at < (report.began or 0.0):
-                at, found = next(times)
-            while at < end and found is not None:
-                own.append((at, *found))
-                at, found = next(times)
-            if any((report.began or 0.0) < gap <= report.at for gap in lost):
+            end = min(following, bisect_right(times, report.at)) if is_over else following
+            if any(times[start] < loss <= report.at for loss in losses):
                 self.left_out += 1
             else:
-                yield _Transfer(
-                    own, report, report.outcome in ("cut", "unanswered", "left") and following == float("inf")
-                )
+                is_cut = report.outcome in ("cut", "unanswered", "left") and following == len(frames)
+                yield _Transfer(frames[start:end], report, is_cut)
 
     def _of_channel(self, events: Sequence[object]) -> list[SdoTransferReport]:
         reports = [event for event in events if isinstance(event, SdoTransferReport)]
