@@ -13,6 +13,7 @@ from barewire.ascii import encode as ascii_frame
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.modbus.sniffer import (
     AmbiguousFrame,
+    NoiseSeen,
     RequestSeen,
     ResponseMissing,
     ResponseSeen,
@@ -172,6 +173,45 @@ def test_a_capture_of_tcp_with_segments_out_of_order_repeated_and_missing() -> N
     many = [packer.tcp(tcp_frame(1, READ, number), from_client=True) for number in range(100)]
     events = list(replay(capture(*((place / 1000, data) for place, data in enumerate(many) if place != 5))))
     assert names(events).count("RequestSeen") == 99
+
+
+def header(transaction: int, protocol: int, length: int) -> bytes:
+    return struct.pack(">HHH", transaction, protocol, length)
+
+
+@pytest.mark.parametrize(
+    ("damaged", "noise"),
+    [
+        (header(1, 1, 7) + b"\1" + VALUES, 13),  # another protocol
+        (header(1, 0, 0x0107) + b"\1" + VALUES, 13),  # lengths that none has
+        (header(1, 0, 0x0700) + b"\1" + VALUES, 13),
+        (header(1, 0, 0) + b"\1" + VALUES, 13),
+        (header(1, 0, 9) + b"\1" + VALUES, 13),  # more than what follows
+        (header(1, 0, 200) + b"\1" + VALUES, 13),
+        (header(1, 0, 6) + b"\1" + VALUES, 1),  # less: the last byte belongs to no frame
+        (header(1, 1, 7) + b"\1" + VALUES + tcp_frame(1, VALUES, 7), 13),  # and a good frame in the same segment
+        (b"GET / HTTP/1.1\r\n\r\n", 18),
+    ],
+)  # fmt: skip
+def test_behind_a_wrong_header_the_next_frames_are_read(damaged: bytes, noise: int) -> None:
+    packer, file = PacketBuilder(), list[tuple[float, bytes]]()
+    for number in range(4):
+        answer = damaged if number == 1 else tcp_frame(1, VALUES, number)
+        file.append((1.0 + number, packer.tcp(tcp_frame(1, READ, number), from_client=True)))
+        file.append((1.1 + number, packer.tcp(answer, from_client=False)))
+    events = list(replay(capture(*file)))
+    answered = [event.transaction for event in events if isinstance(event, ResponseSeen) and event.request]
+    assert answered == [0, 2, 3]
+    assert sum(len(event.noise.data) for event in events if isinstance(event, NoiseSeen)) == noise
+
+
+def test_a_frame_in_two_segments_is_whole_also_if_the_second_begins_like_a_header() -> None:
+    """Registers 0000h 0000h 0006h 0103h: the second segment looks like the header of a request."""
+    packer, answer = PacketBuilder(), tcp_frame(1, unhex("03 0C 0001 0002 0000 0006 0103 0000"), 1)
+    parts = [packer.tcp(part, from_client=False) for part in (answer[:11], answer[11:])]
+    asked = packer.tcp(tcp_frame(1, unhex("03 0000 0006"), 1), from_client=True)
+    events = list(replay(capture((1.0, asked), (1.1, parts[0]), (1.2, parts[1]))))
+    assert names(events) == ["RequestSeen", "ResponseSeen"]
 
 
 def test_the_port_of_the_server_can_be_given() -> None:

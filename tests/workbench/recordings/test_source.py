@@ -14,8 +14,10 @@ from barewire.canopen import CanFrame
 from barewire.errors import DecodeError
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
+from barewire_workbench.diagnosis.logs.can_log import CanLogDiagnosis
+from barewire_workbench.diagnosis.logs.modbus_log import ModbusLogDiagnosis
 from barewire_workbench.monitor.recording import CanRecordingWriter, read_recording
-from barewire_workbench.recordings.modbus_log.reader import read_modbus_parts
+from barewire_workbench.recordings.modbus_log import read_modbus_log, read_modbus_parts
 from barewire_workbench.recordings.modbus_log.segments import is_can_capture, read_segments
 from barewire_workbench.recordings.modbus_packets import PacketBuilder
 from barewire_workbench.recordings.modbus_replay import replay_parts
@@ -138,7 +140,36 @@ def test_the_first_packet_of_a_protocol_shows_which_recording_it_is() -> None:
             assert [item.bus for item in read_recording(source) if isinstance(item, Recorded)] in (["can0"], ["1"])
     source = RecordingSource.of(modbus + can_behind)
     assert not is_can_capture(source)
-    assert [item.line for part in read_modbus_parts(source) for item in part.items] == [1, 2]
+    *pieces, left_out = [item for part in read_modbus_parts(source) for item in part.items]
+    assert [item.line for item in pieces] == [1, 2]
+    assert left_out == Unread(0.01, 0, "1 packet of CAN left out: the capture is read as Modbus", "")
+
+
+def test_no_packet_of_a_capture_is_left_out_without_a_word() -> None:
+    """A capture is read as what its first packet is; the others are counted."""
+    other, can = packet_block(3.0, bytes(60)), packet_block(2.0, to_packet(CanFrame(0x705, b"\5")), 1)
+    modbus = packet_block(4.0, PacketBuilder().tcp(tcp_frame(1, READ, 1), from_client=True))
+    interfaces = file_header() + interface_block(SOCKETCAN, "can0")
+    first_modbus, first_can = interfaces + modbus + can + other + can, interfaces + can + modbus + other + other
+    words = {
+        first_modbus: [
+            "2 packets of CAN left out: the capture is read as Modbus",
+            "1 packet holds neither Modbus nor CAN",
+        ],
+        first_can: ["1 packet of Modbus left out: the capture is read as CAN", "2 packets hold neither Modbus nor CAN"],
+    }
+    read = [item for part in read_modbus_parts(RecordingSource.of(first_modbus)) for item in part.items]
+    assert [item.why for item in read if isinstance(item, Unread)] == words[first_modbus]
+    assert [item.why for item in read_recording(first_can) if isinstance(item, Unread)] == words[first_can]
+    bus = CanLogDiagnosis()
+    assert [found for item in read_recording(first_can) for found in bus.feed(item)] == []
+    line = ModbusLogDiagnosis(read_modbus_log(first_modbus))
+    assert list(line.findings()) == []
+    verdicts = [verdict for _, verdict in (*bus.verdicts(), *line.verdicts()) if verdict.code == "not-seen"]
+    assert [verdict.evidence.partition(";")[0] for verdict in verdicts] == [
+        "1 packet of Modbus left out: the capture is read as CAN",
+        "2 packets of CAN left out: the capture is read as Modbus",
+    ]
 
 
 def test_connections_whose_order_is_known_are_bounded() -> None:

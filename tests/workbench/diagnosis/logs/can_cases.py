@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from random import Random
 
 from barewire.canopen import (
@@ -15,7 +16,7 @@ from barewire.canopen import (
     download,
     upload,
 )
-from barewire.canopen.frame import ErrorFrame
+from barewire.canopen.frame import AnyFrame
 from barewire.canopen.sdo.dialect import STANDARD
 from barewire.devices import load
 from barewire.devices.sdo_dialects import AZ3
@@ -88,7 +89,7 @@ def _service(random: Random, bus: VirtualBus, node: LocalNode, master: Sender) -
 
 
 def diagnosed(
-    frames: list[tuple[float, CanFrame | ErrorFrame]] | Frames, *known: KnownNode
+    frames: Sequence[tuple[float, AnyFrame]], *known: KnownNode
 ) -> tuple[list[LogFinding], list[LineVerdict]]:
     """Return the findings of a recording of one bus, and the verdicts."""
     bus = BusDiagnosis(known)

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from barewire.canopen.frame import CanFrame, ErrorFrame
+from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire_workbench.diagnosis.logs.can_log import BusDiagnosis, CanLogDiagnosis
 from barewire_workbench.recordings.model import Dropped, Recorded, Unread
-from tests.workbench.diagnosis.logs.can_cases import az3_known, diagnosed, good_recording, timed
+from tests.workbench.diagnosis.logs.can_cases import Frames, az3_known, diagnosed, good_recording, timed
 from tests.workbench.monitor.recorded_run import recorded
 
 READ, ANSWER = "605#4041600000000000", "585#4B41600037060000"
@@ -187,10 +187,60 @@ def test_what_the_recorder_lost_is_no_fault_of_the_bus() -> None:
     log.feed(5.0)
     log.end()
     assert [(verdict.code, verdict.evidence) for _, verdict in log.verdicts()] == [
-        (
-            "open",
-            "1 SDO transfer with node 5 without its other half; "
-            "1 frame of 0 nodes, 0 SDO answers; the recording lacks frames at 1 place",
-        )
+        ("open", "1 SDO transfer with node 5 without its other half; 1 frame of 0 nodes, 0 SDO answers"),
+        ("not-seen", "1 gap in the recording; 1 frame of 0 nodes, 0 SDO answers"),
     ]
     assert [item.line for item in log.unread] == [1]
+
+
+def test_frames_of_can_fd_are_not_seen() -> None:
+    frames: list[tuple[float, AnyFrame]] = [
+        *timed(READ, ANSWER),
+        (0.5, FdFrame(0x605, bytes(12))),
+        (0.6, FdFrame(0x585, bytes(12))),
+    ]
+    findings, (verdict,) = diagnosed(frames)
+    assert findings == []
+    assert (verdict.code, verdict.evidence) == (
+        "not-seen",
+        "2 frames of CAN FD, not decoded; 4 frames of 1 node, 1 SDO answers",
+    )
+
+
+def heartbeats(*times: float) -> Frames:
+    return [(at, CanFrame.parse("705#05")) for at in times]
+
+
+def other_node(until: int) -> Frames:
+    return [(place + 0.1, CanFrame.parse("706#05")) for place in range(until)]
+
+
+@pytest.mark.parametrize(
+    ("frames", "code", "evidence"),
+    [
+        (heartbeats(0, 1, 2, 7, 8), "nothing-proved", "1 no-heartbeat of node 5"),
+        (heartbeats(0, 1, 6, 7, 8), "nothing-proved", "1 no-heartbeat of node 5"),
+        (heartbeats(0, 1, 2, 3, 4, 9, 10, 11), "nothing-proved", "1 no-heartbeat of node 5"),
+        (sorted([*heartbeats(0, 1, 2), *other_node(9)]), "dead-unit", "its heartbeat is missing from"),
+        (sorted([*heartbeats(0, 1, 2, 3, 4), *other_node(10)]), "dead-unit", "its heartbeat is missing from"),
+        (
+            sorted([*heartbeats(0, 1, 2, 3, 9, 10), *other_node(4), (9.1, CanFrame.parse("706#05"))]),
+            "not-seen",
+            "1 gap in the recording",
+        ),
+    ],
+)  # fmt: skip
+def test_a_pause_of_the_heartbeat_is_named(frames: Frames, code: str, evidence: str) -> None:
+    findings, verdicts = diagnosed(frames)
+    assert [(verdict.code, evidence in verdict.evidence) for verdict in verdicts] == [(code, True)]
+    assert [found.finding.code for found in findings] == ([] if code == "not-seen" else ["no-heartbeat"])
+
+
+def test_heartbeats_of_another_period_are_no_pause() -> None:
+    """The period changes once, a command restarts the node, a state is reported at once."""
+    for frames in (
+        heartbeats(0, 1, 2, 2.2, 2.4, 2.6, 2.8),
+        [*heartbeats(0, 1, 2), (2.5, CanFrame.parse("000#8105")), (7.0, CanFrame.parse("705#00")), *heartbeats(8, 9)],
+        heartbeats(0, 0.01, 1.01, 2.01, 3.01),
+    ):
+        assert [verdict.code for verdict in diagnosed(frames)[1]] == ["nothing-wrong"]

@@ -278,6 +278,118 @@ def test_of_two_responses_that_fit_the_first_is_the_late_one() -> None:
     assert [(found.line, found.finding.code) for found in findings] == [(1, "no-answer"), (3, "late-answer")]
 
 
+def frames(*rows: tuple[float, int, str]) -> Traffic:
+    """Return frames (time, unit, PDU) of a log without directions."""
+    return [Sent(at, encode(unit, bytes.fromhex(pdu)), True) for at, unit, pdu in rows]
+
+
+OTHER = frames((0.5, 3, "03 0000 0001"), (0.52, 3, "03 02 0017"))
+"""An exchange of another unit, so that the log has a good one."""
+
+
+@pytest.mark.parametrize("second", [1.3, 2.3])
+def test_one_response_that_fits_two_requests_is_open(second: float) -> None:
+    """`sniff` names both requests; the first of them has no answer that is its own for certain."""
+    rows = (1.0, 1, "03 0000 0002"), (second, 1, "03 0010 0002"), (second + 0.005, 1, "03 04 0001 0002")
+    findings, (verdict,) = diagnosed(log_of(frames(*rows), "times"))
+    assert [(found.line, found.finding.code) for found in findings] == [(1, "no-answer")]
+    assert verdict.evidence.endswith("; 1 response of unit 1 that fits two requests")
+
+
+TWO_UNITS = [(1.0, 1, "03 0000 0002"), (1.004, 2, "03 0000 0003")]
+"""Two requests, 4 ms apart."""
+ANSWER_1, ANSWER_2 = "03 04 0001 0002", "03 06 0001 0002 0003"
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [*TWO_UNITS, (1.02, 1, ANSWER_1), (1.03, 2, ANSWER_2)],
+        [*TWO_UNITS, (1.02, 2, ANSWER_2), (1.03, 1, ANSWER_1)],
+        [(1.0, 1, "03 0000 0002"), (1.004, 1, "03 0010 0002"), (1.02, 1, ANSWER_1), (1.03, 1, "03 04 0003 0004")],
+        [(1.0, 1, "03 0000 0002"), (1.004, 2, "06 0001 0003"), (1.02, 2, "06 0001 0003"), (1.03, 1, ANSWER_1)],
+    ],
+)
+def test_two_requests_at_once_that_are_both_answered_are_of_two_masters(rows: list[tuple[float, int, str]]) -> None:
+    again = [(at + 2.0, unit, pdu) for at, unit, pdu in rows]
+    findings, (verdict,) = diagnosed(log_of(OTHER + frames(*rows, *again), "times"))
+    assert [(found.finding.code, found.line) for found in findings] == [("two-masters", 4), ("two-masters", 8)]
+    assert " is the response to the first, " in findings[0].finding.proof
+    assert (verdict.code, verdict.evidence.partition(",")[0]) == ("two-masters", "2 times")
+
+
+@pytest.mark.parametrize(
+    ("rows", "codes"),
+    [
+        ([*TWO_UNITS, (1.02, 1, ANSWER_1)], ["no-answer", "late-answer"]),
+        ([*TWO_UNITS, (1.02, 2, ANSWER_2), (2.5, 2, "03 0000 0003"), (2.52, 2, ANSWER_2)], ["no-answer"]),
+        (
+            [TWO_UNITS[0], (1.2, 2, "03 0000 0003"), (1.22, 2, ANSWER_2), (1.23, 1, ANSWER_1)],
+            ["no-answer", "late-answer"],
+        ),
+    ],
+)
+def test_two_requests_at_once_prove_two_masters_only_if_both_are_answered(
+    rows: list[tuple[float, int, str]], codes: list[str]
+) -> None:
+    findings, _ = diagnosed(log_of(OTHER + frames(*rows), "times"))
+    assert [found.finding.code for found in findings] == codes
+
+
+ECHOES = {
+    "06 value": ("06 0001 0003", "06 0001 0004", "value 4 where 3 was asked"),
+    "06 address": ("06 0001 0003", "06 0002 0003", "address 2 where 1 was asked"),
+    "05 value": ("05 0001 FF00", "05 0001 0000", "value"),
+    "05 address": ("05 0001 FF00", "05 0002 FF00", "address 2 where 1 was asked"),
+    "10 count": ("10 0001 0002 04 0001 0002", "10 0001 0003", "quantity 3 where 2 was asked"),
+    "10 address": ("10 0001 0002 04 0001 0002", "10 0002 0002", "address 2 where 1 was asked"),
+    "0F count": ("0F 0001 0008 01 FF", "0F 0001 0007", "quantity 7 where 8 was asked"),
+    "0F address": ("0F 0001 0008 01 FF", "0F 0002 0008", "address 2 where 1 was asked"),
+}
+
+
+@pytest.mark.parametrize("form", ["times", "words"])
+@pytest.mark.parametrize("name", ECHOES)
+def test_the_response_to_a_write_with_another_field_is_named(name: str, form: str) -> None:
+    request, response, text = ECHOES[name]
+    exchange = frames((1.0, 1, request), (1.02, 1, response))
+    traffic = [*OTHER, exchange[0], exchange[1]._replace(from_client=False)]
+    traffic[1] = traffic[1]._replace(from_client=False)
+    for log in (traffic, [*traffic, *(sent._replace(at=sent.at + 4.0) for sent in OTHER)]):
+        findings, verdicts = diagnosed(log_of(log, form))
+        assert [(found.finding.code, found.line) for found in findings] == [("wrong-answer", 4)]
+        assert text in findings[0].finding.text
+        assert [verdict.code for verdict in verdicts] == ["nothing-proved"]
+
+
+def test_two_different_writes_that_are_far_apart_may_be_two_requests() -> None:
+    findings, (verdict,) = diagnosed(
+        log_of(OTHER + frames((1.0, 1, "06 0001 0003"), (1.4, 1, "06 0001 0004")), "times")
+    )
+    assert findings == []
+    assert (verdict.code, verdict.evidence.partition(";")[0]) == (
+        "open",
+        "1 write to unit 1 and a response with another value, or two writes without their responses",
+    )
+
+
+@pytest.mark.parametrize("answer", ["05 0001 0001", "85 03"])
+@pytest.mark.parametrize("form", ["times", "words"])
+def test_a_request_with_a_value_that_its_function_does_not_have_is_named(answer: str, form: str) -> None:
+    """A coil is written with FF00h or 0000h."""
+    sent = frames((1.0, 1, "05 0001 0001"), (1.02, 1, answer))
+    findings, _ = diagnosed(log_of([sent[0], sent[1]._replace(from_client=False)], form))
+    assert [(found.finding.code, found.line, found.place) for found in findings] == [("wrong-value", 1, "unit 1")]
+    assert "0001h" in findings[0].finding.text or "value 1" in findings[0].finding.text
+
+
+def test_a_line_whose_bytes_cannot_be_read_is_not_nothing_wrong() -> None:
+    log = b"Tx: 01 03 00 00 00 01 84 0A\nRx: 01 03 02 00 17 F8 4A\nRx: 01 03 02 00 17 F8 4A 9 bytes\n"
+    assert [(verdict.code, verdict.evidence.partition(";")[0]) for verdict in diagnosed(log)[1]] == [
+        ("not-seen", "1 line whose bytes cannot be read")
+    ]
+
+
 def test_a_repeated_request_behind_noise_in_one_read_is_no_echo() -> None:
     request = "01 03 10 01 00 06 90 C8"
     findings, _ = diagnosed(f"{request}\n{'00 ' * 8}{request}\n".encode())

@@ -321,6 +321,10 @@ class UnreadPrinter:
                 continue
             if self._as_json:
                 print_json({"event": "unread", "line": item.line, "text": item.text, "why": item.why})
+            if not item.line:  # several packets at once
+                if not self._as_json:
+                    click.echo(f"barewire: {item.why}", err=True)
+                continue
             self._first.setdefault(item.why == UNREADABLE, item)
             self._numbers[item.why == UNREADABLE] += 1
 

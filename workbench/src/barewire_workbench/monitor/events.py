@@ -413,7 +413,7 @@ def _columns(event: MonitorEvent) -> tuple[str, str, str]:
         case ForeignFrameReport():
             return "", "FOREIGN", f"{event.what}: {event.frame}; further ones are counted"
         case Unread():
-            return "", "UNREAD", f"line {event.line}: {event.why}: {event.text}"
+            return "", "UNREAD", f"line {event.line}: {event.why}: {event.text}" if event.line else event.why
         case Summary():
             counts = ", ".join(f"{name} {count}" for name, count in event.counts.items())
             broken = ", ".join(f"{rule} {count}" for rule, count in event.violations.items())

@@ -24,8 +24,8 @@ from barewire_workbench.recordings.can_notes import is_can_notes, read_can_notes
 from barewire_workbench.recordings.candump import are_differences, has_times, is_candump, log_line, read_candump
 from barewire_workbench.recordings.conformance_log import is_conformance_log, read_conformance_log
 from barewire_workbench.recordings.modbus_log.segments import is_can_capture
-from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS
-from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread, unread
+from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS, modbus_payload
+from barewire_workbench.recordings.model import Dropped, LeftOut, Recorded, RecordedItem, Unread, unread
 from barewire_workbench.recordings.python_can_text import is_python_can_text, read_python_can_text
 from barewire_workbench.recordings.socketcan import SOCKETCAN, from_packet, is_can_packet, to_packet
 from barewire_workbench.recordings.source import RecordingSource
@@ -109,7 +109,7 @@ def read_recording(recording: bytes | RecordingSource) -> Iterator[RecordedItem]
 
 
 def _read_capture(source: RecordingSource) -> Iterator[RecordedItem]:
-    now = 0.0
+    now, left_out = 0.0, LeftOut("CAN")
     for number, packet in source.packets:
         if isinstance(packet, DecodeError):  # the file is broken after the last packet
             yield unread(now, number, packet, "")
@@ -121,6 +121,11 @@ def _read_capture(source: RecordingSource) -> Iterator[RecordedItem]:
                 yield Recorded(now, packet.interface, from_packet(packet), number)
             except DecodeError as error:
                 yield unread(now, number, error, packet.data.hex(" "))
+        else:
+            is_modbus = modbus_payload(packet) is not None
+            left_out.of_other_bus += is_modbus
+            left_out.neither += not is_modbus
+    yield from left_out.items(now)
 
 
 class BusMonitors:

@@ -13,11 +13,13 @@ from typing import Literal, NamedTuple, TypeAlias
 
 from barewire.ascii import AsciiLine
 from barewire.errors import EncodeError
-from barewire.modbus.adu import Adu
+from barewire.modbus.adu import Adu, Noise
 from barewire.modbus.framing import Line
+from barewire.modbus.messages.registry import measure_request, measure_response
 from barewire.modbus.sniffer import WINDOW, NumberedSniffer, Sniffer, SnifferEvent
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import TcpLine
+from barewire.tcp.frame import PREFIX
 from barewire_workbench.frames.result import ProtocolName
 from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog, read_modbus_log
 from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS
@@ -30,6 +32,51 @@ _ANY_BITRATE = Timing(0.0, 0.0, 0.0)
 SerialProtocol: TypeAlias = Literal["rtu", "ascii"]
 
 _ASCII_BYTES = b"0123456789ABCDEFabcdef:\r\n"
+
+
+class RecordedTcpLine(TcpLine):
+    """One direction of a recorded connection: behind a wrong header it goes on with the next frame that fits.
+
+    A client or server has to close the connection instead (`TcpLine`): it acts on what it reads. `measure` returns the
+    length of a PDU of this direction by its function and byte count.
+
+    >>> line = RecordedTcpLine(measure_response)
+    >>> line.feed(bytes.fromhex("0001 0001 0003 01 83 02  0002 0000 0003 01 83 02"), 0.0)[1]
+    Adu(unit=1, pdu=b'\\x83\\x02', transaction=2)
+    """
+
+    def __init__(self, measure: Callable[[bytes], int | None]) -> None:
+        super().__init__()
+        self._measure = measure
+
+    def feed(self, data: bytes | None, now: float) -> list[Adu | Noise]:
+        """Return all whole frames, and what is between them as noise."""
+        if not data:
+            return []
+        events: list[Adu | Noise] = []
+        held = self._held
+        if held and self._measure(held[7:]) == len(held) - 7 > 0 and self._begins_frame(data):
+            # The message is whole, and the length in its header says that more follows.
+            text = f"length {int.from_bytes(held[4:6], 'big')} promises more than the {len(held) - PREFIX} bytes here"
+            events.append(Noise(held, "length", text))
+            self._held = b""
+        events += super().feed(data, now)
+        while self.broken is not None:
+            noise = events.pop()
+            assert isinstance(noise, Noise)
+            self.broken = None
+            size = len(noise.data)
+            at = next((at for at in range(1, size - PREFIX) if self._begins_frame(noise.data[at:])), size)
+            events.append(Noise(noise.data[:at], noise.reason, noise.text))
+            events += super().feed(noise.data[at:], now)
+        return events
+
+    def _begins_frame(self, data: bytes) -> bool:
+        """Return whether the bytes begin with a header and a PDU of a known function with that length."""
+        size = self._measure(data[7 : int.from_bytes(data[4:6], "big") + PREFIX])
+        return (
+            len(data) > 7 and data[2:4] == b"\0\0" and size is not None and data[4:6] == (size + 1).to_bytes(2, "big")
+        )
 
 
 class Replayed(NamedTuple):
@@ -148,7 +195,8 @@ class LogSniffers:
     def _numbered_feed(self, item: LoggedBytes) -> Iterator[SnifferEvent]:
         name = item.connection
         if name not in self._numbered:
-            lines = [self._wrap(TcpLine(), name, "tcp") for _ in range(2)]
+            measures = measure_request, measure_response
+            lines = [self._wrap(RecordedTcpLine(measure), name, "tcp") for measure in measures]
             self._numbered[name] = NumberedSniffer(*lines, window=self._window)
         if not item.data:
             yield from self._numbered[name].give_up(item.at)

@@ -9,11 +9,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple, TypeAlias
 
 from barewire.canopen.frame import AnyFrame
 from barewire.errors import DecodeError
+from barewire_workbench.frames.result import counted
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """The lengths in bytes of the 16 data length codes of CAN FD."""
@@ -21,7 +22,7 @@ FD_MAX = 64
 
 
 class Unread(NamedTuple):
-    """A line or record that cannot be read and was skipped."""
+    """A line or record that cannot be read and was skipped. Line 0 is for several of them: `why` says how many."""
 
     at: float
     line: int
@@ -45,6 +46,28 @@ class Dropped(NamedTuple):
     at: float
     bus: str
     frames: int
+
+
+LEFT_OUT = "left out: the capture is read as"
+"""Why packets of another bus or line are not read: a part of every such `Unread`, whose line is 0."""
+
+
+class LeftOut:
+    """Counts the packets of a capture that are not read, which is as what its first packet is: `Modbus` or `CAN`."""
+
+    def __init__(self, read_as: str) -> None:
+        self._read_as = read_as
+        self.of_other_bus = self.neither = 0
+
+    def items(self, at: float) -> Iterator[Unread]:
+        """Yield the numbers, at the end of the capture."""
+        if self.of_other_bus:
+            other = "CAN" if self._read_as == "Modbus" else "Modbus"
+            packets = counted(self.of_other_bus, "packet")
+            yield Unread(at, 0, f"{packets} of {other} {LEFT_OUT} {self._read_as}", "")
+        if self.neither:
+            hold = "packet holds" if self.neither == 1 else "packets hold"
+            yield Unread(at, 0, f"{self.neither} {hold} neither Modbus nor CAN", "")
 
 
 RecordedItem: TypeAlias = Recorded | Dropped | Unread

@@ -11,7 +11,7 @@ device accepts are none either, since a receiver ignores them; a read request wi
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from barewire.canopen.abort_codes import AbortCode, abort_text
@@ -42,8 +42,9 @@ from barewire_workbench.monitor.events import (
     object_name,
     state_name,
 )
+from barewire_workbench.monitor.nodes import ObservedNode
 from barewire_workbench.monitor.recording import BUSES_MAX
-from barewire_workbench.recordings.model import Dropped, RecordedItem, Unread
+from barewire_workbench.recordings.model import LEFT_OUT, Dropped, RecordedItem, Unread
 
 CODE_OF_RULE: dict[str, DiagnosisCode] = {
     "SDO-TOGGLE": "sdo-toggle",
@@ -60,6 +61,8 @@ _HARMLESS = "SDO-RESERVED"
 """The rule about bits that a receiver ignores."""
 _WAITS = 0.05
 """Seconds: no client gives up an answer sooner, and sends its next request."""
+_PAUSE = 3.0
+"""Periods without a heartbeat that are a pause."""
 _UNREAD_MAX = 1000
 """The most lines that cannot be read of which the text is kept."""
 _WRONG_SIZE = (AbortCode.LENGTH, AbortCode.TOO_LONG, AbortCode.TOO_SHORT)
@@ -82,6 +85,35 @@ class Proved(NamedTuple):
     line: int = 0
 
 
+class HeartbeatWatch:
+    """Pauses of heartbeats of which too few came before for the monitor, which learns the period from three intervals.
+
+    705#05   0 s   1 s               6 s   7 s       an interval that is longer than 3 times those beside it
+    """
+
+    def __init__(self) -> None:
+        self._intervals: dict[int, list[float]] = {}  # node -> the last three
+
+    def pause(self, report: NodeReport) -> float | None:
+        """Take the report of a node; return the length of a pause that ended one heartbeat before."""
+        if report.kind != "beat" or report.guarded or report.seconds is None:
+            self._intervals.pop(report.node, None)  # a state is reported at once, a boot-up when it is over
+            return None
+        intervals = self._intervals[report.node] = [*self._intervals.get(report.node, [])[-2:], report.seconds]
+        if len(intervals) == 3 and intervals[1] > _PAUSE * max(intervals[0], intervals[2]):
+            return intervals[1]
+        return None
+
+    def silences(self, nodes: Mapping[int, ObservedNode], end: float) -> Iterator[tuple[int, float]]:
+        """Yield the nodes whose heartbeat ended before the log, and since when."""
+        for node, intervals in self._intervals.items():
+            observed = nodes[node]
+            if observed.last is None or observed.longest_silence is not None or observed.configured_period is not None:
+                continue  # the monitor knows its period
+            if len(intervals) > 1 and end - observed.last > _PAUSE * max(intervals):
+                yield node, observed.last
+
+
 class BusDiagnosis:
     """One bus. A machine: frames in, findings out; `verdicts` at any time. `known` describes its nodes.
 
@@ -102,7 +134,11 @@ class BusDiagnosis:
         self.found = FindingCounts()
         self.unsettled = Unsettled()
         self._not_awaited: Counter[int] = Counter()  # SDO transfers by node of which a part was not seen
+        self._heartbeats = HeartbeatWatch()
+        self.left_out: list[str] = []
+        """What the recording holds beside this bus, in words."""
         self.gaps = 0
+        self._silences = 0
         self._dialects = {node.node: node.commands for node in described}
         self._requests: dict[int, list[InitiatingFrame]] = {}  # channel -> its last two initiating requests
         self._toggled: dict[int, Gap] = {}  # node -> a toggle bit that did not alternate, if no segment is missing
@@ -135,6 +171,10 @@ class BusDiagnosis:
     def end(self, now: float) -> list[LogFinding]:
         """End the log, and return the last findings."""
         found = [pair for event in self.monitor.end(now) for pair in self._event(event, None)]
+        for node, since in self._heartbeats.silences(self.monitor.nodes.nodes, now):
+            self.counts.silent[node] = since
+            state = self.monitor.nodes.nodes[node].state
+            found.append(_missing_heartbeat(node, state, now - since))
         found += [proved for node, proved in self._searched.items() if not self.counts.is_search(node)]
         self._searched.clear()
         for node, number in self._not_awaited.items():
@@ -149,8 +189,14 @@ class BusDiagnosis:
         causes = counts.verdicts()
         answered = sum(counts.asked.values()) - sum(counts.unanswered.values())
         seen = f"{counted(counts.frames, 'frame')} of {counted(len(counts.heard), 'node')}, {answered} SDO answers"
-        if self.gaps:
-            seen += f"; the recording lacks frames at {counted(self.gaps, 'place')}"
+        if self._silences:
+            seen += f"; requests to several nodes have no answer at {counted(self._silences, 'place')}"
+        fd, gaps = counted(counts.fd_frames, "frame"), counted(self.gaps, "gap")
+        self.unsettled.unseen = [
+            *([f"{fd} of CAN FD, not decoded"] if counts.fd_frames else []),
+            *([f"{gaps} in the recording"] if self.gaps else []),
+            *self.left_out,
+        ]
         if not causes and not counts.frames and not self.found.total:
             errors = counted(counts.errors, "error frame")
             causes.append(LineVerdict("nothing-heard", "no frame was received", errors))
@@ -209,7 +255,11 @@ class BusDiagnosis:
             case Violation() if event.rule != _HARMLESS and not event.repeated:
                 yield Proved(event.node, self._violation(event))
             case Gap():
-                self.gaps += not event.rule
+                if not event.rule:
+                    # Transfers that are silent together may be a search for nodes; heartbeats and SYNC do not stop.
+                    is_seen = event.since is None or "heartbeat" in event.evidence or "SYNC" in event.evidence
+                    self.gaps += is_seen
+                    self._silences += not is_seen
                 if event.rule == "SDO-TOGGLE":
                     self._toggled[event.node] = event
             case Loss():
@@ -315,13 +365,19 @@ class BusDiagnosis:
     def _node(self, event: NodeReport) -> Iterator[Proved]:
         if event.kind == "missing":
             self.counts.silent[event.node] = event.at
-            text = f"the heartbeat is missing; the node was {state_name(event.state or 0)}"
-            yield Proved(event.node, Finding("no-heartbeat", text, f"none for {event.seconds or 0.0:.3f} s"))
+            yield _missing_heartbeat(event.node, event.state, event.seconds or 0.0)
         elif event.kind in ("back", "boot-up", "beat"):
             self.counts.silent.pop(event.node, None)
+        if (seconds := self._heartbeats.pause(event)) is not None:
+            yield _missing_heartbeat(event.node, event.state, seconds)
         if event.kind == "boot-up" and event.unasked:
             text = f"the node restarted by itself; it was {state_name(event.before or 0)}"
             yield Proved(event.node, Finding("restart", text, "a boot-up message without a reset command before it"))
+
+
+def _missing_heartbeat(node: int, state: int | None, seconds: float) -> Proved:
+    text = f"the heartbeat is missing; the node was {state_name(state or 0)}"
+    return Proved(node, Finding("no-heartbeat", text, f"none for {seconds:.3f} s"))
 
 
 class CanLogDiagnosis:
@@ -340,12 +396,15 @@ from node 5: operational']
         self._known, self._complete = tuple(known), complete
         self.buses: dict[str, BusDiagnosis] = {}
         self.unread: list[Unread] = []
+        self._left_out: list[str] = []
 
     def feed(self, item: RecordedItem | float) -> list[LogFinding]:
         """Take an item of a recording, or a time at which nothing was received. Return the findings."""
         if isinstance(item, float):
             return [found for bus in self.buses.values() for found in bus.feed(None, item)]
         if isinstance(item, Unread):
+            if LEFT_OUT in item.why:
+                self._left_out.append(item.why)
             if len(self.unread) < _UNREAD_MAX:
                 self.unread.append(item)
             return []
@@ -372,4 +431,6 @@ from node 5: operational']
     def verdicts(self) -> list[tuple[str, LineVerdict]]:
         """Return the verdicts on each bus, each with the name of the bus; the name is empty if there is only one."""
         named = [(name if len(self.buses) > 1 else "", bus) for name, bus in self.buses.items()]
+        for _, bus in named:
+            bus.left_out = self._left_out
         return [(name, verdict) for name, bus in named or [("", BusDiagnosis())] for verdict in bus.verdicts()]

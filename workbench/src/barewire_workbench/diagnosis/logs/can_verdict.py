@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Collection
 
 from barewire.canopen.cob_ids import classify
-from barewire.canopen.frame import CanFrame, ErrorFrame
+from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire_workbench.diagnosis.logs.verdict import LineVerdict
 from barewire_workbench.frames.result import counted
 
@@ -40,6 +40,7 @@ class BusCounts:
 
     def __init__(self) -> None:
         self.frames = 0
+        self.fd_frames = 0
         self.errors = 0
         self.unacknowledged = 0
         self.counter = 0  # the highest error counter that a controller reported
@@ -68,6 +69,7 @@ class BusCounts:
                 self.counter = max(self.counter, *frame.data[6:8], 0)
             return
         self.frames += 1
+        self.fd_frames += isinstance(frame, FdFrame)
         owner = classify(frame) if isinstance(frame, CanFrame) and not frame.remote else None
         if owner is not None and owner[0].from_device and owner[1]:
             self.heard[owner[1]] = now

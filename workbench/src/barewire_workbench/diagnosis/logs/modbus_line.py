@@ -17,8 +17,11 @@ from typing import NamedTuple
 
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.messages.registry import request_class
 from barewire.modbus.sniffer import (
+    LATE_AFTER,
     AmbiguousFrame,
+    NoiseSeen,
     RecordingEnds,
     RequestSeen,
     ResponseMissing,
@@ -32,6 +35,7 @@ from barewire_workbench.diagnosis.logs.examine import Examiner
 from barewire_workbench.diagnosis.logs.modbus_pieces import Piece
 from barewire_workbench.diagnosis.logs.modbus_response import (
     exchange_findings,
+    frame_of,
     lost_end,
     response_size,
     shown_digits,
@@ -60,8 +64,8 @@ _AT_ONCE = 0.02
 """Seconds from a request to its echo; a client that repeats a request waits for a response before."""
 _SECOND_ANSWER = 0.05
 """Seconds from a response to that of another device with the same address."""
-_LATE_AFTER = 10.0
-"""Seconds after a request in which a late response to it may come."""
+_NO_TIME_OUT = 0.05
+"""Seconds: no client gives up a response sooner, and sends its next request. MinimalModbus waits so long."""
 _KEPT = 64
 """Requests and damaged responses that are remembered by their times."""
 _NO_TARGET = (0x0A, 0x0B)
@@ -81,6 +85,37 @@ class Located(NamedTuple):
     line: int
 
 
+class Overlap:
+    """A request, another one sent sooner than any client gives up the first, and what came to them so far."""
+
+    def __init__(self, missing: ResponseMissing, line: int) -> None:
+        self.missing, self.line = missing, line
+        self.second: RequestSeen | None = None  # a write is known to be a request when its equal response came
+        self.answer_to_first: ResponseSeen | None = None
+        self.answer_to_second: ResponseSeen | None = None
+
+    def takes(self, event: SnifferEvent) -> bool:
+        """Whether the event leaves open if both requests are answered."""
+        if isinstance(event, RequestSeen) and self.second is None and event.at == self.missing.at:
+            self.second = event
+            return True
+        if isinstance(event, ResponseSeen):
+            return event.request is not None and event.request in (self.missing.request, self.second)
+        return isinstance(event, NoiseSeen)
+
+    def proof(self, second: RequestSeen) -> str:
+        """Return which response is that to which request."""
+        requests = self.missing.request, second
+        asked = [f"unit {seen.unit} {explain_pdu(seen.pdu, 'request').summary}" for seen in requests]
+        apart = f"{1e3 * (second.at - self.missing.request.at):.1f} ms later"
+        answers = [
+            f"{shown_digits(seen.pdu)} of unit {seen.unit} is the response to the {which}"
+            for seen, which in ((self.answer_to_first, "first"), (self.answer_to_second, "second"))
+            if seen is not None
+        ]
+        return f"{asked[0]}, and {apart} {asked[1]}; {', '.join(answers)}"
+
+
 class LineDiagnosis:
     """One line or connection. `take` pieces and events as they come, `flush` at the end; `verdicts` at any time.
 
@@ -98,10 +133,12 @@ class LineDiagnosis:
         self._noise: Piece | None = None  # the next frame decides what it is
         self._asked: Piece | None = None  # the last frame, if it is a request
         self._before: Piece | None = None  # the last frame
-        self._lines: deque[tuple[float, int]] = deque(maxlen=_KEPT)  # time and line of requests
+        # time, unit and PDU of frames, and their lines
+        self._lines: deque[tuple[tuple[float, int, bytes], int]] = deque(maxlen=_KEPT)
         self._spoiled: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # requests whose response is damaged
         self._answered: ResponseSeen | None = None  # the last response, if it has a request
-        self._answered_line = 0
+        self._overlap: Overlap | None = None
+        self._half: AmbiguousFrame | None = None  # the next frame decides whether it is a wrong response to this one
         self._given_up: deque[RequestSeen] = deque(maxlen=_KEPT)  # requests whose response may still come
         self._last_request: RequestSeen | None = None
         self._open: dict[int, RequestSeen] = {}  # requests without a response, by the transaction of TCP
@@ -120,8 +157,9 @@ class LineDiagnosis:
         return [self._log_finding(*one) for one in located]
 
     def flush(self) -> list[LogFinding]:
-        """Decide about noise that no frame followed."""
-        return [self._log_finding(*one) for one in self._decide(None)]
+        """Decide about noise that no frame followed, and about requests of which no more will come."""
+        located = [*self._decide(None), *self._end_overlap(), *self._end_half()]
+        return [self._log_finding(*finding) for finding in located]
 
     def verdicts(self) -> list[LineVerdict]:
         """Return what the numbers show about the line; if no fault, what devices refused, and what is open."""
@@ -150,9 +188,9 @@ class LineDiagnosis:
         role, behind_noise = self._role(piece), self._noise is not None
         yield from self._decide(piece, role)
         self.counts.frames += 1
+        self._lines.append(((piece.end, piece.adu.unit, piece.adu.pdu), piece.line))
         if role == "request":
             self.counts.requests += 1
-            self._lines.append((piece.end, piece.line))
         else:
             self.counts.responses += 1
         self._asked = piece if role == "request" else None
@@ -243,10 +281,18 @@ class LineDiagnosis:
     # Events: requests and responses
 
     def _event(self, event: SnifferEvent, following: SnifferEvent | None) -> Iterator[Located]:
+        if self._overlap is not None and not self._overlap.takes(event):
+            yield from self._end_overlap()
+        if not isinstance(event, NoiseSeen | AmbiguousFrame):
+            yield from self._end_half()
         match event:
-            case RequestSeen() if event.unit != BROADCAST:
-                self.counts.unit(event.unit).requests += 1
-                self._note_request(event)
+            case RequestSeen():
+                if event.unit != BROADCAST:
+                    self.counts.unit(event.unit).requests += 1
+                    self._note_request(event)
+                yield from self._wrong_value(event)
+            case ResponseSeen() if self._overlap is not None and event.request is not None:
+                yield from self._overlapping(self._overlap, event)
             case ResponseSeen():
                 yield from self._response(event)
             case ResponseMissing():
@@ -255,15 +301,86 @@ class LineDiagnosis:
                 if not self._listens(request):
                     self.unsettled.open[f"request to unit {request.unit} at the end"] += 1
             case AmbiguousFrame() if not self._listens(event):
-                self.counts.unit(event.unit).requests += 1
-                self.counts.unit(event.unit).halves += 1
-                self.unsettled.open[f"write to unit {event.unit}, or its equal response"] += 1
+                yield from self._either(event)
+
+    def _either(self, event: AmbiguousFrame) -> Iterator[Located]:
+        """Take a write, or the equal response to it. Two different ones at once are a write and a wrong response."""
+        first, self._half = self._half, None
+        if first is None or (first.unit, first.pdu[0]) != (event.unit, event.pdu[0]) or first.pdu == event.pdu:
+            if first is not None:
+                self._half = first
+                yield from self._end_half()
+            self._half = event
+            return
+        request = RequestSeen(first.unit, first.pdu, first.at, first.message)
+        response = ResponseSeen(event.unit, event.pdu, event.at, request=request)
+        findings = exchange_findings(self.protocol, request, response, "wrong-answer")
+        counts = self.counts.unit(event.unit)
+        if findings and self._timed and event.at - first.at < _NO_TIME_OUT:
+            counts.requests += 1
+            counts.wrong += 1
+            yield Located(event.unit, findings[0], event.at, self._line_of(event))
+            return
+        counts.requests += 2
+        counts.halves += 2
+        fields = "another value" if first.pdu[1:3] == event.pdu[1:3] else "another address"
+        what = f"write to unit {event.unit} and a response with {fields}, or two writes without their responses"
+        self.unsettled.open[what] += 1
+
+    def _end_half(self) -> Iterator[Located]:
+        """Count a write that stands alone: no other frame came to it."""
+        half, self._half = self._half, None
+        if half is not None:
+            self.counts.unit(half.unit).requests += 1
+            self.counts.unit(half.unit).halves += 1
+            self.unsettled.open[f"write to unit {half.unit}, or its equal response"] += 1
+            yield from self._wrong_value(half)
+
+    def _wrong_value(self, request: RequestSeen | AmbiguousFrame) -> Iterator[Located]:
+        """Findings on a request of a known function that cannot be decoded: a coil that is neither FF00h nor 0000h."""
+        error = explain_pdu(request.pdu, "request").error if request.message is None else None
+        if error is None or request_class(request.pdu) is None:
+            return
+        frame = frame_of(self.protocol, None, request.unit, request.pdu)
+        findings = self._examiner.findings(frame, "request", good=True)
+        finding = findings[0] if findings else Finding("wrong-value", error.text, shown_digits(request.pdu))
+        yield Located(request.unit, finding, request.at, self._line_of(request))
+
+    # Two requests at once
+
+    def _overlapping(self, overlap: Overlap, event: ResponseSeen) -> Iterator[Located]:
+        """Take the response to one of two requests that were open at once."""
+        if event.request == overlap.second:
+            overlap.answer_to_second = event
+            yield from self._response(event)
+        else:
+            overlap.answer_to_first = event
+        if overlap.answer_to_first is None or overlap.answer_to_second is None:
+            return
+        second, self._overlap = overlap.answer_to_second.request, None
+        assert second is not None
+        # It is late for a sniffer that knows one client, and not for its own.
+        yield from self._response(overlap.answer_to_first._replace(late=False))
+        self.counts.overlaps += 1
+        proof = overlap.proof(second)
+        self.counts.first_overlap = self.counts.first_overlap or proof
+        text = "a request was sent before the one of another master had its response"
+        yield Located(second.unit, Finding("two-masters", text, proof), second.at, self._line_of(second))
+
+    def _end_overlap(self) -> Iterator[Located]:
+        """Two requests were open at once, and not both are answered: the first one was given up."""
+        overlap, self._overlap = self._overlap, None
+        if overlap is not None:
+            yield from self._unanswered(overlap.missing, overlap.second, overlap.line)
+            if overlap.answer_to_first is not None:
+                yield from self._response(overlap.answer_to_first)
+
+    # Responses
 
     def _response(self, event: ResponseSeen) -> Iterator[Located]:
         unit = self.counts.unit(event.unit)
-        before, before_line = self._answered, self._answered_line
+        before = self._answered
         self._answered = event if event.request is not None else None
-        self._answered_line = self._line_now()
         if event.request is None:
             if (late := self._late_for(event)) is not None:
                 self._given_up.remove(late)
@@ -273,26 +390,20 @@ class LineDiagnosis:
                     unit.answered += 1
                     return
                 unit.late += 1
-                proof = f"{event.at - late.at:.3f} s after its request, which was given up"
-                if before is not None and before.request is self._last_request and self._fits(late, before):
-                    # A unit answers in order: of two responses that fit both requests the first is the late one.
-                    proof += "; the response behind it is that to the later request"
-                    yield self._late(before, proof)._replace(line=before_line)
-                    return
-                yield self._late(event, proof)
+                yield self._late(event, f"{event.at - late.at:.3f} s after its request, which was given up")
             elif before is not None and self._is_second(before, event):
                 unit.twice += 1
                 text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
                 proof = f"{shown_digits(before.pdu)}, then {shown_digits(event.pdu)}"
-                yield Located(event.unit, Finding("two-answers", text, proof), event.at, self._line_now())
+                yield Located(event.unit, Finding("two-answers", text, proof), event.at, self._line_of(event))
             elif (finding := self._wrong_answer(event)) is not None:
                 unit.wrong += 1
-                yield Located(event.unit, finding, event.at, self._line_now())
+                yield Located(event.unit, finding, event.at, self._line_of(event))
             elif (asked := self._exchanged(event)) is not None:
                 unit.wrong += 1
                 text = "the two bytes of the transaction identifier are exchanged"
                 proof = f"the request has {asked.transaction:04X}h, the response {event.transaction:04X}h"
-                yield Located(event.unit, Finding("header-byte-order", text, proof), event.at, self._line_now())
+                yield Located(event.unit, Finding("header-byte-order", text, proof), event.at, self._line_of(event))
             else:
                 self.unsettled.open[f"response of unit {event.unit} without its request"] += 1
                 self._note_refusal(event)
@@ -305,7 +416,7 @@ class LineDiagnosis:
             unit.streak += 1
             text = "the gateway has no response from the unit"
             proof = explain_pdu(event.pdu, "response").summary
-            yield Located(event.unit, Finding("no-answer", text, proof), event.at, self._line_now())
+            yield Located(event.unit, Finding("no-answer", text, proof), event.at, self._line_of(event))
             return
         unit.answered += 1
         unit.streak = 0
@@ -313,9 +424,13 @@ class LineDiagnosis:
         if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] == _ILLEGAL_ADDRESS:
             for finding in exchange_findings(self.protocol, event.request, event, "address-base"):
                 if int.from_bytes(event.request.pdu[1:3], "big") > _FIVE_DIGITS:
-                    yield Located(event.unit, finding, event.at, self._line_now())
+                    yield Located(event.unit, finding, event.at, self._line_of(event))
+        if event.older is not None:
+            self.unsettled.open[f"response of unit {event.unit} that fits two requests"] += 1
         if event.late:
             unit.late += 1
+            if event.request in self._given_up:
+                self._given_up.remove(event.request)
             yield self._late(event, f"{event.seconds:.3f} s after its request, behind the next one")
 
     def _note_refusal(self, event: ResponseSeen) -> None:
@@ -353,7 +468,7 @@ class LineDiagnosis:
         return next((request for request in self._given_up if self._fits(request, event)), None)
 
     def _fits(self, request: RequestSeen, event: ResponseSeen) -> bool:
-        if request.transaction != event.transaction or event.at - request.at > _LATE_AFTER:
+        if request.transaction != event.transaction or event.at - request.at > LATE_AFTER:
             return False
         return answers(request, event.unit, event.pdu)
 
@@ -364,16 +479,19 @@ class LineDiagnosis:
     def _late(self, event: ResponseSeen, proof: str) -> Located:
         summary = explain_pdu(event.pdu, "response").summary
         return Located(
-            event.unit, Finding("late-answer", f"a late response: {summary}", proof), event.at, self._line_now()
+            event.unit, Finding("late-answer", f"a late response: {summary}", proof), event.at, self._line_of(event)
         )
 
-    def _line_now(self) -> int:
-        return self._before.line if self._before is not None else 0
+    def _line_of(self, frame: RequestSeen | ResponseSeen | AmbiguousFrame) -> int:
+        """Return the line of a frame; that of the last one if it is not remembered."""
+        last = self._before.line if self._before is not None else 0
+        place = frame.at, frame.unit, frame.pdu
+        return next((line for known, line in reversed(self._lines) if known == place), last)
 
     def _no_response(self, event: ResponseMissing, following: SnifferEvent | None) -> Iterator[Located]:
         request = event.request
         unit = self.counts.unit(request.unit)
-        line = next((line for at, line in reversed(self._lines) if at == request.at), 0)
+        line = self._line_of(request)
         if self._is_echo(request, following):
             self.counts.echoes += 1
             unit.requests -= 1
@@ -382,13 +500,21 @@ class LineDiagnosis:
             return
         if (request.unit, request.at) in self._spoiled or self._listens(request):
             return
+        is_next_request = request.transaction is None and not isinstance(following, ResponseSeen)
+        if is_next_request and self._timed and event.at - request.at < _NO_TIME_OUT:
+            self._overlap = Overlap(event, line)
+            return
+        yield from self._unanswered(event, following, line)
+
+    def _unanswered(self, event: ResponseMissing, following: SnifferEvent | None, line: int) -> Iterator[Located]:
+        request, unit = event.request, self.counts.unit(event.request.unit)
         stray = following if isinstance(following, ResponseSeen) and following.request is None else None
         if stray is not None and self._late_for(stray) is None:
             wrong = exchange_findings(self.protocol, request, stray, "wrong-answer")
             if wrong:
                 unit.wrong += 1
                 unit.streak = 0
-                yield Located(request.unit, wrong[0], stray.at, self._line_now())
+                yield Located(request.unit, wrong[0], stray.at, self._line_of(stray))
                 return
         unit.missing += 1
         unit.streak += 1

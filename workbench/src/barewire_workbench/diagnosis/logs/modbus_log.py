@@ -16,9 +16,10 @@ from barewire.modbus.sniffer import WINDOW, Sniffer, SnifferEvent
 from barewire_workbench.diagnosis.logs.modbus_line import LineDiagnosis
 from barewire_workbench.diagnosis.logs.modbus_pieces import TrackedLine
 from barewire_workbench.diagnosis.logs.verdict import LineVerdict, LogFinding
-from barewire_workbench.frames.result import ProtocolName
-from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog
+from barewire_workbench.frames.result import ProtocolName, counted
+from barewire_workbench.recordings.modbus_log import UNREADABLE, LoggedBytes, ModbusLog
 from barewire_workbench.recordings.modbus_replay import LogSniffers, SerialProtocol
+from barewire_workbench.recordings.model import LEFT_OUT
 
 
 class ModbusLogDiagnosis:
@@ -35,6 +36,8 @@ class ModbusLogDiagnosis:
         self.lines: dict[str, LineDiagnosis] = {}
         self._tracked: dict[str, list[TrackedLine]] = {}
         self._place: tuple[int, bool | None] = (0, None)
+        self._unreadable = 0  # lines
+        self._left_out: list[str] = []
         self._sniffers = LogSniffers(log, window, protocol, self._wrapped)
 
     def __repr__(self) -> str:
@@ -61,9 +64,17 @@ class ModbusLogDiagnosis:
                 for tracked in self._tracked.get(item.connection, ()):
                     tracked.place(*self._place)
                 yield from self._taken(self._sniffers.feed(item))
+            elif item.why == UNREADABLE:
+                self._unreadable += 1
+            elif LEFT_OUT in item.why:
+                self._left_out.append(item.why)
         yield from self._taken(self._sniffers.end())
         for diagnosis in self.lines.values():
             yield from diagnosis.flush()
+            # Of which line or connection they are is not known.
+            diagnosis.unsettled.unseen += self._left_out
+            if self._unreadable:
+                diagnosis.unsettled.unseen.append(f"{counted(self._unreadable, 'line')} whose bytes cannot be read")
 
     def _taken(self, events: Iterable[tuple[str, SnifferEvent]]) -> Iterator[LogFinding]:
         by_line: dict[str, list[SnifferEvent]] = {}

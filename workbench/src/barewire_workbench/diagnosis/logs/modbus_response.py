@@ -24,8 +24,8 @@ def exchange_findings(
 
     A response whose byte count is wrong is a wrong answer, too: it has a finding of its own.
     """
-    asked = _frame(protocol, request.transaction, request.unit, request.pdu)
-    answered = _frame(protocol, request.transaction, response.unit, response.pdu)
+    asked = frame_of(protocol, request.transaction, request.unit, request.pdu)
+    answered = frame_of(protocol, request.transaction, response.unit, response.pdu)
     found = [finding for finding in diagnose_exchange(protocol, asked, answered) if finding.code == code]
     if not found and code == "wrong-answer" and response.message is None and response.pdu[0] == request.pdu[0]:
         whole = encode(response.unit, response.pdu)
@@ -33,7 +33,7 @@ def exchange_findings(
     return found
 
 
-def _frame(protocol: ProtocolName, transaction: int | None, unit: int, pdu: bytes) -> bytes:
+def frame_of(protocol: ProtocolName, transaction: int | None, unit: int, pdu: bytes) -> bytes:
     """Return the frame with this PDU. The transaction is that of the request in both, since the sniffer paired them."""
     if protocol == "tcp":
         return tcp_frame.encode(unit, pdu, transaction or 0)

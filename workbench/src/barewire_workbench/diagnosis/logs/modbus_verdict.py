@@ -84,6 +84,8 @@ class LineCounts:
     first_lost: int = 0
     last_lost: int = 0
     echoes: int = 0
+    overlaps: int = 0  # requests that were sent before another one had its response
+    first_overlap: str = ""  # its proof
     codes: Counter[DiagnosisCode] = field(default_factory=Counter)  # bursts by each of their findings
     kinds: Counter[DiagnosisCode] = field(default_factory=Counter)  # bursts by their first finding
 
@@ -93,11 +95,11 @@ class LineCounts:
 
     def verdicts(self) -> list[LineVerdict]:
         """Return the verdicts that the numbers show, those that explain most first."""
-        found = [*self._readings(), *self._direction(), *self._addresses()]
+        found = [*self._readings(), *self._direction(), *self._two_masters(), *self._addresses()]
         if not found and not self.frames and self.bursts:
             found.append(self._no_frames())
         damaged = self.bursts - self.first_lost - self.last_lost
-        explained = {verdict.code for verdict in found} - {"dead-unit", "no-answers", "echo"}
+        explained = {verdict.code for verdict in found} - {"dead-unit", "no-answers", "echo", "two-masters"}
         if not explained and damaged >= PROVES and damaged >= _SHARE * self.frames:
             found.append(self._disturbed(damaged))
         return [*found, *self._silence()]
@@ -167,7 +169,13 @@ class LineCounts:
             "no-bias", "bias resistors are missing: noise comes before frames", evidence, _OTHER["no-bias"]
         )
 
-    # Units
+    # Masters and units
+
+    def _two_masters(self) -> list[LineVerdict]:
+        if not self.overlaps:
+            return []
+        evidence = f"{counted(self.overlaps, 'time')}, the first: {self.first_overlap}"
+        return [LineVerdict("two-masters", "two masters use the line", evidence, _OTHER["two-masters"])]
 
     def _addresses(self) -> list[LineVerdict]:
         found = []
@@ -239,6 +247,7 @@ _OTHER: dict[VerdictCode, str] = {
     "no-bias": "a transmitter that is switched on before it sends, or a missing termination",
     "turnaround": "a master whose transmitter is switched off too late",
     "echo": "a master that sends every request twice",
+    "two-masters": "one master that does not wait for a response before its next request",
     "baud-rate": "",
     "dead-unit": "another address, a broken stub, or an answer that is later than the time-out",
     "lost-answers": "requests that are damaged on the way, a busy device, or a master whose time-out is too short",

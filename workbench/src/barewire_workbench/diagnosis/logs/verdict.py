@@ -20,6 +20,7 @@ VerdictCode = Literal[
     "nothing-heard",
     "refused",
     "open",
+    "not-seen",
     "dead-unit",
     "no-answers",
     "lost-answers",
@@ -47,6 +48,7 @@ VERDICTS: dict[VerdictCode, str] = {
     "nothing-heard": "There is no frame in the log, and nothing was received on the line.",
     "refused": "A device refused a request or reported an error: no fault of the line or bus.",
     "open": "A request or a response stands alone in the log: whether there was another is not seen.",
+    "not-seen": "A part of the traffic is not in the recording or was not read, so that it is not judged.",
     "dead-unit": "A unit or node does not answer, or fell silent, while others go on.",
     "no-answers": "No unit or node answers.",
     "lost-answers": "Responses are missing now and then.",
@@ -73,7 +75,8 @@ _KINDS_MAX, _KINDS_SHOWN = 1000, 5
 
 
 class Unsettled:
-    """What is no fault of a line or bus, and still not all good: what devices refused or reported, and what is open.
+    """What is no fault of a line or bus, and still not all good: what devices refused or reported, what is open, and
+    what was not seen.
 
     >>> unsettled = Unsettled()
     >>> unsettled.refused["exception 02 of unit 5"] += 2
@@ -84,23 +87,22 @@ class Unsettled:
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()
         self.open: Counter[str] = Counter()
+        self.unseen: list[str] = []
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.refused.total()} refused, {self.open.total()} open>"
 
     def __str__(self) -> str:
-        return "; ".join(_most(kinds) for kinds in (self.refused, self.open) if kinds)
+        return "; ".join(text for text in (_most(self.refused), _most(self.open), ", ".join(self.unseen)) if text)
 
     def verdicts(self, seen: str) -> list[LineVerdict]:
-        """Return at most one verdict on each of the two; `seen` is what was counted."""
-        verdicts: list[LineVerdict] = []
-        if self.refused:
-            evidence = f"{_most(self.refused)}; {seen}"
-            verdicts.append(LineVerdict("refused", "a device refused or reported something", evidence))
-        if self.open:
-            evidence = f"{_most(self.open)}; {seen}"
-            verdicts.append(LineVerdict("open", "not every request and response has its other half", evidence))
-        return verdicts
+        """Return at most one verdict on each of the three; `seen` is what was counted."""
+        kinds: tuple[tuple[VerdictCode, str, str], ...] = (
+            ("refused", "a device refused or reported something", _most(self.refused)),
+            ("open", "not every request and response has its other half", _most(self.open)),
+            ("not-seen", "a part of the traffic was not seen", ", ".join(self.unseen)),
+        )
+        return [LineVerdict(code, text, f"{evidence}; {seen}") for code, text, evidence in kinds if evidence]
 
 
 def _most(kinds: Counter[str]) -> str:

@@ -8,7 +8,7 @@ from itertools import chain
 from barewire.errors import DecodeError
 from barewire_workbench.recordings.modbus_log.model import LoggedBytes
 from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS, ConnectionKey, modbus_payload
-from barewire_workbench.recordings.model import Unread, unread
+from barewire_workbench.recordings.model import LeftOut, Unread, unread
 from barewire_workbench.recordings.pcapng import Packet
 from barewire_workbench.recordings.socketcan import is_can_packet
 from barewire_workbench.recordings.source import RecordingSource
@@ -58,14 +58,18 @@ def read_segments(
     last item. Raises DecodeError if nothing is before it."""
     reassemblies: dict[tuple[ConnectionKey, bool], _Reassembly] = {}
     at: float | None = None
+    left_out = LeftOut("Modbus")
     for number, packet in packets:
         if isinstance(packet, DecodeError):
             if at is None:
                 raise packet
             yield unread(at, number, packet, "")
-            return
+            break
         payload = modbus_payload(packet, ports)
         if payload is None:
+            is_can = is_can_packet(packet)
+            left_out.of_other_bus += is_can
+            left_out.neither += not is_can
             continue
         piece, name = payload.data, _connection_text(payload.connection)
         if payload.sequence is not None:
@@ -78,6 +82,7 @@ def read_segments(
         if piece:
             at = payload.at
             yield LoggedBytes(at, piece, number, payload.from_client, payload.protocol, name)
+    yield from left_out.items(at or 0.0)
 
 
 def is_can_capture(source: RecordingSource, ports: Container[int] = MODBUS_PORTS) -> bool:
