@@ -157,6 +157,15 @@ def test_one_response_that_fits_two_requests_names_the_older_one() -> None:
     assert repeated[3].older is None  # type: ignore[union-attr]
 
 
+def test_a_damaged_response_is_not_awaited() -> None:
+    listener = sniffer()
+    events = listener.feed(encode(1, unhex(READ)), 1.0)
+    events += listener.feed(encode(1, unhex(VALUES))[:-1] + b"\0", 1.1) + silence(listener, 1.3)
+    events += listener.feed(encode(1, unhex("03 0010 0002")), 1.3) + listener.feed(encode(1, unhex(VALUES)), 1.4)
+    assert names(events) == ["RequestSeen", "NoiseSeen", "ResponseMissing", "RequestSeen", "ResponseSeen"]
+    assert events[4].older is None  # type: ignore[union-attr]
+
+
 def test_a_response_that_fits_two_requests_waits_for_the_next_frame_only() -> None:
     listener = sniffer()
     asked = [(1.0, READ), (1.3, "03 0010 0002"), (1.305, VALUES)]

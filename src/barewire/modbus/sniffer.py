@@ -49,6 +49,8 @@ OPEN_LIMIT = 256
 LATE_AFTER = 10.0
 """Seconds after a request in which a late response to it may come."""
 
+_SHORTEST_RESPONSE = 4
+"""Bytes; fewer ones are noise of the line and not a damaged response."""
 _SLOWER = 1.5
 _JITTER = 0.005
 """A response may take this much longer than the slowest one, t, of its unit so far: t * 1.5 + 5 ms."""
@@ -139,6 +141,7 @@ class Sniffer:
         self._window = window
         self._open: RequestSeen | None = None  # reported, and not answered yet
         self._late: RequestSeen | None = None  # an earlier request, without a response
+        self._damaged: RequestSeen | None = None  # the last request behind which a damaged response came
         self._doubtful: ResponseSeen | None = None  # not reported yet: it fits both of them
         self._single: AmbiguousFrame | None = None  # not reported yet: a request or an echo
         # Two equal frames, not reported yet: a third one may be nearer to the second.
@@ -205,6 +208,8 @@ class Sniffer:
 
     def _heard_noise(self, noise: NoiseSeen) -> list[SnifferEvent]:
         """Return the noise, and what it has to wait for if that is too much."""
+        if len(noise.noise.data) >= _SHORTEST_RESPONSE:
+            self._damaged = self._open
         if not self._is_undecided:
             return [noise]
         self._noise.append(noise)
@@ -285,7 +290,8 @@ class Sniffer:
         if first is not None and late is not None:
             self._open = self._late = self._doubtful = None
             return [first._replace(request=late, late=True, older=None), answer]
-        if late is not None and answer.at <= late.at + LATE_AFTER and answers(late, answer.unit, answer.pdu):
+        is_awaited = late is not None and late is not self._damaged and answer.at <= late.at + LATE_AFTER
+        if late is not None and is_awaited and answers(late, answer.unit, answer.pdu):
             # The values are those of either request, if both ask the same.
             self._doubtful = answer._replace(older=late if late.pdu != asked.pdu else None)
             return []
