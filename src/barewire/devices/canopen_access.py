@@ -47,19 +47,16 @@ def read_canopen(
     Raises at once UnknownName, and EncodeError for a parameter that is write only or not on CANopen. The conversation
     raises the errors of `upload`, and DecodeError.
     """
-    parameters = to_read(device, names)
-    for parameter in parameters:
-        _object(device, parameter)
-    return _read_canopen(channel_to(node, dialect), device, parameters, timeout)
+    placed = [(parameter, _object(device, parameter)) for parameter in to_read(device, names)]
+    return _read_canopen(channel_to(node, dialect), placed, timeout)
 
 
 def _read_canopen(
-    channel: Channel, device: Device, parameters: Sequence[Parameter], timeout: float
+    channel: Channel, placed: Sequence[tuple[Parameter, ObjectAt]], timeout: float
 ) -> Conversation[CanFrame, list[Reading]]:
-    contents: dict[tuple[int, int, int], bytes] = {}
+    contents: dict[tuple[int, int, int], bytes] = {}  # several bits of one object are one transfer
     readings = []
-    for parameter in parameters:
-        place = _object(device, parameter)
+    for parameter, place in placed:
         key = (place.index, place.sub, parameter.object_size)
         if key not in contents:
             try:
@@ -85,22 +82,22 @@ def write_canopen(
     Raises at once UnknownName, and EncodeError for a parameter that is read only, out of range or not on CANopen. The
     conversation raises the errors of `download`, with a note of what was written before.
     """
-    pairs = to_write(device, values, force)
-    for parameter, value in pairs:
+    writes: list[tuple[Parameter, ObjectAt, Value]] = []
+    for parameter, value in to_write(device, values, force):
         place = _object(device, parameter)
-        with naming(parameter, value):
+        with naming(parameter, value):  # encoded once before anything is sent: no value is refused after others
             parameter.to_object(value, bytes(parameter.object_size))
         if place.bit is not None and not parameter.readable and not force:
             raise EncodeError(f"{parameter.name} is one bit of an object that cannot be read: the rest would be lost")
-    return _write_canopen(channel_to(node, dialect), device, pairs, timeout)
+        writes.append((parameter, place, value))
+    return _write_canopen(channel_to(node, dialect), writes, timeout)
 
 
 def _write_canopen(
-    channel: Channel, device: Device, pairs: Sequence[tuple[Parameter, Value]], timeout: float
+    channel: Channel, writes: Sequence[tuple[Parameter, ObjectAt, Value]], timeout: float
 ) -> Conversation[CanFrame, None]:
     done: list[str] = []
-    for parameter, value in pairs:
-        place = _object(device, parameter)
+    for parameter, place, value in writes:
         with writing([parameter], done):
             old = b""
             if place.bit is not None:

@@ -38,6 +38,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeAlias
 
@@ -93,7 +94,7 @@ class PlannedRead(NamedTuple):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters that it reads or writes."""
+        """The parameters that it reads."""
         return tuple(member.parameter for member in self.members)
 
 
@@ -114,7 +115,7 @@ class PlannedWrite(NamedTuple):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters that it reads or writes."""
+        """The parameters that it writes."""
         return tuple(member.parameter for member in self.members)
 
 
@@ -148,7 +149,9 @@ def plan_reads(device: Device, parameters: Iterable[Parameter]) -> list[PlannedR
     Raises EncodeError for a parameter without an address on Modbus, in a table that no function reads, or wider than
     the limit of the device.
     """
-    by_table: dict[TableName, dict[str, tuple[ModbusAt, Parameter]]] = {}
+    by_table: dict[
+        TableName, dict[str, tuple[ModbusAt, Parameter]]
+    ] = {}  # by name: one that is given twice is read once
     for parameter in parameters:
         place, _ = _modbus_address(device, parameter)
         by_table.setdefault(place.table, {})[parameter.name] = place, parameter
@@ -242,18 +245,18 @@ def _plan_one(device: Device, parameter: Parameter) -> PlannedWrite:
     return PlannedWrite(place.table, place.address, 1, member, function, True, read_function)
 
 
-def _join(last: PlannedWrite, write: PlannedWrite, settings: ModbusSettings) -> PlannedWrite | None:
+def _join(before: PlannedWrite, write: PlannedWrite, settings: ModbusSettings) -> PlannedWrite | None:
     """Return both as one write, or None: parts of the same register, or neighbours within the limit of function 16."""
-    if last.table != "holding" or write.table != "holding" or last.keep != write.keep:
+    if before.table != "holding" or write.table != "holding" or before.keep != write.keep:
         return None
-    if last.keep:
-        return last._replace(members=last.members + write.members) if last.address == write.address else None
-    quantity = last.quantity + write.quantity
-    are_adjacent = last.address + last.quantity == write.address
+    if before.keep:
+        return before._replace(members=before.members + write.members) if before.address == write.address else None
+    quantity = before.quantity + write.quantity
+    are_adjacent = before.address + before.quantity == write.address
     if not are_adjacent or 16 not in settings.write_functions["holding"] or quantity > settings.write_limit:
         return None
-    moved = tuple(Member(member.parameter, member.offset + last.quantity) for member in write.members)
-    return PlannedWrite("holding", last.address, quantity, last.members + moved, 16)
+    moved = tuple(Member(member.parameter, member.offset + before.quantity) for member in write.members)
+    return PlannedWrite("holding", before.address, quantity, before.members + moved, 16)
 
 
 BlockDecoder: TypeAlias = Callable[[Sequence[int]], list[Value]]
@@ -424,6 +427,7 @@ def write_modbus(
     pairs = to_write(device, values, force)
     writes = plan_writes(device, [parameter for parameter, _ in pairs])
     for parameter, value in pairs:
+        # Encoded once before anything is sent, so that no value is refused after others were written.
         _registers(parameter, value, [0])
     return _write_modbus(bus, unit, writes, pairs, timeout)
 
@@ -448,14 +452,13 @@ def _write_modbus(
     done: list[str] = []
     for write in writes:
         with writing(write.parameters, done), _at(unit, write.address):
-            content: list[int] = []
+            content: tuple[int, ...] = ()
             if write.keep:
-                old = yield from bus.ask(unit, _READS[write.read_function](write.address, 1), timeout=timeout)
-                content += old.registers
-            for _ in write.members:
-                parameter, value = next(remaining)
-                new = _registers(parameter, value, content)
-                content = list(new) if write.keep else [*content, *new]
+                response = yield from bus.ask(unit, _READS[write.read_function](write.address, 1), timeout=timeout)
+                content = response.registers
+            for parameter, value in islice(remaining, len(write.members)):
+                registers = _registers(parameter, value, content)
+                content = registers if write.keep else content + registers
             with may_not_answer(write.parameters):
                 yield from _write_entries(bus, unit, write.function, write.address, content, timeout)
         done += [parameter.name for parameter in write.parameters]
@@ -472,13 +475,13 @@ def _at(unit: int, address: int) -> Iterator[None]:
 
 
 def _write_entries(
-    bus: Bus, unit: int, function: int, address: int, content: Sequence[int], timeout: float
+    bus: Bus, unit: int, function: int, address: int, content: tuple[int, ...], timeout: float
 ) -> Conversation[bytes, None]:
     """Write registers or bits with this function; function 06 writes one register at a time, the lowest first."""
     if function == 15:
         yield from bus.ask(unit, WriteMultipleCoils(address, tuple(map(bool, content))), timeout=timeout)
     elif function == 16:
-        yield from bus.ask(unit, WriteMultipleRegisters(address, tuple(content)), timeout=timeout)
+        yield from bus.ask(unit, WriteMultipleRegisters(address, content), timeout=timeout)
     elif function == 5:
         yield from bus.ask(unit, WriteSingleCoil(address, bool(content[0])), timeout=timeout)
     else:

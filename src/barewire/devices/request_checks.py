@@ -24,8 +24,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TypeAlias
 
-from barewire.codecs import Value, codec
-from barewire.devices.device import Device, drive_roles, suggest
+from barewire.codecs import Value
+from barewire.devices.device import Device, suggest
 from barewire.devices.parameter import Parameter, show
 from barewire.errors import BarewireError, EncodeError, NoAnswer, shown
 
@@ -69,10 +69,10 @@ def value_of_name(parameter: Parameter, name: str) -> Value:
     >>> value_of_name(Parameter("Mode", "i8", values={1: "position", 3: "velocity"}), "Velocity")
     3
     """
-    found = _named_value(parameter, name.strip())
-    if found is None:
+    value = _named_value(parameter, name.strip())
+    if value is None:
         raise _unknown(parameter, name)
-    return found
+    return value
 
 
 def _named_value(parameter: Parameter, name: str) -> Value | None:
@@ -83,15 +83,15 @@ def _named_value(parameter: Parameter, name: str) -> Value | None:
 
 
 def _unknown(parameter: Parameter, text: str) -> EncodeError:
-    wanted = "on or off" if parameter.type == "bool" else "a number"
-    names = f", or one of: {', '.join(parameter.values.values())}" if parameter.values else ""
-    hint = suggest(text, parameter.values.values())
-    return EncodeError(f"{parameter.name} = {shown(text)}: expected {wanted}{names}{hint}", parameter.name)
+    expected = "on or off" if parameter.type == "bool" else "a number"
+    if parameter.values:
+        expected += f", or one of: {', '.join(parameter.values.values())}{suggest(text, parameter.values.values())}"
+    return EncodeError(f"{parameter.name} = {shown(text)}: expected {expected}", parameter.name)
 
 
 def _number(text: str) -> int | float:
-    """Return the number. Raises ValueError for other text, also for `each`: before a small h, a digit comes first."""
-    if _SUFFIXED.fullmatch(text):
+    """Return the number. Raises ValueError for other text."""
+    if _SUFFIXED.fullmatch(text):  # not `each`: a word with a small h begins with a digit or has capital letters
         return int(text[:-1], 16)
     base = {"0x": 16, "0b": 2}.get(text.lstrip("+-")[:2].lower(), 10)
     return int(text, base) if base != 10 or text.lstrip("+-").isdecimal() else float(text)
@@ -104,11 +104,11 @@ ValuesByName: TypeAlias = Mapping[str, Value] | Mapping[Parameter, Value] | Mapp
 
 def to_read(device: Device, names: Iterable[NameOrParameter]) -> list[Parameter]:
     """Return the parameters of these names. Raises UnknownName, or EncodeError if one cannot be read."""
-    found = [device.find(name) if isinstance(name, str) else name for name in names]
-    for parameter in found:
+    parameters = [device.find(name) if isinstance(name, str) else name for name in names]
+    for parameter in parameters:
         if not parameter.readable:
             raise EncodeError(f"{parameter.name} is write only", parameter.name)
-    return found
+    return parameters
 
 
 def to_write(device: Device, values: ValuesByName, force: bool) -> list[tuple[Parameter, Value]]:
@@ -118,33 +118,18 @@ def to_write(device: Device, values: ValuesByName, force: bool) -> list[tuple[Pa
 
     Raises UnknownName, or EncodeError if a parameter cannot be written or its value is out of range.
     """
-    found = []
+    pairs = []
     for name, value in values.items():
         parameter = device.find(name) if isinstance(name, str) else name
-        if force:
+        if force:  # for a manual that is wrong
             parameter = replace(parameter, minimum=None, maximum=None)
         elif not parameter.writable:
             raise EncodeError(f"{parameter.name} is read only", parameter.name)
         if isinstance(value, str) and parameter.type != "text":
             value = value_of_name(parameter, value)
-        found.append((parameter, value))
         parameter.check(value)
-    return found
-
-
-def check_encodable(parameter: Parameter, value: Value) -> None:
-    """Raise EncodeError if the value cannot be sent: out of range, between two steps, or outside of the type."""
-    raw = parameter.to_raw(value)
-    if parameter.type not in ("bool", "text"):
-        with naming(parameter, value):
-            codec(parameter.type).encode(raw)
-
-
-def check_seconds(name: str, value: float) -> float:
-    """Return a time in seconds. Raises EncodeError unless it is above 0: waiting for not-a-number would never end."""
-    if not value > 0:
-        raise EncodeError(f"{name} = {value:g}: expected seconds, above 0", name)
-    return value
+        pairs.append((parameter, value))
+    return pairs
 
 
 @contextmanager
@@ -189,27 +174,3 @@ def _names(parameters: Iterable[Parameter]) -> str:
     """Return the first three names, and the number of others."""
     names = [parameter.name for parameter in parameters]
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if names[3:] else "")
-
-
-def check_homing_method(parameter: Parameter, method: Value) -> None:
-    """Raise EncodeError for a homing method that the drive does not have: it would never finish."""
-    if parameter.values and method not in parameter.values:
-        known = ", ".join(map(str, parameter.values))
-        raise EncodeError(f"home: {parameter.name} {show(method)} is not a homing method: expected one of {known}")
-
-
-_MODES = {
-    "move": ("position", "moved to a position"),
-    "velocity": ("velocity", "turned at a velocity"),
-    "home": ("homing", "homed"),
-}
-"""Movement -> its mode in the table [drive] of a description, and its words in an error."""
-
-
-def check_mode(device: Device, action: str) -> str:
-    """Return the mode of a movement. Raise EncodeError if the description of the drive does not have it."""
-    mode, words = _MODES[action]
-    if mode not in drive_roles(device).modes:
-        reason = f"its description has no {mode!r} in modes of [drive] (its manual may describe none)"
-        raise EncodeError(f"{action}: {device.name} cannot be {words} by this command: {reason}")
-    return mode

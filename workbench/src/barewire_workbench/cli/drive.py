@@ -18,9 +18,8 @@ from rich.progress import Progress as Bar, SpinnerColumn, TextColumn, TimeElapse
 from barewire import BarewireError, NoAnswer, PortError, Refused, connect, load
 from barewire.devices.cia402 import State
 from barewire.devices.device import Device, drive_roles
-from barewire.devices.drive import DriveProgress, DriveStatus, DriveStuck, bit_names
+from barewire.devices.drive import DriveProgress, DriveStatus, DriveStuck, bit_names, check_mode
 from barewire.devices.parameter import show
-from barewire.devices.request_checks import check_mode
 from barewire.errors import shown
 from barewire.io.drive import DriveClient
 from barewire_workbench.cli.arguments import (
