@@ -128,26 +128,23 @@ class Device:
 
         Raises UnknownName with the nearest names.
         """
-        found = self._by_name.get(fold(name))
-        if found is None:
-            raise UnknownName(f"{self.name} has no parameter {shown(name)}{suggest(name, self._by_name, self._named)}")
-        return found
+        parameter = self._by_name.get(fold(name))
+        if parameter is None:
+            hint = suggest(name, self._by_name, lambda folded: self._by_name[folded].name)
+            raise UnknownName(f"{self.name} has no parameter {shown(name)}{hint}")
+        return parameter
 
     def in_order(self, order: Order) -> Device:
         """Return the same machine with this order of bytes in registers; a row with an order of its own keeps it."""
         if self.modbus is None:
             return self
-        usual = self.modbus.order
-        moved = tuple(
-            replace(parameter, modbus=place._replace(order=order))
-            if (place := parameter.modbus) is not None and place.order == usual and parameter.type not in _UNORDERED
-            else parameter
-            for parameter in self.parameters
-        )
-        return replace(self, parameters=moved, modbus=self.modbus._replace(order=order))
-
-    def _named(self, folded: str) -> str:
-        return self._by_name[folded].name
+        parameters = []
+        for parameter in self.parameters:
+            place = parameter.modbus
+            if place is not None and place.order == self.modbus.order and parameter.type not in _UNORDERED:
+                parameter = replace(parameter, modbus=place._replace(order=order))
+            parameters.append(parameter)
+        return replace(self, parameters=tuple(parameters), modbus=self.modbus._replace(order=order))
 
 
 def drive_roles(device: Device) -> DriveRoles:
@@ -174,7 +171,9 @@ def suggest(name: str, known: Iterable[str], title: Any = str) -> str:
     """
     from difflib import get_close_matches  # only errors need it
 
-    wanted, folded = fold(name), {fold(other): other for other in known}
-    near = get_close_matches(wanted, folded, n=3, cutoff=0.6)
-    near += [other for other in folded if wanted and wanted in other and other not in near][: 3 - len(near)]
-    return f"; did you mean {' or '.join(repr(title(folded[other])) for other in near)}?" if near else ""
+    wanted, by_folded = fold(name), {fold(candidate): candidate for candidate in known}
+    similar = get_close_matches(wanted, by_folded, n=3, cutoff=0.6)
+    # A part of a long name is not similar to it, and is what people type.
+    longer = [folded for folded in by_folded if wanted and wanted in folded and folded not in similar]
+    nearest = (similar + longer)[:3]
+    return f"; did you mean {' or '.join(repr(title(by_folded[folded])) for folded in nearest)}?" if nearest else ""

@@ -53,10 +53,11 @@ def device_with(name: str, wanted: Iterable[str]) -> Device:
     ObjectAt(index=4120, sub=1, bit=None, type='')
     """
     device = RAW if name == RAW.name else load(name)
-    wide = (p.modbus.order for p in device.parameters if p.modbus is not None and p.modbus.words > 1)
-    order = next(wide, ORDERS[0])
-    known = {fold(parameter.name) for parameter in device.parameters}
-    unknown = [text for text in dict.fromkeys(wanted) if fold(text) not in known]
+    places = (parameter.modbus for parameter in device.parameters)
+    order = next((place.order for place in places if place is not None and place.words > 1), ORDERS[0])
+    names = {fold(parameter.name) for parameter in device.parameters}
+    unknown = [text for text in dict.fromkeys(wanted) if fold(text) not in names]
+    # "raw" has nothing but addresses, so what is not one gets the error of an address there.
     added = [raw_parameter(text, order) for text in unknown if is_raw_address(text) or device is RAW]
     return replace(device, parameters=(*device.parameters, *added)) if added else device
 
@@ -75,17 +76,16 @@ def expanded(names: Iterable[str]) -> tuple[str, ...]:
 def _spread(text: str) -> Iterable[str]:
     table, _, rest = text.strip().partition(":")
     addresses, colon, form = rest.partition(":")
-    first, dash, last = addresses.partition("-")
+    low, dash, high = addresses.partition("-")
     if not dash or table not in TABLE_NAMES:
         return (text,)
-    start, end = (_number(text, number, 0xFFFF) for number in (first, last))
+    start, end = (_number(text, digits, 0xFFFF) for digits in (low, high))
     if end < start:
         raise EncodeError(f"{text!r}: {addresses!r}: expected the lower address first")
     type_name = form.partition(":")[0]
     if type_name.startswith("text"):
-        raise EncodeError(
-            f"{text!r}: type {type_name!r} in a range: expected a type with a size of its own, such as u32"
-        )
+        expected = "expected a type with a size of its own, such as u32"
+        raise EncodeError(f"{text!r}: type {type_name!r} in a range: {expected}")
     place = raw_parameter(f"{table}:{start}{colon}{form}").modbus
     size, count = place.words if place is not None else 1, end - start + 1
     if count % size:
@@ -102,8 +102,6 @@ def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
     """Return the parameter at an address; `order` is for long values without one. Raises EncodeError if it is wrong."""
     table, _, rest = text.strip().partition(":")
     parts = rest.split(":")
-    if table in TABLE_NAMES and "-" in parts[0].strip()[1:]:
-        raise EncodeError(f"{text!r}: a range of addresses can only be read: give one address for each value")
     if table == "object" and len(parts) == 2:
         index, dot, sub = parts[0].partition(".")
         place = ObjectAt(_number(text, index, 0xFFFF, base=16), _number(text, sub, 0xFF, base=16) if dot else 0)
@@ -111,27 +109,32 @@ def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
     if table not in TABLE_NAMES or not (rest and len(parts) <= 3):
         hint = suggest(table, (*TABLE_NAMES, "object"))
         raise EncodeError(f"{shown(text)} is not an address: expected {_FORM}{hint}")
-    address = _number(text, parts[0], 0xFFFF)
-    bits = table in ("coil", "discrete")
-    type_name = parts[1] if len(parts) > 1 else "bool" if bits else "u16"
-    if bits and type_name != "bool":
+    if "-" in parts[0].strip()[1:]:  # not the sign of a negative number, which is refused as one
+        raise EncodeError(f"{text!r}: a range of addresses can only be read: give one address for each value")
+    address, is_bit = _number(text, parts[0], 0xFFFF), table in ("coil", "discrete")
+    type_name, words = _type_and_words(text, parts[1] if len(parts) > 1 else "bool" if is_bit else "u16")
+    if is_bit and type_name != "bool":
         raise EncodeError(f"{shown(text)}: a {table} is a bool")
     letters = cast(Order, parts[2].upper()) if len(parts) == 3 else order
     if letters not in ORDERS:
         expected = f"expected one of {', '.join(ORDERS)}{suggest(parts[2], ORDERS)}"
         raise EncodeError(f"{shown(text)}: order {shown(parts[2])}: {expected}")
-    string = re.fullmatch(r"text(\d*)", type_name)
-    if string is not None:
-        type_name, size = "text", int(string[1][:9] or 0)
-        if not 1 <= size <= _REGISTERS_MAX:
-            expected = f"expected text1..text{_REGISTERS_MAX}, text in that number of registers"
-            raise EncodeError(f"{shown(text)}: type {shown(parts[1])}: {expected}")
-    else:
-        size = 1 if _type(text, type_name) == "bool" else max(1, codec(type_name).size // 2)
-    if address + size > 0x10000:
-        raise EncodeError(f"{shown(text)}: there are no {size} registers from address {address} on")
+    if address + words > 0x10000:
+        raise EncodeError(f"{shown(text)}: there are no {words} registers from address {address} on")
     access: ParameterAccess = "ro" if table in ("input", "discrete") else "rw"
-    return Parameter(text, type_name, access=access, modbus=ModbusAt(table, address, size, order=letters))
+    return Parameter(text, type_name, access=access, modbus=ModbusAt(table, address, words, order=letters))
+
+
+def _type_and_words(text: str, type_name: str) -> tuple[str, int]:
+    """Return a type and the registers that it takes: text8 is text in 8 registers."""
+    of_text = re.fullmatch(r"text(\d*)", type_name)
+    if of_text is None:
+        return type_name, 1 if _type(text, type_name) == "bool" else max(1, codec(type_name).size // 2)
+    words = int(of_text[1][:9] or 0)  # more digits are too many registers in any case
+    if not 1 <= words <= _REGISTERS_MAX:
+        expected = f"expected text1..text{_REGISTERS_MAX}, text in that number of registers"
+        raise EncodeError(f"{shown(text)}: type {shown(type_name)}: {expected}")
+    return "text", words
 
 
 def _type(text: str, type_name: str) -> str:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from barewire.codecs.order import Order
 from barewire.devices.device import CanopenSettings, Device, DevicePdo, DriveRoles, ModbusSettings, fold
-from barewire.devices.parameter import TABLE_NAMES, ModbusAt, ObjectAt, Parameter, TableName
+from barewire.devices.parameter import TABLE_NAMES, ModbusAt, ObjectAt, Parameter
 
 KEYS = ("name", "title", "documents", "modbus", "canopen", "pdo", "drive", "parameter")
 """The keys of device.toml that the format defines. Tables with other names are kept in `Device.extra`."""
@@ -97,10 +97,8 @@ def words_of(row: Mapping[str, Any]) -> int:
 
 
 def _modbus_address(row: Mapping[str, Any], numbering: Numbering) -> ModbusAt | None:
-    for table in TABLE_NAMES:
-        if table in row:
-            break
-    else:
+    table = next((name for name in TABLE_NAMES if name in row), None)
+    if table is None:
         return None
     address = row[table] - numbering.first.get(table, 0)
     if row["type"] == "text" or table in ("coil", "discrete"):
@@ -118,12 +116,12 @@ def _numbered(table: Mapping[str, str]) -> Mapping[int, str]:
 
 
 def _modbus(table: Mapping[str, Any]) -> ModbusSettings:
-    kept = ("unit", "port", "read_limit", "write_limit", "order")
-    values = {key: table[key] for key in kept if key in table}
+    # The printed first numbers are not kept: they are in the addresses now.
+    values = {key: value for key, value in table.items() if not key.startswith("first_")}
     if "read_functions" in table:
         values["read_functions"] = MappingProxyType(table["read_functions"])
     if "write_functions" in table:
-        functions: dict[TableName, tuple[int, ...]] = {key: tuple(own) for key, own in table["write_functions"].items()}
+        functions = {name: tuple(codes) for name, codes in table["write_functions"].items()}
         values["write_functions"] = MappingProxyType(functions)
     return ModbusSettings(**values)
 

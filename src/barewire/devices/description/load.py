@@ -62,16 +62,16 @@ def load(name_or_path: str | Path) -> Device:
             expected = f"expected ?order= and one of {', '.join(ORDERS)} behind the name{suggest(order, ORDERS)}"
             raise UnknownName(f"device {shown(str(name_or_path))}: {expected}")
         return load(plain).in_order(cast(Order, order.upper()))
-    wanted = fold(str(name_or_path)).replace("_", "-")
-    if wanted in names():
-        return _from_catalog(wanted)
+    name = fold(str(name_or_path)).replace("_", "-")
+    if name in names():
+        return _from_catalog(name)
     path = Path(name_or_path)
     # os.path.isfile returns False for a name that is too long, Path.is_file raises.
     if os.path.isfile(path) and path.name == DEVICE_FILE:
         path = path.parent
     if not os.path.isdir(path) or not str(name_or_path):
         known = ", ".join(names())
-        hint = suggest(wanted, dict.fromkeys(names()))
+        hint = suggest(name, names())
         if path.suffix.lower() in (".eds", ".dcf") and os.path.isfile(path):
             hint = "; an EDS is read in Python, bus.node(5, eds=...), or its objects by address: raw object:2000h:i32"
         raise UnknownName(
