@@ -136,7 +136,7 @@ class Motor:
 
     def advance(self, now: float) -> None:
         """Pass through the phases until `now`, and integrate energy, hours and temperatures."""
-        following = {
+        next_phase = {
             MotorPhase.DELAYED: self._after_delay,
             MotorPhase.KICKING: MotorPhase.STARTING,
             MotorPhase.STARTING: MotorPhase.CLOSING,
@@ -147,18 +147,20 @@ class Motor:
         while self.phase_ends <= now:
             ends = self.phase_ends
             self._integrate(ends)
-            self._begin(following[self.phase], ends)
+            self._begin(next_phase[self.phase], ends)
         self._integrate(now)
 
     def _integrate(self, until: float) -> None:
         changes = self.phase in (MotorPhase.STARTING, MotorPhase.STOPPING)
         while self.now < until:
             # On a grid that begins with the phase, so that the result hardly depends on how often time is passed in.
-            following = self.began + (int((self.now - self.began) / _STEP + 1e-9) + 1) * _STEP if changes else until
-            step = min(following, until) - self.now
-            sample = self.sample(self.now + step / 2)
-            self._accumulate(sample, step)
-            self.now = min(following, until)
+            ends = until
+            if changes:
+                steps = int((self.now - self.began) / _STEP + 1e-9) + 1
+                ends = min(until, self.began + steps * _STEP)
+            step = ends - self.now
+            self._accumulate(self.sample(self.now + step / 2), step)
+            self.now = ends
 
     def _accumulate(self, sample: MotorSample, step: float) -> None:
         self.energy += self.power(sample) * step / 3600
@@ -206,8 +208,9 @@ class Motor:
         if self.phase is MotorPhase.STARTING:
             return _ramp(min(1.0, (now - self.began) / self.acceleration_time))
         if self.phase is MotorPhase.STOPPING:
-            left = max(0.0, 1 - (now - self.began) / _DECELERATION)
-            return MotorSample(left, _LOAD * left, _LOAD * left, _LOAD * left**2, _POWER_FACTOR_RUNNING)
+            voltage = max(0.0, 1 - (now - self.began) / _DECELERATION)
+            current = _LOAD * voltage
+            return MotorSample(voltage, current, current, _LOAD * voltage**2, _POWER_FACTOR_RUNNING)
         return _RUNNING
 
     def power(self, sample: MotorSample) -> float:

@@ -162,8 +162,8 @@ class Az3Settings:
     def target_velocity(self) -> float:
         """Return object 60FFh, not above MAX MOTOR SPEED."""
         limit = self.store.number("MAX MOTOR SPEED")
-        wanted = max(-limit, min(limit, self.store.number("TARGET VELOCITY")))
-        return self._signed(wanted, _REVERSES_VELOCITY) * self.unit
+        velocity = max(-limit, min(limit, self.store.number("TARGET VELOCITY")))
+        return self._signed(velocity, _REVERSES_VELOCITY) * self.unit
 
     def profile_velocity(self) -> float:
         """Return object 6081h, not above MAX PROFILE VELOCITY."""

@@ -69,18 +69,17 @@ class RegisterImage:
                     self.words.setdefault(place.address + word, []).append(entry)
 
     def _at(self, address: int) -> list[CellWord]:
-        found = self.words.get(address)
-        if found is None:
+        if address not in self.words:
             raise Declined("place", f"nothing is described at address {address}")
-        return found
+        return self.words[address]
 
     def read(self, address: int, quantity: int) -> tuple[int, ...]:
         """Read `quantity` registers; raises Declined. Each value is read once, so its words belong together."""
-        wanted = range(address, address + quantity)
-        rows = [[] if number in self.gaps else self._at(number) for number in wanted]
+        addresses = range(address, address + quantity)
+        rows = [[] if number in self.gaps else self._at(number) for number in addresses]
         if not any(rows):
             raise Declined("place", f"nothing is described at address {address}")
-        known: dict[str, tuple[int, ...]] = {}
+        values: dict[str, tuple[int, ...]] = {}
         words = []
         for row in rows:
             if not row:
@@ -95,9 +94,9 @@ class RegisterImage:
                 words.append(word)
             else:
                 name = first.cell.name
-                if name not in known:
-                    known[name] = self.store.registers(first.cell)
-                words.append(known[name][first.word])
+                if name not in values:
+                    values[name] = self.store.registers(first.cell)
+                words.append(values[name][first.word])
         return tuple(words)
 
     def write(self, address: int, words: Sequence[int]) -> None:

@@ -308,7 +308,7 @@ def _profile(
             distance = max(0.0, distance - (before**2 - velocity**2) / (2 * deceleration))
         return [*ramps, _Ramp(distance / velocity, sign * velocity, sign * velocity), _Ramp(0.0, 0.0, 0.0)]
     if before > velocity:
-        peak, first = velocity, (before - velocity) / deceleration
+        peak, to_peak = velocity, (before - velocity) / deceleration
         used = (before**2 - velocity**2) / (2 * deceleration)
     else:
         # The peak of the triangle, from  distance = (v^2 - v0^2) / 2a + v^2 / 2d.
@@ -316,20 +316,21 @@ def _profile(
             (2 * distance * acceleration * deceleration + deceleration * before**2) / (acceleration + deceleration)
         )
         peak = min(velocity, summit)
-        first = (peak - before) / acceleration
+        to_peak = (peak - before) / acceleration
         used = (peak**2 - before**2) / (2 * acceleration)
-    last = peak / deceleration
-    cruise = max(0.0, distance - used - peak * last / 2) / peak
-    up, down = sign * before, sign * peak
-    return [_Ramp(first, up, down), _Ramp(cruise, down, down), _Ramp(last, down, 0.0)]
+    braking = peak / deceleration
+    cruise = max(0.0, distance - used - peak * braking / 2) / peak  # a rounding error may be below 0
+    first, top = sign * before, sign * peak
+    return [_Ramp(to_peak, first, top), _Ramp(cruise, top, top), _Ramp(braking, top, 0.0)]
 
 
 def _time_for(distance: float, velocity: float, acceleration: float) -> float:
     """Return how long a distance takes at constant acceleration; inf if it is never covered."""
-    under = velocity**2 + 2 * acceleration * distance
-    if under < 0:
+    end_squared = velocity**2 + 2 * acceleration * distance  # the square of the velocity at the end of the distance
+    if end_squared < 0:
         return inf
+    end = sqrt(end_squared)
     if velocity < 0:
-        return (sqrt(under) - velocity) / acceleration if acceleration > 0 else inf
-    divisor = velocity + sqrt(under)
-    return 2 * distance / divisor if divisor > 0 else inf
+        return (end - velocity) / acceleration if acceleration > 0 else inf
+    # Not (end - velocity) / acceleration, which is 0 / 0 for a constant velocity.
+    return 2 * distance / (velocity + end) if velocity + end > 0 else inf

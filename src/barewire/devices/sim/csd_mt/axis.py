@@ -233,7 +233,7 @@ class StepperAxis(Cia402Axis):
 
     def _go(self, transition: Transition, now: float) -> None:
         if self._pending is not None:
-            return
+            return  # the delay of this command is still running
         if transition.number == _ENABLING:
             if self.context.environment.safe_torque_off:
                 return  # "otherwise the current flowing in the motor phases is not allowed" (ch. 13)
@@ -260,10 +260,10 @@ class StepperAxis(Cia402Axis):
             self.brake_at = self.context.now + self._delay("Brake Delay Unlock")
 
     def _finish(self) -> None:
-        done, self._pending, self._done_at = self._pending, None, inf
-        if done is not None:
-            super()._go(done, self.context.now)
-            if done.number == _ENABLING:
+        transition, self._pending, self._done_at = self._pending, None, inf
+        if transition is not None:
+            super()._go(transition, self.context.now)
+            if transition.number == _ENABLING:
                 self._enabled()
 
     def _enabled(self) -> None:
@@ -274,9 +274,9 @@ class StepperAxis(Cia402Axis):
         self._was_enabled = True
 
     def _cancel(self, now: float) -> None:
-        done, self._pending = self._pending, None
+        transition, self._pending = self._pending, None
         self._current_at = self._done_at = inf
-        if done is not None and done.number == _ENABLING:
+        if transition is not None and transition.number == _ENABLING:
             self._release(now)
         else:
             self.brake_at = now
@@ -439,9 +439,9 @@ class StepperAxis(Cia402Axis):
                 self._stop(now)  # a limit switch ends the homing run: bit 11 is set, bit 12 stays 0
             case Retreat(direction, ramp):
                 self._command_follows_shaft()
-                here = self.trajectory.position(now)
-                target = here - direction * self.store.number("Hard Stop Homing Disengaging Steps")
-                self.trajectory.jump(now, here)
+                position = self.trajectory.position(now)
+                target = position - direction * self.store.number("Hard Stop Homing Disengaging Steps")
+                self.trajectory.jump(now, position)
                 self.shaft.hold()
                 self.trajectory.move(now, target, _START_STOP, ramp, ramp, jerky=True)
 

@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 from math import exp, inf, log
+from typing import NamedTuple
 
 from barewire.codecs import Value
 from barewire.devices.cia402 import FAULT_STATES
@@ -55,13 +56,19 @@ _FAULT_ON_O2 = (0x1B, 0x23)
 """Values of Output Config (1089) that make O2 the fault output."""
 
 
+class _Saving(NamedTuple):
+    """Values on their way into the memory, and the time at which they are in it."""
+
+    ends_at: float
+    values: dict[str, Value]
+
+
 class ServiceRegisters:
     """Memory, alarm log, outputs and small registers of one drive."""
 
     def __init__(self, context: Context, shaft: Shaft, axis: StepperAxis) -> None:
         self.context, self.store, self.shaft, self.axis = context, context.store, shaft, axis
-        self._saving: tuple[float, dict[str, Value]] | None = None
-        """The time at which saving ends, and the values that are being saved."""
+        self._saving: _Saving | None = None
         store = self.store
         for name, value in _IDENTITY.items():
             store.cell(name).default = value
@@ -111,11 +118,11 @@ class ServiceRegisters:
 
     def events(self) -> Iterator[TimedAction]:
         """Yield the time at which saving ends, and the action then."""
-        yield self._saving[0] if self._saving else inf, self._saved
+        yield self._saving.ends_at if self._saving else inf, self._saved
 
     def _saved(self) -> None:
         if self._saving is not None:
-            self.store.saved = self._saving[1]
+            self.store.saved = self._saving.values
             self._saving = None
 
     def restart(self) -> None:
@@ -126,14 +133,14 @@ class ServiceRegisters:
     def _save(self, value: Value) -> None:
         """Begin to save the parameters that belong to this signature."""
         values = self.store.snapshot(lambda cell: _saved_by(cell) == value)
-        self._saving = (self.context.now + _SAVING_TIME, self.store.saved | values)
+        self._saving = _Saving(self.context.now + _SAVING_TIME, self.store.saved | values)
         self.store["Save All Parameters"] = 0
 
     def _restore(self, value: Value) -> None:
         """Set the storable parameters to their defaults, and begin to save that; network registers are kept."""
         store = self.store
         others = {name: held for name, held in store.saved.items() if _saved_by(store.cell(name)) != _STORE}
-        self._saving = (self.context.now + _SAVING_TIME, others)
+        self._saving = _Saving(self.context.now + _SAVING_TIME, others)
         for cell in store:
             if _saved_by(cell) == _STORE:
                 cell.set(cell.default)

@@ -1,7 +1,7 @@
 """The shaft of the CSD MT's motor: it follows the command, loses steps, is recovered by Auto Sync, or coasts.
 
         command counter C      `command`, the trajectory of the axis, in the drive's steps
-        shaft R                in step:   R = ±(C + k), the magnetic spring without its oscillation
+        shaft R                in step:   R = ±(C + offset), the magnetic spring without its oscillation
                                otherwise: a motion of its own: blocked, out of step, recovering, or without current
         encoder E              R through 1121 and 1092; 1004 and 1020 show it  (C, if 1085 is 17)
         following error        |C - E| outside of 1084, or of 1110 with Auto Sync --> bit 13, and the reaction of 1085
@@ -58,7 +58,7 @@ class Shaft:
         """Bit 13: a following error that has not been reset."""
         self._zero = 0.0
         self._ratio = self._ratio_set()
-        self._sign, self._k = 1.0, 0.0
+        self._sign, self._offset = 1.0, 0.0
         self._out_of_step_towards = 1.0
 
     # Position
@@ -118,7 +118,7 @@ class Shaft:
 
     def _lag(self) -> Trajectory:
         motion = self.motions[-1]
-        return self.command.minus(motion.trajectory, self._sign * motion.sign, -self._k, self.context.now)
+        return self.command.minus(motion.trajectory, self._sign * motion.sign, -self._offset, self.context.now)
 
     @property
     def recovering(self) -> bool:
@@ -175,12 +175,12 @@ class Shaft:
 
     def _hold_at(self, place: float) -> None:
         self._sign = self.direction
-        self._k = self._sign * place - self.command.position(self.context.now)
-        self._begin(self.command, self._sign, self._k)
+        self._offset = self._sign * place - self.command.position(self.context.now)
+        self._begin(self.command, self._sign, self._offset)
         self.in_step = True
 
     def _recovered(self) -> None:
-        self._begin(self.command, self._sign, self._k)
+        self._begin(self.command, self._sign, self._offset)
         self.in_step = True
         if self.store.whole("Following Error Reaction Code") == 1:
             self.error = False  # "bit 13 becomes equal to 0 when the synchronization is recovered"
@@ -259,9 +259,9 @@ class Shaft:
 
     def command_renumbered(self, shift: float) -> None:
         """Keep the shaft where it is after every position of the command has become larger by `shift`."""
-        self._k -= shift
+        self._offset -= shift
         if self.in_step:
-            self._begin(self.command, self._sign, self._k)
+            self._begin(self.command, self._sign, self._offset)
 
     def encoder_follows_command(self) -> None:
         """Position Error Reset = 2: "loading the logic step counter into the encoder position"."""
