@@ -1,15 +1,16 @@
-"""The planner: the fewest reads, gaps only over described registers, writes in their order."""
+"""The planner: the fewest reads, gaps only over described registers, writes in their order; the values of a block."""
 
 from __future__ import annotations
 
+import random
 from itertools import combinations
 from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
 
-from barewire.devices import Device, ModbusAt, ModbusSettings, Parameter, load, plan_reads, plan_writes
-from barewire.devices.modbus_access import PlannedRead, PlannedWrite, known_addresses
+from barewire.devices import Device, ModbusAt, ModbusSettings, Parameter, load, names, plan_reads, plan_writes
+from barewire.devices.modbus_access import PlannedRead, PlannedWrite, block_decoder, known_addresses
 from barewire.devices.parameter import TableName
 from barewire.errors import EncodeError
 from tests.helpers import modest, refused
@@ -266,3 +267,33 @@ def test_property_any_writes_keep_order_and_limits(rows: list[ModbusAt], limit: 
 def test_plans_compare_by_value() -> None:
     assert PlannedRead("holding", 0, 1, (), 3) == PlannedRead("holding", 0, 1, (), 3)
     assert PlannedWrite("holding", 0, 1, (), 6).keep is False
+
+
+def one_by_one(block: PlannedRead, content: list[int]) -> dict[str, object]:
+    found: dict[str, object] = {}
+    for parameter, offset in block.members:
+        if block.table in ("coil", "discrete"):
+            found[parameter.name] = bool(content[offset])
+        else:
+            assert parameter.modbus is not None
+            found[parameter.name] = parameter.from_registers(content[offset : offset + parameter.modbus.words])
+    return found
+
+
+@pytest.mark.parametrize("device_name", names())
+def test_a_block_is_decoded_like_its_parameters_one_by_one(device_name: str) -> None:
+    device = load(device_name)
+    readable = [parameter for parameter in device.parameters if parameter.readable and parameter.modbus]
+    blocks = plan_reads(device, readable)
+    assert blocks
+    random_numbers = random.Random(1)
+    for block in blocks:
+        for _ in range(5):
+            top = 1 if block.table in ("coil", "discrete") else 0xFFFF
+            content = [random_numbers.randint(0, top) for _ in range(block.quantity)]
+            expected = one_by_one(block, content)
+            found = dict(zip(expected, block_decoder(block)(content), strict=True))
+            for name, value in expected.items():
+                same = found[name] == value or (value != value and found[name] != found[name])  # not-a-number
+                assert same, name
+                assert type(found[name]) is type(value), name

@@ -26,7 +26,7 @@ from barewire.devices.description.check import rule_of, schema
 from barewire.devices.description.load import CATALOG
 from barewire.devices.parameter import INTEGER_TYPES, TABLE_NAMES, VALUE_TYPES, ParameterAccess
 from barewire.devices.sdo_dialects import DIALECTS
-from tests.devices.description.test_descriptions import HEAD, HEAD_ERRORS, row, write
+from tests.devices.description.test_check import HEAD, HEAD_ERRORS, row, write
 
 KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
 KEYS += ["modbus", "object", "bits", "storable", "answered", "printed", "group"]

@@ -7,7 +7,7 @@ from math import inf
 import pytest
 
 from barewire.devices.sim.csd_mt.environment import Span
-from tests.devices.sim.csd_mt.csd_mt_bench import HOMING, CsdBench
+from tests.devices.sim.bench import HOMING, CsdBench
 
 SWITCH = Span(30_000.0, 31_000.0)
 INDEX = 700.0

@@ -7,7 +7,7 @@ from math import inf
 import pytest
 
 from barewire.devices.sim.csd_mt.environment import Span
-from tests.devices.sim.csd_mt.csd_mt_bench import HOMING, VELOCITY, CsdBench
+from tests.devices.sim.bench import HOMING, VELOCITY, CsdBench
 
 LIMITS = Span(-10_000.0, 50_000.0)
 

@@ -6,7 +6,7 @@ import pytest
 
 from barewire.modbus.messages.coils import ReadCoils
 from barewire.modbus.messages.registers import ReadHoldingRegisters, WriteSingleRegister
-from tests.devices.sim.csd_mt.csd_mt_bench import STATUS, VELOCITY, CsdBench
+from tests.devices.sim.bench import STATUS, VELOCITY, CsdBench
 
 
 @pytest.fixture

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.devices.cia402 import State
-from tests.devices.sim.az3.az3_bench import az3_bench, drive, enable, state
-from tests.devices.sim.bench import Bench
+from tests.devices.sim.bench import Bench, az3_bench, drive, enable, state
 
 SETTLE = 10.0
 

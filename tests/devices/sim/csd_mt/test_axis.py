@@ -8,7 +8,7 @@ import pytest
 
 from barewire.devices.cia402 import State
 from barewire.modbus.messages.registers import WriteMultipleRegisters
-from tests.devices.sim.csd_mt.csd_mt_bench import VELOCITY, CsdBench
+from tests.devices.sim.bench import VELOCITY, CsdBench
 
 
 @pytest.fixture
