@@ -85,7 +85,7 @@ def test_the_order_is_safe_for_any_device_and_leads_to_the_dcf() -> None:
         }
     )
     values = concise_dcf(device_configuration(document))
-    assert [f"{one.index:X}:{one.sub}={int.from_bytes(one.data, 'little'):X}" for one in values] == [
+    assert [f"{value.index:X}:{value.sub}={int.from_bytes(value.data, 'little'):X}" for value in values] == [
         *("1800:1=80000185", "1801:1=80000285"),
         *("1016:1=0", "1016:2=0", "1006:0=0", "1016:1=203E8", "1016:2=303E8", "1017:0=1F4", "2001:0=706D7570"),
         *("1019:0=A", "1006:0=3E8"),
@@ -93,8 +93,8 @@ def test_the_order_is_safe_for_any_device_and_leads_to_the_dcf() -> None:
         *("1020:1=3C9F", "1020:2=3059EE0"),
     ]
     bus, device = bus_with(x1006_00=5, x1016_01=0x303E8)
-    for one in decode_concise_dcf(encode_concise_dcf(values)):
-        bus.run(download(5, one.index, one.sub, one.data))
+    for value in decode_concise_dcf(encode_concise_dcf(values)):
+        bus.run(download(5, value.index, value.sub, value.data))
     assert [device.objects[0x1A00, sub] for sub in range(3)] == [2, 0x60640020, 0x60410010]
     assert (device.objects["Overflow"], device.objects["Cycle"], device.objects["Label"]) == (10, 1000, "pump")
     back = eds.to_dcf(described(), 5, concise_values(values, device.objects))
@@ -103,7 +103,7 @@ def test_the_order_is_safe_for_any_device_and_leads_to_the_dcf() -> None:
 
 def test_a_counter_without_a_cycle_leaves_the_cycle_as_it_is() -> None:
     values = concise_dcf(device_configuration(dcf({"Overflow": 10})))
-    assert [one.index for one in values] == [0x1019, 0x1020, 0x1020]
+    assert [value.index for value in values] == [0x1019, 0x1020, 0x1020]
 
 
 def test_a_mapping_needs_the_cob_id_of_its_pdo() -> None:
@@ -121,12 +121,12 @@ def test_values_that_do_not_fit_the_dictionary() -> None:
 
 def test_entries_of_a_mapping_are_written_while_their_number_is_zero() -> None:
     values = concise_dcf(device_configuration(dcf({(0x1800, 1): 0x185, (0x1A00, 1): 0x60640020})))
-    assert [f"{one.index:X}:{one.sub}={one.data[0]:X}" for one in values if one.index == 0x1A00] == [
+    assert [f"{value.index:X}:{value.sub}={value.data[0]:X}" for value in values if value.index == 0x1A00] == [
         *("1A00:0=0", "1A00:1=20", "1A00:0=1"),
     ]
     bus, device = bus_with()
-    for one in values:
-        bus.run(download(5, one.index, one.sub, one.data))
+    for value in values:
+        bus.run(download(5, value.index, value.sub, value.data))
     assert device.objects[0x1A00, 1] == 0x60640020
 
 
@@ -143,7 +143,7 @@ def counted(value: int, default: int) -> DeviceConfiguration:
 
 
 def test_the_number_of_entries_of_an_array_is_written_only_where_it_changes() -> None:
-    assert [one.sub for one in concise_dcf(counted(2, default=2))] == [1]
-    assert [one.sub for one in concise_dcf(counted(1, default=2))] == [0, 1]
+    assert [value.sub for value in concise_dcf(counted(2, default=2))] == [1]
+    assert [value.sub for value in concise_dcf(counted(1, default=2))] == [0, 1]
     alone = DeviceConfiguration(5, (Setting(Entry(0x1017, 0, "heartbeat", "u16", default=7), 7),))
     assert len(concise_dcf(alone)) == 1  # a variable

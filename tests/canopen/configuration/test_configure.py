@@ -24,7 +24,7 @@ def test_only_differences_are_written_and_a_second_run_writes_nothing() -> None:
     bus, device = bus_with()
     wanted = device_configuration(dcf({"Heartbeat": 500, "Cycle": 0, "Label": "pump"}))
     result = bus.run(configure_device(5, wanted))
-    assert [str(one) for one in result.changes[:2]] == [
+    assert [str(change) for change in result.changes[:2]] == [
         "1017h:00 Heartbeat: device 0, configuration 500",
         "2001h:00 Label: device '', configuration 'pump'",
     ]
@@ -78,7 +78,7 @@ def test_objects_that_cannot_change_in_one_write() -> None:
 def test_a_write_only_object_is_always_written_and_never_read() -> None:
     bus, device = bus_with(x1020_01=DATE["Configuration.Date"], x1020_02=DATE["Configuration.Time"])
     wanted = device_configuration(dcf({"Password": 77}))
-    assert [repr(one) for one in bus.run(compare_device(5, wanted))] == [
+    assert [repr(change) for change in bus.run(compare_device(5, wanted))] == [
         "<Difference 2000h:00 Password: device write-only, configuration 77>"
     ]
     bus.run(configure_device(5, wanted))
@@ -99,7 +99,7 @@ def test_a_dry_run_writes_nothing_and_has_the_same_errors() -> None:
     bus, device = bus_with()
     wanted = device_configuration(dcf({"Heartbeat": 500}))
     result = bus.run(configure_device(5, wanted, dry_run=True, store=True))
-    assert [one.entry.index for one in result.changes] == [0x1017, 0x1020, 0x1020]
+    assert [change.entry.index for change in result.changes] == [0x1017, 0x1020, 0x1020]
     assert (result.stored, writes(bus)) == (False, [])
     device.objects.set(0x1018, 1, 1)
     with pytest.raises(ConfigurationFailed, match="another device"):
@@ -164,7 +164,7 @@ def test_progress_is_told_before_each_step() -> None:
     told: list[tuple[int, int, str]] = []
     bus.run(
         configure_device(
-            5, device_configuration(dcf({"Heartbeat": 500})), store=True, progress=lambda *one: told.append(one)
+            5, device_configuration(dcf({"Heartbeat": 500})), store=True, progress=lambda *step: told.append(step)
         )
     )
     assert [done for done, _, _ in told] == list(range(len(told)))
@@ -223,29 +223,38 @@ def test_a_lost_response_to_a_read_says_that_nothing_was_written(dry_run: bool) 
     assert writes(bus) == []
 
 
-def test_a_lost_response_to_a_write_names_the_object_that_may_be_written() -> None:
+@pytest.mark.parametrize(
+    ("lost", "values", "store", "note"),
+    [
+        (
+            b"\x60\x17\x10",
+            {"Heartbeat": 500, "Cycle": 1000},
+            False,
+            "node 5 has 1 object written (and perhaps 1017h:00, whose response did not come), "
+            "and not the date of the configuration; configure it again",
+        ),
+        (
+            b"\x60",
+            {(0x1800, 2): 1},
+            False,
+            "node 5 has no object written (and perhaps 1800h:01, whose response did not come), "
+            "and not the date of the configuration; configure it again",
+        ),
+        (
+            b"\x60\x10\x10",
+            {"Heartbeat": 500},
+            True,
+            "node 5 has all values of the configuration, and may have stored them or not",
+        ),
+    ],
+    ids=["to a write", "to the first write", "to store"],
+)
+def test_a_lost_response_says_what_may_be_written(
+    lost: bytes, values: dict[tuple[int, int] | str, int], store: bool, note: str
+) -> None:
     bus, device = bus_with()
-    bus.lose = lambda number, frame: frame.id == 0x585 and frame.data[:3] == b"\x60\x17\x10"
+    bus.lose = lambda number, frame: frame.id == 0x585 and frame.data.startswith(lost)
     with pytest.raises(NoAnswer) as error:
-        bus.run(configure_device(5, device_configuration(dcf({"Heartbeat": 500, "Cycle": 1000}))))
-    assert error.value.__notes__ == [
-        "node 5 has 1 object written (and perhaps 1017h:00, whose response did not come), "
-        "and not the date of the configuration; configure it again"
-    ]
-    assert device.objects["Heartbeat"] == 500  # it was written
-
-
-def test_a_lost_response_to_the_first_write() -> None:
-    bus, _ = bus_with()
-    bus.lose = lambda number, frame: frame.id == 0x585 and frame.data[0] == 0x60
-    with pytest.raises(NoAnswer) as error:
-        bus.run(configure_device(5, device_configuration(dcf({(0x1800, 2): 1}))))
-    assert error.value.__notes__[0].startswith("node 5 has no object written (and perhaps 1800h:01, whose response did")
-
-
-def test_a_lost_response_to_store() -> None:
-    bus, _ = bus_with()
-    bus.lose = lambda number, frame: frame.id == 0x585 and frame.data[:3] == b"\x60\x10\x10"
-    with pytest.raises(NoAnswer) as error:
-        bus.run(configure_device(5, device_configuration(dcf({"Heartbeat": 500})), store=True))
-    assert error.value.__notes__ == ["node 5 has all values of the configuration, and may have stored them or not"]
+        bus.run(configure_device(5, device_configuration(dcf({**values})), store=store))
+    assert error.value.__notes__ == [note]
+    assert device.objects["Heartbeat"] == values.get("Heartbeat", 0)  # it was written

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import pytest
 
 from barewire.canopen import DeviceConfiguration, Setting, device_configuration, eds
@@ -9,28 +11,30 @@ from barewire.errors import EncodeError
 from tests.canopen.configuration.plant import DATE, dcf, described
 
 
-def texts(found: object) -> list[str]:
-    return [str(one) for one in found]  # type: ignore[attr-defined]
+def texts(settings: Iterable[Setting]) -> list[str]:
+    return [str(setting) for setting in settings]
 
 
 def test_settings_are_the_parameter_values_of_writable_objects() -> None:
-    found = device_configuration(dcf({"Heartbeat": 500, "Device type": 0x191, "COB-ID EMCY": eds.Formula(0x80)}, 9))
-    assert found.node == 9
-    assert texts(found.settings) == [
+    configuration = device_configuration(
+        dcf({"Heartbeat": 500, "Device type": 0x191, "COB-ID EMCY": eds.Formula(0x80)}, 9)
+    )
+    assert configuration.node == 9
+    assert texts(configuration.settings) == [
         "<Setting 1014h:00 COB-ID EMCY = 00000089h>",
         "<Setting 1017h:00 Heartbeat = 500>",
     ]
-    assert [one.data for one in found.settings] == [b"\x89\0\0\0", b"\xf4\x01"]
-    assert [one.place for one in found.identity] == [(0x1000, 0), (0x1018, 1), (0x1018, 2)]
+    assert [setting.data for setting in configuration.settings] == [b"\x89\0\0\0", b"\xf4\x01"]
+    assert [setting.place for setting in configuration.identity] == [(0x1000, 0), (0x1018, 1), (0x1018, 2)]
     assert device_configuration(dcf({"COB-ID EMCY": eds.Formula(0x80)}), 10).settings[0].value == 0x8A
 
 
 def test_commands_and_unused_mapping_entries_are_left_out() -> None:
     document = dcf({(0x1010, 1): 0x65766173, (0x1A00, 1): 0x60410010, (0x1A00, 2): 0x60640020, "Heartbeat": 1})
     document.set(0x1017, 0, "ObjFlags", "1")
-    found = device_configuration(document)
-    assert texts(found.settings)[1:] == ["<Setting 1A00h:01 mapping 1800.entry 1 = 60410010h>"]
-    assert found.left_out == (
+    configuration = device_configuration(document)
+    assert texts(configuration.settings)[1:] == ["<Setting 1A00h:01 mapping 1800.entry 1 = 60410010h>"]
+    assert configuration.left_out == (
         "1010h:01 Store.Store all: writing it is a command",
         "1017h:00 Heartbeat: ObjFlags=1 excludes it",
     )
@@ -70,17 +74,17 @@ def test_the_date_of_the_file(date: str, time: str, days: int, milliseconds: int
     document = dcf({"Heartbeat": 1})
     document.put("FileInfo", "ModificationDate", date)
     document.put("FileInfo", "ModificationTime", time)
-    assert [one.value for one in device_configuration(document).date] == [days, milliseconds]
+    assert [setting.value for setting in device_configuration(document).date] == [days, milliseconds]
 
 
 def test_the_value_of_1020h_is_taken_before_the_date_of_the_file_and_that_of_its_making_after_it() -> None:
     stated = dcf({(0x1020, 1): 5, (0x1020, 2): 6})
-    assert [one.value for one in device_configuration(stated).date] == [5, 6]
+    assert [setting.value for setting in device_configuration(stated).date] == [5, 6]
     document = dcf({"Heartbeat": 1})
     document.put("FileInfo", "ModificationDate", "13-45-2026")
     assert device_configuration(document).date == ()
     document.put("FileInfo", "CreationDate", "01-03-1984")
-    assert [one.value for one in device_configuration(document).date] == [2, 0]
+    assert [setting.value for setting in device_configuration(document).date] == [2, 0]
 
 
 def test_an_eds_is_not_a_configuration() -> None:
@@ -152,18 +156,18 @@ def test_values_that_are_given_in_a_program_are_checked_too() -> None:
 def test_a_mapping_of_more_than_64_bits() -> None:
     with pytest.raises(EncodeError, match=r"TPDO1: 1A00h maps 65 bits: expected at most 64"):
         device_configuration(dcf({(0x1A00, 0): 2, (0x1A00, 1): 0x60640020, (0x1A00, 2): 0x60640021}))
-    found = device_configuration(dcf({(0x1A00, 0): 1, (0x1A00, 1): 0x60640020, (0x1A00, 2): 0x60640021}))
-    assert len(found.settings) == 2, "the second one is not mapped"
+    configuration = device_configuration(dcf({(0x1A00, 0): 1, (0x1A00, 1): 0x60640020, (0x1A00, 2): 0x60640021}))
+    assert len(configuration.settings) == 2, "the second one is not mapped"
 
 
 def test_configured_entries_configure_their_number() -> None:
-    found = device_configuration(dcf({(0x1A00, 1): 0x60640020}))
-    assert texts(found.settings) == [
+    configuration = device_configuration(dcf({(0x1A00, 1): 0x60640020}))
+    assert texts(configuration.settings) == [
         "<Setting 1A00h:00 mapping 1800.mapped objects = 1>",
         "<Setting 1A00h:01 mapping 1800.entry 1 = 60640020h>",
     ]
 
 
 def test_a_mapping_without_a_number_in_the_file() -> None:
-    found = device_configuration(one_object("1A00sub1", U32, "0x60640020"))
-    assert [one.place for one in found.settings] == [(0x1A00, 1)]
+    configuration = device_configuration(one_object("1A00sub1", U32, "0x60640020"))
+    assert [setting.place for setting in configuration.settings] == [(0x1A00, 1)]

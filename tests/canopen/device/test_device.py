@@ -340,25 +340,21 @@ def in_a_block(*pdos: PdoConfig) -> LocalNode:
     return device
 
 
-def segment(device: LocalNode, now: float) -> list[str]:
-    """Feed the next segment of the block. Return the frames sent then."""
-    session = device.sdo._transfer
-    assert session is not None
-    frame = CanFrame(0x605, bytes([session.next_segment]) + bytes(7))
-    return [str(frame) for frame in device.feed(frame, now)]
-
-
 def test_all_other_services_continue_inside_a_block() -> None:
     device = in_a_block(PdoConfig("TPDO", 1, (0x60410010,)))
-    assert [segment(device, 0.01) for _ in range(3)] == [[], [], []]
+
+    def segment(number: int, now: float) -> list[str]:
+        return feed(device, f"605#{number:02X}00000000000000", now)
+
+    assert [segment(number, 0.01) for number in (1, 2, 3)] == [[], [], []]
     device.objects.set(0x6041, 0, 0x1237)
-    assert segment(device, 0.02) == ["185#3712"]
+    assert segment(4, 0.02) == ["185#3712"]
     device.objects.set(0x1017, 0, 100)
-    sent = [text for step in range(40) for text in segment(device, 0.1 + step / 100)]
+    sent = [text for step in range(40) for text in segment(5 + step, 0.1 + step / 100)]
     assert sent == ["705#05"] * 4
     assert [str(frame) for frame in device.error(0x4210, 0.49)] == ["085#1042090000000000"]
     assert device.sdo.counters.requests == 45
-    assert segment(device, 0.5) == ["705#05"]
+    assert segment(45, 0.5) == ["705#05"]
     assert device.feed(CanFrame.parse("000#0205"), 0.51) == []
     assert device.sdo.deadline is None  # STOPPED ends the transfer
     assert device.feed(CanFrame.parse("605#2D00000000000000"), 0.52) == []

@@ -27,12 +27,12 @@ NODES = (5, 6, 7)
 
 def nodes(*, all_mappable: bool = False, lss: bool = False) -> list[LocalNode]:
     described = eds.parse(eds_text(all_mappable=all_mappable))
-    made = []
+    group_nodes = []
     for number in NODES:
         objects = described.dictionary(number)
         slave = LssSlave(LssAddress(1, 2, 3, number)) if lss else None
-        made.append(LocalNode(number, objects, pdos_of(objects, number, refused=[]), lss=slave))
-    return made
+        group_nodes.append(LocalNode(number, objects, pdos_of(objects, number, refused=[]), lss=slave))
+    return group_nodes
 
 
 class EveryNode:
@@ -54,7 +54,7 @@ class EveryNode:
         waiting, self.own = self.own, deque()
         frames = []
         for sent, sender in [*waiting, (frame, None)]:
-            frames += self._take([(one, one.feed(sent, now)) for one in self.members if one is not sender])
+            frames += self._take([(member, member.feed(sent, now)) for member in self.members if member is not sender])
         return frames
 
     def _take(self, sent: list[tuple[LocalNode, list[CanFrame]]]) -> list[CanFrame]:

@@ -249,16 +249,16 @@ def test_names_that_cannot_be_written_are_refused() -> None:
 def test_a_dcf_is_made_of_an_eds() -> None:
     before = ("[FileInfo]\nFileName=a.eds\n" + RECORD).encode()
     document = eds.parse(before)
-    made = eds.to_dcf(document, 5, {(0x2000, 1): 9}, name="left wheel", bitrate=500_000)
+    dcf = eds.to_dcf(document, 5, {(0x2000, 1): 9}, name="left wheel", bitrate=500_000)
     assert document.encode() == before
-    assert made.get("FileInfo", "LastEDS") == "a.eds"
-    assert made.get("DeviceComissioning", "NodeID") == "5"
-    assert made.get("DeviceComissioning", "NodeName") == "left wheel"
-    assert made.get("DeviceComissioning", "Baudrate") == "500"
-    assert made.dictionary().get(0x2000, 1) == 9
-    assert made.dictionary().entry(0x2000, 1).default == 7
-    assert eds.parse(made.encode(), strict=True).get("DeviceComissioning", "CANopenManager") == "0"
-    again = eds.to_dcf(made, 6, {"ramps.up": 10})
+    assert dcf.get("FileInfo", "LastEDS") == "a.eds"
+    assert dcf.get("DeviceComissioning", "NodeID") == "5"
+    assert dcf.get("DeviceComissioning", "NodeName") == "left wheel"
+    assert dcf.get("DeviceComissioning", "Baudrate") == "500"
+    assert dcf.dictionary().get(0x2000, 1) == 9
+    assert dcf.dictionary().entry(0x2000, 1).default == 7
+    assert eds.parse(dcf.encode(), strict=True).get("DeviceComissioning", "CANopenManager") == "0"
+    again = eds.to_dcf(dcf, 6, {"ramps.up": 10})
     assert (again.get("DeviceComissioning", "NodeID"), again.dictionary().get(0x2000, 1)) == ("6", 10)
     assert again.get("DeviceComissioning", "NodeName") == "left wheel"
 

@@ -48,24 +48,25 @@ DEFAULTS: dict[str, Value] = {"string": "", "unicode": "", "octets": b"", "domai
 
 
 def objects() -> ObjectDictionary:
-    made = ObjectDictionary(standard_objects(ADDRESS))
-    made.add(Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637))
-    made.add(Entry(0x6040, 0, "controlword", "u16", "rw", 0))
-    for sub, type in enumerate(VALUES, 1):
-        default = DEFAULTS.get(type, 0)
-        made.add(Entry(0x2000, sub, type, type, "rw", default))
-    return made
+    return ObjectDictionary(
+        [
+            *standard_objects(ADDRESS),
+            Entry(0x6041, 0, "statusword", "u16", "ro", 0x0637),
+            Entry(0x6040, 0, "controlword", "u16", "rw", 0),
+            *(Entry(0x2000, sub, type, type, "rw", DEFAULTS.get(type, 0)) for sub, type in enumerate(VALUES, 1)),
+        ]
+    )
 
 
 @pytest.fixture
 def bus() -> VirtualBus:
-    made = VirtualBus()
+    bus = VirtualBus()
     device = LocalNode(
         5, objects(), [PdoConfig("TPDO", 1, (0x60410010,), type=1), PdoConfig("RPDO", 1, (0x60400010,), type=255)]
     )
-    made.add(device, sent=device.start(0.0))
-    made.pass_time(0.1)
-    return made
+    bus.add(device, sent=device.start(0.0))
+    bus.pass_time(0.1)
+    return bus
 
 
 def ask(bus: VirtualBus, session: GatewaySession, line: str) -> str:
@@ -260,11 +261,11 @@ def test_pdos_are_exchanged_with_a_device(bus: VirtualBus) -> None:
 
 @pytest.fixture
 def unconfigured() -> VirtualBus:
-    made = VirtualBus()
+    bus = VirtualBus()
     slave = LssSlave(ADDRESS, store=lambda node, rate: True)
     device = LocalNode(None, ObjectDictionary(standard_objects(ADDRESS)), lss=slave)
-    made.add(device, sent=device.start(0.0))
-    return made
+    bus.add(device, sent=device.start(0.0))
+    return bus
 
 
 FOUND = "0x00000360 0x00010203 0x00020001 0xDEADBEEF"

@@ -42,8 +42,8 @@ def test_every_object_of_a_node() -> None:
         0x53, x1016_01=0x0005_03E8, x1F89_00=2500, x1F81_05=0x0064_037D, x1F81_06=0xC, x1F81_07=1,
         x1F22_05=CONCISE, x1F26_05=15519, x1F27_05=1000, x1F55_05=0x22, x1F58_05=b"program", **identity,
     )  # fmt: skip
-    found = network_list(objects)
-    assert found == NetworkList(
+    network = network_list(objects)
+    assert network == NetworkList(
         (
             BootSlave(
                 5, mandatory=True, keep_alive=True, check_program=True, update_program=True, guard_time=0.1,
@@ -55,13 +55,13 @@ def test_every_object_of_a_node() -> None:
         ),
         start_all=True, reset_all=True, stop_all=True, boot_time=2.5,
     )  # fmt: skip
-    assert repr(found) == "<NetworkList: 2 nodes, 1 of them mandatory>"
-    assert repr(found.slaves[0]) == "<BootSlave 5: mandatory, keep alive, check program, update program>"
+    assert repr(network) == "<NetworkList: 2 nodes, 1 of them mandatory>"
+    assert repr(network.slaves[0]) == "<BootSlave 5: mandatory, keep alive, check program, update program>"
 
 
 def test_the_date_of_the_program() -> None:
-    found = network_list(manager(1, x1F81_05=0x25, x1F53_05=15519, x1F54_05=1000))
-    assert (found.slaves[0].software_date, found.slaves[0].software) == ((15519, 1000), 0)
+    network = network_list(manager(1, x1F81_05=0x25, x1F53_05=15519, x1F54_05=1000))
+    assert (network.slaves[0].software_date, network.slaves[0].software) == ((15519, 1000), 0)
 
 
 def test_a_stored_dcf_is_the_configuration_and_stamps_the_expected_date() -> None:
@@ -71,7 +71,7 @@ def test_a_stored_dcf_is_the_configuration_and_stamps_the_expected_date() -> Non
     assert (slave.date, slave.concise) == ((0, 0), ())
     (slave,) = network_list(manager(1, x1F81_05=5, x1F20_05=text, x1F22_05=CONCISE, x1F26_05=7, x1F27_05=8)).slaves
     assert isinstance(slave.configuration, DeviceConfiguration)
-    assert [one.value for one in slave.configuration.date] == [7, 8]
+    assert [setting.value for setting in slave.configuration.date] == [7, 8]
     assert (slave.date, slave.concise) == ((7, 8), (ConciseValue(0x1017, 0, b"\x01\x00"),))
 
 

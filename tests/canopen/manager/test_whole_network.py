@@ -76,7 +76,7 @@ def test_127_nodes_boot_with_their_dcfs_and_run_with_sync_at_100_hz() -> None:
     result = bus.run(boot_network(planned(), on_event=plant.tell))
     assert result.ready, str(result)
     assert plant.events == {"booted": 127, "ready": 1, "started": 1}
-    assert all(one.configured for one in result.results)
+    assert all(node.configured for node in result.results)
     bus.pass_time(0.01)
     assert {device.state for device in group.nodes} == {NmtState.OPERATIONAL}
     assert {device.objects.get(0x1020, 1) for device in group.nodes} == {15519}, MODIFIED
@@ -111,7 +111,7 @@ def test_the_next_boot_writes_nothing_because_all_nodes_have_the_date() -> None:
         device.stored.values[0x1017, 0] = HEARTBEAT
     plant.bus.log.clear()
     result = plant.bus.run(boot_network(plan, on_event=plant.tell))
-    assert (result.ready, plant.events["booted"], any(one.configured for one in result.results)) == (True, 127, False)
+    assert (result.ready, plant.events["booted"], any(node.configured for node in result.results)) == (True, 127, False)
     commands = {text[4:6] for _, text in plant.bus.log if 0x600 < int(text[:3], 16) < 0x680}
     assert commands == {"40"}  # only reads
 
@@ -122,7 +122,7 @@ def test_a_node_that_fails_does_not_hold_up_the_others() -> None:
     objects.replace(replace(objects.entry(0x1018, 2), default=8))
     result = plant.bus.run(boot_network(planned(), on_event=plant.tell))
     assert not result.ready
-    (failed,) = [one for one in result.results if not one.ok]
+    (failed,) = [node for node in result.results if not node.ok]
     assert str(failed) == (
         "node 77: M: another product code (1018h:02) than expected (1F86h): read 00000008h, expected 00000007h"
     )
