@@ -13,7 +13,7 @@ CAN delivers whole frames, so there is no framing here. The rooms and files, in 
     cyclic                 frames that are sent again and again
     nmt/                   states, commands, heartbeats            sdo/     read and write objects of any length
     emcy                   emergency messages                      pdo/     process data
-    lss/                   assign node-IDs                         bus_scan find the nodes on a bus
+    lss/                   assign node-IDs                         bus_scan          find the nodes on a bus
     channel_locks          which transfers may run at the same time
     device/                `LocalNode`, a whole device             eds/     EDS and DCF files
     configuration/         a device and its DCF: compared, written

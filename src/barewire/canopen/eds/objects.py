@@ -235,7 +235,6 @@ class _Reader:
         return self.document.value(section, key) or ""
 
     def number(self, section: Section | None, key: str, missing: int = 0) -> int:
-        """Return the integer of a key, or `missing`."""
         if section is None or key not in section.keys:
             return missing
         value, rules = read_integer(self.text(section, key))
@@ -256,7 +255,6 @@ class _Reader:
     # Objects
 
     def object(self, index: int) -> EdsObject:
-        """Read one object with its sub-indices."""
         section = self.document.sections.get(f"{index:04x}")
         subs = dict(sorted(self.subs.get(index, {}).items()))
         if section is None:
@@ -294,22 +292,19 @@ class _Reader:
         return tuple(self.item(sub, section) for sub, section in subs.items())
 
     def object_type(self, section: Section) -> int:
-        """Return the object type; without one VAR [CiA 306], or RECORD if there are sub-indices."""
-        object_type = self.number(section, "objecttype", VAR)
+        object_type = self.number(section, "objecttype", VAR)  # VAR is the default of CiA 306
         if object_type not in (DOMAIN, DEFTYPE, DEFSTRUCT, VAR, ARRAY, RECORD):
             self.report(section, "objecttype", "bad-object-type")
             return VAR
         return object_type
 
     def name(self, section: Section) -> str:
-        """Return the ParameterName, or the name of the section."""
         name = self.text(section, "parametername")
         if not name:
             self.report(section, "parametername", "no-name")
         return name or section.name.proper
 
     def item(self, sub: int, section: Section) -> EdsItem:
-        """Read the description of one sub-index from its section."""
         object_type = self.object_type(section)
         if section.name.kind == "sub" and object_type not in (VAR, DOMAIN):
             self.report(section, "objecttype", "sub-type")
@@ -348,15 +343,15 @@ class _Reader:
         return code, BY_CODE[base].name if base else "domain"
 
     def _base_type(self, code: int) -> int:
-        """Return the base type of a DEFTYPE, 0 if unknown. CanFestival writes it as the default of sub-index 1."""
+        """Return the base type of a DEFTYPE, 0 if unknown."""
         if not 0 <= code < _TYPES_END:
             return 0
+        # CiA 306 has no place for it; CanFestival writes it as the default of sub-index 1.
         section = self.document.sections.get(f"{code:04x}sub1")
         base = read_integer(self.text(section, "defaultvalue")).value if section else None
         return base if base in BY_CODE else 0
 
     def access(self, section: Section, object_type: int) -> EdsAccess:
-        """Return the access right; a DOMAIN needs none."""
         text = self.text(section, "accesstype")
         if "accesstype" not in section.keys:
             if object_type not in (DOMAIN, DEFTYPE, DEFSTRUCT):
@@ -372,7 +367,6 @@ class _Reader:
         return access or "ro"
 
     def limits(self, section: Section, type: str) -> tuple[Limit, Limit]:
-        """Return LowLimit and HighLimit of a number."""
         if type not in _NUMBERS:
             return None, None
         low, high = (self._limit(section, key, type) for key in ("lowlimit", "highlimit"))
@@ -441,7 +435,6 @@ class _Reader:
     # Checks
 
     def check_heads(self) -> None:
-        """Check the numbers in [DeviceInfo] and the other heads."""
         for name in ("deviceinfo", "devicecomissioning", "dummyusage"):
             section = self.document.sections.get(name)
             for key, name_of in section.names.items() if section else ():
