@@ -138,9 +138,9 @@ def scan(
             first_timeout = min((sent_at + timeout for sent_at in pending.values()), default=quiet_until)
             heard = yield Listen(ready if remaining and len(pending) < outstanding else max(first_timeout, heard.now))
     finally:
+        silent = [node for node in requested if node not in result.nodes or result.nodes[node].answered_after is None]
         if channels is not None:
-            answered = {node for node, scanned in result.nodes.items() if scanned.answered_after is not None}
-            for node in requested.keys() - answered:
+            for node in silent:
                 channel, sent_at = channels(node), requested[node]
                 channel.be_quiet(sent_at + 2 * max(timeout, channel.timeout), (_OBJECT,), _OBJECT, sent_at)
     result.nodes = dict(sorted(result.nodes.items()))

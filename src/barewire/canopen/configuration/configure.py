@@ -65,14 +65,10 @@ def plain_writes(changes: Iterable[Difference], cycle: int | None = None) -> Ite
     decide whether a step before is needed; None: it is always done.
     """
     changes = sorted(changes, key=_order)
-    overflow = next((change for change in changes if change.entry.index == OVERFLOW), None)
-    new_cycle = next((change for change in changes if change.entry.index == CYCLE), None)
-    consumers = [change for change in changes if change.entry.index == _CONSUMERS and change.entry.sub]
-    if len(consumers) > 1:  # two of them may exchange their nodes
-        for change in consumers:
-            if change.present != 0:
-                yield change.entry, bytes(4)
-    if overflow is not None and (cycle is None or cycle):
+    changed = {change.entry.index: change for change in changes}
+    held_back = (OVERFLOW, CYCLE) if OVERFLOW in changed else ()
+    yield from _cleared_consumers(changes)
+    if held_back and (cycle is None or cycle):
         yield _CYCLE_ENTRY, bytes(4)
     for change in changes:
         if change.entry.index in _SDO_CHANNELS and change.entry.sub in (1, 2):
@@ -80,14 +76,21 @@ def plain_writes(changes: Iterable[Difference], cycle: int | None = None) -> Ite
     for change in changes:
         if change.entry.index in (_SYNC, _TIME, _EMCY):
             yield from _switched_off(change)
-        if overflow is None or change not in (overflow, new_cycle):
+        if change.entry.index not in held_back:
             yield change.entry, change.data
-    if overflow is not None:
-        yield overflow.entry, overflow.data
-        if new_cycle is not None:
-            yield new_cycle.entry, new_cycle.data
+    for index in held_back:
+        if index in changed:
+            yield changed[index].entry, changed[index].data
         elif cycle:
             yield _CYCLE_ENTRY, cycle.to_bytes(4, "little")
+
+
+def _cleared_consumers(changes: list[Difference]) -> Iterator[tuple[Entry, bytes]]:
+    """Yield the writes that make the entries of 1016h empty, if two of them may exchange their nodes."""
+    consumers = [change for change in changes if change.entry.index == _CONSUMERS and change.entry.sub]
+    for change in consumers if len(consumers) > 1 else []:
+        if change.present != 0:
+            yield change.entry, bytes(4)
 
 
 def _switched_off(change: Difference) -> Iterator[tuple[Entry, bytes]]:
@@ -217,16 +220,14 @@ class _Configurator:
             return ConfigurationResult(tuple(differences), False, configuration.left_out)
         dates = [difference for difference in differences if difference.entry.index == DATE]
         try:
+            if changes and configuration.date and not dates:
+                # The device has this date, but not the values: the date must not remain if a write fails.
+                yield from self._write(configuration.date[0].entry, bytes(4), "the date is removed")
             if changes:
-                if configuration.date and not dates:
-                    # The device has the date of this configuration, but not its values: the date must not remain if a
-                    # write fails.
-                    yield from self._write(configuration.date[0].entry, bytes(4), "the date is removed")
                 yield from self._write_changes(changes, pdos)
                 yield from self._read_back(changes)
-            if changes or dates:
-                for setting in configuration.date:
-                    yield from self._write(setting.entry, setting.data)
+            for setting in configuration.date if changes or dates else ():
+                yield from self._write(setting.entry, setting.data)
         except BarewireError as error:
             error.add_note(f"{name} has {self._written_text(error)}; configure it again")
             raise

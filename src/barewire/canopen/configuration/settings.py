@@ -179,12 +179,15 @@ def _settings(
             count = objects.get(pdo.map, 0) if (pdo.map, 0) in objects else 0
             if not isinstance(count, int) or not entry.sub <= count <= ENTRIES_MAX:
                 continue
-            number, stated = objects.entry(pdo.map, 0), items.get((pdo.map, 0))
-            is_default = stated is not None and stated.value is None and number.access not in ("ro", "const")
-            if is_default and pdo.map not in counted:
+            if pdo.map not in counted and _is_default(objects.entry(pdo.map, 0), items.get((pdo.map, 0))):
                 counted.add(pdo.map)
-                yield Setting(number, count)
+                yield Setting(objects.entry(pdo.map, 0), count)
         yield Setting(entry, objects.get(*place))
+
+
+def _is_default(entry: Entry, item: EdsItem | None) -> bool:
+    """Return whether a writable object has its default."""
+    return item is not None and item.value is None and entry.access not in ("ro", "const")
 
 
 def _why_left_out(entry: Entry, item: EdsItem, pdo: PdoConfig | None) -> str:

@@ -180,22 +180,30 @@ def _broken_rules(line: EdsLine) -> Iterator[str]:
         elif line.after[0].isspace():
             yield "blanks"
     elif line.kind == "section":
-        behind = line.after.partition("]")[2].strip()
-        if line.before != "[" or line.after[:1].isspace():
-            yield "blanks"
-        if "]" not in line.after:
-            yield "section-open"
-        elif behind:
-            yield "inline-comment" if behind.startswith(";") else "behind-section"
+        yield from _broken_by_section(line)
     elif line.kind == "pair":
-        if not line.key:
-            yield "no-key"
-        elif line.between.strip() == ":":
-            yield "colon"
-        elif line.before or line.between[:1] != "=":
-            yield "blanks"
-        if line.after.strip():
-            yield "inline-comment"
+        yield from _broken_by_pair(line)
+
+
+def _broken_by_section(line: EdsLine) -> Iterator[str]:
+    if line.before != "[" or line.after[:1].isspace():
+        yield "blanks"
+    behind = line.after.partition("]")[2].strip()
+    if "]" not in line.after:
+        yield "section-open"
+    elif behind:
+        yield "inline-comment" if behind.startswith(";") else "behind-section"
+
+
+def _broken_by_pair(line: EdsLine) -> Iterator[str]:
+    if not line.key:
+        yield "no-key"
+    elif line.between.strip() == ":":
+        yield "colon"
+    elif line.before or line.between[:1] != "=":
+        yield "blanks"
+    if line.after.strip():
+        yield "inline-comment"
 
 
 def checked_line(line: EdsLine) -> EdsLine:

@@ -173,17 +173,7 @@ def to_dcf(
         raise EncodeError(f"to_dcf: values {shown(values)}: expected a mapping, such as {{(0x1017, 0): 500}}", "values")
     check_node(node_id)
     dcf = eds.copy()
-    if bitrate is not None and f"BaudRate_{bitrate // 1000}" not in BAUD_RATES:
-        raise EncodeError(f"{bitrate} bit/s: expected one of {', '.join(rate[9:] for rate in BAUD_RATES)} kbit/s")
-    if (file_name := eds.get("FileInfo", "FileName")) is not None:
-        dcf.put("FileInfo", "LastEDS", file_name)
-    settings = {"NodeID": str(node_id), "NodeName": name, "Baudrate": str(bitrate // 1000) if bitrate else ""}
-    for key in COMMISSIONING:
-        if key == "Baudrate" and bitrate is None:
-            continue  # not given
-        if settings.get(key) or dcf.get("DeviceComissioning", key) is None:
-            missing = "0" if key in ("NetNumber", "CANopenManager", "LSS_SerialNumber") else ""
-            dcf.put("DeviceComissioning", key, settings.get(key) or missing)
+    _commission(dcf, node_id, name, bitrate)
     items = {(described.index, item.sub): (described, item) for described, item in every_item(eds.objects.values())}
     dictionary = eds.dictionary(node_id)
     for place, value in (values or {}).items():
@@ -197,6 +187,21 @@ def to_dcf(
             error.add_context(where)
             raise
     return dcf
+
+
+def _commission(dcf: Eds, node_id: int, name: str, bitrate: int | None) -> None:
+    """Write LastEDS and [DeviceComissioning]. What is not given stays as it is."""
+    if bitrate is not None and f"BaudRate_{bitrate // 1000}" not in BAUD_RATES:
+        raise EncodeError(f"{bitrate} bit/s: expected one of {', '.join(rate[9:] for rate in BAUD_RATES)} kbit/s")
+    if (file_name := dcf.get("FileInfo", "FileName")) is not None:
+        dcf.put("FileInfo", "LastEDS", file_name)
+    settings = {"NodeID": str(node_id), "NodeName": name, "Baudrate": str(bitrate // 1000) if bitrate else ""}
+    for key in COMMISSIONING:
+        if key == "Baudrate" and bitrate is None:
+            continue
+        if settings.get(key) or dcf.get("DeviceComissioning", key) is None:
+            missing = "0" if key in ("NetNumber", "CANopenManager", "LSS_SerialNumber") else ""
+            dcf.put("DeviceComissioning", key, settings.get(key) or missing)
 
 
 def _check_value(item: EdsItem, where: str, value: Expression, node: int) -> None:

@@ -261,17 +261,10 @@ class _Reader:
             first = next(iter(subs.values()))
             self.report(first, "", "no-parent")
             return EdsObject(index, f"{index:04X}h", RECORD, self.items(subs), first.line)
-        object_type = self.object_type(section)
-        name = self.name(section)
-        self.number(section, "subnumber")
         compact = min(max(self.number(section, "compactsubobj"), 0), 0xFE)
-        if subs and object_type not in (ARRAY, RECORD, DEFSTRUCT, DEFTYPE):
-            if "objecttype" in section.keys:
-                self.report(section, "objecttype", "subs-of-variable")
-            object_type = RECORD
-        if compact and object_type == VAR:
-            self.report(section, "compactsubobj", "compact-variable")
-            object_type = ARRAY
+        object_type = self.type_of_object(section, subs, compact)
+        name = self.name(section)
+        self.number(section, "subnumber")  # only checked: the sections themselves say which sub-indices there are
         if compact and object_type in (ARRAY, RECORD):
             if subs:
                 self.report(section, "compactsubobj", "compact-and-subs")
@@ -279,14 +272,26 @@ class _Reader:
             items = {item.sub: item for item in (*self.compact_items(section, compact), *self.items(subs))}
             ordered = tuple(items[sub] for sub in sorted(items))
             return EdsObject(index, name, object_type, ordered, section.line, compact=True)
-        if object_type in (ARRAY, RECORD) and not subs:
+        if not subs:
+            return EdsObject(index, name, object_type, (self.item(0, section),), section.line)
+        if 0 not in subs and object_type in (ARRAY, RECORD):
+            self.report(section, "", "no-sub0")
+        return EdsObject(index, name, object_type, self.items(subs), section.line)
+
+    def type_of_object(self, section: Section, subs: dict[int, Section], compact: int) -> int:
+        """Return the object type that agrees with the sub-indices of the file."""
+        object_type = self.object_type(section)
+        if subs and object_type not in (ARRAY, RECORD, DEFSTRUCT, DEFTYPE):
+            if "objecttype" in section.keys:
+                self.report(section, "objecttype", "subs-of-variable")
+            object_type = RECORD
+        if compact and object_type == VAR:
+            self.report(section, "compactsubobj", "compact-variable")
+            object_type = ARRAY
+        if object_type in (ARRAY, RECORD) and not subs and not compact:
             self.report(section, "objecttype", "no-subs")
             object_type = VAR
-        if subs:
-            if 0 not in subs and object_type in (ARRAY, RECORD):
-                self.report(section, "", "no-sub0")
-            return EdsObject(index, name, object_type, self.items(subs), section.line)
-        return EdsObject(index, name, object_type, (self.item(0, section),), section.line)
+        return object_type
 
     def items(self, subs: dict[int, Section]) -> tuple[EdsItem, ...]:
         return tuple(self.item(sub, section) for sub, section in subs.items())

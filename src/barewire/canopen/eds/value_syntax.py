@@ -59,6 +59,7 @@ _HEX = re.compile(r"0[xX]([0-9A-Fa-f]+)")
 _DECIMAL = re.compile(r"[0-9]+")
 _SUFFIXED = re.compile(r"(?:0[xX])?([0-9A-Fa-f]+)[hH]|(0[xX][0-9A-Fa-f]+|[0-9]+)[uUlL]{1,3}")
 _BARE_HEX = re.compile(r"(?!0[bB])[0-9A-Fa-f]+")
+_POWER_OF_TEN = re.compile(r"[0-9]+[eE][0-9]+")  # it would be hexadecimal digits too
 _HEX_DIGITS = re.compile(r"[0-9A-Fa-f]+")
 _REAL = re.compile(r"(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
 _SPECIAL = re.compile(r"[+-]?(?:inf|nan|infinity)", re.I)
@@ -84,30 +85,37 @@ def read_integer(text: str) -> ReadInteger:
     digits = plain[1:] if plain[0] in "+-" else plain
     if len(digits) > _LONGEST:
         return ReadInteger(None, (*rules, "bad-number"))
-    if plain[0] == "+":
-        rules.append("number-form")
-    if match := _HEX.fullmatch(digits):
-        value = int(match[1], 16)
-        rules += ["number-form"] if sign < 0 else []
-    elif _DECIMAL.fullmatch(digits):
-        octal = digits[0] == "0" and not {"8", "9"} & set(digits)
-        value = int(digits, 8 if octal else 10)
-        rules += ["leading-zeros"] if digits[0] == "0" and digits != "0" and (not octal or value != int(digits)) else []
-    elif match := _SUFFIXED.fullmatch(digits):
-        value = int(match[1], 16) if match[1] else int(match[2], 16 if match[2][:2].lower() == "0x" else 10)
-        rules.append("number-form")
-    elif digits.casefold() in _WORDS:
-        value = _WORDS[digits.casefold()]
-        rules.append("number-form")
-    elif _BARE_HEX.fullmatch(digits) and not re.fullmatch(r"[0-9]+[eE][0-9]+", digits):
-        value = int(digits, 16)
-        rules.append("number-form")
-    elif _REAL.fullmatch(digits) and float(digits.replace(",", ".")).is_integer():
-        value = int(float(digits.replace(",", ".")))
-        rules += ["decimal-comma"] if "," in digits else ["real-for-integer"]
-    else:  # words: their blanks and quotes are not reported
+    number = _unsigned(digits)
+    if number is None:  # words: their blanks and quotes are not reported
         return ReadInteger(None, (*(rule for rule in rules if rule.endswith("comment")), "bad-number"))
+    value, rule = number
+    if plain[0] == "+" or (sign < 0 and _HEX.fullmatch(digits)):
+        rules.append("number-form")
+    if rule:
+        rules.append(rule)
     return ReadInteger(sign * value, tuple(rules))
+
+
+def _unsigned(digits: str) -> tuple[int, str] | None:
+    """Return a number, and the rule that its notation breaks; None if it is no number."""
+    if match := _HEX.fullmatch(digits):
+        return int(match[1], 16), ""
+    if _DECIMAL.fullmatch(digits):
+        is_octal = digits[0] == "0" and not {"8", "9"} & set(digits)
+        value = int(digits, 8 if is_octal else 10)
+        is_doubtful = digits[0] == "0" and digits != "0" and (not is_octal or value != int(digits))
+        return value, "leading-zeros" if is_doubtful else ""
+    if match := _SUFFIXED.fullmatch(digits):
+        return int(match[1], 16) if match[1] else int(
+            match[2], 16 if match[2][:2].lower() == "0x" else 10
+        ), "number-form"
+    if digits.casefold() in _WORDS:
+        return _WORDS[digits.casefold()], "number-form"
+    if _BARE_HEX.fullmatch(digits) and not _POWER_OF_TEN.fullmatch(digits):
+        return int(digits, 16), "number-form"
+    if _REAL.fullmatch(digits) and float(digits.replace(",", ".")).is_integer():
+        return int(float(digits.replace(",", "."))), "decimal-comma" if "," in digits else "real-for-integer"
+    return None
 
 
 def _strip_syntax(text: str) -> tuple[str, list[str]]:
