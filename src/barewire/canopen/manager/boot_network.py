@@ -129,14 +129,16 @@ class _Process:
 
     def __init__(self, conversation: Conversation[CanFrame, BootResult]) -> None:
         self.conversation = conversation
+        self.has_begun = False
         self.until = float("-inf")
         self.result: BootResult | None = None
 
-    def step(self, frame: CanFrame | None, now: float, *, first: bool = False) -> list[CanFrame]:
-        """Go on until the process waits, and return the frames to send. `result` is set at its end."""
+    def step(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        """Begin or go on until the process waits, and return the frames to send. `result` is set at its end."""
         frames: list[CanFrame] = []
         try:
-            step = next(self.conversation) if first else self.conversation.send(Heard(frame, now))
+            step = self.conversation.send(Heard(frame, now)) if self.has_begun else next(self.conversation)
+            self.has_begun = True
             while not isinstance(step, Listen) or step.until <= now:
                 frames += () if isinstance(step, Listen) else step.items
                 step = self.conversation.send(Heard(None, now))
@@ -223,36 +225,36 @@ class BootManager:
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame | BootEvent]:
         """Return the frames to send and the events."""
-        output: list[CanFrame | BootEvent] = []
+        return list(self._react(frame, now))
+
+    def _react(self, frame: CanFrame | None, now: float) -> _Output:
         if not self._begun:
-            output += self._reset_communication()
-            output += self._begin(now)
-        if self._stopped:
-            return output
-        output += self._watch(frame, now)
-        if self._stopped:
-            return output
+            yield from self._reset_communication()
+            yield from self._begin(now)
+        if not self._stopped:
+            yield from self._watch(frame, now)
+        if self._stopped:  # before, or because a node is lost
+            return
         if frame is not None and not frame.extended and not frame.remote:
             node = self._nodes.get(frame.id & 0x7F)
             if node is not None and frame.id & _FUNCTION_CODE in _RECEIVED:
-                output += self._receive(node, frame, now)
+                yield from self._receive(node, frame, now)
         for node in self._nodes.values():
             if node.begin_at is not None and now >= node.begin_at:
-                output += self._boot(node, now)
+                yield from self._boot(node, now)
             elif node.process is not None and now >= node.process.until:
-                output += self._go_on(node, None, now)
+                yield from self._go_on(node, now)
         if self._boot_end is not None and now >= self._boot_end:
             self._boot_end = None
-            output += self._end_of_boot_time(now)
-        return output
+            yield from self._end_of_boot_time(now)
 
     def _reset_communication(self) -> Iterator[CanFrame]:
-        kept = {number for number, node in self._nodes.items() if node.slave.keep_alive}
-        if not kept:
+        kept_alive = {number for number, node in self._nodes.items() if node.slave.keep_alive}
+        if not kept_alive:
             yield _nmt(NmtCommand.RESET_COMMUNICATION, 0)
             return
         for number in range(1, 128):
-            if number not in kept and number != self.network.node:
+            if number not in kept_alive and number != self.network.node:
                 yield _nmt(NmtCommand.RESET_COMMUNICATION, number)
 
     def _begin(self, now: float) -> _Output:
@@ -315,18 +317,17 @@ class BootManager:
             end=self._boot_end if self._boot_end is not None and node.slave.mandatory else float("inf"),
         )
         node.process = _Process(conversation)
-        yield from self._step(node, None, now, first=True)
+        yield from self._go_on(node, now)
+
+    def _go_on(self, node: _Node, now: float) -> _Output:
+        yield from self._step(node, None, now)
         yield from self._end(node, now)
 
-    def _go_on(self, node: _Node, frame: CanFrame | None, now: float) -> _Output:
-        yield from self._step(node, frame, now)
-        yield from self._end(node, now)
-
-    def _step(self, node: _Node, frame: CanFrame | None, now: float, *, first: bool = False) -> list[CanFrame]:
+    def _step(self, node: _Node, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """Let the process of a node go on. An error of `progress` ends it, and is raised."""
         assert node.process is not None
         try:
-            return node.process.step(frame, now, first=first)
+            return node.process.step(frame, now)
         except BaseException:
             node.process = None
             raise

@@ -26,6 +26,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from barewire.canopen.cob_ids import check_node
+from barewire.canopen.communication_objects import integer_value
 from barewire.canopen.configuration.concise_dcf import ConciseValue, decode_concise_dcf
 from barewire.canopen.configuration.settings import DEVICE_TYPE, DeviceConfiguration, device_configuration
 from barewire.canopen.nmt.messages import consumer_entry
@@ -175,17 +176,17 @@ def network_list(objects: ObjectDictionary, node: int | None = None) -> NetworkL
     Raise EncodeError if 1F80h does not make it a manager, and for a DCF that is stored in another format than text;
     DecodeError for a 1F22h:n that is not a concise DCF.
     """
-    startup = _integer(objects, _STARTUP, 0)
+    startup = integer_value(objects, _STARTUP, 0)
     if not startup & 1:
         raise EncodeError(f"1F80h = {startup:X}h: expected bit 0, which makes the device the manager of its network")
     heartbeats = {}
     for sub in objects.subs(_CONSUMERS)[1:]:
-        if (watched := consumer_entry(_integer(objects, _CONSUMERS, sub))) is not None:
+        if (watched := consumer_entry(integer_value(objects, _CONSUMERS, sub))) is not None:
             heartbeats[watched[0]] = watched[1]
     slaves = [
         _slave(objects, number, word, heartbeats.get(number, 0.0))
         for number in objects.subs(_ASSIGNMENT)
-        if 1 <= number <= 127 and number != node and (word := _integer(objects, _ASSIGNMENT, number)) & 1
+        if 1 <= number <= 127 and number != node and (word := integer_value(objects, _ASSIGNMENT, number)) & 1
     ]
     return NetworkList(
         slaves,
@@ -193,7 +194,7 @@ def network_list(objects: ObjectDictionary, node: int | None = None) -> NetworkL
         start_slaves=not startup & 8,
         reset_all=bool(startup & 0x10),
         stop_all=bool(startup & 0x40),
-        boot_time=_integer(objects, _BOOT_TIME, 0) / 1000,
+        boot_time=integer_value(objects, _BOOT_TIME, 0) / 1000,
         node=node,
     )
 
@@ -204,7 +205,7 @@ def _slave(objects: ObjectDictionary, node: int, word: int, heartbeat: float) ->
     except DecodeError as error:
         error.add_context(f"concise DCF of node {node}, 1F22h:{node:02X}")
         raise
-    date = _integer(objects, _DATE, node), _integer(objects, _TIME, node)
+    date = integer_value(objects, _DATE, node), integer_value(objects, _TIME, node)
     configuration = _stored_dcf(objects, node, date)
     return BootSlave(
         node,
@@ -216,17 +217,17 @@ def _slave(objects: ObjectDictionary, node: int, word: int, heartbeat: float) ->
         guard_time=(word >> 16) / 1000,
         retry_factor=word >> 8 & 0xFF,
         heartbeat=heartbeat,
-        device_type=_integer(objects, _DEVICE_TYPE, node),
-        vendor=_integer(objects, _VENDOR, node),
-        product=_integer(objects, _PRODUCT, node),
-        revision=_integer(objects, _REVISION, node),
-        serial=_integer(objects, _SERIAL, node),
+        device_type=integer_value(objects, _DEVICE_TYPE, node),
+        vendor=integer_value(objects, _VENDOR, node),
+        product=integer_value(objects, _PRODUCT, node),
+        revision=integer_value(objects, _REVISION, node),
+        serial=integer_value(objects, _SERIAL, node),
         date=date,
         configuration=values if configuration is None else configuration,
         concise=() if configuration is None else values,
-        software=_integer(objects, _SOFTWARE, node),
+        software=integer_value(objects, _SOFTWARE, node),
         program=_bytes(objects, _PROGRAM, node),
-        software_date=(_integer(objects, _PROGRAM_DATE, node), _integer(objects, _PROGRAM_TIME, node)),
+        software_date=(integer_value(objects, _PROGRAM_DATE, node), integer_value(objects, _PROGRAM_TIME, node)),
     )
 
 
@@ -237,7 +238,7 @@ def _stored_dcf(objects: ObjectDictionary, node: int, date: tuple[int, int]) -> 
     text = _bytes(objects, _DCF, node)
     if not text:
         return None
-    storage = _integer(objects, _FORMAT, node)
+    storage = integer_value(objects, _FORMAT, node)
     if storage:
         place = f"DCF of node {node}: 1F21h:{node:02X} = {storage}"
         raise EncodeError(f"{place}: expected 0, which is text; other formats are those of a manufacturer")
@@ -250,11 +251,6 @@ def _stored_dcf(objects: ObjectDictionary, node: int, date: tuple[int, int]) -> 
         return configuration
     stamp = tuple(setting._replace(value=value) for setting, value in zip(configuration.date, date))
     return replace(configuration, date=stamp)
-
-
-def _integer(objects: ObjectDictionary, index: int, sub: int) -> int:
-    value = objects.get(index, sub) if (index, sub) in objects else 0
-    return value if isinstance(value, int) else 0
 
 
 def _bytes(objects: ObjectDictionary, index: int, sub: int) -> bytes:
