@@ -146,7 +146,7 @@ def test_the_canopen_client_loads_what_carries_an_object_and_no_other_service() 
     assert "server" not in sdo
     rooms = {name.partition(".")[0] for name in others}
     assert not rooms & {"eds", "gateway", "device", "object_dictionary", "emcy", "sync", "time_stamp", "pdo"}
-    assert not others & {"bus.scan", "nmt.error_control", "nmt.master"}
+    assert not others & {"bus_scan", "nmt.error_control", "nmt.master"}
 
 
 def test_a_canopen_method_loads_its_file_when_it_is_called() -> None:
@@ -155,7 +155,7 @@ def test_a_canopen_method_loads_its_file_when_it_is_called() -> None:
         "barewire.canopen",
     )
     assert "sync" in found
-    assert not found & {"bus.scan", "emcy.message", "nmt.error_control"}
+    assert not found & {"bus_scan", "emcy.message", "nmt.error_control"}
 
 
 def test_a_line_loads_the_messages_of_a_function_when_its_code_comes() -> None:

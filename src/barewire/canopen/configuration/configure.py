@@ -27,7 +27,7 @@ All others are written in the order of their addresses. PDO records are written 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
@@ -182,20 +182,19 @@ def configure_device(
     return configurator.configure(store=store, dry_run=dry_run)
 
 
+@dataclass(slots=True)
 class _Configurator:
     """One comparison or configuration of a device. Each step is told to `progress`."""
 
-    def __init__(
-        self, channel: Channel, configuration: DeviceConfiguration, timeout: float, progress: ConfigureProgress | None
-    ) -> None:
-        self.channel = channel
-        self.configuration = configuration
-        self.timeout = timeout
-        self.progress = progress
-        self.done = self.total = 0
-        self.written: list[str] = []
-        self.writing = ""  # what is being written
-        self.off: list[PdoConfig] = []
+    channel: Channel
+    configuration: DeviceConfiguration
+    timeout: float
+    progress: ConfigureProgress | None
+    done: int = 0
+    total: int = 0
+    written: list[str] = field(default_factory=list)
+    writing: str = ""  # what is being written
+    off: list[PdoConfig] = field(default_factory=list)  # what was switched off
 
     def configure(self, *, store: bool, dry_run: bool) -> Conversation[CanFrame, ConfigurationResult]:
         configuration, name = self.configuration, f"node {self.channel.node}"

@@ -15,18 +15,13 @@ it until the network has booted; it does not watch the nodes afterwards.
 A node that failed boots again when it sends its boot-up message, for example because it was exchanged. So does a node
 that reboots while it boots, because it has lost what was written; it fails after three times (`REBOOTS`).
 
-What a manager reports: the events of its nodes, and the end of a boot-up.
-
-    BootEvent(5, "failed", 1.25, result)        node 5: B: no response to the request of the device type (1000h): ...
-    BootEvent(0, "ready", 1.3)                  network: ready
-    NetworkBoot(True, (result, ...))            the result of each node, and whether the network is ready
-
 `check_network` is the dry run: what a manager would find and write, without an NMT command and without a write.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
 from barewire.canopen.frame import CanFrame
@@ -37,6 +32,16 @@ from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState, Node
 from barewire.canopen.sdo import Channel
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError
+
+RETRY_TIME = 1.0
+"""Seconds between two boot slave processes of a mandatory node that does not respond."""
+
+REBOOTS = 3
+"""How often a boot slave process begins again because the node rebooted meanwhile; then it fails."""
+
+_FUNCTION_CODE = 0x780
+_ERROR_CONTROL = 0x700
+_RECEIVED = (0x580, 0x600, _ERROR_CONTROL)  # SDO responses, SDO requests of other clients, and error control
 
 BootEventKind = Literal[
     "booted", "failed", "waiting", "missing", "started", "ready", "lost", "rebooted", "reset", "stopped"
@@ -85,9 +90,7 @@ class NetworkBoot(NamedTuple):
         return self.ready
 
     def __str__(self) -> str:
-        return "\n".join(
-            [*map(str, self.results), "the network is ready" if self.ready else "the network is not ready"]
-        )
+        return "\n".join([*map(str, self.results), f"the network is {'ready' if self.ready else 'not ready'}"])
 
     def __repr__(self) -> str:
         booted = sum(result.ok for result in self.results)
@@ -110,16 +113,6 @@ def check_network(
     failed = {result.node for result in results if not result.ok}
     return NetworkBoot(not any(slave.mandatory and slave.node in failed for slave in network.slaves), tuple(results))
 
-
-RETRY_TIME = 1.0
-"""Seconds between two boot slave processes of a mandatory node that does not respond."""
-
-REBOOTS = 3
-"""How often a boot slave process begins again because the node rebooted meanwhile; then it fails."""
-
-_FUNCTION_CODE = 0x780
-_ERROR_CONTROL = 0x700
-_RECEIVED = (0x580, 0x600, _ERROR_CONTROL)  # SDO responses, SDO requests of other clients, and error control
 
 _Output: TypeAlias = Iterator[CanFrame | BootEvent]
 
@@ -148,17 +141,19 @@ class _Process:
         return frames
 
 
+@dataclass(slots=True)
 class _Node:
     """The present condition of a node of the network list."""
 
-    def __init__(self, slave: BootSlave) -> None:
-        self.slave = slave
-        self.process: _Process | None = None
-        self.begin_at: float | None = None
-        self.result: BootResult | None = None
-        self.booted = self.started = self.waiting = False
-        self.reboots = 0
-        self.guarding: GuardingMaster | None = None
+    slave: BootSlave
+    process: _Process | None = None
+    begin_at: float | None = None  # when its process begins
+    result: BootResult | None = None
+    booted: bool = False
+    started: bool = False
+    waiting: bool = False  # it does not respond, and is asked again
+    reboots: int = 0  # while it booted
+    guarding: GuardingMaster | None = None
 
 
 class BootManager:

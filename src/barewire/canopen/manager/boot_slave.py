@@ -17,7 +17,7 @@ step.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
 
@@ -136,32 +136,23 @@ def boot_slave(
     The process raises nothing: each failure is the `error` and the `reason` of the result.
     """
     sdo = channel_to(slave.node if channel is None else channel, None)
-    return _Boot(slave, sdo, timeout, progress, after_boot_up, end, dry_run).run()
+    return _Boot(slave, sdo, timeout, progress, after_boot_up, end, [] if dry_run else None).run()
 
 
+@dataclass(slots=True)
 class _Boot:
-    def __init__(
-        self,
-        slave: BootSlave,
-        channel: Channel,
-        timeout: float,
-        progress: BootProgress | None,
-        after_boot_up: bool,
-        end: float,
-        dry_run: bool,
-    ) -> None:
-        self.slave = slave
-        self.channel = channel
-        self.timeout = timeout
-        self.progress = progress
-        self.after_boot_up = after_boot_up
-        self.end = end
-        self.planned: list[str] | None = [] if dry_run else None
-        self.state: int | None = None
-        self.configured = False
-        self.step = ""
-        self.error = BootError.B  # of the present step
-        self.must_not_boot = False  # from its first response on, except where a reset is expected
+    slave: BootSlave
+    channel: Channel
+    timeout: float
+    progress: BootProgress | None
+    after_boot_up: bool
+    end: float
+    planned: list[str] | None  # what would be written, in a dry run
+    state: int | None = None
+    configured: bool = False
+    step: str = ""
+    error: BootError = BootError.B  # of the present step
+    must_not_boot: bool = False  # from its first response on, except where a reset is expected
 
     def run(self) -> Conversation[CanFrame, BootResult]:
         node = self.slave.node
