@@ -22,13 +22,13 @@ def test_127_nodes_with_few_requests_at_a_time() -> None:
     for node in (1, 5, 127):
         add(bus, node)
     bus.pass_time(0.1)
-    asked: list[int] = []
-    result = bus.run(scan(outstanding=4, gap=0.002, timeout=0.05, progress=lambda node, result: asked.append(node)))
+    requested: list[int] = []
+    result = bus.run(scan(outstanding=4, gap=0.002, timeout=0.05, progress=lambda node, result: requested.append(node)))
     assert list(result.nodes) == [1, 5, 127]
-    assert {found.why for found in result.nodes.values()} == {"answered"}
+    assert {node.why for node in result.nodes.values()} == {"answered"}
     assert result.nodes[5].device_type == 0x20192
     assert result.nodes[5].answered_after == pytest.approx(0.0035)
-    assert asked == list(range(1, 128))
+    assert requested == list(range(1, 128))
     times = [time for time, text in bus.log if text.startswith("6") or text[:2] == "67"]
     assert min(later - sooner for sooner, later in pairwise(times)) >= 0.002 - 1e-9
     for time in times:
@@ -41,10 +41,10 @@ def test_a_stopped_node_is_found_by_its_heartbeat() -> None:
     bus.inject("000#0205", 0.0)
     bus.pass_time(0.1)
     assert list(bus.run(scan([5])).nodes) == []
-    found = bus.run(scan([5], listen=0.6)).nodes[5]
-    assert found.state is not None
-    assert (found.state.name, found.device_type) == ("stopped", None)
-    assert found.why.startswith("heartbeat")
+    node = bus.run(scan([5], listen=0.6)).nodes[5]
+    assert node.state is not None
+    assert (node.state.name, node.device_type) == ("stopped", None)
+    assert node.why.startswith("heartbeat")
 
 
 def test_evidence_of_every_kind() -> None:
@@ -52,7 +52,7 @@ def test_evidence_of_every_kind() -> None:
     for text in ("701#00", "701#7F", "702#05", "702#05", "083#3081110200000000", "584#4F00200005000000"):
         bus.inject(text, 0.001)
     result = bus.run(scan(ask=False, listen=0.1))
-    assert {node: found.why for node, found in result.nodes.items()} == {
+    assert {number: node.why for number, node in result.nodes.items()} == {
         1: "boot-up, heartbeat",
         2: "heartbeat (2 times)",
         3: "emergency",

@@ -91,10 +91,10 @@ def bus_with(node: int = 5, **values: int) -> tuple[VirtualBus, LocalNode]:
 
 def writes(bus: VirtualBus, node: int = 5) -> list[str]:
     """Return the expedited writes to a node, in order, as `1800:1=80000185`."""
-    found = []
+    texts = []
     for _, text in bus.log:
         frame = CanFrame.parse(text)
         if frame.id == 0x600 + node and frame.data[0] in (0x23, 0x27, 0x2B, 0x2F):
             index, value = int.from_bytes(frame.data[1:3], "little"), int.from_bytes(frame.data[4:], "little")
-            found.append(f"{index:X}:{frame.data[3]:X}={value:X}")
-    return found
+            texts.append(f"{index:X}:{frame.data[3]:X}={value:X}")
+    return texts

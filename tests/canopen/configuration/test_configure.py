@@ -161,18 +161,18 @@ def test_the_device_stores_its_parameters_only_if_asked() -> None:
 
 def test_progress_is_told_before_each_step() -> None:
     bus, _ = bus_with()
-    told: list[tuple[int, int, str]] = []
+    steps: list[tuple[int, int, str]] = []
     bus.run(
         configure_device(
-            5, device_configuration(dcf({"Heartbeat": 500})), store=True, progress=lambda *step: told.append(step)
+            5, device_configuration(dcf({"Heartbeat": 500})), store=True, progress=lambda *step: steps.append(step)
         )
     )
-    assert [done for done, _, _ in told] == list(range(len(told)))
-    assert all(done < total for done, total, _ in told)
-    assert [step for _, _, step in told if "1017h" in step] == [
+    assert [done for done, _, _ in steps] == list(range(len(steps)))
+    assert all(done < total for done, total, _ in steps)
+    assert [step for _, _, step in steps if "1017h" in step] == [
         *("read 1017h:00 Heartbeat", "write 1017h:00 Heartbeat = 500", "read back 1017h:00 Heartbeat"),
     ]
-    assert told[-1][2] == "store: 1010h:01"
+    assert steps[-1][2] == "store: 1010h:01"
 
 
 def test_no_device() -> None:

@@ -155,14 +155,14 @@ def test_held_rpdo_data_is_discarded_with_the_state() -> None:
 
 
 def test_rpdos_of_type_255_take_effect_at_once_and_call_hooks() -> None:
-    seen: list[Value] = []
-    objects = ObjectDictionary([Entry(0x6040, 0, "controlword", "u16", "rw", 0, maximum=100, on_write=seen.append)])
+    written: list[Value] = []
+    objects = ObjectDictionary([Entry(0x6040, 0, "controlword", "u16", "rw", 0, maximum=100, on_write=written.append)])
     device = LocalNode(5, objects, [PdoConfig("RPDO", 1, (0x60400010,))])
     device.start(0.0)
     feed(device, "000#0105")
     feed(device, "205#0F00")
     feed(device, "205#FF00")  # too high: refused, and counted
-    assert (seen, device.pdo.refused, objects.get(0x6040)) == ([15], 1, 15)
+    assert (written, device.pdo.refused, objects.get(0x6040)) == ([15], 1, 15)
 
 
 def test_a_wrong_length_of_an_rpdo_is_reported_once() -> None:

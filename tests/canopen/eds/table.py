@@ -30,13 +30,13 @@ _BEST = ("DefaultValue=1Fh", "DefaultValue=010", "to be done", "[MyTool]", "Defa
 
 def examples() -> dict[str, str]:
     """Return an example line for each rule; none if something is missing in the file as a whole."""
-    found: dict[str, list[str]] = {}
+    lines_of: dict[str, list[str]] = {}
     for file in files():
         document = eds.parse(file)
         for diagnostic in eds.lint(document):
             if diagnostic.line:
-                found.setdefault(diagnostic.rule, []).append(document.lines[diagnostic.line - 1].text.rstrip("\r\n"))
-    best = {rule: next((line for line in _BEST if line in lines), lines[0]) for rule, lines in found.items()}
+                lines_of.setdefault(diagnostic.rule, []).append(document.lines[diagnostic.line - 1].text.rstrip("\r\n"))
+    best = {rule: next((line for line in _BEST if line in lines), lines[0]) for rule, lines in lines_of.items()}
     return best | _UNSEEN
 
 

@@ -218,8 +218,8 @@ def test_one_fault_is_found_at_its_line(old: str, new: str, place: str | int, ru
     text = FINE.replace(old, new, 1)
     lines = text.splitlines()
     line = place if isinstance(place, int) else max(number for number, shown in enumerate(lines, 1) if shown == place)
-    found = eds.lint(eds.parse(text.encode()))
-    assert (line, rule) in [(diagnostic.line, diagnostic.rule) for diagnostic in found]
+    findings = eds.lint(eds.parse(text.encode()))
+    assert (line, rule) in [(diagnostic.line, diagnostic.rule) for diagnostic in findings]
 
 
 def test_every_rule_has_a_fault() -> None:
@@ -259,11 +259,11 @@ def test_correct_variants_have_no_findings(old: str, new: str) -> None:
 )
 def test_a_wrong_count_is_reported_with_the_right_one(new: str, message: str) -> None:
     """The count in the message helps the reader: 528 public files had 804 of these findings."""
-    found = eds.lint(eds.parse(FINE.replace("SubNumber=2", new, 1).encode()))
-    assert [str(diagnostic).split(": ")[1:3] for diagnostic in found] == [["sub-number", message]]
+    findings = eds.lint(eds.parse(FINE.replace("SubNumber=2", new, 1).encode()))
+    assert [str(diagnostic).split(": ")[1:3] for diagnostic in findings] == [["sub-number", message]]
 
 
 def test_lint_includes_the_diagnostics_in_the_order_of_lines() -> None:
-    found = eds.lint(eds.parse(FINE.replace("SubNumber=2", "SubNumber=2h", 1).replace("09:30AM", "0930").encode()))
-    assert [diagnostic.rule for diagnostic in found] == ["time-form", "number-form"]
-    assert str(found[0]) == "7: time-form: CreationTime=0930: expected hh:mm with AM or PM"
+    findings = eds.lint(eds.parse(FINE.replace("SubNumber=2", "SubNumber=2h", 1).replace("09:30AM", "0930").encode()))
+    assert [diagnostic.rule for diagnostic in findings] == ["time-form", "number-form"]
+    assert str(findings[0]) == "7: time-form: CreationTime=0930: expected hh:mm with AM or PM"

@@ -45,8 +45,8 @@ def test_an_oddity_is_reported_and_read(oddity: Oddity) -> None:
 @pytest.mark.parametrize("oddity", LINTED, ids=[oddity.name for oddity in LINTED])
 def test_an_oddity_is_reported_by_lint_only(oddity: Oddity) -> None:
     document = eds.parse(data_of(oddity))
-    found = [f"{diagnostic.line} {diagnostic.rule}" for diagnostic in eds.lint(document)]
-    assert set(oddity.rules) <= set(found)
+    findings = [f"{diagnostic.line} {diagnostic.rule}" for diagnostic in eds.lint(document)]
+    assert set(oddity.rules) <= set(findings)
     assert not {line.split()[1] for line in oddity.rules} & {diagnostic.rule for diagnostic in document.diagnostics}
     assert document.encode() == data_of(oddity)
     for place, value in oddity.values.items():
@@ -179,7 +179,7 @@ def check_that_nothing_raises(data: bytes) -> None:
     assert document.copy().encode() == data
     eds.lint(document)
     last = max(1, len(document.lines))
-    assert all(PARSE_RULES[found.rule] and 0 <= found.line <= last for found in document.diagnostics)
+    assert all(PARSE_RULES[finding.rule] and 0 <= finding.line <= last for finding in document.diagnostics)
     objects = document.dictionary(5)
     for entry in objects:
         entry.codec.encode(objects.get(entry.index, entry.sub))

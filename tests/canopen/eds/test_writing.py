@@ -180,8 +180,8 @@ def test_a_written_value_is_read_back(oddity: Any, value: int, data: st.DataObje
     assume(numbers)
     index, item = data.draw(st.sampled_from(numbers))
     assume(not document.objects[index].compact or f"{index:04x}sub{item.sub:x}" in document.sections)
-    had = f"{index:04X}sub{item.sub:X}" if f"{index:04x}sub{item.sub:x}" in document.sections else f"{index:04X}"
-    is_new = document.get(had, "DefaultValue") is None
+    section = f"{index:04X}sub{item.sub:X}" if f"{index:04x}sub{item.sub:x}" in document.sections else f"{index:04X}"
+    is_new = document.get(section, "DefaultValue") is None
     document.set(index, item.sub, "DefaultValue", value)
     again = eds.parse(document.encode())
     assert again.objects[index].item(item.sub).default == value

@@ -252,11 +252,11 @@ def test_a_plant_of_10_nodes_is_booted_and_configured_from_dcfs() -> None:
 
 def test_an_event_is_a_sentence() -> None:
     network = Network(5)
-    told: list[str] = []
+    texts: list[str] = []
     network.bus.run(
-        boot_network(NetworkList([mandatory(5, product=9)]), on_event=lambda event: told.append(str(event)))
+        boot_network(NetworkList([mandatory(5, product=9)]), on_event=lambda event: texts.append(str(event)))
     )
-    assert told == [
+    assert texts == [
         "node 5: M: another product code (1018h:02) than expected (1F86h): read 00000007h, expected 00000009h"
     ]
 

@@ -173,10 +173,10 @@ def test_a_node_that_the_manager_does_not_boot_is_only_monitored() -> None:
 
 def test_progress_is_told_in_words() -> None:
     bus, _ = bus_with(x1017_00=50)
-    told: list[tuple[int, str]] = []
+    steps: list[tuple[int, str]] = []
     slave = BootSlave(5, vendor=0x360, heartbeat=0.2)
-    bus.run(boot_slave(slave, progress=lambda node, step: told.append((node, step))))
-    assert told == [(5, "read 1000h:00 device type"), (5, "read 1018h:01 vendor-ID"), (5, "wait for its heartbeat")]
+    bus.run(boot_slave(slave, progress=lambda node, step: steps.append((node, step))))
+    assert steps == [(5, "read 1000h:00 device type"), (5, "read 1018h:01 vendor-ID"), (5, "wait for its heartbeat")]
 
 
 def test_every_letter_has_its_meaning() -> None:

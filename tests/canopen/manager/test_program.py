@@ -26,14 +26,14 @@ class Loader:
         self.busy, self.flash, self.written = busy, flash, written
         self.starts = starts
         self.date, self.dated = [1, 2], dated
-        self.found, self.control, self.data = OLD, 1, b""
+        self.identification, self.control, self.data = OLD, 1, b""
         objects = ObjectDictionary(
             [
                 *standard_objects(),
                 Entry(0x1F50, 1, "data", "domain", default=b"", on_write=self.write),
                 Entry(0x1F51, 1, "control", "u8", on_read=lambda: self.control, on_write=self.command),
                 *(Entry(0x1F52, sub, "date", "u32", "ro", on_read=partial(self.part, sub)) for sub in (1, 2)),
-                Entry(0x1F56, 1, "identification", "u32", "ro", on_read=lambda: self.found),
+                Entry(0x1F56, 1, "identification", "u32", "ro", on_read=lambda: self.identification),
                 Entry(0x1F57, 1, "flash", "u32", "ro", on_read=self.status),
             ]
         )
@@ -46,7 +46,7 @@ class Loader:
 
     def write(self, data: Value) -> None:
         assert isinstance(data, bytes)
-        self.data, self.found, self.date = data, self.written, self.dated or self.date
+        self.data, self.identification, self.date = data, self.written, self.dated or self.date
 
     def command(self, value: Value) -> None:
         self.commands.append(int(value))
@@ -60,7 +60,7 @@ class Loader:
 
 def test_the_expected_program_stays() -> None:
     loader = Loader()
-    loader.found = NEW
+    loader.identification = NEW
     assert loader.bus.run(boot_slave(SLAVE)).ok
     assert loader.commands == []
 
@@ -87,7 +87,7 @@ def test_date_and_identification_of_the_program_must_both_be_the_expected_ones()
     both = replace(SLAVE, software_date=(1, 2), update_program=False)
     loader = Loader()
     assert loader.bus.run(boot_slave(both)).reason == "read 00000011h, expected 00000022h"
-    loader.found = NEW
+    loader.identification = NEW
     assert loader.bus.run(boot_slave(both)).ok
     loader.date = [1, 3]
     assert loader.bus.run(boot_slave(both)).reason == "program time: 3, expected 2"
@@ -95,10 +95,10 @@ def test_date_and_identification_of_the_program_must_both_be_the_expected_ones()
 
 def test_another_program_is_replaced_and_started() -> None:
     loader = Loader()
-    told: list[str] = []
-    assert loader.bus.run(boot_slave(SLAVE, progress=lambda node, step: told.append(step))).error is None
+    steps: list[str] = []
+    assert loader.bus.run(boot_slave(SLAVE, progress=lambda node, step: steps.append(step))).error is None
     assert (loader.commands, loader.data) == ([0, 3, 1], PROGRAM)
-    assert told[1:] == [
+    assert steps[1:] == [
         *("read 1F56h:01 program identification", "stop its program", "clear its program"),
         *("write its program, 200 bytes", "wait for its flash", "start its program", "read 1000h:00 device type"),
     ]
