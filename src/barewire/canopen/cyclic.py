@@ -21,6 +21,18 @@ def check_period(what: str, period: object) -> float:
     return period
 
 
+def next_due(due: float, period: float, now: float) -> tuple[float, int]:
+    """Return the first of the times `due` + k * `period` after `now`, and how many before it were missed.
+
+    >>> next_due(10.0, 2.0, 10.5), next_due(10.0, 2.0, 15.0)
+    ((12.0, 0), (16.0, 2))
+    """
+    missed = int((now - due) / period)
+    due += (missed + 1) * period
+    # Rounding errors, if the period is tiny compared with the time, shall not send for ever at one time.
+    return (due if due > now else now + period), missed
+
+
 class CyclicProducer:
     """A machine that sends a frame every `period` seconds, the first one at once. Several frames take turns.
 
@@ -77,11 +89,8 @@ class CyclicProducer:
         """Return the frame, if one is due."""
         if self._next is None or now < self._next:
             return []
-        late = int((now - self._next) / self.period)
-        self.missed += late
-        self._next += (late + 1) * self.period
-        if self._next <= now:  # rounding errors, if the period is tiny compared with the time
-            self._next = now + self.period
+        self._next, missed = next_due(self._next, self.period, now)
+        self.missed += missed
         frames = self.frames
         frame = frames[self._turn % len(frames)]
         self._turn = (self._turn + 1) % len(frames)

@@ -42,7 +42,7 @@ from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import CobEntry, classify, cob_id
 from barewire.canopen.communication_objects import integer_value, replace_entry, validate_cob_id_writes, validate_writes
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.nmt.messages import NodeState
+from barewire.canopen.nmt.messages import reported_state
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.codecs import Layout
 from barewire.errors import DecodeError, EncodeError, shown
@@ -208,6 +208,7 @@ class EmcyConsumer:
     """
 
     __slots__ = ("_active", "_registers", "cob_ids", "history", "listed_only", "unreadable")
+    deadline = None  # nothing is timed
 
     def __init__(
         self,
@@ -224,11 +225,6 @@ class EmcyConsumer:
             int, dict[int, int]
         ] = {}  # node -> code -> the register bit that is set while the error is active
         self._registers: dict[int, int] = {}
-
-    @property
-    def deadline(self) -> float | None:
-        """None: nothing is timed."""
-        return None
 
     def active(self, node: int) -> tuple[int, ...]:
         """Return the active error codes of a node, the oldest first."""
@@ -274,13 +270,8 @@ class EmcyConsumer:
         return EmcyEvent(message, tuple(gone), tuple(errors), now)
 
     def _clear_on_boot_up(self, frame: CanFrame) -> None:
-        if frame.extended or frame.id >> 7 != 0x700 >> 7:
-            return
-        try:
-            received = NodeState.decode(frame)
-        except DecodeError:
-            return
-        if received.is_boot_up:
+        received = reported_state(frame)
+        if received is not None and received.is_boot_up:
             self._active.pop(received.node, None)
             self._registers.pop(received.node, None)
 

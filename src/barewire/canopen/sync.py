@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from barewire.canopen.cob_ids import SYNC_KEY
-from barewire.canopen.cyclic import check_period
+from barewire.canopen.cyclic import check_period, next_due
 from barewire.canopen.frame import CanFrame
 from barewire.errors import DecodeError, EncodeError, shown
 
@@ -114,11 +114,8 @@ class SyncProducer:
         if self._next is None or now < self._next:
             return []
         self.latest = max(self.latest, now - self._next)
-        late = int((now - self._next) / self.period)
-        self.missed += late
-        self._next += (late + 1) * self.period
-        if self._next <= now:  # rounding errors, if the period is tiny compared with the time
-            self._next = now + self.period
+        self._next, missed = next_due(self._next, self.period, now)
+        self.missed += missed
         return [self.next_frame()]
 
     def next_frame(self) -> CanFrame:

@@ -118,16 +118,12 @@ class TimeConsumer:
     """
 
     __slots__ = ("key", "last", "unreadable")
+    deadline = None  # nothing is timed
 
     def __init__(self, key: tuple[int, bool] = TIME_KEY) -> None:
         self.key = key
         self.last: TimeReceived | None = None
         self.unreadable = 0
-
-    @property
-    def deadline(self) -> float | None:
-        """None: nothing is timed."""
-        return None
 
     def unix(self, now: float) -> float | None:
         """Return the Unix time now, None before the first TIME message."""

@@ -60,6 +60,7 @@ class LssSlave:
 
     __slots__ = ("_limits", "_matched", "_part", "address", "bit_timing", "node", "on_bit_timing", "pending", "rates",
                  "silence", "state", "store")  # fmt: skip
+    deadline = None  # nothing is timed
 
     def __init__(
         self,
@@ -83,11 +84,6 @@ class LssSlave:
         self._matched = 0  # how many parts of "switch selective" have matched, in order
         self._limits = 0  # the same for "identify"
         self._part = 0  # the part of the address that a fastscan has reached
-
-    @property
-    def deadline(self) -> float | None:
-        """None: nothing is timed."""
-        return None
 
     @property
     def must_boot(self) -> bool:

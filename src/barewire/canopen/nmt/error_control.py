@@ -30,16 +30,16 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from barewire.canopen.cob_ids import check_node, cob_id
+from barewire.canopen.cyclic import next_due
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.nmt.messages import NmtState, NodeState, guarding_request
-from barewire.errors import DecodeError, EncodeError, shown
+from barewire.canopen.nmt.messages import NmtState, NodeState, guarding_request, reported_state
+from barewire.errors import EncodeError, shown
 
 
 class HeartbeatProducer:
     """A machine that sends `state` every `period` seconds; a period of 0 means never.
 
-    The times are absolute (t0 + k times the period), so a late call does not shift the later heartbeats. After a long
-    pause one heartbeat is sent, and the missed ones are skipped.
+    A late call does not shift the later heartbeats. After a long pause one is sent, and the missed ones are skipped.
     """
 
     __slots__ = ("_next", "_period", "node", "state")
@@ -76,8 +76,7 @@ class HeartbeatProducer:
         """Return the heartbeat, if one is due."""
         if self._next is None or now < self._next:
             return []
-        missed = int((now - self._next) / self._period)
-        self._next += (missed + 1) * self._period
+        self._next, _ = next_due(self._next, self._period, now)
         return [NodeState(self.node, self.state).encode()]
 
 
@@ -166,11 +165,8 @@ class HeartbeatConsumer:
             if watched.deadline is not None and now >= watched.deadline:
                 watched.liveness, watched.deadline = "lost", None
                 events.append(HeartbeatEvent(node, "lost", watched.state, now))
-        if frame is None:
-            return events
-        try:
-            received = NodeState.decode(frame)
-        except DecodeError:
+        received = None if frame is None else reported_state(frame)
+        if received is None:
             return events
         watched = self._nodes.setdefault(received.node, _Watched())
         before, state_before = watched.liveness, watched.state
@@ -270,20 +266,14 @@ class GuardingMaster:
                 node.lost, node.active = True, False
                 output.append(GuardEvent(number, "lost", node.state, now))
             if now >= node.next:
-                missed = int((now - node.next) / node.guard.time)
-                node.next += (missed + 1) * node.guard.time
-                if node.next <= now:
-                    node.next = now + node.guard.time
+                node.next, _ = next_due(node.next, node.guard.time, now)
                 output.append(guarding_request(number))
         return output
 
     def _receive(self, frame: CanFrame, now: float) -> list[GuardEvent]:
-        try:
-            received = NodeState.decode(frame)
-        except DecodeError:
-            return []
-        node = self._nodes.get(received.node)
-        if node is None:
+        received = reported_state(frame)
+        node = None if received is None else self._nodes.get(received.node)
+        if received is None or node is None:
             return []
         if received.is_boot_up:
             node.toggle, node.state = False, received.state

@@ -20,9 +20,17 @@ from typing import NamedTuple
 
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtMessage, NmtState, NodeState, guarding_request
+from barewire.canopen.nmt.messages import (
+    STATE_AFTER,
+    NmtCommand,
+    NmtMessage,
+    NmtState,
+    NodeState,
+    guarding_request,
+    reported_state,
+)
 from barewire.conversation import Conversation, Heard, Listen, Send
-from barewire.errors import DecodeError, EncodeError, NoAnswer, shown
+from barewire.errors import EncodeError, NoAnswer, shown
 
 _STATES = frozenset(NmtState)
 STATE_TIMEOUT = 2.0
@@ -72,7 +80,7 @@ def send_nmt(
         heard: Heard[CanFrame] = yield Listen(min(until, asking))
         if heard.item is not None:
             frames += 1
-            received = _state(heard.item)
+            received = reported_state(heard.item)
             if received is not None and received.node in waiting:
                 waiting[received.node] = (
                     f"it last reported {received.name}, {heard.now - sent.now:.3g} s after the command"
@@ -99,7 +107,7 @@ def request_state(node: int, *, timeout: float = STATE_TIMEOUT) -> Conversation[
         heard: Heard[CanFrame] = yield Listen(until)
         if heard.item is not None:
             frames += 1
-            received = _state(heard.item)
+            received = reported_state(heard.item)
             if received is not None and received.node == node:
                 return received
         if heard.now >= until:
@@ -153,7 +161,7 @@ def _waiting(
     until = heard.now + timeout
     last = ""
     while True:
-        received = None if heard.item is None else _state(heard.item)
+        received = None if heard.item is None else reported_state(heard.item)
         if received is not None and node in (None, received.node):
             if wanted(received):
                 return received
@@ -162,13 +170,6 @@ def _waiting(
             source = "any node" if node is None else f"node {node}"
             raise NoAnswer(f"no {event} from {source} within {timeout:g} s: {last or 'no state was reported'}")
         heard = yield Listen(until)
-
-
-def _state(frame: CanFrame) -> NodeState | None:
-    try:
-        return NodeState.decode(frame)
-    except DecodeError:
-        return None
 
 
 def _unconfirmed(command: NmtCommand, waiting: dict[int, str], timeout: float, frames: int, asked: bool) -> str:

@@ -47,6 +47,8 @@ class NmtState(IntEnum):
 
 
 STATE_BYTE = BitPattern("tsss ssss")
+_ERROR_CONTROL = 0x700 >> 7
+"""The function code of error control, the four bits of an identifier before the node."""
 _NAMES = {state.value: state.name.lower().replace("_", "-") for state in NmtState}
 
 STATE_AFTER = {
@@ -144,15 +146,25 @@ class NodeState:
 
         Raise DecodeError for another identifier and for a frame without data.
         """
-        found = classify(frame)
-        if found is None or found[0].name != "error control" or frame.remote:
+        service_and_node = classify(frame)
+        if service_and_node is None or service_and_node[0].name != "error control" or frame.remote:
             raise DecodeError(
                 "mismatch", frame.data, 0, f"{frame} is not an error control message: expected 701h..77Fh"
             )
         if not frame.data:
             raise DecodeError("short", frame.data, 0, "the state is byte 0, but there are none")
         fields = STATE_BYTE.decode(frame.data[0])
-        return cls(found[1], fields["s"], bool(fields["t"]))
+        return cls(service_and_node[1], fields["s"], bool(fields["t"]))
+
+
+def reported_state(frame: CanFrame) -> NodeState | None:
+    """Return the state that a frame reports, None if it is not an error control message."""
+    if frame.id >> 7 != _ERROR_CONTROL:  # most frames of a bus: an exception would cost more than this look
+        return None
+    try:
+        return NodeState.decode(frame)
+    except DecodeError:
+        return None
 
 
 def guarding_request(node: int) -> CanFrame:
@@ -165,7 +177,7 @@ def guarding_request(node: int) -> CanFrame:
 
 
 def consumer_entry(word: int) -> tuple[int, float] | None:
-    """Return one entry of 1016h as (node, seconds); None if it is unused, which is node 0 or time 0.
+    """Return one entry of 1016h, `00 | node | time in ms`, as (node, seconds); None if it is unused: node or time is 0.
 
     >>> consumer_entry(134072)
     (2, 3.0)
@@ -194,15 +206,11 @@ class NmtSlave:
     """
 
     __slots__ = ("node", "state")
+    deadline = None  # nothing is timed
 
     def __init__(self, node: int) -> None:
         self.node = check_node(node)
         self.state = NmtState.INITIALISING
-
-    @property
-    def deadline(self) -> float | None:
-        """None: nothing is timed."""
-        return None
 
     def booted(self) -> None:
         """End the initialisation and enter PRE-OPERATIONAL. The caller sends the boot-up message now."""

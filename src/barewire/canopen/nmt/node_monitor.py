@@ -4,8 +4,8 @@
         185#...         sent by node 5
         605#...         sent to node 5: no evidence of it
 
-There is one dictionary entry for each identifier: the last frame and the number of frames. It is evaluated only to
-explain a time-out, so recording a frame costs next to nothing. Of extended identifiers only those up to 7FFh are kept,
+There is one dictionary entry for each identifier, evaluated only to explain a time-out, so recording a frame costs next
+to nothing. Of extended identifiers only those up to 7FFh are kept,
 because they are easily mistaken for base identifiers. All others are only counted, so another protocol does not fill
 the memory.
 """
@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 from barewire.canopen.cob_ids import NODE_MAX, NODE_MIN, SERVICES, check_node
 from barewire.canopen.frame import BASE_MAX, CanFrame, ErrorFrame
-from barewire.canopen.nmt.messages import NmtState, NodeState
-from barewire.errors import DecodeError
+from barewire.canopen.nmt.messages import NmtState, NodeState, reported_state
 
 _SHOWN = 5
 """How many other nodes are listed if the wanted one has sent nothing."""
@@ -48,6 +47,7 @@ class NodeMonitor:
     """
 
     __slots__ = ("_base", "_extended", "_remark", "error", "error_at", "foreign", "frames")
+    deadline = None  # nothing is timed
 
     def __init__(self, remark: str = "") -> None:
         """`remark` is added to the explanation of a bus on which no frame was ever received."""
@@ -58,11 +58,6 @@ class NodeMonitor:
         self.error_at = 0.0
         self._base: dict[int, tuple[int, float, CanFrame]] = {}  # at most 2048
         self._extended: dict[int, int] = {}  # at most 2048
-
-    @property
-    def deadline(self) -> float | None:
-        """None: nothing is timed."""
-        return None
 
     def feed(self, frame: CanFrame | None, now: float) -> list[None]:
         """Record a frame. Return an empty list, since there are no events.
@@ -112,10 +107,7 @@ class NodeMonitor:
     def state(self, node: int) -> NodeState | None:
         """Return the last state that the node reported."""
         known = self._base.get(0x700 + check_node(node))
-        try:
-            return None if known is None else NodeState.decode(known[2])
-        except DecodeError:
-            return None
+        return None if known is None else reported_state(known[2])
 
     def unanswered(self, request_id: int, response_id: int) -> float | None:
         """Return when the last SDO request was received, None if a response came after it, or if it needs none.
@@ -136,15 +128,15 @@ class NodeMonitor:
     def explain_silence(self, node: int, response_id: int, since: TrafficMark, now: float, *, responses: int) -> str:
         """Return a sentence on why a node may not have responded; it sent `responses` frames on `response_id`."""
         frames = self.frames - since.frames
-        last, state = self.last_sent(node), self.state(node)
+        sent_at, state = self.last_sent(node), self.state(node)
         parts = []
-        if last is None:
+        if sent_at is None:
             others = self.nodes()
             more = ", ..." if len(others) > _SHOWN else ""
             hint = f" (others: node {', '.join(map(str, others[:_SHOWN]))}{more})" if others else ""
             parts.append(f"node {node} has sent no frame{hint}")
         else:
-            parts.append(f"node {node} last sent a frame {_seconds(now - last)} ago")
+            parts.append(f"node {node} last sent a frame {_seconds(now - sent_at)} ago")
         if state is not None:
             stopped = ", and a stopped node does not answer SDO" if state.state == NmtState.STOPPED else ""
             parts.append(("booting" if state.is_boot_up else state.name) + stopped)

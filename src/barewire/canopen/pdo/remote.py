@@ -314,14 +314,10 @@ class PdoConsumer:
     """
 
     __slots__ = ("sources",)
+    deadline = None  # nothing is timed
 
     def __init__(self, sources: Iterable[RemotePdo]) -> None:
         self.sources: dict[tuple[int, bool], RemotePdo] = {source.key: source for source in sources}
-
-    @property
-    def deadline(self) -> float | None:
-        """None: nothing is timed."""
-        return None
 
     def feed(self, frame: CanFrame | None, now: float) -> list[PdoReceived]:
         """Return the values, if the frame is one of these PDOs."""
