@@ -35,7 +35,6 @@ confirmed before are not scanned again, but confirmed with one request.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -43,6 +42,7 @@ from barewire.canopen.cob_ids import check_node, check_node_ids
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.messages import (
     BEGIN,
+    IDENTIFY_SERVICES,
     STORE_NOT_SUPPORTED,
     UNCONFIGURED,
     Fastscan,
@@ -53,7 +53,7 @@ from barewire.canopen.lss.messages import (
     LssState,
     with_number,
 )
-from barewire.canopen.nmt.messages import NodeState
+from barewire.canopen.nmt.messages import reported_state
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
@@ -92,16 +92,23 @@ def read_answer(frame: CanFrame, wanted: int) -> LssMessage | None:
     return message if message.answer and message.service == wanted else None
 
 
-def count_answers(message: LssMessage, wanted: int, timeout: float) -> Conversation[CanFrame, int]:
-    """Send a message and count the answers until the time-out. Simultaneous answers merge into one frame."""
-    now = yield from send_lss(message)
-    until, count = now + timeout, 0
+def answer_times(
+    request: CanFrame, wanted: int, timeout: float, linger: float | None = None
+) -> Conversation[CanFrame, list[float]]:
+    """Send a request and return the response times of its answers until the time-out; with `linger` those up to this
+    many seconds after the first one. Simultaneous answers merge into one frame."""
+    sent: Heard[CanFrame] = yield Send(request)
+    until = sent.now + timeout
+    times: list[float] = []
     while True:
         heard: Heard[CanFrame] = yield Listen(until)
-        if heard.item is not None:
-            count += read_answer(heard.item, wanted) is not None
-        if heard.now >= until:
-            return count
+        if heard.item is not None and read_answer(heard.item, wanted) is not None:
+            times.append(heard.now - sent.now)
+            if linger is not None and len(times) == 1:
+                until = heard.now + linger
+        # With 0 the first answer is the end, without one more look at the bus.
+        if heard.now >= until or (times and linger == 0):
+            return times
 
 
 def switch_global(state: LssState) -> Conversation[CanFrame, None]:
@@ -114,8 +121,8 @@ def switch_selective(address: LssAddress, *, timeout: float = LSS_TIMEOUT) -> Co
     parts = (LssService.SELECT_VENDOR, LssService.SELECT_PRODUCT, LssService.SELECT_REVISION)
     for service, number in zip(parts, address):
         yield from send_lss(with_number(service, number))
-    last = with_number(LssService.SELECT_SERIAL, address.serial)
-    return (yield from request_lss(last, LssService.SELECTED, timeout)) is not None
+    serial = with_number(LssService.SELECT_SERIAL, address.serial)
+    return (yield from request_lss(serial, LssService.SELECTED, timeout)) is not None
 
 
 def identify_slaves(
@@ -127,17 +134,18 @@ def identify_slaves(
     timeout: float = LSS_TIMEOUT,
 ) -> Conversation[CanFrame, int]:
     """Return the number of answers of devices within these limits, both ends included."""
-    numbers = (vendor, product, *revisions, *serials)
-    services = [LssService(LssService.IDENTIFY_VENDOR + step) for step in range(6)]
-    for service, number in list(zip(services, numbers))[:-1]:
-        yield from send_lss(with_number(service, number))
-    return (yield from count_answers(with_number(services[-1], numbers[-1]), LssService.IDENTIFIED, timeout))
+    limits = (vendor, product, *revisions, *serials)
+    requests = [with_number(service, number) for service, number in zip(IDENTIFY_SERVICES, limits)]
+    for request in requests[:-1]:
+        yield from send_lss(request)
+    # Devices answer the last one of the six.
+    return len((yield from answer_times(requests[-1].encode(), LssService.IDENTIFIED, timeout)))
 
 
 def identify_unconfigured(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, int]:
     """Return the number of answers of devices without a node-ID."""
-    request = LssMessage(LssService.IDENTIFY_UNCONFIGURED)
-    return (yield from count_answers(request, LssService.UNCONFIGURED_IDENTIFIED, timeout))
+    request = LssMessage(LssService.IDENTIFY_UNCONFIGURED).encode()
+    return len((yield from answer_times(request, LssService.UNCONFIGURED_IDENTIFIED, timeout)))
 
 
 def inquire_address(*, timeout: float = LSS_TIMEOUT) -> Conversation[CanFrame, LssAddress]:
@@ -222,8 +230,6 @@ class FastscanProgress(NamedTuple):
 
 @dataclass(slots=True)
 class _Timing:
-    """The time-out of requests, adapted to response times and to failures."""
-
     floor: float
     longest: float
     wait: float
@@ -256,25 +262,25 @@ def fastscan(
 ) -> Conversation[CanFrame, LssAddress | None]:
     """Find one device without a node-ID and switch it to configuration. Return its address, None if there is none.
 
-    known      parts of the address that are not scanned but confirmed with one request each; the result is None
+    known      parts of the address that are confirmed with one request each, and not scanned; the result is None
                if no device matches them
     timeout    time-out of the begin request, in seconds
     floor      shortest time-out of all other requests, in seconds
-    attempts   scans before NoAnswer is raised, because the bus loses too many frames to confirm an address
+    attempts   scans before NoAnswer is raised: the bus loses too many frames to confirm an address
     progress   called before each request
     """
     if len(known) != 4:
         raise EncodeError(f"{len(known)} known parts: expected 4, None for an unknown one")
     timing = _Timing(floor, timeout, floor)
-    found: list[int | None] = [None, None, None, None]
+    confirmed: list[int | None] = [None, None, None, None]
     unmatched = 0  # scans in which a known part was not confirmed
     while timing.restarts < attempts:
         if (yield from _begin(timing, timeout)):
-            failed = yield from _scan(known, found, timing, progress)
+            failed = yield from _scan(known, confirmed, timing, progress)
             if failed is None:
-                return LssAddress(*(part or 0 for part in found))
+                return LssAddress(*(part or 0 for part in confirmed))
             unmatched += known[failed] is not None
-            if unmatched == 3:
+            if unmatched == 3:  # once or twice the answer may have been lost
                 return None
         elif not timing.restarts:
             return None
@@ -285,9 +291,9 @@ def fastscan(
 
 
 def _begin(timing: _Timing, timeout: float) -> Conversation[CanFrame, bool]:
-    """Send the begin request, at most twice; measure the response time and how far apart the answers are."""
+    """Return whether any device answers; measure the response time and how far apart the answers are."""
     for _ in range(2):
-        times = yield from _request(Fastscan(0, BEGIN, 0, 0), timeout, None)
+        times = yield from answer_times(Fastscan(0, BEGIN, 0, 0).encode(), LssService.IDENTIFIED, timeout)
         if times:
             timing.note_answer(times[-1])
             if len(times) > 1:
@@ -298,19 +304,19 @@ def _begin(timing: _Timing, timeout: float) -> Conversation[CanFrame, bool]:
 
 def _scan(
     known: KnownAddress,
-    found: list[int | None],
+    confirmed: list[int | None],
     timing: _Timing,
     progress: Callable[[FastscanProgress], None] | None,
 ) -> Conversation[CanFrame, int | None]:
-    """Scan the four parts once, into `found`. Return the part that was not confirmed, None if all were."""
+    """Scan the four parts once, into `confirmed`. Return the part that was not confirmed, None if all were."""
     for part in range(4):
-        number = known[part] if known[part] is not None else found[part]
+        number = known[part] if known[part] is not None else confirmed[part]
         if number is None:
             number = yield from _scan_part(part, timing, progress)
         if not (yield from _matches(Fastscan(number, 0, part, (part + 1) % 4), timing)):
-            found[part] = None
+            confirmed[part] = None
             return part
-        found[part] = number
+        confirmed[part] = number
     return None
 
 
@@ -329,26 +335,11 @@ def _scan_part(
 def _matches(request: Fastscan, timing: _Timing) -> Conversation[CanFrame, bool]:
     """Return whether any device answers the request."""
     for _ in range(timing.attempts):
-        times = yield from _request(request, timing.wait, timing.linger)
+        times = yield from answer_times(request.encode(), LssService.IDENTIFIED, timing.wait, timing.linger)
         if times:
             timing.note_answer(times[0])
             return True
     return False
-
-
-def _request(request: Fastscan, wait: float, linger: float | None) -> Conversation[CanFrame, list[float]]:
-    """Return the response times of a request: wait for an answer, then `linger` for others (None: the whole `wait`)."""
-    sent: Heard[CanFrame] = yield Send(request.encode())
-    until = sent.now + wait
-    times: list[float] = []
-    while True:
-        heard: Heard[CanFrame] = yield Listen(until)
-        if heard.item is not None and read_answer(heard.item, LssService.IDENTIFIED) is not None:
-            times.append(heard.now - sent.now)
-            if linger is not None and len(times) == 1:
-                until = heard.now + linger
-        if heard.now >= until or (times and linger == 0):
-            return times
 
 
 class AssignedNode(NamedTuple):
@@ -388,8 +379,9 @@ def assign_node_ids(
                 break
             yield from configure_node(node, timeout=timeout)
             stored = store and (yield from _stores(timeout))
-            now = yield from send_lss(LssMessage(LssService.SWITCH_GLOBAL, bytes([LssState.WAITING])))
-            booted = yield from _wait_for_boot_up(node, now + timeout)
+            # Back in the state waiting, the device takes over its node-ID and boots.
+            switched_at = yield from send_lss(LssMessage(LssService.SWITCH_GLOBAL, bytes([LssState.WAITING])))
+            booted = yield from _wait_for_boot_up(node, switched_at + timeout)
             assigned.append(AssignedNode(address, node, booted, stored))
             if found is not None:
                 found(assigned[-1])
@@ -417,9 +409,8 @@ def _wait_for_boot_up(node: int, until: float) -> Conversation[CanFrame, bool]:
     """Wait for the boot-up message of the node; return whether it was received."""
     while True:
         heard: Heard[CanFrame] = yield Listen(until)
-        if heard.item is not None:
-            with suppress(DecodeError):
-                if NodeState.decode(heard.item).node == node:
-                    return True
+        received = None if heard.item is None else reported_state(heard.item)
+        if received is not None and received.node == node:
+            return True
         if heard.now >= until:
             return False

@@ -129,6 +129,8 @@ class LssMessage:
         return int.from_bytes(self.body[:4], "little")
 
 
+IDENTIFY_SERVICES = tuple(LssService(LssService.IDENTIFY_VENDOR + step) for step in range(6))
+"""The six requests of "identify": vendor-ID, product code, and the limits of revision and serial number."""
 LSS_ANSWERS = frozenset({0x11, 0x13, 0x17, 0x44, 0x4F, 0x50, *range(0x5A, 0x5F)})
 LSS_REQUESTS = frozenset(int(service) for service in LssService) - {0x44, 0x4F, 0x50}
 
@@ -184,8 +186,6 @@ class Fastscan:
 
 BEGIN = 0x80
 """The `bit` that begins a fastscan."""
-
-
 STORE_NOT_SUPPORTED = 1
 """The code of a device that cannot store its configuration, in the answer to 17h."""
 

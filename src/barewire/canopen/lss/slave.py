@@ -22,6 +22,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.messages import (
     AUTOMATIC_BIT_RATE,
     BEGIN,
+    IDENTIFY_SERVICES,
     LSS_BIT_RATES,
     REQUEST_KEY,
     UNCONFIGURED,
@@ -34,8 +35,7 @@ from barewire.canopen.lss.messages import (
 from barewire.errors import DecodeError
 
 _OK, _OUT_OF_RANGE, _NO_STORAGE = 0, 1, 2
-_PARTS = (0x40, 0x41, 0x42, 0x43)
-_LIMITS = (0x46, 0x47, 0x48, 0x49, 0x4A, 0x4B)
+_PARTS = range(LssService.SELECT_VENDOR, LssService.SELECT_SERIAL + 1)
 
 StoreConfiguration = Callable[[int | None, int | None], bool]
 """Stores (node-ID, entry of the bit rate table) for the next power-on, and returns whether that succeeded."""
@@ -115,8 +115,8 @@ class LssSlave:
             return None
         if service in _PARTS:
             return self._select(service - _PARTS[0], message.number)
-        if service in _LIMITS:
-            return self._identify(service - _LIMITS[0], message.number)
+        if service in IDENTIFY_SERVICES:
+            return self._identify(service - IDENTIFY_SERVICES[0], message.number)
         if service == LssService.IDENTIFY_UNCONFIGURED:
             return (LssService.UNCONFIGURED_IDENTIFIED, b"") if self._is_unconfigured else None
         if service == LssService.FASTSCAN:
@@ -145,7 +145,7 @@ class LssSlave:
         fits = (vendor == number, product == number, number <= revision, revision <= number, number <= serial,
                 serial <= number)[step]  # fmt: skip
         self._limits = step + 1 if fits and (step == 0 or self._limits == step) else 0
-        if self._limits != len(_LIMITS):
+        if self._limits != len(IDENTIFY_SERVICES):
             return None
         self._limits = 0
         return LssService.IDENTIFIED, b""
@@ -170,7 +170,6 @@ class LssSlave:
         return True
 
     def _configure(self, service: int, body: bytes, now: float) -> tuple[int, bytes] | None:
-        """Execute a service of the state CONFIGURATION, and return its answer."""
         if service == LssService.CONFIGURE_NODE:
             return service, bytes([self._set_node(body[0])])
         if service == LssService.CONFIGURE_BIT_TIMING:
