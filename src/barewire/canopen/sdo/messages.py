@@ -1,4 +1,4 @@
-"""SDO messages: each a frozen dataclass with `encode` and `decode`. First those that begin or end a transfer. [CiA 301]
+"""SDO messages: each a frozen dataclass with `encode` and `decode`.   [CiA 301, SDO]
 
         byte   0         1   2      3      4   5   6   7
              | command | index    | sub  | data, a size or a code |        8 bytes, always
@@ -6,7 +6,7 @@
 
 Letters of the command byte:
 
-        n  how many of the bytes 4 to 7 are *not* data          e  expedited: this frame has the value
+        n  how many of the data bytes are *not* data            e  expedited: this frame has the value
         s  the size is indicated (n, or the size in 4..7)       -  reserved: sent as 0, ignored when received
 
                client                                server                           byte 0
@@ -20,13 +20,10 @@ Letters of the command byte:
 
 "Upload" and "download" are seen from the device: an upload transfers a value from the server to the client.
 
-A segmented transfer: segments of seven bytes, each of them confirmed.   [CiA 301, SDO]
-
-        byte   0         1 ... 7
-             | command | data, or nothing |        no index: the transfer determines the object
+A segmented transfer: seven bytes in a segment, each of them confirmed. No message names the object.
 
         t  toggle: 0 in the first segment, then 1, 0, 1; the response repeats that of the request
-        n  how many of the bytes 1 to 7 are *not* data          c  complete: this is the last segment
+        c  complete: this is the last segment
 
                client                                server                           byte 0
         NextSegment       011t ----     ->                                            60 70
@@ -39,7 +36,6 @@ An empty value is one segment 0Fh with seven unused bytes.
 A block transfer: up to 127 segments in a row for one acknowledgement.   [CiA 301, SDO block]
 
         c  this side supports the CRC (used only if both do); in a segment: this is the last one
-        s  the size is indicated                    n  how many bytes of the last segment are *not* data
         q  number of the segment in its block, from 1
 
                client                                    server                            byte 0
@@ -56,15 +52,13 @@ A block transfer: up to 127 segments in a row for one acknowledgement.   [CiA 30
                                             <-    BlockEnded              101- --01        A1
 
 In a download the client is the sender, in an upload the server. There is no segment 0, so 80h is an abort inside a
-block too. A segment does not state how many of its bytes are data; BlockEnd states it for the last segment.
+block too. Only BlockEnd states how many bytes of the last segment are data.
 
-Which message eight bytes are depends on the state of the transfer:
+Which message eight bytes are depends on the state of the transfer, so `decode_one_of` takes the types possible now:
 
         C1 34 12 ...      the end of a block transfer    if the last segment is acknowledged
                           segment 41h, the last          inside a block
                           not a valid message            outside a transfer
-
-So `decode_one_of` takes the message types that are possible now. The tuples below are such states.
 """
 
 from __future__ import annotations
@@ -78,6 +72,12 @@ from barewire.errors import DecodeError, EncodeError
 OBJECT_LAYOUT = Layout("<BHB", "command", "index", "sub", tail="data")
 SIZE_FIELD = Layout("<I", "size")
 _CODE_FIELD = Layout("<I", "code")
+BLOCK_MAX = 127
+"""The most segments in a block."""
+LAST = 0x80
+"""The bit of a segment of a block that makes it the last one."""
+SEGMENT = 7
+"""Bytes of data in a segment."""
 
 
 def object_message(command: int, index: int, sub: int, data: bytes = b"") -> bytes:
@@ -87,8 +87,6 @@ def object_message(command: int, index: int, sub: int, data: bytes = b"") -> byt
 
 @dataclass(frozen=True, slots=True)
 class _Expedited:
-    """A message with the value itself, which has the same bytes in both directions."""
-
     index: int
     sub: int
     data: bytes
@@ -97,7 +95,6 @@ class _Expedited:
     pattern: ClassVar[BitPattern]
 
     def encode(self) -> bytes:
-        """Return the 8 bytes. Raise EncodeError for a value of no or more than 4 bytes."""
         if not 1 <= len(self.data) <= 4:
             raise EncodeError(f"{len(self.data)} bytes do not fit an expedited transfer: it carries 1 to 4")
         if not self.indicated and len(self.data) != 4:
@@ -107,10 +104,9 @@ class _Expedited:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the bytes; unused ones at the end may be missing. Without s, all four bytes are the value."""
         command, index, sub, value = OBJECT_LAYOUT.unpack(data)
         fields = cls.pattern.decode(command)
-        size = 4 - fields["n"] if fields["s"] else 4
+        size = 4 - fields["n"] if fields["s"] else 4  # without s, n has no meaning: all four bytes are the value
         if len(value) < size:
             raise DecodeError("short", data, len(data), f"{size} bytes of data announced, got {len(value)}")
         return cls(index, sub, value[:size], bool(fields["s"]))
@@ -118,8 +114,6 @@ class _Expedited:
 
 @dataclass(frozen=True, slots=True)
 class _Sized:
-    """A message about a value that follows in segments, which has the same bytes in both directions."""
-
     index: int
     sub: int
     size: int | None = None
@@ -127,13 +121,11 @@ class _Sized:
     pattern: ClassVar[BitPattern]
 
     def encode(self) -> bytes:
-        """Return the 8 bytes."""
         size = b"" if self.size is None else SIZE_FIELD.pack(self.size)
         return object_message(self.pattern.encode(s=self.size is not None), self.index, self.sub, size)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the bytes; unused ones at the end may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, indicated_size(cls.pattern, data))
 
@@ -157,7 +149,6 @@ class InitiateUpload:
     pattern: ClassVar = BitPattern("010- ----")
 
     def encode(self) -> bytes:
-        """Return the 8 bytes of the request."""
         if not self.pattern.matches(self.command):
             raise EncodeError(
                 f"command {self.command:02X}h does not request an upload: expected {self.pattern.pattern}"
@@ -166,7 +157,6 @@ class InitiateUpload:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the 8 bytes. Reserved bits are ignored, so 43h is an upload request."""
         command, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, command)
 
@@ -241,12 +231,10 @@ class DownloadInitiated:
     pattern: ClassVar = BitPattern("011- ----")
 
     def encode(self) -> bytes:
-        """Return the 8 bytes of the response."""
         return object_message(self.pattern.encode(), self.index, self.sub)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the bytes of the response; the last four are unused and may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub)
 
@@ -270,12 +258,10 @@ class Abort:
     pattern: ClassVar = BitPattern("1000 0000")
 
     def encode(self) -> bytes:
-        """Return the 8 bytes of the message."""
         return object_message(self.pattern.encode(), self.index, self.sub, _CODE_FIELD.pack(self.code))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the bytes of the message. Raise DecodeError("short") without a whole code."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, _number(data))
 
@@ -295,14 +281,9 @@ def indicated_size(pattern: BitPattern, data: bytes) -> int | None:
 
 
 def _number(data: bytes) -> int:
-    """Return bytes 4 to 7 as a little-endian number."""
     if len(data) < 8:
         raise DecodeError("short", data, len(data), f"bytes 4..7 are needed, but there are only {len(data)}")
     return int.from_bytes(data[4:8], "little")
-
-
-SEGMENT = 7
-"""Bytes of data in a segment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,7 +305,6 @@ class SdoSegment:
     pattern: ClassVar = BitPattern("000t nnnc")
 
     def encode(self) -> bytes:
-        """Return the 8 bytes."""
         if len(self.data) > SEGMENT:
             raise EncodeError(f"{len(self.data)} bytes of data: a segment carries at most {SEGMENT}")
         command = self.pattern.encode(t=self.toggle, n=SEGMENT - len(self.data), c=self.last)
@@ -332,7 +312,6 @@ class SdoSegment:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the 8 bytes; unused bytes at the end may be missing."""
         fields = cls.pattern.decode(data[0])
         end = 1 + SEGMENT - fields["n"]
         if len(data) < end:
@@ -342,19 +321,15 @@ class SdoSegment:
 
 @dataclass(frozen=True, slots=True)
 class _ToggleOnly:
-    """A message that consists of its command byte, with the toggle bit."""
-
     toggle: int
 
     pattern: ClassVar[BitPattern]
 
     def encode(self) -> bytes:
-        """Return the 8 bytes."""
         return bytes([self.pattern.encode(t=self.toggle)]).ljust(8, b"\0")
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the command byte."""
         return cls(cls.pattern.decode(data[0])["t"])
 
 
@@ -384,8 +359,6 @@ class SegmentTaken(_ToggleOnly):
     pattern: ClassVar = BitPattern("001t ----")
 
 
-BLOCK_MAX = 127
-LAST = 0x80
 _ACK = Layout("<BBB", "command", "sequence", "blksize", tail="reserved")
 _END = Layout("<BH", "command", "crc", tail="reserved")
 
@@ -419,20 +392,18 @@ class InitiateBlockDownload:
     pattern: ClassVar = BitPattern("110- -cs0")
 
     def encode(self) -> bytes:
-        """Return the 8 bytes of the request."""
         size = b"" if self.size is None else SIZE_FIELD.pack(self.size)
         return object_message(self.pattern.encode(c=self.crc, s=self.size is not None), self.index, self.sub, size)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the 8 bytes; unused bytes at the end may be missing."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, indicated_size(cls.pattern, data), bool(cls.pattern.decode(data[0])["c"]))
 
 
 @dataclass(frozen=True, slots=True)
 class BlockUploadInitiated(InitiateBlockDownload):
-    """The server will send a value in blocks, after StartBlockUpload. Its bytes are those of the request of a download.
+    """The server will send a value in blocks, after StartBlockUpload.
 
         110- -cs0 | index 2 | sub 1 | size 4
 
@@ -459,13 +430,11 @@ class BlockDownloadInitiated:
     pattern: ClassVar = BitPattern("101- -c00")
 
     def encode(self) -> bytes:
-        """Return the 8 bytes of the response."""
         _check_blksize(self.blksize)
         return object_message(self.pattern.encode(c=self.crc), self.index, self.sub, bytes([self.blksize]))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the 8 bytes; the transfer checks the block size."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         return cls(index, sub, _byte(data, 4, "blksize"), bool(cls.pattern.decode(data[0])["c"]))
 
@@ -491,7 +460,6 @@ class InitiateBlockUpload:
     pattern: ClassVar = BitPattern("101- -c00")
 
     def encode(self) -> bytes:
-        """Return the 8 bytes of the request."""
         _check_blksize(self.blksize)
         if not 0 <= self.switch <= 0xFF:
             raise EncodeError(f"protocol switch at {self.switch} bytes: expected 0..255")
@@ -499,25 +467,20 @@ class InitiateBlockUpload:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the 8 bytes; the transfer checks the block size."""
         _, index, sub, _ = OBJECT_LAYOUT.unpack(data)
         switch = _byte(data, 5, "protocol switch")
         return cls(index, sub, data[4], switch, bool(cls.pattern.decode(data[0])["c"]))
 
 
 class _CommandOnly:
-    """A message that consists of its command byte."""
-
     __slots__ = ()
     pattern: ClassVar[BitPattern]
 
     def encode(self) -> bytes:
-        """Return the 8 bytes."""
         return bytes([self.pattern.encode()]).ljust(8, b"\0")
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the command byte."""
         cls.pattern.decode(data[0])
         return cls()
 
@@ -552,7 +515,6 @@ class BlockSegment:
     pattern: ClassVar = BitPattern("cqqq qqqq")
 
     def encode(self) -> bytes:
-        """Return the 8 bytes."""
         if not 1 <= self.sequence <= BLOCK_MAX:
             raise EncodeError(f"segment {self.sequence}: expected 1..{BLOCK_MAX}")
         if len(self.data) > SEGMENT or (len(self.data) < SEGMENT and not self.last):
@@ -561,7 +523,6 @@ class BlockSegment:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the 8 bytes. Raise DecodeError("value") for 00h and 80h, which are not segments."""
         if len(data) < 1 + SEGMENT:
             raise DecodeError("short", data, len(data), f"a segment has {SEGMENT} bytes of data")
         if not data[0] & ~LAST:
@@ -585,13 +546,11 @@ class BlockAck:
     pattern: ClassVar = BitPattern("101- --10")
 
     def encode(self) -> bytes:
-        """Return the 8 bytes."""
         _check_blksize(self.blksize)
         return _ACK.pack(self.pattern.encode(), self.sequence, self.blksize, tail=bytes(5))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the first 3 bytes; the transfer checks the numbers."""
         return cls(*_ACK.unpack(data)[1:3])
 
 
@@ -611,12 +570,10 @@ class BlockEnd:
     pattern: ClassVar = BitPattern("110n nn-1")
 
     def encode(self) -> bytes:
-        """Return the 8 bytes."""
         return _END.pack(self.pattern.encode(n=self.unused), self.crc, tail=bytes(5))
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode the first 3 bytes."""
         return cls(cls.pattern.decode(data[0])["n"], _END.unpack(data)[1])
 
 
@@ -638,10 +595,12 @@ class SdoMessage(Protocol):
 
     pattern: ClassVar[BitPattern]
 
-    def encode(self) -> bytes: ...
+    def encode(self) -> bytes:
+        """Return the 8 bytes. Raise EncodeError for a field that they cannot carry."""
 
     @classmethod
-    def decode(cls, data: bytes) -> Self: ...
+    def decode(cls, data: bytes) -> Self:
+        """Decode the bytes; those at the end that the message does not use may be missing. Raise DecodeError."""
 
 
 M = TypeVar("M", bound=SdoMessage)
