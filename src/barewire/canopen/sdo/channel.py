@@ -3,7 +3,7 @@
         client  -- 600h+n -->  server of node n        [CiA 301, default SDO]
                 <-- 580h+n --
 
-A device may have further servers with their own channels; objects 1201h to 127Fh give their identifiers (`cob_ids`).
+A device may have further servers, each with its own channel (`client.find_channel`).
 
 Frames that are not the response to the present request are normal, and counted in `ChannelCounters`. A bus that passes
 a channel only its own frames gives it a `node_monitor`, which explains a time-out by what the node sent before.
@@ -58,6 +58,10 @@ from barewire.errors import DecodeError, EncodeError, NoAnswer
 SERVER_1 = 0x1200
 """The record of the first SDO server of a device, which is the default one; those of the others follow."""
 SERVERS_MAX = 128
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 @dataclass(slots=True)
@@ -120,22 +124,14 @@ class ChannelCounters:
 _COUNTERS = tuple(field.name for field in fields(ChannelCounters) if field.name != "state")
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
 _BACKLOG = 0.1
 """Seconds that reading the waiting frames may take at most."""
-
 _PAST = float("-inf")
-
 _ABORT = b"\x80"
 _PROBE = InitiateUpload(0, 0).encode()
 _LAST_FRAMES = b"\x80\xa1"  # the commands of a client that no response follows: an abort, the end of a block upload
-
 _ENDING = (Abort, ExpeditedUpload)
 """The responses to a first request after which the server has no transfer."""
-
 OUT_OF_STEP = frozenset({AbortCode.COMMAND, AbortCode.TOGGLE, AbortCode.SEQUENCE_NUMBER, AbortCode.TIMED_OUT})
 """A server that aborts with one of these was not in the state that the client assumed."""
 
@@ -148,38 +144,21 @@ class Channel:
     """The client's end of one SDO channel.
 
     Keep one for each node and pass it to every transfer, because it records whether the last transfer timed out.
-    `counters` counts during the present transfer, `total` is the sum of the transfers before. `own_frames` is
-    whether the port also delivers the frames that it sends. If it does, another client cannot be noticed; None: it is
-    found out at the first response.
+
+        cob_ids        the identifiers, client to server first, of a further server; default: 600h + node, 580h + node
+        own_frames     whether the port also delivers the frames that it sends: then another client cannot be noticed;
+                       None: it is found out at the first response
+
+    `counters` counts during the present transfer, `total` is the sum of the transfers before.
 
     >>> channel = Channel(5)
     >>> f"{channel.request_id:X}h {channel.response_id:X}h"
     '605h 585h'
     """
 
-    __slots__ = (
-        "_mark",
-        "_plain",
-        "abandoned",
-        "abandoned_at",
-        "blocks",
-        "busy",
-        "counters",
-        "dialect",
-        "node",
-        "node_monitor",
-        "own_frames",
-        "probes",
-        "quiet_for",
-        "quiet_until",
-        "request_extended",
-        "request_id",
-        "response_extended",
-        "response_id",
-        "sent",
-        "timeout",
-        "total",
-    )
+    __slots__ = ("_mark", "_plain", "abandoned", "abandoned_at", "blocks", "busy", "counters", "dialect", "node",
+                 "node_monitor", "own_frames", "probes", "quiet_for", "quiet_until", "request_extended", "request_id",
+                 "response_extended", "response_id", "sent", "timeout", "total")  # fmt: skip
 
     def __init__(
         self,

@@ -35,6 +35,7 @@ ignored, as the standard requires, and counted as a deviation; so read requests 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -78,6 +79,8 @@ from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import BarewireError, DecodeError, EncodeError
 
 _BLOCK_ENDED = BlockEnded().encode()
+_Write = Callable[[bytes], None]
+"""Writes a whole value, or refuses it by raising SdoAbort."""
 
 
 class ObjectStore(Protocol):
@@ -113,10 +116,6 @@ class ServerCounters:
     replaced: int = 0  # transfers that a request for another one ended
 
 
-_Write = Callable[[bytes], None]
-"""Writes a whole value, or refuses it by raising SdoAbort."""
-
-
 class ServerTransfer(Protocol):
     """A transfer that has begun. A machine: at its `deadline` it must be fed None.
 
@@ -141,16 +140,6 @@ class ServerTransfer(Protocol):
     def feed(self, data: bytes | None, now: float) -> list[bytes]: ...
 
 
-def _never(data: bytes, now: float) -> bool:
-    """Return False: the `accept` of transfers that respond to every frame."""
-    return False
-
-
-def _always(data: bytes) -> bool:
-    """Return True: the `gives_way` of transfers in which no frame looks like the request for a new one."""
-    return True
-
-
 def _expect(data: bytes, *types: type[M]) -> M:
     """Decode a message of one of these types; any other frame ends the transfer."""
     try:
@@ -165,89 +154,98 @@ def _check_timeout(now: float, deadline: float) -> list[bytes]:
     return []
 
 
-class SegmentedUpload:
-    """An upload in segments."""
+class _Responding:
+    """A transfer that responds to every frame, so no frame is accepted in silence, and none can be two things."""
 
-    __slots__ = ("_timeout", "_toggle", "_value", "deadline", "over")
+    __slots__ = ("_timeout", "deadline", "over")
     next_segment = 0
-    accept = staticmethod(_never)
-    gives_way = staticmethod(_always)
 
-    def __init__(self, value: bytes, timeout: float, now: float) -> None:
-        self._value = Outgoing((value,), len(value))
-        self._toggle = 0
+    def __init__(self, timeout: float, now: float) -> None:
         self._timeout = timeout
         self.deadline = now + timeout
         self.over = False
 
+    def gives_way(self, data: bytes) -> bool:
+        return True
+
+    def accept(self, data: bytes, now: float) -> bool:
+        return False
+
+
+class _Segmented(_Responding, ABC):
+    __slots__ = ("_toggle",)
+
+    def __init__(self, timeout: float, now: float) -> None:
+        super().__init__(timeout, now)
+        self._toggle = 0
+
     def feed(self, data: bytes | None, now: float) -> list[bytes]:
-        """Return the next segment."""
+        """Return the response to a request, which has the same toggle bit."""
         if data is None:
             return _check_timeout(now, self.deadline)
-        toggle = _expect(data, NextSegment).toggle
-        if toggle != self._toggle:
-            raise ProtocolViolation(
-                AbortCode.TOGGLE, f"segment with toggle bit {toggle} requested, {self._toggle} is next"
-            )
-        part = self._value.take(SEGMENT)
-        self.over = self._value.exhausted
+        response = self._response(data)
         self._toggle ^= 1
         self.deadline = now + self._timeout
-        return [SdoSegment(toggle, part, self.over).encode()]
+        return [response]
+
+    def _check_toggle(self, toggle: int) -> None:
+        if toggle != self._toggle:
+            raise ProtocolViolation(AbortCode.TOGGLE, f"toggle bit {toggle} came, {self._toggle} is next")
+
+    @abstractmethod
+    def _response(self, data: bytes) -> bytes: ...
 
 
-class SegmentedDownload:
-    """A download in segments."""
+class SegmentedUpload(_Segmented):
+    """An upload in segments."""
 
-    __slots__ = ("_buffer", "_timeout", "_toggle", "_value", "_write", "deadline", "over")
-    next_segment = 0
-    accept = staticmethod(_never)
-    gives_way = staticmethod(_always)
+    __slots__ = ("_value",)
+
+    def __init__(self, value: bytes, timeout: float, now: float) -> None:
+        super().__init__(timeout, now)
+        self._value = Outgoing((value,), len(value))
+
+    def _response(self, data: bytes) -> bytes:
+        toggle = _expect(data, NextSegment).toggle
+        self._check_toggle(toggle)
+        part = self._value.take(SEGMENT)
+        self.over = self._value.exhausted
+        return SdoSegment(toggle, part, self.over).encode()
+
+
+class SegmentedDownload(_Segmented):
+    """A download in segments. The last one is confirmed after the value is written."""
+
+    __slots__ = ("_buffer", "_value", "_write")
 
     def __init__(self, write: _Write, size: int | None, limit: int, timeout: float, now: float) -> None:
+        super().__init__(timeout, now)
         self._buffer = bytearray()
         self._value = Incoming(self._buffer.extend, size, limit=limit)
         self._write = write
-        self._toggle = 0
-        self._timeout = timeout
-        self.deadline = now + timeout
-        self.over = False
 
-    def feed(self, data: bytes | None, now: float) -> list[bytes]:
-        """Return the confirmation of a segment. The last one is confirmed after the value is written."""
-        if data is None:
-            return _check_timeout(now, self.deadline)
+    def _response(self, data: bytes) -> bytes:
         segment = _expect(data, SdoSegment)
-        if segment.toggle != self._toggle:
-            raise ProtocolViolation(
-                AbortCode.TOGGLE, f"segment with toggle bit {segment.toggle} came, {self._toggle} is next"
-            )
+        self._check_toggle(segment.toggle)
         self._value.add(segment.data)
         if segment.last:
             self._value.end()
             self._write(bytes(self._buffer))
         self.over = segment.last
-        self._toggle ^= 1
-        self.deadline = now + self._timeout
-        return [SegmentTaken(segment.toggle).encode()]
+        return SegmentTaken(segment.toggle).encode()
 
 
-class BlockUpload:
+class BlockUpload(_Responding):
     """An upload in blocks, which begins with the start message of the client."""
 
-    __slots__ = ("_blksize", "_crc", "_sender", "_timeout", "_value", "deadline", "over")
-    next_segment = 0
-    accept = staticmethod(_never)
-    gives_way = staticmethod(_always)
+    __slots__ = ("_blksize", "_crc", "_sender", "_value")
 
     def __init__(self, value: bytes, blksize: int, crc: bool, timeout: float, now: float) -> None:
+        super().__init__(timeout, now)
         self._value = value
         self._blksize = blksize
         self._crc = crc
-        self._timeout = timeout
         self._sender: BlockSender | None = None
-        self.deadline = now + timeout
-        self.over = False
 
     @property
     def ended(self) -> bool:
@@ -333,11 +331,9 @@ class SdoServer:
     '585#4B41600037060000'
     """
 
-    __slots__ = (
-        *("response_id", "counters", "dialect", "objects", "request_id", "timeout", "limit", "blksize", "on_failure"),
-        *("response_extended", "request_extended"),
-        *("_place", "_transfer", "_stray", "_stray_until", "_last", "_last_until"),
-    )
+    __slots__ = ("_last", "_last_until", "_place", "_stray", "_stray_until", "_transfer", "blksize", "counters",
+                 "dialect", "limit", "objects", "on_failure", "request_extended", "request_id", "response_extended",
+                 "response_id", "timeout")  # fmt: skip
 
     def __init__(
         self,

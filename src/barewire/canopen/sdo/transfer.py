@@ -59,21 +59,8 @@ class ClientTransfer:
     time of the last frame sent or received. `sent_at`: the first request was sent at that time, without a conversation
     (see `plain`), which only listens for the response."""
 
-    __slots__ = (
-        "_begun",
-        "_doubted",
-        "channel",
-        "in_blocks",
-        "index",
-        "now",
-        "pending",
-        "requests_blocks",
-        "sent_at",
-        "sub",
-        "timeout",
-        "until",
-        "verb",
-    )
+    __slots__ = ("_begun", "_doubted", "channel", "in_blocks", "index", "now", "pending", "requests_blocks", "sent_at",
+                 "sub", "timeout", "until", "verb")  # fmt: skip
 
     def __init__(
         self, channel: Channel, verb: str, index: int, sub: int, timeout: float, sent_at: float | None = None
