@@ -20,25 +20,8 @@ from barewire.errors import EncodeError, shown
 
 NODE_MIN, NODE_MAX = 1, 127
 
-ServiceName = Literal[
-    "NMT",
-    "SYNC",
-    "EMCY",
-    "TIME",
-    "TPDO1",
-    "RPDO1",
-    "TPDO2",
-    "RPDO2",
-    "TPDO3",
-    "RPDO3",
-    "TPDO4",
-    "RPDO4",
-    "SDO answer",
-    "SDO request",
-    "error control",
-    "LSS answer",
-    "LSS request",
-]
+ServiceName = Literal["NMT", "SYNC", "EMCY", "TIME", "TPDO1", "RPDO1", "TPDO2", "RPDO2", "TPDO3", "RPDO3", "TPDO4",
+                      "RPDO4", "SDO answer", "SDO request", "error control", "LSS answer", "LSS request"]  # fmt: skip
 
 
 class CobService(NamedTuple):
@@ -75,6 +58,8 @@ SERVICES: tuple[CobService, ...] = (
     CobService("LSS request", 0x7E5, from_device=False, broadcast=True),
 )
 
+PDO_SERVICES: dict[str, ServiceName] = {service.name: service.name for service in SERVICES if "PDO" in service.name}
+"""The PDOs of the predefined connection set."""
 _BY_NAME = {service.name: service for service in SERVICES}
 _BROADCASTS = {service.base: service for service in SERVICES if service.broadcast}
 _BY_FUNCTION_CODE = {service.function_code: service for service in SERVICES if not service.broadcast}
@@ -95,8 +80,8 @@ def check_node(node: int) -> int:
 def check_node_ids(name: str, nodes: object) -> None:
     """Raise EncodeError if an argument that takes several node-IDs is something else, such as one node-ID."""
     if not isinstance(nodes, Iterable) or isinstance(nodes, (str, bytes)):
-        one = f", such as [{nodes}]" if isinstance(nodes, int) else ""
-        raise EncodeError(f"{name} = {shown(nodes)}: expected several node-IDs{one}", name)
+        example = f", such as [{nodes}]" if isinstance(nodes, int) else ""
+        raise EncodeError(f"{name} = {shown(nodes)}: expected several node-IDs{example}", name)
 
 
 def cob_id(service: ServiceName, node: int | None = None) -> int:

@@ -55,12 +55,12 @@ def validate_writes(objects: ObjectDictionary, index: int, sub: int, check: Call
     if (index, sub) not in objects:
         return
     entry = objects.entry(index, sub)
-    before = entry.on_write
+    own_hook = entry.on_write
 
     def on_write(value: Value) -> None:
         check(int(value))
-        if before is not None:
-            before(value)
+        if own_hook is not None:
+            own_hook(value)
 
     replace_entry(objects, replace(entry, on_write=on_write))
 
@@ -90,10 +90,12 @@ def validate_cob_id_writes(
 
     def check(word: int) -> None:
         new, old = CobEntry.unpack(word), CobEntry.unpack(integer_value(objects, index, sub))
-        same = (new.identifier, new.extended) == (old.identifier, old.extended)
-        taken = not new.extended and is_restricted(new.identifier) and (always_received or in_use(new))
-        taken = taken and not (same and in_use(old))
-        if taken or not CobEntry.is_well_formed(word) or (not same and in_use(old) and in_use(new)):
+        is_same = (new.identifier, new.extended) == (old.identifier, old.extended)
+        is_forbidden = not new.extended and is_restricted(new.identifier) and (always_received or in_use(new))
+        # A restricted identifier that the device itself was made with may be written again.
+        is_forbidden = is_forbidden and not (is_same and in_use(old))
+        stays_on = in_use(old) and in_use(new)
+        if is_forbidden or not CobEntry.is_well_formed(word) or (stays_on and not is_same):
             raise SdoAbort(AbortCode.INVALID_VALUE, index, sub)
 
     validate_writes(objects, index, sub, check)
@@ -141,10 +143,8 @@ def standard_objects(
         *(Entry(0x1016, sub, f"consumer heartbeat time {sub}", "u32", "rw") for sub in range(1, watched + 1)),
         Entry(0x1017, 0, "producer heartbeat time", "u16", "rw", heartbeat),
         *(
-            Entry(_IDENTITY, sub, title, "u32", "const", value)
-            for sub, (title, value) in enumerate(
-                zip(("vendor-ID", "product code", "revision number", "serial number"), address), start=1
-            )
+            Entry(_IDENTITY, sub, title, "u32", "const", address[sub - 1])
+            for sub, title in enumerate(("vendor-ID", "product code", "revision number", "serial number"), start=1)
         ),
         Entry(0x1019, 0, "synchronous counter overflow value", "u8", "rw"),
         *(

@@ -163,6 +163,7 @@ DATA_TYPES: tuple[DataType, ...] = (
 
 BY_NAME = {row.name: row for row in DATA_TYPES}
 BY_CODE = {row.code: row for row in DATA_TYPES}
+_BY_STANDARD = {row.standard: row.name for row in DATA_TYPES}
 
 
 class BooleanCodec:
@@ -171,13 +172,11 @@ class BooleanCodec:
     name, size = "bool", 1
 
     def encode(self, value: Value) -> bytes:
-        """Encode True or 1, False or 0."""
         if value not in (0, 1):
             raise EncodeError(f"{value!r} is not a truth value: expected True, False, 1 or 0")
         return b"\1" if value else b"\0"
 
     def decode(self, data: bytes) -> bool:
-        """Decode one byte. Raise DecodeError("value") for other bytes than 0 and 1."""
         if len(data) != 1:
             raise DecodeError("long" if data else "short", data, min(len(data), 1), "a truth value is 1 byte")
         if data[0] > 1:
@@ -186,7 +185,8 @@ class BooleanCodec:
 
 
 class BytesCodec:
-    """VISIBLE_STRING, OCTET_STRING, DOMAIN: bytes of any length. Text is encoded as latin-1."""
+    """VISIBLE_STRING, OCTET_STRING, DOMAIN: bytes of any length. A VISIBLE_STRING is text, in latin-1, in which the
+    others encode text too."""
 
     size = None
 
@@ -194,7 +194,6 @@ class BytesCodec:
         self.name = name
 
     def encode(self, value: Value) -> bytes:
-        """Encode text as latin-1; return bytes as they are."""
         if isinstance(value, str):
             try:
                 return value.encode("latin-1")
@@ -205,7 +204,6 @@ class BytesCodec:
         return value
 
     def decode(self, data: bytes) -> Value:
-        """Return text for a VISIBLE_STRING, bytes for the others."""
         return data.decode("latin-1") if self.name == "string" else bytes(data)
 
 
@@ -215,13 +213,11 @@ class UnicodeCodec:
     name, size = "unicode", None
 
     def encode(self, value: Value) -> bytes:
-        """Encode text as UTF-16. Raise EncodeError for anything else."""
         if not isinstance(value, str):
             raise EncodeError(f"{value!r} is not text")
         return value.encode("utf-16-le", "surrogatepass")
 
     def decode(self, data: bytes) -> str:
-        """Decode text. Raise DecodeError("short") for an odd number of bytes."""
         if len(data) % 2:
             raise DecodeError("short", data, len(data), "half a character at the end")
         return bytes(data).decode("utf-16-le", "surrogatepass")
@@ -235,9 +231,6 @@ _SINGLE: dict[str, ObjectCodec] = {
     **{name: BytesCodec(name) for name in ("string", "octets", "domain")},
     **{name: TimeCodec(name) for name in ("time_of_day", "time_difference")},
 }
-
-
-_BY_STANDARD = {row.standard: row.name for row in DATA_TYPES}
 
 
 def type_name(name: str) -> str:

@@ -4,30 +4,20 @@
 
         30 81 11 02 00 00 00 00      8130h heartbeat lost, register 11h (generic, communication), node 2 in byte 3
 
-Code 0000h means that an error is cleared. While other errors remain, the register in that message has bits set; only
-register 00h means that no error is left.
-
-The EMCY consumer: the active errors of other nodes.   [CiA 301, EMCY]
-
-        80h+n   30 81 | 11 | ...     8130h occurred                        {8130h}
-        80h+n   10 32 | 15 | ...     3210h occurred                        {8130h, 3210h}
-        80h+n   00 00 | 05 | ...     one cleared, bit "voltage" remains    {3210h}
-        80h+n   00 00 | 00 | ...     none is left                          {}
-
-A message 0000h does not name the error that is cleared. It clears the errors whose bit is no longer set in its
-register; register 00h clears all errors.
-
-The EMCY producer: the active errors of a device as emergencies, error register and error history.   [CiA 301, EMCY]
+The *producer* keeps the active errors of a device, its error register and its error history:
 
                  error(8130h)         error(3210h)         error_gone(8130h)     error_gone(3210h)
         080h+n   30 81 | 11           10 32 | 15           00 00 | 05            00 00 | 00
         1001h    generic, commun.     + voltage            generic, voltage      no bits
         1003h    8130h                3210h, 8130h         (a cleared error stays in the history)
+        active   {8130h}              {8130h, 3210h}       {3210h}               {}
 
-An emergency is sent once when an error occurs and once when it is cleared; the same error from two sources (two PDOs
-that are too short) counts as two errors. Two messages are at least the inhibit time 1015h apart; waiting messages keep
-their order and the register that they were made with. In NMT states without EMCY (STOPPED) nothing is sent, but
-register and history are kept up to date.
+The *consumer* has the same set of each other node. A message 0000h does not name the error that is cleared: it clears
+those whose bit is no longer set in its register; register 00h clears all errors.
+
+The same error from two sources (two PDOs that are too short) counts as two errors. Two messages are at least the
+inhibit time 1015h apart; waiting messages keep their order and the register that they were made with. In NMT states
+without EMCY (STOPPED) nothing is sent, but register and history are kept up to date.
 """
 
 from __future__ import annotations
@@ -168,13 +158,13 @@ class Emergency:
 
         Raise DecodeError for another identifier and for a frame without a whole error code.
         """
-        found = classify(frame)
-        if found is None or found[0].name != "EMCY" or frame.remote:
+        service_and_node = classify(frame)
+        if service_and_node is None or service_and_node[0].name != "EMCY" or frame.remote:
             raise DecodeError("mismatch", frame.data, 0, f"{frame} is not an emergency message")
         if len(frame.data) < 2:
             raise DecodeError("short", frame.data, len(frame.data), "the error code needs bytes 0..1")
         code, register, info = cls.layout.unpack(frame.data.ljust(8, b"\0"))
-        return cls(found[1], code, register, info, padded=len(frame.data) < 8)
+        return cls(service_and_node[1], code, register, info, padded=len(frame.data) < 8)
 
 
 ERRORS_MAX = 64
@@ -221,9 +211,8 @@ class EmcyConsumer:
         self.listed_only = listed_only
         self.history: deque[EmcyEvent] = deque(maxlen=history)
         self.unreadable = 0
-        self._active: dict[
-            int, dict[int, int]
-        ] = {}  # node -> code -> the register bit that is set while the error is active
+        # node -> code -> the register bits that are set while the error is active
+        self._active: dict[int, dict[int, int]] = {}
         self._registers: dict[int, int] = {}
 
     def active(self, node: int) -> tuple[int, ...]:
@@ -257,7 +246,7 @@ class EmcyConsumer:
         errors = self._active.setdefault(message.node, {})
         gone: list[int] = []
         if message.code:
-            errors.pop(message.code, None)
+            errors.pop(message.code, None)  # then it is the newest again
             errors[message.code] = register_of(message.code) & ~_GENERIC or _GENERIC
             if len(errors) > ERRORS_MAX:
                 del errors[next(iter(errors))]
@@ -265,7 +254,8 @@ class EmcyConsumer:
             gone = [code for code, bits in errors.items() if not bits & message.register]
         for code in gone:
             del errors[code]
-        if not (message.padded and not message.register):
+        # A register that a short message leaves out is not 00h.
+        if message.register or not message.padded:
             self._registers[message.node] = message.register
         return EmcyEvent(message, tuple(gone), tuple(errors), now)
 
@@ -310,7 +300,6 @@ class EmcyProducer:
         self._attach()
 
     def _attach(self) -> None:
-        """Connect the objects with this producer."""
         objects = self.objects
         if (_REGISTER, 0) in objects and not self._own_register:
             replace_entry(objects, replace(objects.entry(_REGISTER), on_read=lambda: self.register))
@@ -373,8 +362,8 @@ class EmcyProducer:
         Raises EncodeError, and records nothing, for a code or register that is not a whole number of 16 or 8 bits.
         """
         for name, number, limit in (("code", code, 0xFFFF), ("register", register, 0xFF)):
-            whole = isinstance(number, int) and 0 <= number <= limit
-            if not whole and not (number is None and name == "register"):
+            is_default = number is None and name == "register"
+            if not is_default and not (isinstance(number, int) and 0 <= number <= limit):
                 raise EncodeError(f"{name} = {shown(number)}: expected a whole number in 0..{limit:X}h")
         if (code, source) in self._active:
             return []

@@ -33,7 +33,6 @@ ObjectAddress = tuple[int, int]
 ObjectRef = str | int | ObjectAddress
 """How a caller names an object: by name, by index, or by index and sub-index."""
 
-
 _FIRST_APPLICATION = 0x2000
 """The first index after the communication objects."""
 
@@ -169,12 +168,12 @@ class ObjectDictionary:
 
     def entry(self, index: int, sub: int = 0) -> Entry:
         """Return the entry at an address. Raise SdoAbort if the object or its sub-index does not exist."""
-        found = self._entries.get((index, sub))
-        if found is None:
+        entry = self._entries.get((index, sub))
+        if entry is None:
             if not isinstance(index, int):
                 raise EncodeError(f"index {index!r}: expected a number; by name it is objects[{index!r}]")
             raise SdoAbort(AbortCode.NO_SUB if index in self._subs else AbortCode.NO_OBJECT, index, sub)
-        return found
+        return entry
 
     def find(self, name: str) -> Entry:
         """Return the entry of a name, ignoring case and extra blanks; "object.entry" if the entry's name is ambiguous.
@@ -185,23 +184,23 @@ class ObjectDictionary:
 
         Raise EncodeError if no entry has the name, with similar names, or if several have it, with their addresses.
         """
-        wanted = _fold(name)
-        found = [entry for entry in self if wanted in (_fold(entry.name), _fold(f"{entry.object_name}.{entry.name}"))]
-        if len(found) == 1:
-            return found[0]
-        places = ", ".join(f"{entry.index:04X}h:{entry.sub:02X} {entry.object_name}".rstrip() for entry in found[:5])
-        if found:
-            raise EncodeError(f"{name!r} is in several places: {places}")
-        raise EncodeError(f"no object is called {name!r}{self._near(wanted)}")
+        folded = _fold(name)
+        entries = [entry for entry in self if folded in (_fold(entry.name), _fold(f"{entry.object_name}.{entry.name}"))]
+        if len(entries) == 1:
+            return entries[0]
+        if not entries:
+            raise EncodeError(f"no object is called {name!r}{self._suggestion(folded)}")
+        places = ", ".join(f"{entry.index:04X}h:{entry.sub:02X} {entry.object_name}".rstrip() for entry in entries[:5])
+        raise EncodeError(f"{name!r} is in several places: {places}")
 
-    def _near(self, wanted: str) -> str:
+    def _suggestion(self, folded: str) -> str:
         """Return '; did you mean ...?' with up to three names of entries that are similar, or contain this one."""
         from difflib import get_close_matches  # only errors need it
 
         names = {_fold(entry.name): entry.name for entry in self}
-        near = get_close_matches(wanted, names, n=3, cutoff=0.6)
-        near += [name for name in names if wanted and wanted in name and name not in near][: 3 - len(near)]
-        return f"; did you mean {' or '.join(repr(names[name]) for name in near)}?" if near else ""
+        similar = get_close_matches(folded, names, n=3, cutoff=0.6)
+        similar += [name for name in names if folded and folded in name and name not in similar][: 3 - len(similar)]
+        return f"; did you mean {' or '.join(repr(names[name]) for name in similar)}?" if similar else ""
 
     def at(self, ref: ObjectRef) -> Entry:
         """Return the entry of a name or an address. Raise EncodeError if there is none."""
@@ -248,19 +247,14 @@ class ObjectDictionary:
             raise SdoAbort(AbortCode.READ_ONLY, index, sub)
         if size is None:
             return
-        least = entry.codec.size or 0
-        most = least if entry.codec.size is not None else self._longest(entry)
-        if size > most:
+        shortest = longest = float(entry.codec.size or 0)
+        if entry.codec.size is None:  # of variable length: the maximum counts characters, of 2 bytes in unicode
+            characters = math.inf if entry.maximum is None else entry.maximum
+            longest = characters * (2 if entry.type == "unicode" else 1)
+        if size > longest:
             raise SdoAbort(AbortCode.TOO_LONG, index, sub)
-        if size < least:
+        if size < shortest:
             raise SdoAbort(AbortCode.TOO_SHORT, index, sub)
-
-    @staticmethod
-    def _longest(entry: Entry) -> float:
-        """Return the greatest size in bytes of a value of variable length."""
-        if entry.maximum is None:
-            return math.inf
-        return entry.maximum * (2 if entry.type == "unicode" else 1)
 
     def write(self, index: int, sub: int, data: bytes) -> None:
         """Decode, check and store a new value. Raise SdoAbort if it is refused."""
@@ -288,6 +282,7 @@ class ObjectDictionary:
             if entry.maximum is not None and len(value) > entry.maximum:
                 code = AbortCode.TOO_LONG
         elif math.isnan(value) and (entry.minimum is not None or entry.maximum is not None):
+            # Comparisons with NaN are false, so it would pass any limits.
             code = AbortCode.INVALID_VALUE
         elif entry.maximum is not None and value > entry.maximum:
             code = AbortCode.TOO_HIGH
@@ -352,14 +347,14 @@ class ObjectDictionary:
         """
         entry = self.at(ref)
         entry._check_hooks(on_read, on_write)
-        address, checks = (entry.index, entry.sub), entry.on_write
+        own_hook = entry.on_write
 
         def both(value: Value) -> None:
-            for function in (checks, on_write):
+            for function in (own_hook, on_write):
                 if function is not None:
                     function(value)
 
-        self._entries[address] = replace(entry, on_read=on_read or entry.on_read, on_write=both)
+        self._entries[entry.index, entry.sub] = replace(entry, on_read=on_read or entry.on_read, on_write=both)
         self.changes += 1
         if on_read is not None:
             self.computed.add(entry.index)
@@ -377,7 +372,7 @@ class ObjectDictionary:
 
     @staticmethod
     def _default(entry: Entry) -> Value:
-        """Return the default of an entry. 0 stands for "not given", which is an empty value for a string or domain."""
+        # 0 stands for "not given", which is an empty value for a string or domain.
         if entry.default == 0 and entry.codec.size is None:
             return "" if entry.type in ("string", "unicode") else b""
         return entry.default

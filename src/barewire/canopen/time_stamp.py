@@ -58,10 +58,7 @@ class TimeStamp:
 
     @classmethod
     def decode(cls, frame: CanFrame, key: tuple[int, bool] = TIME_KEY) -> TimeStamp:
-        """Decode a frame. Raise DecodeError for another identifier or length, and for a time of 24 hours or more.
-
-        The four reserved bits are ignored.
-        """
+        """Decode a frame. Raise DecodeError for another identifier or length, and for a time of 24 hours or more."""
         if frame.key != key or frame.remote:
             raise DecodeError(
                 "mismatch", frame.data, 0, f"{frame} is not a TIME message: expected COB-ID {key[0]:03X}h"
@@ -70,9 +67,7 @@ class TimeStamp:
 
 
 class TimeProducer:
-    """A machine that sends TIME every `period` seconds.
-
-    Its only clock is `now`; `unix_at_zero` is the Unix time at which `now` was 0.
+    """A machine that sends TIME every `period` seconds. `unix_at_zero` is the Unix time at which `now` was 0.
 
     >>> producer = TimeProducer(60.0, unix_at_zero=EPOCH_UNIX)
     >>> [str(frame) for frame in producer.feed(None, 0.0)], producer.deadline

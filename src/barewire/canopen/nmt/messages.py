@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from barewire.canopen.cob_ids import ServiceName, check_node, classify, cob_id
+from barewire.canopen.cob_ids import PDO_SERVICES, ServiceName, check_node, classify, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.codecs import BitPattern, Layout
 from barewire.errors import DecodeError, EncodeError
@@ -59,15 +59,11 @@ STATE_AFTER = {
     NmtCommand.RESET_COMMUNICATION: NmtState.INITIALISING,
 }
 
-_CONFIGURING = frozenset[ServiceName](
-    {"NMT", "error control", "SYNC", "TIME", "EMCY", "SDO request", "SDO answer"},
-)
-_PDOS = frozenset[ServiceName]({"TPDO1", "TPDO2", "TPDO3", "TPDO4", "RPDO1", "RPDO2", "RPDO3", "RPDO4"})
-
+_CONFIGURING = frozenset[ServiceName]({"NMT", "error control", "SYNC", "TIME", "EMCY", "SDO request", "SDO answer"})
 SERVICES_IN: dict[NmtState, frozenset[ServiceName]] = {
     NmtState.INITIALISING: frozenset(),
     NmtState.PRE_OPERATIONAL: _CONFIGURING,
-    NmtState.OPERATIONAL: _CONFIGURING | _PDOS,
+    NmtState.OPERATIONAL: _CONFIGURING | frozenset(PDO_SERVICES.values()),
     NmtState.STOPPED: frozenset({"NMT", "error control"}),
 }
 """The services that a device sends and receives in each state. PDO 5 to 512 work where the first four do."""

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
-from barewire.canopen.cob_ids import CobEntry, ServiceName, cob_id, is_restricted
+from barewire.canopen.cob_ids import PDO_SERVICES, CobEntry, cob_id, is_restricted
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
 from barewire.canopen.pdo.mapping import BITS_MAX, ENTRIES_MAX, MappedObject, PdoMapping
 from barewire.canopen.pdo.multiplexed import MPDO_COUNTS, Addressing
@@ -48,16 +48,6 @@ LAST_CYCLIC, RTR_AT_SYNC, RTR_AT_ONCE = 240, 252, 253
 _DIRECTIONS: tuple[PdoDirection, ...] = ("RPDO", "TPDO")
 _COMMUNICATION = {"RPDO": 0x1400, "TPDO": 0x1800}
 _MAPPING = {"RPDO": 0x1600, "TPDO": 0x1A00}
-_DEFAULT_SERVICE: dict[tuple[PdoDirection, int], ServiceName] = {
-    ("RPDO", 1): "RPDO1",
-    ("RPDO", 2): "RPDO2",
-    ("RPDO", 3): "RPDO3",
-    ("RPDO", 4): "RPDO4",
-    ("TPDO", 1): "TPDO1",
-    ("TPDO", 2): "TPDO2",
-    ("TPDO", 3): "TPDO3",
-    ("TPDO", 4): "TPDO4",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +122,7 @@ class PdoConfig:
         """Return the COB-ID of this PDO for a node-ID."""
         if self.cob_id is not None:
             return CobEntry.unpack(self.cob_id)
-        service = _DEFAULT_SERVICE.get((self.direction, self.number))
+        service = PDO_SERVICES.get(f"{self.direction}{self.number}")
         return CobEntry(0, bit31=True) if service is None else CobEntry(cob_id(service, node))
 
 
@@ -144,7 +134,7 @@ def pdos_of(objects: ObjectDictionary, node: int, *, refused: list[str] | None =
     Some descriptions have PDOs that break a rule, which `LocalNode` raises as EncodeError. With a list as `refused`,
     such a PDO is returned without its mapping and switched off, so that the device works, and the reason is appended.
     """
-    found = []
+    configs = []
     for direction in _DIRECTIONS:
         for number in range(1, PDOS_MAX + 1):
             pdo = PdoConfig(direction, number, ())
@@ -170,8 +160,8 @@ def pdos_of(objects: ObjectDictionary, node: int, *, refused: list[str] | None =
                     refused.append(str(error))
                     off = pdo.cob_entry(node)._replace(bit31=True).pack()
                     pdo = PdoConfig(direction, number, (), 255, off, *times, slots)
-            found.append(pdo)
-    return found
+            configs.append(pdo)
+    return configs
 
 
 def _value(objects: ObjectDictionary, index: int, sub: int) -> int:
@@ -278,9 +268,10 @@ class _Rules:
     def cob_id(self, word: int) -> None:
         new = CobEntry.unpack(word)
         old = CobEntry.unpack(int(self.objects.get(self.pdo.communication, 1)))
-        same = (new.identifier, new.extended) == (old.identifier, old.extended)
-        taken = not new.extended and is_restricted(new.identifier)
-        if not CobEntry.is_well_formed(word) or (not new.bit31 and ((not old.bit31 and not same) or taken)):
+        is_same = (new.identifier, new.extended) == (old.identifier, old.extended)
+        is_forbidden = not new.extended and is_restricted(new.identifier)
+        stays_on = not new.bit31 and not old.bit31
+        if not CobEntry.is_well_formed(word) or (stays_on and not is_same) or (not new.bit31 and is_forbidden):
             raise SdoAbort(AbortCode.INVALID_VALUE, self.pdo.communication, 1)
 
     def type(self, value: int) -> None:
