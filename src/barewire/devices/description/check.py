@@ -378,7 +378,6 @@ def _check_role(drive: TomlTable, key: str, name: str, parameters: Mapping[str, 
 
 
 def _check_row(row: TomlTable, modbus: TomlTable | None, numbering: Numbering, *, has_canopen: bool) -> Parameter:
-    """Check a [[parameter]] table and return its parameter."""
     row.check(rule_of("parameter"))
     _check_modbus_address(row, modbus, numbering)
     _check_object(row, has_canopen)

@@ -348,6 +348,7 @@ class Adxl(Simulator):
     @property
     def is_ready(self) -> bool:
         """Whether a start would be executed."""
+        # A start while the motor turns is accepted and changes nothing; one while it stops is refused.
         at_rest = self.motor.phase not in (MotorPhase.STOPPING, MotorPhase.COASTING)
         return at_rest and self.has_line and not self.alarm and not self.selects_motor
 
@@ -503,7 +504,7 @@ class Adxl(Simulator):
             self.motor.stop()
 
     def _reset_hours(self) -> None:
-        self._serviced_at -= self.motor.seconds
+        self._serviced_at -= self.motor.seconds  # the service interval goes on (C01 resets it)
         self.motor.seconds = 0.0
 
     def _test_low_power(self) -> None:

@@ -151,7 +151,7 @@ class Motor:
         self._integrate(now)
 
     def _integrate(self, until: float) -> None:
-        changes = self.phase in (MotorPhase.STARTING, MotorPhase.STOPPING)
+        changes = self.phase in (MotorPhase.STARTING, MotorPhase.STOPPING)  # in all others one step is exact
         while self.now < until:
             # On a grid that begins with the phase, so that the result hardly depends on how often time is passed in.
             ends = until

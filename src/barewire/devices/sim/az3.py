@@ -312,12 +312,12 @@ class Az3(Simulator):
     def supply(self, volts: float, now: float) -> None:
         """Set the voltage of the supply. At 0 V there is no high voltage, and the drive cannot be switched on."""
         self.tick(now)
-        had, self.measurements.supply = self.measurements.supply > 0, max(0.0, volts)
+        had_supply, self.measurements.supply = self.measurements.supply > 0, max(0.0, volts)
         if self.measurements.supply <= 0:
             if self.axis.state in CURRENT_ON:
                 self.fault(_UNDERVOLTAGE, self.now)
             self.axis.powered_since = None
-        elif not had:
+        elif not had_supply:
             self.axis.powered_since = self.now
             if self.axis.cause == _UNDERVOLTAGE:
                 self.solve(self.now)
@@ -349,7 +349,7 @@ class Az3(Simulator):
 
     def reset_error(self) -> None:
         """Reset the error, as an edge of control bit 7 does."""
-        self.axis.word &= ~DriveCommand.FAULT_RESET
+        self.axis.word &= ~DriveCommand.FAULT_RESET  # the bit may be on already, and only its edge acts
         self._control(self.axis.word | DriveCommand.FAULT_RESET)
         self.axis.word &= ~DriveCommand.FAULT_RESET
 

@@ -151,42 +151,33 @@ class Az3Settings:
 
     # Settings of the axis
 
-    def mode(self) -> int:
-        """Return object 6060h."""
+    def mode(self) -> int:  # object 6060h
         return self.store.whole("MODES OF OPERATION")
 
-    def target_position(self) -> float:
-        """Return object 607Ah."""
+    def target_position(self) -> float:  # object 607Ah
         return self._signed(self._limited(), _REVERSES_POSITION)
 
-    def target_velocity(self) -> float:
-        """Return object 60FFh, not above MAX MOTOR SPEED."""
+    def target_velocity(self) -> float:  # object 60FFh, not above MAX MOTOR SPEED
         limit = self.store.number("MAX MOTOR SPEED")
         velocity = max(-limit, min(limit, self.store.number("TARGET VELOCITY")))
         return self._signed(velocity, _REVERSES_VELOCITY) * self.unit
 
-    def profile_velocity(self) -> float:
-        """Return object 6081h, not above MAX PROFILE VELOCITY."""
+    def profile_velocity(self) -> float:  # object 6081h, not above MAX PROFILE VELOCITY
         return self.unit * min(self.store.number("PROFILE VELOCITY"), self.store.number("MAX PROFILE VELOCITY"))
 
-    def acceleration(self) -> float:
-        """Return object 6083h, at least one unit: a ramp of 0 would never end."""
+    def acceleration(self) -> float:  # object 6083h, at least one unit: a ramp of 0 would never end
         return self.unit * max(self.store.number("PROFILE ACCELERATION"), _SLOWEST_RAMP)
 
-    def deceleration(self, mode: int) -> float:
-        """Return object 6084h, at least one unit."""
+    def deceleration(self, mode: int) -> float:  # object 6084h, at least one unit
         return self.unit * max(self.store.number("PROFILE DECELERATION"), _SLOWEST_RAMP)
 
     def without_ramp(self, velocity: float) -> bool:
-        """Return False: this drive always has ramps."""
-        return False
+        return False  # this drive always has ramps
 
-    def velocity_window(self) -> tuple[float, float]:
-        """Return one unit, at once: the guides list no velocity window."""
+    def velocity_window(self) -> tuple[float, float]:  # one unit, at once: the guides list no velocity window
         return self.unit, 0.0
 
-    def zero_window(self) -> tuple[float, float]:
-        """Return one unit, at once, as the velocity window."""
+    def zero_window(self) -> tuple[float, float]:  # one unit, at once, as the velocity window
         return self.unit, 0.0
 
     # Torque and voltage
@@ -204,8 +195,7 @@ class Az3Settings:
             limit = min(limit, 1000 * abs(torque_limit) / self.rated_torque)
         return max(-limit, min(limit, self.store.number("TARGET TORQUE")))
 
-    def torque_slope(self) -> float:
-        """Return object 6087h."""
+    def torque_slope(self) -> float:  # object 6087h
         return max(self.store.number("TORQUE SLOPE"), _SLOWEST_RAMP)
 
     def voltage_ramp(self, change: float) -> float:

@@ -89,6 +89,7 @@ class CanopenAdapter:
             return None
         if self._boots_at is not None:
             return self._boots_at
+        # A heartbeat time that was written over Modbus takes effect at the next feed: that is due at once.
         return self.machine.clock.now if self._pending or self._heartbeat_changed() else self.node.deadline
 
     def _heartbeat_changed(self) -> bool:
@@ -147,7 +148,7 @@ class CanopenAdapter:
         try:
             self.machine.tick(now)
         except Exception as error:
-            self.machine.clock.advance(now)
+            self.machine.clock.advance(now)  # time goes on: heartbeats of the node depend on it
             self.node.report_failure("machine", error)
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
@@ -158,6 +159,7 @@ class CanopenAdapter:
         sent = [] if self._boots_at is None else self.start(now)
         pending, self._pending = self._pending, []
         sent += pending + self.node.feed(frame, self.machine.clock.now)
+        # The frame may have been a reset, after which the machine has another bit rate.
         return [] if self._is_at_another_bitrate else sent
 
     def error(self, code: int, register: int) -> None:

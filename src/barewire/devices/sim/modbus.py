@@ -120,6 +120,7 @@ class RegisterImage:
                     merged = [parts.get(number, present[number]) for number in range(first.words)]
                     commits.append((cell, self._checked(cell, merged)))
                     parts.clear()
+        # Nothing was declined: from here on the request takes effect.
         self._waiting |= waiting
         for cell, value in commits:
             cell.put(value)

@@ -260,7 +260,6 @@ def _alike(latency: float, other: float) -> bool:
 
 
 def _joined(row: list[RecordedAnswer]) -> RecordedAnswer:
-    """Return equal answers as one."""
     first = row[0]
     first.until, first.times = row[-1].at, len(row)
     first.latency = round(median([answer.latency for answer in row]), 6)

@@ -156,7 +156,7 @@ class Cell:
             self.whole.put(set_bit(int(self.whole.held), self._bit, bool(value)))
             return
         before, self.held = self.held, value
-        for part in self.parts:
+        for part in self.parts:  # the bits first, since a read-only one changes the word back
             self._write_bit(part, int(before))
         if self.after is not None:
             self.after(value)

@@ -139,25 +139,20 @@ class StepperSettings:
     def __init__(self, store: MachineStore) -> None:
         self.store = store
 
-    def mode(self) -> int:
-        """Return register 1041."""
+    def mode(self) -> int:  # register 1041
         return self.store.whole("Mode of Operation")
 
-    def target_position(self) -> float:
-        """Return register 1042."""
+    def target_position(self) -> float:  # register 1042
         return self.store.number("Target Position")
 
-    def target_velocity(self) -> float:
-        """Return register 1048, limited by 1074; a limit of 0 is ignored."""
+    def target_velocity(self) -> float:  # register 1048, limited by 1074; a limit of 0 is ignored
         target, limit = self.store.number("Target Velocity"), self.store.number("Max Motor Speed")
         return max(-limit, min(target, limit)) if limit else target
 
-    def profile_velocity(self) -> float:
-        """Return register 1044."""
+    def profile_velocity(self) -> float:  # register 1044
         return self.store.number("Profile Velocity")
 
-    def acceleration(self) -> float:
-        """Return register 1046."""
+    def acceleration(self) -> float:  # register 1046
         return self.store.number("Profile Acceleration")
 
     def deceleration(self, mode: int) -> float:
@@ -165,16 +160,13 @@ class StepperSettings:
         ramps = {POSITION: "Profile Acceleration", HOMING: "Homing Acceleration"}
         return self.store.number(ramps.get(mode, "Profile Deceleration"))
 
-    def without_ramp(self, velocity: float) -> bool:
-        """Return whether a move at this velocity is start-stop."""
+    def without_ramp(self, velocity: float) -> bool:  # whether a move at this velocity is start-stop
         return velocity <= _START_STOP
 
-    def velocity_window(self) -> tuple[float, float]:
-        """Return registers 1062 and 1063, with their meaning in CiA 402."""
+    def velocity_window(self) -> tuple[float, float]:  # registers 1062 and 1063, with their meaning in CiA 402
         return self.store.number("Velocity Window"), self.store.number("Velocity Window Time") / 1000
 
-    def zero_window(self) -> tuple[float, float]:
-        """Return registers 1064 and 1065."""
+    def zero_window(self) -> tuple[float, float]:  # registers 1064 and 1065
         return self.store.number("Velocity Threshold"), self.store.number("Velocity Threshold Time") / 1000
 
 
@@ -185,7 +177,7 @@ class StepperAxis(Cia402Axis):
         self.context, self.store, self.shaft, self.inputs = context, context.store, shaft, inputs
         # Option code 5 (ch. 11, transitions 12 and 16)
         super().__init__(StepperSettings(context.store), stays_in_quick_stop=True, power_delay=_POWER_DELAY)
-        shaft.on_following_error = self._react_to_following_error
+        shaft.on_following_error = self._react_to_following_error  # the shaft is made first, and knows no axis
 
     def restart(self) -> None:
         """Set every state as at power-on of the logic."""

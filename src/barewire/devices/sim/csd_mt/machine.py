@@ -134,9 +134,11 @@ class CsdMt(Simulator):
         """Carry out what happens until `now`, each event at its time and in its order."""
         before = self.now
         super().tick(now)
+        # The clock goes back, and then from event to event: each part sees the time of what is carried out.
         until, self.clock.now = self.now, before
         self.shaft.rescale()
         for _ in range(_MOST_EVENTS):
+            # All times are computed again after each event, which may have changed every other one.
             due, act = min(self._events(), key=lambda event: event[0])
             if due > until:
                 break

@@ -71,7 +71,7 @@ class ServiceRegisters:
         self._saving: _Saving | None = None
         store = self.store
         for name, value in _IDENTITY.items():
-            store.cell(name).default = value
+            store.cell(name).default = value  # for every later restart
             store[name] = value
         self._bind_writes()
         store.measure("Error Code", lambda: axis.cause)
@@ -316,6 +316,7 @@ class ThermalModel:
         final, now = self._final(), self.context.now
         if (self.temperature - level) * (final - level) >= 0:
             return inf
+        # A microsecond later, so that the temperature is beyond the level then, in spite of rounding.
         return now + _TIME_CONSTANT * log((final - self.temperature) / (final - level)) + 1e-6
 
     def events(self) -> Iterator[TimedAction]:
@@ -328,7 +329,7 @@ class ThermalModel:
             yield (now if self.temperature > limit else self._crosses(limit)), self._overheats
         reduced_at = self.axis.trajectory.ends_at + _STANDS_AFTER
         if reduced_at > now:
-            yield reduced_at, lambda: None
+            yield reduced_at, lambda: None  # `advance` counts on a current that is the same between two events
 
     def _cool(self) -> float:
         """Return the threshold of the warning, or that of the fault if it is lower."""

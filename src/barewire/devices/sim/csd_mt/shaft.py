@@ -38,10 +38,6 @@ _HISTORY = 32
 """How many past motions are kept, for the velocity over the last milliseconds."""
 
 
-def _no_reaction() -> None:
-    """React to a following error before an axis is connected: not at all."""
-
-
 class Shaft:
     """The shaft and the encoder of one drive. It keeps its state when the drive is switched off."""
 
@@ -49,7 +45,7 @@ class Shaft:
         self.context, self.store = context, context.store
         self.command = Trajectory()
         """The trajectory that the motor is to follow, in steps of the drive. Set by the axis."""
-        self.on_following_error: Callable[[], None] = _no_reaction
+        self.on_following_error: Callable[[], None] = lambda: None
         """Called when a following error begins. Set by the axis."""
         self.motions = [ShaftMotion(-inf, Trajectory(), 1.0, 0.0)]
         self.has_current = False
