@@ -19,9 +19,8 @@ from barewire.modbus.sniffer import ResponseSeen
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from barewire_workbench import explain
-from barewire_workbench.recordings.modbus_packets import PacketBuilder
+from barewire_workbench.recordings.capture import PacketBuilder, file_header, packet_block
 from barewire_workbench.recordings.modbus_replay import replay
-from barewire_workbench.recordings.pcapng import file_header, packet_block
 from tests.helpers import unhex
 from tests.interop.dissector import ALL, PAIRED, RTU, TCP, UNIT, assert_same_fields, tshark
 from tests.interop.services import PUBLIC, service

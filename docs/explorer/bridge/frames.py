@@ -16,7 +16,7 @@ from barewire_workbench.frames.known_node import of_device
 from barewire_workbench.monitor.pdos import PdoTracker
 from barewire_workbench.pictures.levels import frame_pictures
 from barewire_workbench.pictures.picture import html_fragment, page_style
-from barewire_workbench.recordings.can_text import parse_any_can
+from barewire_workbench.recordings.candump import parse_any_can
 
 _LONGEST = 4096
 """The longest text of a frame, in characters: 256 bytes in any notation are shorter."""

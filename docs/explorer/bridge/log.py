@@ -7,9 +7,9 @@ from itertools import islice
 from typing import Any
 
 from barewire.errors import EncodeError
-from barewire_workbench.diagnosis.logs.can_log import CanLogDiagnosis
-from barewire_workbench.diagnosis.logs.modbus_log import ModbusLogDiagnosis
-from barewire_workbench.diagnosis.logs.verdict import LogFinding
+from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
+from barewire_workbench.diagnosis.modbus_line import ModbusLogDiagnosis
+from barewire_workbench.diagnosis.verdict import LogFinding
 from barewire_workbench.frames.modbus_exchanges import ExchangeLines
 from barewire_workbench.monitor import event_line, is_repeated
 from barewire_workbench.monitor.recording import BusMonitors, is_can_recording, read_recording

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from barewire.codecs import ORDERS
 from barewire.errors import EncodeError
 from barewire_workbench.frames.input import parse_hex
-from barewire_workbench.recordings.can_text import parse_can
+from barewire_workbench.recordings.candump import parse_can
 from barewire_workbench.steps import (
     CRC_VIEWS,
     NUMBER_TYPES,

@@ -23,7 +23,7 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.python_can import CanPort
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.rtu import encode as rtu_frame
-from barewire_workbench.recordings.pcapng import read_packets
+from barewire_workbench.recordings.capture import read_packets
 from tests.helpers import free_port, unhex
 from tests.workbench.cli.helpers import (
     COMMAND,

@@ -10,7 +10,7 @@ import pytest
 from barewire.errors import DecodeError, EncodeError
 from barewire_workbench import explain, explain_text
 from barewire_workbench.frames.input import parse_ascii, parse_hex
-from barewire_workbench.recordings.can_text import parse_any_can
+from barewire_workbench.recordings.candump import parse_any_can
 
 
 @pytest.mark.parametrize(

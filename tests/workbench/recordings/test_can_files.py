@@ -17,10 +17,10 @@ from barewire.canopen import CanFrame, ErrorFrame, FdFrame
 from barewire.canopen.frame import AnyFrame
 from barewire_workbench.monitor import event_as_dict, event_line
 from barewire_workbench.monitor.recording import CanRecordingWriter, is_can_recording, read_recording, replay_can
-from barewire_workbench.recordings.asc import read_asc
+from barewire_workbench.recordings.can_texts import read_asc
 from barewire_workbench.recordings.candump import log_line
+from barewire_workbench.recordings.capture import SOCKETCAN, to_packet
 from barewire_workbench.recordings.model import FD_LENGTHS, Dropped, Recorded, RecordedItem, Unread
-from barewire_workbench.recordings.socketcan import SOCKETCAN, to_packet
 from tests.workbench.recordings.test_blf import blf, classical, container
 from tests.workbench.recordings.test_can_text_forms import BEGAN, MIXED, frames, message
 

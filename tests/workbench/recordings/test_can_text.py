@@ -6,7 +6,7 @@ import pytest
 
 from barewire.errors import DecodeError
 from barewire_workbench import explain_text
-from barewire_workbench.recordings.can_text import parse_any_can, parse_can
+from barewire_workbench.recordings.candump import parse_any_can, parse_can
 
 
 @pytest.mark.parametrize(

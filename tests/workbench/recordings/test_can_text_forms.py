@@ -20,9 +20,8 @@ from barewire_workbench.monitor import event_as_dict, of_device
 from barewire_workbench.monitor.recording import CanRecordingWriter, is_can_recording, read_recording, replay_can
 from barewire_workbench.recordings.blf import read_blf
 from barewire_workbench.recordings.candump import log_line, parse_frame, read_candump
+from barewire_workbench.recordings.capture import SOCKETCAN, file_header, packet_block, to_packet
 from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread
-from barewire_workbench.recordings.pcapng import file_header, packet_block
-from barewire_workbench.recordings.socketcan import SOCKETCAN, to_packet
 from tests.helpers import unhex
 from tests.workbench.monitor.recorded_run import DRIVE, recorded
 

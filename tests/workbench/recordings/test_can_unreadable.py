@@ -13,12 +13,19 @@ from barewire.canopen import CanFrame
 from barewire.canopen.frame import AnyFrame
 from barewire.errors import DecodeError
 from barewire_workbench.monitor.recording import CanRecordingWriter, is_can_recording, read_recording, replay_can
-from barewire_workbench.recordings.asc import read_asc
 from barewire_workbench.recordings.blf import read_blf
+from barewire_workbench.recordings.can_texts import read_asc
 from barewire_workbench.recordings.candump import is_candump
+from barewire_workbench.recordings.capture import (
+    SOCKETCAN,
+    Packet,
+    file_header,
+    from_packet,
+    interface_block,
+    packet_block,
+    to_packet,
+)
 from barewire_workbench.recordings.model import Dropped, Recorded, Unread
-from barewire_workbench.recordings.pcapng import Packet, file_header, interface_block, packet_block
-from barewire_workbench.recordings.socketcan import SOCKETCAN, from_packet, to_packet
 from tests.helpers import refused, unhex
 from tests.workbench.recordings.test_can_text_forms import frames, message
 

@@ -22,11 +22,18 @@ from barewire.modbus.sniffer import (
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from barewire_workbench.frames.modbus_exchanges import ExchangeLines, exchange_as_dict
-from barewire_workbench.recordings.bytelog import _STEP, Chunk, parse_log
+from barewire_workbench.recordings.capture import (
+    Packet,
+    PacketBuilder,
+    file_header,
+    is_capture,
+    modbus_payload,
+    packet_block,
+    read_packets,
+)
 from barewire_workbench.recordings.modbus_log import LoggedBytes, read_modbus_log
-from barewire_workbench.recordings.modbus_packets import PacketBuilder, modbus_payload
+from barewire_workbench.recordings.modbus_log.octets import STEP, Chunk, parse_log
 from barewire_workbench.recordings.modbus_replay import replay
-from barewire_workbench.recordings.pcapng import Packet, file_header, is_capture, packet_block, read_packets
 from tests.helpers import modest, refused, unhex
 
 READ, VALUES = unhex("03 0000 0002"), unhex("03 04 0017 0007")
@@ -229,7 +236,7 @@ FRAME = rtu_frame(1, READ)
         (f"12.345678 {FRAME.hex(' ')}", [Chunk(12.345678, FRAME)]),
         (f"(1.5) {FRAME.hex()}\n[2] > 0x01,0x03", [Chunk(1.5, FRAME), Chunk(2.0, b"\x01\x03")]),
         ("10:31:18.25 RX: 01 03", [Chunk(37878.25, b"\x01\x03")]),
-        ("# a remark\n\n01 03\n83 02 # and one", [Chunk(0.0, b"\x01\x03"), Chunk(_STEP, b"\x83\x02")]),
+        ("# a remark\n\n01 03\n83 02 # and one", [Chunk(0.0, b"\x01\x03"), Chunk(STEP, b"\x83\x02")]),
         ("00000000: 0103 0000 0002  ......\n00000006: c40b  ..", [Chunk(0.0, FRAME)]),
         (
             "00000000  01 03 00 00 00 02 c4 0b  01 03 04 00 17 00 07 00  |.........|\n00000010  01  |.|\n00000011",

@@ -14,16 +14,22 @@ from barewire.canopen import CanFrame
 from barewire.errors import DecodeError
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
-from barewire_workbench.diagnosis.logs.can_log import CanLogDiagnosis
-from barewire_workbench.diagnosis.logs.modbus_log import ModbusLogDiagnosis
+from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
+from barewire_workbench.diagnosis.modbus_line import ModbusLogDiagnosis
 from barewire_workbench.monitor.recording import CanRecordingWriter, read_recording
+from barewire_workbench.recordings.capture import (
+    SOCKETCAN,
+    Packet,
+    PacketBuilder,
+    file_header,
+    interface_block,
+    packet_block,
+    to_packet,
+)
 from barewire_workbench.recordings.modbus_log import read_modbus_log, read_modbus_parts
-from barewire_workbench.recordings.modbus_log.segments import is_can_capture, read_segments
-from barewire_workbench.recordings.modbus_packets import PacketBuilder
+from barewire_workbench.recordings.modbus_log.reader import is_can_capture, read_segments
 from barewire_workbench.recordings.modbus_replay import replay_parts
 from barewire_workbench.recordings.model import Recorded, Unread
-from barewire_workbench.recordings.pcapng import Packet, file_header, interface_block, packet_block
-from barewire_workbench.recordings.socketcan import SOCKETCAN, to_packet
 from barewire_workbench.recordings.source import PART, START, RecordingSource
 from tests.helpers import refused, unhex
 from tests.workbench.recordings.test_blf import blf, classical, container

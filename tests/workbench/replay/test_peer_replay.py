@@ -12,8 +12,7 @@ from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, ObjectDicti
 from barewire.devices.sim import simulator
 from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread
 from barewire_workbench.replay.peer_replay import PeerReplay
-from barewire_workbench.replay.played import PLAYED_KINDS, Played, nodes_of
-from barewire_workbench.replay.recorded_values import values_of
+from barewire_workbench.replay.played import PLAYED_KINDS, Played, nodes_of, values_of
 from tests.workbench.monitor.recorded_run import DRIVE, PLAIN, plain, recorded
 
 

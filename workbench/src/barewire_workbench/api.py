@@ -12,15 +12,22 @@ from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.devices import Device
 from barewire.errors import DecodeError, EncodeError
 from barewire_workbench.diagnosis.can import explain_diagnosed_can, modbus_on_can
-from barewire_workbench.diagnosis.modbus.exchange import ExpectedValue, cannot_answer, decoded, diagnose_exchange
-from barewire_workbench.diagnosis.modbus.expected import addresses_of_table, expected_values, float_values
-from barewire_workbench.diagnosis.modbus.frame import with_diagnosis
-from barewire_workbench.diagnosis.modbus.good import good_ascii
+from barewire_workbench.diagnosis.exchange import (
+    ExpectedValue,
+    addresses_of_table,
+    cannot_answer,
+    decoded,
+    diagnose_exchange,
+    expected_values,
+    float_values,
+    with_diagnosis,
+)
+from barewire_workbench.diagnosis.good import good_ascii
 from barewire_workbench.frames.can import PdoDescriptions, explain_can
 from barewire_workbench.frames.input import parse_ascii, parse_hex
 from barewire_workbench.frames.modbus import explain_ascii, explain_rtu, explain_tcp
 from barewire_workbench.frames.result import Explanation, FrameRole, ProtocolName
-from barewire_workbench.recordings.can_text import parse_any_can
+from barewire_workbench.recordings.candump import parse_any_can
 
 _PROTOCOLS: tuple[ProtocolName, ...] = get_args(ProtocolName)
 _NO_DIALECTS: Mapping[int, Container[int]] = {}

@@ -12,10 +12,9 @@ import pytest
 from barewire.errors import DecodeError
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
+from barewire_workbench.recordings.capture import PacketBuilder, file_header, packet_block
 from barewire_workbench.recordings.modbus_log import LoggedBytes, read_modbus_log
-from barewire_workbench.recordings.modbus_packets import PacketBuilder
 from barewire_workbench.recordings.model import Unread
-from barewire_workbench.recordings.pcapng import file_header, packet_block
 from tests.helpers import refused, unhex
 from tests.workbench.recordings.modbus_log.test_programs import READ, REFUSED, SAMPLES, WRITE, lines_of
 

@@ -25,8 +25,7 @@ from barewire_workbench.monitor import CanMonitor, event_as_dict, event_line
 from barewire_workbench.monitor.events import Gap, Loss, Violation
 from barewire_workbench.monitor.pdos import PdoTracker
 from barewire_workbench.monitor.recording import BusMonitors, read_recording
-from barewire_workbench.recordings.can_text import parse_any_can
-from barewire_workbench.recordings.candump import log_line
+from barewire_workbench.recordings.candump import log_line, parse_any_can
 from barewire_workbench.recordings.model import Recorded, Unread
 
 

@@ -21,7 +21,7 @@ from barewire_workbench import Explanation, explain, explain_exchange
 from barewire_workbench.cli.arguments import EndpointArgument, json_option, print_json
 from barewire_workbench.frames.can import explain_can
 from barewire_workbench.frames.input import parse_ascii, parse_hex
-from barewire_workbench.recordings.can_text import parse_can
+from barewire_workbench.recordings.candump import parse_can
 
 _QUIET = 0.3
 """Seconds without a byte after which an answer that is not a valid frame is over. A USB adapter pauses for less."""

@@ -59,6 +59,7 @@ from barewire_workbench.monitor.recording import (
 )
 from barewire_workbench.pictures.picture import rendered
 from barewire_workbench.pictures.recordings import RecordingOptions, recording_picture
+from barewire_workbench.recordings.capture import MODBUS_PORTS, PacketBuilder, file_header, is_capture, packet_block
 from barewire_workbench.recordings.modbus_log import (
     UNREADABLE,
     LoggedBytes,
@@ -66,11 +67,9 @@ from barewire_workbench.recordings.modbus_log import (
     read_modbus_log,
     read_modbus_parts,
 )
-from barewire_workbench.recordings.modbus_log.segments import is_can_capture
-from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS, PacketBuilder
+from barewire_workbench.recordings.modbus_log.reader import is_can_capture
 from barewire_workbench.recordings.modbus_replay import Replayed, SerialProtocol, replay_log, replay_parts
 from barewire_workbench.recordings.model import Recorded, RecordedItem, Unread
-from barewire_workbench.recordings.pcapng import file_header, is_capture, packet_block
 from barewire_workbench.recordings.source import RecordingSource
 
 _FORMATS = "a recording: pcapng, pcap, candump, ASC, BLF, a log of a Modbus program, or lines of bytes in hexadecimal"

@@ -29,7 +29,7 @@ from barewire_workbench.pictures.levels import CanFramePicture, LevelsPicture
 from barewire_workbench.pictures.picture import Picture, rendered
 from barewire_workbench.pictures.states import DriveWord, StatesPicture
 from barewire_workbench.pictures.steps import TYPES, RegistersPicture
-from barewire_workbench.recordings.can_text import parse_can
+from barewire_workbench.recordings.candump import parse_can
 from barewire_workbench.steps import (
     CRC_VIEWS,
     NUMBER_TYPES,

@@ -21,7 +21,7 @@ from barewire.canopen.frame import AnyFrame, CanFrame
 from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand
 from barewire.canopen.sdo.messages import ExpeditedDownload, ExpeditedUpload, InitiateUpload
 from barewire.errors import DecodeError
-from barewire_workbench.diagnosis.modbus.good import good_rtu, good_tcp, proof_of
+from barewire_workbench.diagnosis.good import good_rtu, good_tcp, proof_of
 from barewire_workbench.frames.can import PdoDescriptions, explain_can
 from barewire_workbench.frames.findings import Finding
 from barewire_workbench.frames.result import Explanation, FrameRole, counted

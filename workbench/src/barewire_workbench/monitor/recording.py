@@ -17,19 +17,35 @@ from barewire.errors import DecodeError
 from barewire_workbench.frames.known_node import KnownNode
 from barewire_workbench.monitor.events import MonitorEvent
 from barewire_workbench.monitor.monitor import CanMonitor
-from barewire_workbench.recordings import pcapng
-from barewire_workbench.recordings.asc import is_asc, read_asc
 from barewire_workbench.recordings.blf import BLF_MAGIC, read_blf
-from barewire_workbench.recordings.can_notes import is_can_notes, read_can_notes
+from barewire_workbench.recordings.can_texts import (
+    is_asc,
+    is_can_notes,
+    is_conformance_log,
+    is_python_can_text,
+    is_trc,
+    read_asc,
+    read_can_notes,
+    read_conformance_log,
+    read_python_can_text,
+    read_trc,
+)
 from barewire_workbench.recordings.candump import are_differences, has_times, is_candump, log_line, read_candump
-from barewire_workbench.recordings.conformance_log import is_conformance_log, read_conformance_log
-from barewire_workbench.recordings.modbus_log.segments import is_can_capture
-from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS, modbus_payload
+from barewire_workbench.recordings.capture import (
+    MODBUS_PORTS,
+    SOCKETCAN,
+    file_header,
+    from_packet,
+    interface_block,
+    is_can_packet,
+    is_capture,
+    modbus_payload,
+    packet_block,
+    to_packet,
+)
+from barewire_workbench.recordings.modbus_log.reader import is_can_capture
 from barewire_workbench.recordings.model import Dropped, LeftOut, Recorded, RecordedItem, Unread, unread
-from barewire_workbench.recordings.python_can_text import is_python_can_text, read_python_can_text
-from barewire_workbench.recordings.socketcan import SOCKETCAN, from_packet, is_can_packet, to_packet
 from barewire_workbench.recordings.source import RecordingSource
-from barewire_workbench.recordings.trc import is_trc, read_trc
 
 BUSES_MAX = 64
 _TEXT_FORMS: tuple[tuple[Callable[[str], bool], Callable[[Iterable[str]], Iterator[RecordedItem]]], ...] = (
@@ -54,7 +70,7 @@ def is_can_recording(data: bytes, ports: Container[int] = MODBUS_PORTS) -> bool:
     """
     if data[:4] == BLF_MAGIC:
         return True
-    if pcapng.is_capture(data):
+    if is_capture(data):
         return is_can_capture(RecordingSource.of(data), ports)
     text = _text(data[:_INSPECTED])
     return any(is_form(text) for is_form, _ in _TEXT_FORMS)
@@ -66,7 +82,7 @@ def is_timed(data: bytes) -> bool:
     >>> is_timed(b"(1.5) can0 705#05"), is_timed(b"  can0  705   [1]  05")
     (True, False)
     """
-    if data[:4] == BLF_MAGIC or pcapng.is_capture(data):
+    if data[:4] == BLF_MAGIC or is_capture(data):
         return True
     text = _text(data[:_INSPECTED])
     if is_asc(text) or is_trc(text) or is_python_can_text(text):
@@ -95,7 +111,7 @@ def read_recording(recording: bytes | RecordingSource) -> Iterator[RecordedItem]
     Raises DecodeError if the bytes are not a recording of CAN.
     """
     source = RecordingSource.of(recording)
-    if pcapng.is_capture(source.start):
+    if is_capture(source.start):
         return _read_capture(source)
     if source.start[:4] == BLF_MAGIC:
         return read_blf(source)
@@ -196,7 +212,7 @@ class CanRecordingWriter:
     def __init__(self, name: str) -> None:
         self._is_pcapng = not name.lower().endswith(LOG_ENDINGS)
         self._buses: dict[str, int] = {}
-        self.start = pcapng.file_header(None) if self._is_pcapng else b""
+        self.start = file_header(None) if self._is_pcapng else b""
 
     def put(self, at: float, bus: str, frame: AnyFrame) -> bytes:
         """Return the bytes to append for one frame."""
@@ -207,5 +223,5 @@ class CanRecordingWriter:
         data = b""
         if name not in self._buses:
             self._buses[name] = len(self._buses)
-            data = pcapng.interface_block(SOCKETCAN, name)
-        return data + pcapng.packet_block(at, to_packet(frame), self._buses[name])
+            data = interface_block(SOCKETCAN, name)
+        return data + packet_block(at, to_packet(frame), self._buses[name])

@@ -50,7 +50,7 @@ from barewire_workbench.pictures.levels import frame_bytes
 from barewire_workbench.pictures.picture import Picture
 from barewire_workbench.pictures.sequence import SequenceMessage, SequencePicture
 from barewire_workbench.pictures.states import DriveWord, StatesPicture, WordKind
-from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS
+from barewire_workbench.recordings.capture import MODBUS_PORTS
 from barewire_workbench.recordings.modbus_replay import SerialProtocol, replay_log
 from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread
 

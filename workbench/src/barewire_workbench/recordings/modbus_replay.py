@@ -21,9 +21,8 @@ from barewire.rtu import RtuLine, Timing
 from barewire.tcp import TcpLine
 from barewire.tcp.frame import PREFIX
 from barewire_workbench.frames.result import ProtocolName
+from barewire_workbench.recordings.capture import MODBUS_PORTS, is_capture
 from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog, read_modbus_log
-from barewire_workbench.recordings.modbus_packets import MODBUS_PORTS
-from barewire_workbench.recordings.pcapng import is_capture
 
 _ANY_BITRATE = Timing(0.0, 0.0, 0.0)
 """The bit rate of a recording is unknown: only pauses end a frame of unknown length."""

@@ -14,7 +14,7 @@ import codecs
 from collections.abc import Callable, Iterator
 from io import BytesIO
 
-from barewire_workbench.recordings.pcapng import numbered_packets
+from barewire_workbench.recordings.capture import numbered_packets
 
 START = 0x1_0000
 """Bytes that are read first, and show the format."""

@@ -30,8 +30,7 @@ from barewire.canopen.nmt.messages import NmtCommand, NmtState
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.errors import BarewireError
 from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread
-from barewire_workbench.replay.played import Played, PlayedOutcome, played_kind
-from barewire_workbench.replay.recorded_values import RecordedValue
+from barewire_workbench.replay.played import Played, PlayedOutcome, RecordedValue, played_kind
 
 COUNTERPART_WINDOW = 1.0
 """Seconds between a recorded frame and that of the device."""

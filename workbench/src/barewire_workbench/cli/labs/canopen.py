@@ -32,7 +32,7 @@ from barewire_workbench.cli.labs.model import (
     wrong,
 )
 from barewire_workbench.frames.can import explain_can
-from barewire_workbench.recordings.can_text import parse_can
+from barewire_workbench.recordings.candump import parse_can
 from barewire_workbench.wire import can_bits
 
 _NODE = 5

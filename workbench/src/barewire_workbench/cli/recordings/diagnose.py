@@ -36,9 +36,9 @@ from barewire_workbench.cli.sniff import (
     stopped_by_interrupt,
     window_option,
 )
-from barewire_workbench.diagnosis.logs.can_log import CanLogDiagnosis
-from barewire_workbench.diagnosis.logs.modbus_log import LiveDiagnosis, ModbusLogDiagnosis
-from barewire_workbench.diagnosis.logs.verdict import LineVerdict, LogFinding
+from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
+from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDiagnosis
+from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.monitor.recording import read_recording
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
 from barewire_workbench.recordings.model import RecordedItem

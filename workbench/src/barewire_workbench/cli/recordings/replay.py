@@ -14,8 +14,7 @@ from barewire_workbench.frames.result import counted
 from barewire_workbench.monitor.recording import is_timed, read_recording
 from barewire_workbench.recordings.model import Recorded, RecordedItem, Unread
 from barewire_workbench.replay.peer_replay import COUNTERPART_WINDOW, STEPS_MAX, PeerReplay, PlayedDevice
-from barewire_workbench.replay.played import PLAYED_KINDS, Played, nodes_of
-from barewire_workbench.replay.recorded_values import values_of
+from barewire_workbench.replay.played import PLAYED_KINDS, Played, nodes_of, values_of
 
 
 @click.command("replay")

@@ -2,16 +2,12 @@
 
 The files, in reading order:
 
-    model           what is read: LoggedBytes, Unread, ModbusLog
-    stamps          times in lines
-    octets          bytes at the end of a line, in any notation
-    pymodbus, libmodbus, minimalmodbus      libraries
-    wireshark, tables                       text, JSON and CSV of Wireshark and tshark
-    blocks, bytewise, syscalls              serial sniffers: socat -x, jpnevulator, interceptty, slsnif ...; strace
-    marked          lines with a direction in a word: Modbus Poll, QModMaster, Docklight, own logs ...
-    segments        captures: TCP segments in order, RTU in datagrams
-    direction       decimal or hexadecimal, which protocol, which side: decided by the frames of the whole log
-    reader          recognises the form: `read_modbus_log`, and part by part `read_modbus_parts`
+    model       what is read: LoggedBytes, Unread, ModbusLog
+    octets      bytes at the end of a line, in any notation; times in lines
+    programs    logs with words of their own: pymodbus, libmodbus, MinimalModbus, strace, interceptty, Saleae ...
+    exports     text, JSON and CSV of Wireshark and tshark
+    marked      lines with a direction in a word, entries of several lines: Modbus Poll, socat, Docklight, own logs ...
+    reader      recognises the form; captures: TCP segments in order, RTU in datagrams
 """
 
 from barewire_workbench.recordings.modbus_log.model import LoggedBytes, ModbusLog

@@ -1,4 +1,11 @@
-"""Lines with a direction in a word or a mark, and bytes after it: most programs write their traffic so.
+"""Logs of any program: a direction and bytes in a line, or a heading and the bytes below it.
+
+**Decides for a whole log what its lines leave open: decimal or hexadecimal, the protocol, who is the client**
+
+Whole frames decide: those with a good CRC, a good LRC, or a header with the right length. What they do not prove stays
+None, and the sniffer judges each frame by its shape.
+
+**Lines with a direction in a word or a mark, and bytes after it: most programs write their traffic so**
 
     [2024-05-01 10:31:18] Send: 01 03 00 00 00 02 C4 0B            a program's own log
     Tx:000001-01 03 00 00 00 02 C4 0B                              Modbus Poll, Modbus Slave
@@ -15,17 +22,157 @@
 Words about the line (request, response, master, slave) state the direction on it. Words about the recording program
 (sent, received, Tx, Rx) state its side; the whole log decides whether that is the client. A line that has only bytes
 continues the line before it.
+
+**Entries of several lines: a heading with a time or a direction, and below it the bytes, often as a dump**
+
+    > 2024/05/11 13:17:34.000792034  length=8 from=0 to=7          socat -x, with -v also the characters
+     01 03 00 00 00 02 c4 0b                          ........
+    2006-05-30 13:23:49.461075: /dev/ttyS0                         jpnevulator --timing-print
+    01 03 00 00 00 02 C4 0B                         ........
+    2026/05/11 13:17:34.792 gsets22:4002 write 8                   EPICS asyn, traceIOHex
+    [23/10/2008 10:38:33]                                          Serial Port Monitor (Eltima, HHD)
+    3  IRP_MJ_WRITE - Request transfers data from a client to a COM port (COM5)
+       01 03 00 00 00 02 C4 0B                                ........
+    [D] Sent packet: @3FFB890C/6:                                  eModbus: what it sends on RTU, without its CRC
+      | 0000: 01 03 00 00 00 02                         |......          |
+
+Headings may have several lines, and have no bytes themselves. A heading without bytes below it is no entry.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
-from barewire_workbench.recordings.modbus_log.direction import PROTOCOLS, frame_pdu
-from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry
-from barewire_workbench.recordings.modbus_log.octets import Octets, split_octets
-from barewire_workbench.recordings.modbus_log.stamps import find_stamp
+from barewire import ascii, rtu, tcp
+from barewire.errors import DecodeError
+from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.messages.registry import measure_request, measure_response
+from barewire.modbus.sniffer import shapes
+from barewire.rtu.crc import crc16
+from barewire_workbench.frames.result import ProtocolName, counted
+from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry, LoggedBytes, Stamp
+from barewire_workbench.recordings.modbus_log.octets import Octets, find_stamp, split_octets
+from barewire_workbench.recordings.model import Unread
+
+_RARE = 4
+"""One of so many pieces at least is a frame in a log of Modbus TCP."""
+_MOST_BYTES = 260
+"""A longer piece is not one frame."""
+PROTOCOLS: tuple[ProtocolName, ...] = ("rtu", "tcp", "ascii")
+
+
+def frame_pdu(protocol: ProtocolName, data: bytes) -> bytes | None:
+    """Return the PDU if the bytes are exactly one frame of that protocol.
+
+    >>> frame_pdu("rtu", bytes.fromhex("018302C0F1")), frame_pdu("tcp", bytes.fromhex("018302C0F1"))
+    (b'\\x83\\x02', None)
+    """
+    try:
+        if protocol == "rtu":
+            return rtu.decode(data).pdu if len(data) <= _MOST_BYTES else None
+        if protocol == "tcp":
+            return tcp.decode(data).pdu
+        return ascii.decode(data if data.endswith(b"\n") else data.rstrip(b"\r\n") + b"\r\n").pdu
+    except DecodeError:
+        return None
+
+
+def frames_by_protocol(pieces: Iterable[bytes]) -> dict[ProtocolName, int]:
+    """Return how many of the pieces are one whole frame, for each protocol."""
+    counts: dict[ProtocolName, int] = dict.fromkeys(PROTOCOLS, 0)
+    for data in pieces:
+        for protocol in PROTOCOLS:
+            pdu = frame_pdu(protocol, data)
+            counts[protocol] += pdu is not None and (protocol != "tcp" or _has_its_length(pdu))
+    return counts
+
+
+def _has_its_length(pdu: bytes) -> bool:
+    """Return whether a PDU has the length of its function. A header of TCP has no checksum: an RTU request of two
+    registers from address 0 with a wrong CRC has one, 01 03 | 00 00 | 00 02."""
+    if pdu[0] & EXCEPTION_BIT:
+        return len(pdu) == 2
+    sizes = measure_request(pdu), measure_response(pdu)
+    return pdu[0] != 0 and (len(pdu) in sizes or sizes == (None, None))
+
+
+def common_protocol(pieces: Sequence[bytes]) -> ProtocolName | None:
+    """Return the protocol of most pieces; None if no piece is a frame."""
+    counts = frames_by_protocol(pieces)
+    best = max(counts, key=lambda protocol: counts[protocol])
+    if best == "tcp" and _RARE * counts[best] < len(pieces):
+        return None  # frames of another protocol in pieces, one of which looks like a header of TCP
+    return best if counts[best] else None
+
+
+def is_decimal(entries: list[LogEntry]) -> bool:
+    """Return whether the digits of the entries are decimal numbers and not hexadecimal ones.
+
+    Raises DecodeError if they are frames in neither or in both.
+    """
+    as_decimal = [entry.decimal for entry in entries if entry.decimal is not None]
+    as_hex = [entry.data for entry in entries if entry.data is not None]
+    if len(as_hex) == len(entries) and len(as_decimal) < len(entries):
+        return False
+    if len(as_hex) < len(entries) and len(as_decimal) == len(entries):
+        return True
+    frames = [sum(frames_by_protocol(pieces).values()) for pieces in (as_hex, as_decimal)]
+    if frames[0] == frames[1] and as_hex != as_decimal:
+        line = next((entry.line for entry in entries if entry.decimal is not None), entries[0].line)
+        text = f"line {line}: hexadecimal or decimal? no frame of the log decides it; write hexadecimal numbers with 0x"
+        raise DecodeError("value", b"", 0, text)
+    return frames[1] > frames[0]
+
+
+def recorder_is_client(entries: Sequence[LogEntry], protocol: ProtocolName | None) -> bool | None:
+    """Return whether the recording program is the client: it sent requests, or received responses. None if no frame
+    shows it, for requests and responses to a write are equal."""
+    votes = 0
+    for entry in entries:
+        pdu = None if entry.data is None or protocol is None else frame_pdu(protocol, entry.data)
+        if entry.sent is None or not pdu:
+            continue
+        request, response = shapes(pdu)
+        if request != response:
+            votes += 1 if request == entry.sent else -1
+    return None if votes == 0 else votes > 0
+
+
+def with_transactions(items: list[LoggedBytes | Unread], open_numbers: set[bytes]) -> list[LoggedBytes | Unread]:
+    """Return the pieces of Modbus TCP with their direction: the first frame with a transaction number is a request,
+    the next one its response, unless its shape tells. A piece of several frames becomes several. `open_numbers` are
+    those of the requests without a response, before and after."""
+    done: list[LoggedBytes | Unread] = []
+    for item in items:
+        if isinstance(item, Unread) or item.protocol != "tcp" or item.from_client is not None:
+            done.append(item)
+            continue
+        for data in _frames(item.data):
+            pdu = frame_pdu("tcp", data)
+            if pdu is None:
+                done.append(item._replace(data=data))
+                continue
+            request, response = shapes(pdu)
+            is_request = request if request != response else data[:2] not in open_numbers
+            if is_request:
+                open_numbers.add(data[:2])
+            else:
+                open_numbers.discard(data[:2])
+            done.append(item._replace(data=data, from_client=is_request))
+    return done
+
+
+def _frames(data: bytes) -> list[bytes]:
+    """Return the frames of a piece by the lengths in their headers."""
+    frames: list[bytes] = []
+    while len(data) >= 8 and data[2:4] == b"\x00\x00":
+        size = 6 + int.from_bytes(data[4:6], "big")
+        frames.append(data[:size])
+        data = data[size:]
+    return [*frames, data] if data else frames
+
 
 _WORD = re.compile(
     r"(?<![A-Za-z])(?:"
@@ -171,3 +318,114 @@ def direction_of(before: str) -> tuple[re.Match[str] | None, bool | None, bool |
     plain = before.strip("[]()\t :-|,;")
     mark = _MARK.match(plain) or _LAST_MARK.search(before)
     return (None, None, None) if mark is None else (mark, mark.lastgroup == "sent", None)
+
+
+_BYTES = re.compile(
+    r"\s*(?:\|\s*)?(?:(?:0x)?[0-9A-Fa-f]{4,8}(?::\s+|\s*\|\s*|\s{2,}))?"
+    r"(?P<bytes>[0-9A-Fa-f]{2}(?:[ \t]{1,2}[0-9A-Fa-f]{2})*)(?:\s*$|\s*\t.{1,16}| {2,}.*|\s*\|.*)"
+)
+_BETWEEN = re.compile(r"(?:STATUS_\w+|-{2,}|Length:? \d+.*)?")
+_EMODBUS_SENT = re.compile(r"(?:.*\W)?Sent packet: @[0-9A-Fa-f]{1,16}/(?P<count>\d{1,3}):\s*")
+"""The title above bytes that eModbus passed to its serial line. It calculates the CRC while it sends."""
+_HEADINGS = 4
+"""The most lines of a heading."""
+_SOCAT = re.compile(r"[<>] \d{4}/\d\d/\d\d \d\d:\d\d:\d\d\.(?P<fraction>\d{9})\s+length=")
+
+
+def read_blocks(lines: list[str]) -> FormContent:
+    """Return the entries that have a heading.
+
+    >>> read_blocks(["> 2024/05/11 13:17:34.792  length=2 from=0 to=1", " 01 83"]).entries[0][1:3]
+    (b'\\x01\\x83', True)
+    """
+    entries: list[LogEntry] = []
+    known: set[int] = set()
+    heading: list[int] = []
+    fields: tuple[bool | None, bool | None, Stamp | None] = (None, None, None)
+    in_bytes = False
+    scale = _socat_scale(lines)
+    for number, line in enumerate(lines, start=1):
+        found = _BYTES.fullmatch(line)
+        if found is not None and (heading or in_bytes):
+            data = bytes.fromhex(found["bytes"].replace("\t", " "))
+            if in_bytes:
+                entries[-1] = entries[-1]._replace(data=(entries[-1].data or b"") + data)
+            else:
+                sent, from_client, stamp = fields
+                entries.append(LogEntry(number, data, sent, from_client, stamp))
+                known.update(heading)
+            known.add(number)
+            heading, in_bytes = [], True
+            continue
+        if _BETWEEN.fullmatch(line.strip()):
+            if line.strip() and in_bytes:
+                known.add(number)
+                in_bytes = False
+            elif line.strip() and heading:
+                heading.append(number)
+            continue
+        if in_bytes:
+            fields = (None, None, None)
+        in_bytes = False
+        part = _heading(line)
+        if part is None:
+            heading, fields = [], (None, None, None)
+            continue
+        sent, from_client, stamp = part
+        if scale != 1.0 and stamp is not None:
+            stamp = stamp._replace(seconds=int(stamp.seconds) + stamp.seconds % 1 * scale)
+        is_new = (sent is None and from_client is None) or (fields[0] is not None or fields[1] is not None)
+        if is_new or len(heading) >= _HEADINGS:
+            heading, fields = [], (None, None, None)
+        fields = (
+            fields[0] if sent is None else sent,
+            fields[1] if from_client is None else from_client,
+            stamp or fields[2],
+        )
+        heading.append(number)
+    return _with_sent_crc(lines, FormContent(entries, known))
+
+
+def _with_sent_crc(lines: list[str], content: FormContent) -> FormContent:
+    """Return the entries with the CRC that eModbus sends and does not print: behind a PDU of the right length."""
+    entries: list[LogEntry] = []
+    added: list[int] = []
+    for entry in content.entries:
+        data = entry.data or b""
+        title = _EMODBUS_SENT.fullmatch(lines[entry.line - 2]) if entry.line > 1 else None
+        if title is not None and int(title["count"]) == len(data) and _is_without_crc(data):
+            added.append(entry.line - 1)
+            entry = entry._replace(data=data + crc16(data).to_bytes(2, "little"))
+        entries.append(entry)
+    if not added:
+        return content
+    text = "Sent packet is printed without the CRC that eModbus sends; it is added to "
+    return FormContent(entries, content.known, ((added[0], f"{text}{counted(len(added), 'frame')}"),))
+
+
+def _is_without_crc(data: bytes) -> bool:
+    """Return whether the bytes are a unit and a PDU of RTU, and no more."""
+    if len(data) < 3 or any(frame_pdu(protocol, data) is not None for protocol in ("rtu", "tcp")):
+        return False
+    pdu = data[1:]
+    return len(pdu) in ((2,) if pdu[0] & EXCEPTION_BIT else (measure_request(pdu), measure_response(pdu)))
+
+
+def _heading(line: str) -> tuple[bool | None, bool | None, Stamp | None] | None:
+    """Return the direction and the time that a line states; None if it states neither."""
+    stamp = find_stamp(line)
+    plain = line if stamp is None else line[: stamp[1]] + " " * (stamp[2] - stamp[1]) + line[stamp[2] :]
+    if split_octets(plain) is not None:
+        return None  # an entry of one line, which a line of bytes may continue
+    word, sent, from_client = direction_of(plain)
+    if word is None and (stamp is None or line[: stamp[1]].strip("[( ")):
+        return None
+    if word is not None and stamp is None and not re.search(r":\s*$|IRP_MJ_|\b(?:read|write) \d+\s*$", line):
+        return None
+    return sent, from_client, None if stamp is None else stamp[0]
+
+
+def _socat_scale(lines: list[str]) -> float:
+    """Return 1000 if nine digits are microseconds: socat 1.7.4 pads these with zeros, so that all begin with 000."""
+    fractions = [found["fraction"] for line in lines if (found := _SOCAT.match(line))]
+    return 1000.0 if len(fractions) > 1 and all(fraction.startswith("000") for fraction in fractions) else 1.0

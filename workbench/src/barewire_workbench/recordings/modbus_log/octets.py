@@ -1,8 +1,30 @@
-"""Bytes at the end of a line of a log, in any notation, and what stands before them.
+"""Bytes and times in the lines of a log.
+
+**Logs of a serial line as text: bytes with times, and dumps without**
+
+    12.345678 01 03 00 00 00 02 C4 0B         seconds; also (12.345678), [12.345678] and 10:31:18.25
+    01 03 00 00 00 02 C4 0B                   no time: a line is one piece
+    00000000: 0103 0000 0002 c40b  ......     xxd or hexdump -C: one piece, however many lines
+    # text                                    a comment, skipped like an empty line
+    01 03 00 00 00 02 C4 0B   <-- good        a remark: behind blanks and <-- // # ; or (
+
+The bytes are in any notation of `frames.input.parse_hex`; a direction mark (> or <) may come before them.
+
+**Times in the lines of logs**
+
+    2024-01-05 10:31:18,257    2024-01-05T10:31:18.257Z    14.05.2025 09:57:07.113    2024/05/11 13:17:34.792
+    05/01/2024 10:31:18.2 AM   a date with slashes that may be of two days: only the time of day counts
+    10:31:18.257   14:32:05:052 (QModMaster)   0:13.5      a time of day, or minutes and seconds
+    1700000000.257   12.345678   (12.5)   [12.5]           seconds
+
+`LogClock` turns them into seconds that never decrease: a time of day that goes back by more than half a day is of the
+next day; any other step back is kept out of the times, and noted.
+
+**Bytes at the end of a line of a log, in any notation, and what stands before them**
 
     ... 0x1 0x3 0x0 0x0       ... 01 03 00 00      ... 1,3,0,A      ... 01-03-00-00     ... 01:03:00:00
-    ... \\x01\\x03              ... 01030000         ... 0103 0000    ... [01][03]        ... <01><03>
-    ... b'\\x01\\x03\\n'         bytes of Python
+    ... \x01\x03              ... 01030000         ... 0103 0000    ... [01][03]        ... <01><03>
+    ... b'\x01\x03\n'         bytes of Python
     ... TX: 1, 3, 0, 22       decimal: numbers of three digits occur in the log, and no letters
     ... :010300000002FA       a frame of ASCII
 
@@ -15,11 +37,222 @@ hexadecimal and decimal are returned both ways; the whole log decides.
 from __future__ import annotations
 
 import re
+from datetime import date
+from functools import lru_cache
 from typing import NamedTuple
 
 from barewire.errors import DecodeError
-from barewire_workbench.frames.input import parse_string_literal
-from barewire_workbench.recordings.bytelog import without_remark
+from barewire_workbench.frames.input import parse_hex, parse_string_literal
+from barewire_workbench.recordings.modbus_log.model import Stamp
+
+STEP = 0.1
+"""Seconds between two entries without times: long enough to end a frame, short enough to wait for an answer."""
+_PIECE = 0x1000
+"""Bytes of a piece of a dump that is read part by part."""
+
+DUMP_OFFSET = re.compile(r"(?:0x)?[0-9A-Fa-f]{6,8}(?:: ?|  )(?=[0-9A-Fa-f]{2})")
+_BYTELOG_TIME = re.compile(r"[(\[]?(?:(?:(\d{1,12}):)?(\d{1,12}):)?(\d{1,12}[.,]\d+|\d{1,12}(?=[)\]]))[)\]]?:?\s+")
+_MARK = re.compile(r"(?:<-|->|[<>]|[RT]X:?)\s*", re.IGNORECASE)
+
+_HEX_PAIRS = re.compile(r"[0-9A-Fa-f]{2}(?: [0-9A-Fa-f]{2})+")
+"""The notation of nearly all logs: `parse_hex` reads the others, and takes twenty times as long."""
+
+_TWO_BYTES = r"(?:0x)?[0-9A-Fa-f]{1,2}\W+(?:0x)?[0-9A-Fa-f]{1,2}\b"
+_REMARK = re.compile(rf"(?<=[0-9A-Fa-f]{{2}})[\])>,.]?\s{{1,200}}(?:<[-=]|←|//|#|;|\()(?![-=\s]{{0,99}}{_TWO_BYTES})")
+"""Where a remark begins. Two bytes at its beginning may belong to the frame, or those before the arrow are a time."""
+
+
+class Chunk(NamedTuple):
+    """Bytes received together, the last of them at `at`, in seconds."""
+
+    at: float
+    data: bytes
+
+
+class Log(NamedTuple):
+    """The content of a log; `timed` is false if its times are made up. `lines` has the number of the first line of each
+    chunk."""
+
+    chunks: list[Chunk]
+    timed: bool
+    lines: list[int]
+
+
+def parse_log(text: str, before: Log | None = None, lines_before: int = 0) -> Log:
+    """Parse a log into bytes and times. `before` is the part of it before this text, with
+    `lines_before` lines.
+
+    >>> parse_log("12.5 01 03\\n0:13.5 83 02").chunks
+    [Chunk(at=12.5, data=b'\\x01\\x03'), Chunk(at=13.5, data=b'\\x83\\x02')]
+    >>> parse_log("00000000: 0103 0002\\n00000004: 8302").chunks
+    [Chunk(at=0.0, data=b'\\x01\\x03\\x00\\x02\\x83\\x02')]
+
+    Raises DecodeError with the number of a line that cannot be read.
+    """
+    chunks: list[Chunk] = []
+    lines: list[int] = []
+    dumped, timed, now = False, False, 0.0
+    if before is not None:
+        timed, now = before.timed, before.chunks[-1].at
+    for number, line in enumerate(text.splitlines(), start=1):
+        content = without_remark(line.partition("#")[0].strip())
+        if not content:
+            continue
+        offset, time = DUMP_OFFSET.match(content), _BYTELOG_TIME.match(content)
+        if offset is not None:
+            content = content[offset.end() :]
+            if ":" not in offset[0]:
+                content = content.replace("  ", " ", 1)  # hexdump -C: two blanks after eight bytes
+            content = re.split(r"  +(?=\S)|\|", content)[0]
+        elif time is not None:
+            hours, minutes, seconds = time.groups()
+            now = 3600 * int(hours or 0) + 60 * int(minutes or 0) + float(seconds.replace(",", "."))
+            content, timed = content[time.end() :], True
+        elif (chunks or before is not None) and not timed:
+            now += STEP
+        data = _bytes(_MARK.sub("", content, count=1), lines_before + number)
+        if offset is not None and dumped and (before is None or len(chunks[-1].data) < _PIECE):
+            chunks[-1] = Chunk(chunks[-1].at, chunks[-1].data + data)
+        elif data:
+            chunks.append(Chunk(now, data))
+            lines.append(number)
+        dumped = offset is not None
+    return Log(chunks, timed, lines)
+
+
+def without_remark(line: str) -> str:
+    """Return a line of bytes without the remark behind them.
+
+    >>> without_remark("01 83 02 C0 F1   <-- refused"), without_remark("12.50 <-- 01 83 02 C0 F1")
+    ('01 83 02 C0 F1', '12.50 <-- 01 83 02 C0 F1')
+    """
+    found = _REMARK.search(line)
+    return line if found is None else line[: found.start()]
+
+
+def _bytes(text: str, number: int) -> bytes:
+    if text.startswith(":"):  # an ASCII frame as it was sent
+        return text.encode("latin-1", "replace") + b"\r\n"
+    if _HEX_PAIRS.fullmatch(text):
+        return bytes.fromhex(text)
+    try:
+        return parse_hex(text)
+    except DecodeError as error:
+        raise DecodeError(error.reason, error.data, error.at, f"line {number}: {error.text}") from None
+
+
+_DAY = 86400.0
+_BACK = 1e-6
+"""Seconds: a smaller step back is rounding."""
+
+_NAMES = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_MONTHS = {name: number for number, name in enumerate(_NAMES, 1)}
+_DATE = (
+    r"(?:(?P<iso>\d{4})[-/.](?P<imonth>\d{1,2})[-/.](?P<iday>\d{1,2})"
+    r"|(?P<first>\d{1,2})(?P<between>[-/.])(?P<second>\d{1,2})(?P=between)(?P<year>\d{4})"
+    r"|(?P<name>[A-Z][a-z]{2}) {1,2}(?P<nday>\d{1,2})(?:[ ,]+(?P<nyear>\d{4}))?)"
+)
+_OF_DAY = r"(?P<hours>\d{1,2}):(?P<minutes>\d{2}):(?P<seconds>\d{2}(?:[.,:]\d{1,9})?)(?: ?(?P<half>[AaPp][Mm]))?"
+_ZONE = r"(?:Z|[+-]\d\d:?\d\d)?"
+_DATED = re.compile(rf"(?<![\w.]){_DATE}(?:[T@_]|,? +)?{_OF_DAY}(?: (?P<lastyear>\d{{4}}))?{_ZONE}(?!\w)")
+_TIME = re.compile(rf"(?<![\w:.]){_OF_DAY}(?![\w:])")
+_SHORT = re.compile(r"^\s*[(\[]?(?P<minutes>\d{1,3}):(?P<seconds>\d{2}[.,]\d+)[)\]]?(?=[:;,\s]|$)")
+_SECONDS = re.compile(r"^\s*(?:[(\[]\s*(\d{1,12}(?:[.,]\d{1,9})?)\s*[)\]]|(\d{1,12}[.,]\d{1,9}))(?=[:;,\s]|$)")
+
+
+def find_stamp(text: str) -> tuple[Stamp, int, int] | None:
+    """Return the first time in a line, and where it begins and ends; None if there is none.
+
+    >>> find_stamp("2024-01-05 10:31:18,257 DEBUG recv: 0x1")
+    (Stamp(seconds=37878.257, day=19727, of_day=True), 0, 23)
+    >>> find_stamp("[RTU]>Tx > 14:32:05:052 - 64 03")[0]
+    Stamp(seconds=52325.052, day=None, of_day=True)
+    >>> find_stamp("(12.5) 01 03"), find_stamp("01 03 00 00")
+    ((Stamp(seconds=12.5, day=None, of_day=False), 0, 6), None)
+    """
+    if ":" in text:
+        if found := _DATED.search(text):
+            return Stamp(_of_day(found), _day(found), True), found.start(), found.end()
+        if found := _TIME.search(text):
+            return Stamp(_of_day(found), None, True), found.start(), found.end()
+        if found := _SHORT.match(text):
+            return Stamp(60 * int(found["minutes"]) + _number(found["seconds"])), found.start(), found.end()
+    if found := _SECONDS.match(text):
+        return Stamp(_number(found[1] or found[2])), found.start(), found.end()
+    return None
+
+
+def _number(text: str) -> float:
+    return float(text.replace(",", ".").replace(":", "."))
+
+
+def _of_day(found: re.Match[str]) -> float:
+    hours = int(found["hours"])
+    if found["half"]:
+        hours = hours % 12 + (12 if found["half"].lower() == "pm" else 0)
+    return 3600 * hours + 60 * int(found["minutes"]) + _number(found["seconds"])
+
+
+def _day(found: re.Match[str]) -> int | None:
+    """Return the day, counted from 1970-01-01; None if the date does not state the year or the order of its parts."""
+    if found["iso"]:
+        year, month, day = int(found["iso"]), int(found["imonth"]), int(found["iday"])
+    elif found["year"]:
+        first, second, year = int(found["first"]), int(found["second"]), int(found["year"])
+        if found["between"] != "." and first <= 12 and second <= 12 and first != second:
+            return None
+        day, month = (second, first) if second > 12 else (first, second)
+    else:
+        stated = found["nyear"] or found["lastyear"]
+        if not stated:
+            return None
+        year, month, day = int(stated), _MONTHS.get(found["name"].lower(), 0), int(found["nday"])
+    return _day_number(year, month, day)
+
+
+@lru_cache(16)
+def _day_number(year: int, month: int, day: int) -> int | None:
+    try:
+        return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
+    except ValueError:
+        return None
+
+
+class LogClock:
+    """Turns the stamps of a log, in order, into seconds that never decrease.
+
+    >>> clock = LogClock()
+    >>> [clock.read(Stamp(seconds, None, True), 1) for seconds in (86399.0, 1.0)]
+    [86399.0, 86401.0]
+    """
+
+    def __init__(self) -> None:
+        self.timed = False
+        self.notes: list[str] = []
+        self._now = 0.0
+        self._began = False
+        self._offset = 0.0
+
+    def read(self, stamp: Stamp | None, line: int, *, step: bool = True) -> float:
+        """Return the time of an entry. Without a stamp it is `STEP` after the one before, or that one's time in a log
+        that has times, and without `step`."""
+        if stamp is None:
+            self._now += STEP if self._began and step and not self.timed else 0.0
+            self._began = True
+            return self._now
+        at = stamp.seconds + _DAY * (stamp.day or 0) + self._offset
+        if self._began and self.timed and at < self._now - _BACK:
+            if stamp.of_day and stamp.day is None and self._now - at > _DAY / 2:
+                self._offset += _DAY
+                at += _DAY
+            if at < self._now - _BACK:
+                back = self._now - at
+                self.notes.append(f"line {line}: the times go back by {back:g} s; later ones are counted from there")
+                self._offset += back
+        self._now = max(self._now, at) if self.timed else at
+        self._began = self.timed = True
+        return self._now
+
 
 _H = r"[0-9A-Fa-f]"
 _END = re.compile(r"\s*(?:\(\d+(?: bytes)?\)|\[\d+ bytes\])?[\s,;.)\]}>'\"]*(?:[;|\t] ?\d{1,4}[;\s]*)?$")

@@ -20,10 +20,9 @@ from barewire.canopen.sync import SyncMessage
 from barewire.canopen.time_stamp import TimeStamp
 from barewire.codecs import codec
 from barewire.errors import DecodeError
-from barewire_workbench.recordings.asc import read_asc
-from barewire_workbench.recordings.bytelog import parse_log
+from barewire_workbench.recordings.can_texts import read_asc, read_conformance_log
 from barewire_workbench.recordings.candump import log_line, read_candump
-from barewire_workbench.recordings.conformance_log import read_conformance_log
+from barewire_workbench.recordings.modbus_log.octets import parse_log
 from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem
 from barewire_workbench.vectors.answers.values import (
     Answers,

@@ -1,0 +1,661 @@
+"""Diagnosis of a Modbus line, of all lines of a log, or of one line as it is received: findings, and verdicts.
+
+        bytes --> TrackedLine --> frames and noise, each with its line --+--> noise beside a frame, damaged frames
+              '-> Sniffer ------> requests and their responses ----------+--> no answer, two answers, echo
+                                                                         +--> LineCounts --> verdicts
+
+Up to three bytes beside a frame are noise of the line. More bytes are a damaged frame: if a request is open, the
+response to it. A request counts as unanswered when the time for its response is over, or the next request follows; a
+recording that ends before proves nothing.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from typing import NamedTuple
+
+from barewire.modbus.adu import BROADCAST
+from barewire.modbus.framing import Line
+from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.messages.registry import request_class
+from barewire.modbus.sniffer import (
+    LATE_AFTER,
+    WINDOW,
+    AmbiguousFrame,
+    NoiseSeen,
+    RecordingEnds,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    Sniffer,
+    SnifferEvent,
+    answers,
+    shapes,
+)
+from barewire_workbench.diagnosis.can_log import PROVES
+from barewire_workbench.diagnosis.exchange import (
+    exchange_findings,
+    frame_of,
+    lost_end,
+    response_size,
+    shown_digits,
+)
+from barewire_workbench.diagnosis.modbus_counts import LineCounts
+from barewire_workbench.diagnosis.modbus_pieces import Examiner, Piece, TrackedLine
+from barewire_workbench.diagnosis.verdict import (
+    FindingCounts,
+    LineVerdict,
+    LogFinding,
+    Unsettled,
+    verdicts_without_cause,
+)
+from barewire_workbench.frames.findings import DiagnosisCode, Finding
+from barewire_workbench.frames.modbus import explain_pdu
+from barewire_workbench.frames.result import FrameRole, ProtocolName, counted
+from barewire_workbench.recordings.modbus_log import UNREADABLE, LoggedBytes, ModbusLog
+from barewire_workbench.recordings.modbus_replay import LogSniffers, SerialProtocol
+from barewire_workbench.recordings.model import LEFT_OUT
+
+_STRAY = 3
+"""The most bytes beside a frame that are noise of the line, and not a damaged frame."""
+_BURST = 8
+"""The most bytes of noise directly before the good response to the open request."""
+_BESIDE = 0.02
+"""Seconds from noise to the frame that it belongs to; USB adapters deliver bytes of one moment up to 16 ms apart."""
+_WITHIN = 0.005
+"""Seconds between two chunks of one damaged frame; a response takes longer to come."""
+_AT_ONCE = 0.02
+"""Seconds from a request to its echo; a client that repeats a request waits for a response before."""
+_SECOND_ANSWER = 0.05
+"""Seconds from a response to that of another device with the same address."""
+_NO_TIME_OUT = 0.05
+"""Seconds: no client gives up a response sooner, and sends its next request. MinimalModbus waits so long."""
+_KEPT = 64
+"""Requests and damaged responses that are remembered by their times."""
+_NO_TARGET = (0x0A, 0x0B)
+"""Exceptions of a gateway: no path to the unit, no response from it."""
+_ILLEGAL_ADDRESS = b"\x02"
+_FIVE_DIGITS = 10_000
+"""Numbers of manuals with the digit of their table are above."""
+_DIAGNOSTICS, _LISTEN_ONLY = 0x08, b"\x00\x04"
+
+
+class Located(NamedTuple):
+    """A finding, and the piece of the log at which it is."""
+
+    unit: int
+    finding: Finding
+    at: float
+    line: int
+
+
+class Overlap:
+    """A request, another one sent sooner than any client gives up the first, and what came to them so far."""
+
+    def __init__(self, missing: ResponseMissing, line: int) -> None:
+        self.missing, self.line = missing, line
+        self.second: RequestSeen | None = None  # a write is known to be a request when its equal response came
+        self.answer_to_first: ResponseSeen | None = None
+        self.answer_to_second: ResponseSeen | None = None
+
+    def takes(self, event: SnifferEvent) -> bool:
+        """Whether the event leaves open if both requests are answered."""
+        if isinstance(event, RequestSeen) and self.second is None and event.at == self.missing.at:
+            self.second = event
+            return True
+        if isinstance(event, ResponseSeen):
+            return event.request is not None and event.request in (self.missing.request, self.second)
+        return isinstance(event, NoiseSeen)
+
+    def proof(self, second: RequestSeen) -> str:
+        """Return which response is that to which request."""
+        requests = self.missing.request, second
+        asked = [f"unit {seen.unit} {explain_pdu(seen.pdu, 'request').summary}" for seen in requests]
+        apart = f"{1e3 * (second.at - self.missing.request.at):.1f} ms later"
+        answers = [
+            f"{shown_digits(seen.pdu)} of unit {seen.unit} is the response to the {which}"
+            for seen, which in ((self.answer_to_first, "first"), (self.answer_to_second, "second"))
+            if seen is not None
+        ]
+        return f"{asked[0]}, and {apart} {asked[1]}; {', '.join(answers)}"
+
+
+class LineDiagnosis:
+    """One line or connection. `take` pieces and events as they come, `flush` at the end; `verdicts` at any time.
+
+    `timed` is False for a log without times, in which only neighbours in one line belong together.
+    """
+
+    def __init__(self, protocol: ProtocolName, name: str = "", *, timed: bool = True) -> None:
+        self.name = name
+        self.counts = LineCounts()
+        self.unsettled = Unsettled()
+        self.found = FindingCounts()
+        self.protocol: ProtocolName = protocol
+        self._timed = timed
+        self._examiner = Examiner(protocol)
+        self._noise: Piece | None = None  # the next frame decides what it is
+        self._asked: Piece | None = None  # the last frame, if it is a request
+        self._before: Piece | None = None  # the last frame
+        # time, unit and PDU of frames, and their lines
+        self._lines: deque[tuple[tuple[float, int, bytes], int]] = deque(maxlen=_KEPT)
+        self._spoiled: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # requests whose response is damaged
+        self._answered: ResponseSeen | None = None  # the last response, if it has a request
+        self._overlap: Overlap | None = None
+        self._half: AmbiguousFrame | None = None  # the next frame decides whether it is a wrong response to this one
+        self._given_up: deque[RequestSeen] = deque(maxlen=_KEPT)  # requests whose response may still come
+        self._last_request: RequestSeen | None = None
+        self._open: dict[int, RequestSeen] = {}  # requests without a response, by the transaction of TCP
+        self._listening: set[int] = set()  # units that were commanded to listen only
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.counts.frames} frames, {self.found.total} findings>"
+
+    def take(self, pieces: Iterable[Piece], events: Iterable[SnifferEvent] = ()) -> list[LogFinding]:
+        """Take pieces of the line, then the events of the sniffer that follow from them."""
+        located = [finding for piece in pieces for finding in self._piece(piece)]
+        waiting = list(events)
+        for place, event in enumerate(waiting):
+            following = waiting[place + 1] if place + 1 < len(waiting) else None
+            located += self._event(event, following)
+        return [self._log_finding(*one) for one in located]
+
+    def flush(self) -> list[LogFinding]:
+        """Decide about noise that no frame followed, and about requests of which no more will come."""
+        located = [*self._decide(None), *self._end_overlap(), *self._end_half()]
+        return [self._log_finding(*finding) for finding in located]
+
+    def verdicts(self) -> list[LineVerdict]:
+        """Return what the numbers show about the line; if no fault, what devices refused, and what is open."""
+        counts = self.counts
+        causes = counts.verdicts()
+        if not counts.frames and not counts.noise_bytes:
+            causes.append(LineVerdict("nothing-heard", "nothing was received", "no byte"))
+        return causes or verdicts_without_cause(self.found, self.unsettled, counts.seen())
+
+    def _log_finding(self, unit: int, finding: Finding, at: float, line: int) -> LogFinding:
+        place = ", ".join(filter(None, (self.name, f"unit {unit}" if unit else "")))
+        self.found.add(finding.code, place or "the line")
+        return LogFinding(at, line, place, finding, self._timed)
+
+    # Pieces: frames and noise
+
+    def _piece(self, piece: Piece) -> Iterator[Located]:
+        if piece.adu is None:
+            noise = self._noise
+            if noise is not None and (piece.joined or self._goes_on(noise, piece)):
+                self._noise = noise._replace(data=noise.data + piece.data, end=piece.end)
+                return
+            yield from self._decide(None)
+            self._noise = piece
+            return
+        role, behind_noise = self._role(piece), self._noise is not None
+        yield from self._decide(piece, role)
+        self.counts.frames += 1
+        self._lines.append(((piece.end, piece.adu.unit, piece.adu.pdu), piece.line))
+        if role == "request":
+            self.counts.requests += 1
+        else:
+            self.counts.responses += 1
+        self._asked = piece if role == "request" else None
+        self._before = piece._replace(joined=False) if behind_noise else piece  # noise parts it from the frame before
+
+    def _goes_on(self, noise: Piece, piece: Piece) -> bool:
+        """Return whether noise goes on in the next chunk."""
+        same = noise.from_client == piece.from_client
+        return same and self._timed and piece.start - noise.end <= _WITHIN
+
+    def _role(self, piece: Piece) -> FrameRole:
+        """Return the role of a frame: its shape tells, or the frame before; the two of a single write are equal."""
+        assert piece.adu is not None
+        if piece.from_client is not None and self.protocol == "tcp":
+            return "request" if piece.from_client else "response"
+        request, response = shapes(piece.adu.pdu)
+        if request != response:
+            return "request" if request else "response"
+        asked = self._asked
+        return "response" if asked is not None and asked.adu == piece.adu else "request"
+
+    def _decide(self, after: Piece | None, role: FrameRole | None = None) -> Iterator[Located]:
+        """Decide what the last noise was, now that the frame after it is known."""
+        noise, self._noise = self._noise, None
+        if noise is None:
+            return
+        self.counts.noise_bytes += len(noise.data)
+        answered = role == "response" and self._asked is not None and after is not None and self._beside(noise, after)
+        is_burst = answered or len(set(noise.data)) == 1  # one level that stays, read as the same byte again and again
+        if len(noise.data) > (_BURST if is_burst else _STRAY) or self.protocol == "tcp":
+            yield from self._damaged(noise)
+        elif after is not None and after.adu is not None and self._beside(noise, after):
+            self.counts.longest_noise = max(self.counts.longest_noise, len(noise.data))
+            if role == "response":
+                self.counts.before_responses += 1
+            else:
+                self.counts.before_requests += 1
+            yield self._stray("noise-before", noise, after, f"before a {role} of unit {after.adu.unit}")
+        elif noise.joined and self._before is not None and self._before.adu is not None:
+            self.counts.after += 1
+            yield self._stray("noise-after", noise, self._before, f"behind a frame of unit {self._before.adu.unit}")
+        else:
+            self.counts.stray += 1
+            text = f"{counted(len(noise.data))} without a frame"
+            yield Located(0, Finding("no-frame", text, shown_digits(noise.data)), noise.end, noise.line)
+
+    def _beside(self, noise: Piece, frame: Piece) -> bool:
+        return frame.joined or (self._timed and frame.start - noise.end <= _BESIDE)
+
+    def _stray(self, code: DiagnosisCode, noise: Piece, frame: Piece, where: str) -> Located:
+        assert frame.adu is not None
+        text = f"{counted(len(noise.data))} of noise {where}"
+        proof = f"{shown_digits(noise.data)} beside the good frame {shown_digits(frame.data)}"
+        return Located(frame.adu.unit, Finding(code, text, proof), noise.end, noise.line)
+
+    def _damaged(self, noise: Piece) -> Iterator[Located]:
+        """Diagnose bytes that should be a frame: the response to the open request, or anything."""
+        counts, asked = self.counts, self._asked
+        counts.bursts += 1
+        unit = 0
+        role: FrameRole | None = None
+        if noise.from_client is not None:
+            role = "request" if noise.from_client else "response"
+        if asked is not None and asked.adu is not None and noise.from_client is not True:
+            unit, role = asked.adu.unit, "response"
+            counts.unit(unit).damaged += 1
+            self._spoiled.append((unit, asked.end))
+            size = response_size(asked.adu.pdu)
+            counts.unit(unit).too_long += size is not None and len(noise.data) > size + 4
+            if (
+                self.protocol == "rtu"
+                and (lost := lost_end(noise.data, asked.adu.unit, asked.adu.pdu, size)) is not None
+            ):
+                counts.first_lost += lost.text.startswith("the first")
+                counts.last_lost += lost.text.startswith("the last")
+                yield Located(unit, lost, noise.end, noise.line)
+                return
+        findings = self._examiner.findings(noise.data, role, good=counts.frames >= PROVES)
+        if findings:
+            counts.kinds[findings[0].code] += 1
+            counts.codes.update({finding.code for finding in findings})
+            yield Located(unit, findings[0], noise.end, noise.line)
+            return
+        counts.kinds["no-frame"] += 1
+        text = f"{counted(len(noise.data))} outside of a frame" + (", where a response was due" if unit else "")
+        yield Located(unit, Finding("no-frame", text, shown_digits(noise.data)), noise.end, noise.line)
+
+    # Events: requests and responses
+
+    def _event(self, event: SnifferEvent, following: SnifferEvent | None) -> Iterator[Located]:
+        if self._overlap is not None and not self._overlap.takes(event):
+            yield from self._end_overlap()
+        if not isinstance(event, NoiseSeen | AmbiguousFrame):
+            yield from self._end_half()
+        match event:
+            case RequestSeen():
+                if event.unit != BROADCAST:
+                    self.counts.unit(event.unit).requests += 1
+                    self._note_request(event)
+                yield from self._wrong_value(event)
+            case ResponseSeen() if self._overlap is not None and event.request is not None:
+                yield from self._overlapping(self._overlap, event)
+            case ResponseSeen():
+                yield from self._response(event)
+            case ResponseMissing():
+                yield from self._no_response(event, following)
+            case RecordingEnds(request=request) if (request.unit, request.at) not in self._spoiled:
+                if not self._listens(request):
+                    self.unsettled.open[f"request to unit {request.unit} at the end"] += 1
+            case AmbiguousFrame() if not self._listens(event):
+                yield from self._either(event)
+
+    def _either(self, event: AmbiguousFrame) -> Iterator[Located]:
+        """Take a write, or the equal response to it. Two different ones at once are a write and a wrong response."""
+        first, self._half = self._half, None
+        if first is None or (first.unit, first.pdu[0]) != (event.unit, event.pdu[0]) or first.pdu == event.pdu:
+            if first is not None:
+                self._half = first
+                yield from self._end_half()
+            self._half = event
+            return
+        request = RequestSeen(first.unit, first.pdu, first.at, first.message)
+        response = ResponseSeen(event.unit, event.pdu, event.at, request=request)
+        findings = exchange_findings(self.protocol, request, response, "wrong-answer")
+        counts = self.counts.unit(event.unit)
+        if findings and self._timed and event.at - first.at < _NO_TIME_OUT:
+            counts.requests += 1
+            counts.wrong += 1
+            yield Located(event.unit, findings[0], event.at, self._line_of(event))
+            return
+        counts.requests += 2
+        counts.halves += 2
+        fields = "another value" if first.pdu[1:3] == event.pdu[1:3] else "another address"
+        what = f"write to unit {event.unit} and a response with {fields}, or two writes without their responses"
+        self.unsettled.open[what] += 1
+
+    def _end_half(self) -> Iterator[Located]:
+        """Count a write that stands alone: no other frame came to it."""
+        half, self._half = self._half, None
+        if half is not None:
+            self.counts.unit(half.unit).requests += 1
+            self.counts.unit(half.unit).halves += 1
+            self.unsettled.open[f"write to unit {half.unit}, or its equal response"] += 1
+            yield from self._wrong_value(half)
+
+    def _wrong_value(self, request: RequestSeen | AmbiguousFrame) -> Iterator[Located]:
+        """Findings on a request of a known function that cannot be decoded: a coil that is neither FF00h nor 0000h."""
+        error = explain_pdu(request.pdu, "request").error if request.message is None else None
+        if error is None or request_class(request.pdu) is None:
+            return
+        frame = frame_of(self.protocol, None, request.unit, request.pdu)
+        findings = self._examiner.findings(frame, "request", good=True)
+        finding = findings[0] if findings else Finding("wrong-value", error.text, shown_digits(request.pdu))
+        yield Located(request.unit, finding, request.at, self._line_of(request))
+
+    # Two requests at once
+
+    def _overlapping(self, overlap: Overlap, event: ResponseSeen) -> Iterator[Located]:
+        """Take the response to one of two requests that were open at once."""
+        if event.request == overlap.second:
+            overlap.answer_to_second = event
+            yield from self._response(event)
+        else:
+            overlap.answer_to_first = event
+        if overlap.answer_to_first is None or overlap.answer_to_second is None:
+            return
+        second, self._overlap = overlap.answer_to_second.request, None
+        assert second is not None
+        # It is late for a sniffer that knows one client, and not for its own.
+        yield from self._response(overlap.answer_to_first._replace(late=False))
+        self.counts.overlaps += 1
+        proof = overlap.proof(second)
+        self.counts.first_overlap = self.counts.first_overlap or proof
+        text = "a request was sent before the one of another master had its response"
+        yield Located(second.unit, Finding("two-masters", text, proof), second.at, self._line_of(second))
+
+    def _end_overlap(self) -> Iterator[Located]:
+        """Two requests were open at once, and not both are answered: the first one was given up."""
+        overlap, self._overlap = self._overlap, None
+        if overlap is not None:
+            yield from self._unanswered(overlap.missing, overlap.second, overlap.line)
+            if overlap.answer_to_first is not None:
+                yield from self._response(overlap.answer_to_first)
+
+    # Responses
+
+    def _response(self, event: ResponseSeen) -> Iterator[Located]:
+        unit = self.counts.unit(event.unit)
+        before = self._answered
+        self._answered = event if event.request is not None else None
+        if event.request is None:
+            if (late := self._late_for(event)) is not None:
+                self._given_up.remove(late)
+                unit.streak = 0
+                if late is self._last_request:  # its client still waits: no later request says that it gave up
+                    unit.missing -= 1
+                    unit.answered += 1
+                    return
+                unit.late += 1
+                yield self._late(event, f"{event.at - late.at:.3f} s after its request, which was given up")
+            elif before is not None and self._is_second(before, event):
+                unit.twice += 1
+                text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
+                proof = f"{shown_digits(before.pdu)}, then {shown_digits(event.pdu)}"
+                yield Located(event.unit, Finding("two-answers", text, proof), event.at, self._line_of(event))
+            elif (finding := self._wrong_answer(event)) is not None:
+                unit.wrong += 1
+                yield Located(event.unit, finding, event.at, self._line_of(event))
+            elif (asked := self._exchanged(event)) is not None:
+                unit.wrong += 1
+                text = "the two bytes of the transaction identifier are exchanged"
+                proof = f"the request has {asked.transaction:04X}h, the response {event.transaction:04X}h"
+                yield Located(event.unit, Finding("header-byte-order", text, proof), event.at, self._line_of(event))
+            else:
+                self.unsettled.open[f"response of unit {event.unit} without its request"] += 1
+                self._note_refusal(event)
+            return
+        if event.request.transaction is not None:
+            self._open.pop(event.request.transaction, None)
+        self._listening.discard(event.unit)
+        if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] and event.pdu[1] in _NO_TARGET:
+            unit.missing += 1
+            unit.streak += 1
+            text = "the gateway has no response from the unit"
+            proof = explain_pdu(event.pdu, "response").summary
+            yield Located(event.unit, Finding("no-answer", text, proof), event.at, self._line_of(event))
+            return
+        unit.answered += 1
+        unit.streak = 0
+        self._note_refusal(event)
+        if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] == _ILLEGAL_ADDRESS:
+            for finding in exchange_findings(self.protocol, event.request, event, "address-base"):
+                if int.from_bytes(event.request.pdu[1:3], "big") > _FIVE_DIGITS:
+                    yield Located(event.unit, finding, event.at, self._line_of(event))
+        if event.older is not None:
+            self.unsettled.open[f"response of unit {event.unit} that fits two requests"] += 1
+        if event.late:
+            unit.late += 1
+            if event.request in self._given_up:
+                self._given_up.remove(event.request)
+            yield self._late(event, f"{event.seconds:.3f} s after its request, behind the next one")
+
+    def _note_refusal(self, event: ResponseSeen) -> None:
+        if event.pdu[0] & EXCEPTION_BIT:
+            self.unsettled.refused[f"exception {event.pdu[1:2].hex() or 'without a code'} of unit {event.unit}"] += 1
+
+    def _note_request(self, request: RequestSeen) -> None:
+        self._last_request = request
+        if request.transaction is not None:
+            self._open.pop(request.transaction, None)
+            self._open[request.transaction] = request
+            if len(self._open) > _KEPT:
+                del self._open[next(iter(self._open))]
+
+    def _wrong_answer(self, event: ResponseSeen) -> Finding | None:
+        """Return the finding on a TCP response with the transaction of an open request that it does not answer."""
+        request = self._open.get(event.transaction) if event.transaction is not None else None
+        if request is None:
+            return None
+        self._spoiled.append((request.unit, request.at))
+        return next(iter(exchange_findings(self.protocol, request, event, "wrong-answer")), None)
+
+    def _exchanged(self, event: ResponseSeen) -> RequestSeen | None:
+        """Return the open request that a TCP response answers if the bytes of its transaction are exchanged."""
+        if event.transaction is None:
+            return None
+        number = int.from_bytes(event.transaction.to_bytes(2, "little"), "big")
+        request = self._open.get(number) if number != event.transaction else None
+        if request is None or request.unit != event.unit:
+            return None
+        return request if request.pdu[0] == event.pdu[0] & ~EXCEPTION_BIT else None
+
+    def _late_for(self, event: ResponseSeen) -> RequestSeen | None:
+        """Return the request that was given up and that this response answers."""
+        return next((request for request in self._given_up if self._fits(request, event)), None)
+
+    def _fits(self, request: RequestSeen, event: ResponseSeen) -> bool:
+        if request.transaction != event.transaction or event.at - request.at > LATE_AFTER:
+            return False
+        return answers(request, event.unit, event.pdu)
+
+    def _is_second(self, before: ResponseSeen, event: ResponseSeen) -> bool:
+        same = before.unit == event.unit and before.pdu[0] & ~EXCEPTION_BIT == event.pdu[0] & ~EXCEPTION_BIT
+        return same and self._timed and event.at - before.at <= _SECOND_ANSWER
+
+    def _late(self, event: ResponseSeen, proof: str) -> Located:
+        summary = explain_pdu(event.pdu, "response").summary
+        return Located(
+            event.unit, Finding("late-answer", f"a late response: {summary}", proof), event.at, self._line_of(event)
+        )
+
+    def _line_of(self, frame: RequestSeen | ResponseSeen | AmbiguousFrame) -> int:
+        """Return the line of a frame; that of the last one if it is not remembered."""
+        last = self._before.line if self._before is not None else 0
+        place = frame.at, frame.unit, frame.pdu
+        return next((line for known, line in reversed(self._lines) if known == place), last)
+
+    def _no_response(self, event: ResponseMissing, following: SnifferEvent | None) -> Iterator[Located]:
+        request = event.request
+        unit = self.counts.unit(request.unit)
+        line = self._line_of(request)
+        if self._is_echo(request, following):
+            self.counts.echoes += 1
+            unit.requests -= 1
+            text = "the request is received again at once, as its sender's own echo"
+            yield Located(request.unit, Finding("echo", text, self._echo_proof(request)), request.at, line)
+            return
+        if (request.unit, request.at) in self._spoiled or self._listens(request):
+            return
+        is_next_request = request.transaction is None and not isinstance(following, ResponseSeen)
+        if is_next_request and self._timed and event.at - request.at < _NO_TIME_OUT:
+            self._overlap = Overlap(event, line)
+            return
+        yield from self._unanswered(event, following, line)
+
+    def _unanswered(self, event: ResponseMissing, following: SnifferEvent | None, line: int) -> Iterator[Located]:
+        request, unit = event.request, self.counts.unit(event.request.unit)
+        stray = following if isinstance(following, ResponseSeen) and following.request is None else None
+        if stray is not None and self._late_for(stray) is None:
+            wrong = exchange_findings(self.protocol, request, stray, "wrong-answer")
+            if wrong:
+                unit.wrong += 1
+                unit.streak = 0
+                yield Located(request.unit, wrong[0], stray.at, self._line_of(stray))
+                return
+        unit.missing += 1
+        unit.streak += 1
+        self._given_up.append(request)
+        if stray is not None:
+            return  # a late response came first; the one to this request may follow
+        text = f"no response to {explain_pdu(request.pdu, 'request').summary}"
+        proof = "nothing before the next request" if following is not None else "nothing in the time for it"
+        if self._timed:
+            proof = f"nothing for {event.at - request.at:.3f} s"
+        yield Located(request.unit, Finding("no-answer", text, proof), event.at, line)
+
+    def _is_echo(self, request: RequestSeen, following: SnifferEvent | None) -> bool:
+        """Return whether the next frame is the same request, sooner than any client repeats it."""
+        if not isinstance(following, RequestSeen) or (following.unit, following.pdu) != (request.unit, request.pdu):
+            return False
+        if self._before is not None and self._before.from_client is False:
+            return True  # the client that wrote the log received its own request
+        joined = self._before is not None and self._before.joined
+        return joined or (self._timed and following.at - request.at <= _AT_ONCE)
+
+    def _echo_proof(self, request: RequestSeen) -> str:
+        return f"unit {request.unit}, {shown_digits(request.pdu)}, twice"
+
+    def _listens(self, request: RequestSeen | AmbiguousFrame) -> bool:
+        """Return whether the unit was commanded to answer nothing [MB-APP 6.8, Force Listen Only Mode]."""
+        if request.pdu[0] == _DIAGNOSTICS and request.pdu[1:3] == _LISTEN_ONLY:
+            self._listening.add(request.unit)
+        return request.unit in self._listening
+
+
+class ModbusLogDiagnosis:
+    """A whole log of Modbus: each serial line and each TCP connection in it has its own diagnosis.
+
+    >>> from barewire_workbench.recordings.modbus_log import read_modbus_log
+    >>> log = ModbusLogDiagnosis(read_modbus_log(b"1.0 01 03 00 00 00 02 C4 0B\\n1.1 01 83 02 C0 F1\\n"))
+    >>> list(log.findings()), log.verdicts()[0][1].text
+    ([], 'a device refused or reported something')
+    """
+
+    def __init__(self, log: ModbusLog, window: float = WINDOW, protocol: SerialProtocol | None = None) -> None:
+        self.log = log
+        self.lines: dict[str, LineDiagnosis] = {}
+        self._tracked: dict[str, list[TrackedLine]] = {}
+        self._place: tuple[int, bool | None] = (0, None)
+        self._unreadable = 0  # lines
+        self._left_out: list[str] = []
+        self._sniffers = LogSniffers(log, window, protocol, self._wrapped)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self.lines)} lines>"
+
+    def _wrapped(self, line: Line, name: str, protocol: ProtocolName) -> Line:
+        tracked = TrackedLine(line, protocol)
+        tracked.place(*self._place)
+        self._tracked.setdefault(name, []).append(tracked)
+        if name not in self.lines:
+            self.lines[name] = LineDiagnosis(protocol, timed=self.log.timed)
+        if len(self.lines) == 2:  # one alone has no name
+            for other, diagnosis in self.lines.items():
+                diagnosis.name = other
+        elif len(self.lines) > 2:
+            self.lines[name].name = name
+        return tracked
+
+    def findings(self, others: Iterable[ModbusLog] = ()) -> Iterator[LogFinding]:
+        """Yield the findings, in the order in which they are certain. `others` are the parts behind the log."""
+        for item in chain(self.log.items, chain.from_iterable(part.items for part in others)):
+            if isinstance(item, LoggedBytes):
+                self._place = item.line, item.from_client
+                for tracked in self._tracked.get(item.connection, ()):
+                    tracked.place(*self._place)
+                yield from self._taken(self._sniffers.feed(item))
+            elif item.why == UNREADABLE:
+                self._unreadable += 1
+            elif LEFT_OUT in item.why:
+                self._left_out.append(item.why)
+        yield from self._taken(self._sniffers.end())
+        for diagnosis in self.lines.values():
+            yield from diagnosis.flush()
+            # Of which line or connection they are is not known.
+            diagnosis.unsettled.unseen += self._left_out
+            if self._unreadable:
+                diagnosis.unsettled.unseen.append(f"{counted(self._unreadable, 'line')} whose bytes cannot be read")
+
+    def _taken(self, events: Iterable[tuple[str, SnifferEvent]]) -> Iterator[LogFinding]:
+        by_line: dict[str, list[SnifferEvent]] = {}
+        for name, event in events:
+            by_line.setdefault(name, []).append(event)
+        for name in self._sniffers.touched:
+            pieces = [piece for tracked in self._tracked[name] for piece in tracked.take()]
+            if pieces or name in by_line:
+                yield from self.lines[name].take(pieces, by_line.get(name, ()))
+
+    def verdicts(self) -> list[tuple[str, LineVerdict]]:
+        """Return the verdicts on each line or connection, with its name; the name is empty if there is only one."""
+        named = list(self.lines.items()) or [("", LineDiagnosis("rtu"))]
+        return [(diagnosis.name, verdict) for _, diagnosis in named for verdict in diagnosis.verdicts()]
+
+
+class LiveDiagnosis:
+    """One serial line as it is received. A machine: feed bytes, and None at every `deadline`; `end` it once.
+
+    >>> from barewire.rtu import RtuLine, Timing, encode
+    >>> live = LiveDiagnosis(RtuLine(Timing.of(19200), role="listener"), "rtu")
+    >>> for place in range(2):
+    ...     _ = live.feed(encode(1, bytes.fromhex("03 0000 0001")), 0.2 * place)
+    ...     _ = live.feed(encode(1, bytes.fromhex("03 02 0017")), 0.2 * place + 0.05)
+    >>> live.end(0.5), live.verdicts()[0].text
+    ([], 'nothing wrong')
+    """
+
+    def __init__(self, line: Line, protocol: ProtocolName, window: float = WINDOW) -> None:
+        self._tracked = TrackedLine(line, protocol)
+        self._sniffer = Sniffer(self._tracked, window=window)
+        self._diagnosis = LineDiagnosis(protocol)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self._diagnosis!r}>"
+
+    @property
+    def deadline(self) -> float | None:
+        """When to feed None if nothing arrived."""
+        return self._sniffer.deadline
+
+    def feed(self, data: bytes | None, now: float) -> list[LogFinding]:
+        """Take bytes, the last of them received at `now`, or None if only time has passed. Return the findings."""
+        events = self._sniffer.feed(data, now)
+        return self._diagnosis.take(self._tracked.take(), events)
+
+    def end(self, now: float) -> list[LogFinding]:
+        """End the reception, and return the last findings."""
+        events = self._sniffer.end(now)
+        return [*self._diagnosis.take(self._tracked.take(), events), *self._diagnosis.flush()]
+
+    def verdicts(self) -> list[LineVerdict]:
+        """Return what the numbers show about the line."""
+        return self._diagnosis.verdicts()

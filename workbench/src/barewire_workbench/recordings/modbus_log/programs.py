@@ -1,0 +1,327 @@
+"""Logs with words of their own: of libraries, of strace, of sniffers that print every byte with its character.
+
+**Debug lines of pymodbus, versions 1 to 3**
+
+    2024-04-07 22:26:30,764 DEBUG logging:103 send: 0xb 0x3 0x0 0x30 0x0 0x7 0x4 0xad        3.x, and 1.x
+    2024-04-07 22:26:30,820 DEBUG logging:103 recv: 0xb 0x3 0xe 0x0 old_data:  addr=None     3.2 to 3.6
+    ... recv: 0xb 0x3 0xe 0x0 0x3 extra data: 0x1 0x2                                        3.7 and later
+    2023-02-26 19:03:11.610 DEBUG ... SEND: 0x1 0x4 0x0 0xc 0x0 0x2 0xb1 0xc8                2.x, and 3.0 to 3.6
+    (five >) send: 0x1 0x3 ...    the last frames, repeated below an error, or all of them in the line of the error;
+                                  they count in a log without others
+
+Only bytes behind send and recv passed the line. `old_data` and `extra data` are bytes that pymodbus had before. The
+other lines (Processing, Frame check, Getting Frame ...) repeat the same bytes, and are known to be no traffic. But the
+blocking clients of 3.7 and later write no send and no recv: there, Processing shows what was received so far.
+
+**The debug output of libmodbus, also in mbpoll -v: every byte in brackets, those that were sent in square ones**
+
+    [01][03][00][00][00][02][C4][0B]            sent
+    Waiting for a confirmation...               a client waits for a response; a server for "an indication"
+    <01><03><04><00><17><00><07><7A><31>        received
+
+Received bytes are printed as they are read: the line ends when the frame is complete or a time-out is over. The output
+has no times.
+
+**The debug output of MinimalModbus: requests as they are written, answers as they are read**
+
+    MinimalModbus debug mode. Will write to instrument (expecting 9 bytes back): 01 03 00 00 00 02 C4 0B (8 bytes)
+    MinimalModbus debug mode. Response from instrument: 01 03 04 00 17 00 07 7A 31 (9 bytes), roundtrip time: 12.3 ms.
+    ... Writing to instrument (expecting 9 bytes back): '\x01\x03\x00\x00'          version 1, in Python 2: a string
+    ... Response from instrument: '\x01\x83\x02' (01 83 02) (3 bytes), roundtrip time: 50 ms.
+
+It has no times, but the duration of each exchange. "(0 bytes)" is the end of the time-out: there was no answer.
+
+**System calls of a program, as strace prints them: what it writes to a port and reads from it**
+
+    30617 05:35:17.903343 write(3, "\1\3\0\5\0\2\324\n", 8) = 8     strace -e trace=read,write (-s, -tt, -x, -f)
+    sendto(4</dev/ttyUSB0>, "\x00\x01...", 12, 0, NULL, 0) = 12            and send, recv, sendto, recvfrom
+
+Only the descriptors on which frames pass are read; each is a line of its own. strace cuts strings after 32 bytes unless
+-s is given: the bytes of a cut string are not known, and its line cannot be read.
+
+**Logs of serial sniffers that print every byte with its character**
+
+    > 	0x01 (SOH)                                 interceptty: > to the device, < from it; one byte a line
+    < 0x83
+    Host   --> [SOH] (001) [ETX] (003) ...         slsnif: decimal; (01) with --hex
+    Device --> [SOH] (001) ...                     above each line its time, with --timestamp
+    2.821799000000000,'1' (0x01),,                 Saleae Logic 1, "Async Serial": seconds and one byte
+    2.821799,0x01,,                                its export with hexadecimal values
+    "Async Serial","data",2.821799,0.00104,0x01    Saleae Logic 2: start and duration
+
+Bytes of one direction belong together until the other direction begins; where there are times, pauses end frames.
+"""
+
+from __future__ import annotations
+
+import re
+from itertools import zip_longest
+
+from barewire.errors import DecodeError
+from barewire_workbench.frames.input import parse_string_literal
+from barewire_workbench.frames.result import counted
+from barewire_workbench.recordings.modbus_log.marked import frame_pdu
+from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry, Stamp
+from barewire_workbench.recordings.modbus_log.octets import find_stamp
+
+_HEX_BYTES = r"(?:0x[0-9a-fA-F]{1,2}(?:\s+|$))*"
+_PYMODBUS_WORD = re.compile(r"(?P<repeated>>{5}\s*)?(?<![\w'\"])(?P<word>send|recv|SEND|RECV):")
+_PYMODBUS_WORD_ENDS = ("end:", "ecv:", "END:", "ECV:")
+_PYMODBUS_BYTES = re.compile(rf"\s*(?P<bytes>{_HEX_BYTES})(?:old_data:.*|extra data:.*|addr=.*|unexpected data:.*)?$")
+"""What stands behind a word, up to the next one."""
+_PYMODBUS_PROCESSING = re.compile(rf"(?<![\w'\"])Processing:\s*(?P<bytes>{_HEX_BYTES})$")
+_PYMODBUS_SILENT = re.compile(
+    r"No response received after|No Response received from the remote|\[Input/Output\] No Response"
+)
+_PYMODBUS_OTHER = re.compile(
+    r"Processing:|Getting [Ff]rame|Frame (?:check|advanced|- \[)|[Rr]esetting (?:[Ff]rame|header)|"
+    r"Current transaction state|Running transaction|[Tt]ransaction state|Factory Re|decoded PDU|"
+    r"[Aa]dding transaction|[Gg]etting transaction|[Dd]elTransaction|Changing (?:transaction )?state|"
+    r"Frame is not ready|Sending available data in recv|will sleep|Connect(?:ing|ed|ion)|-> transport|callback_|"
+    r">>>>> |Handling|Incomplete message received|pymodbus|Waiting for 3\.5 char"
+)
+
+
+def read_pymodbus(lines: list[str], decided: object = None) -> FormContent:
+    """Return the entries of lines with send and recv. `decided` is which lines counted in the part of the log before.
+
+    >>> read_pymodbus(["DEBUG:pymodbus:recv: 0x1 0x83 0x2 0xc0 0xf1 extra data:"]).entries[0].data.hex(" ")
+    '01 83 02 c0 f1'
+    """
+    entries: list[LogEntry] = []
+    repeated: list[LogEntry] = []
+    processed: list[LogEntry] = []
+    silent: list[LogEntry] = []
+    known: set[int] = set()
+    unreadable: set[int] = set()
+    for number, line in enumerate(lines, start=1):
+        words = list(_PYMODBUS_WORD.finditer(line)) if any(text in line for text in _PYMODBUS_WORD_ENDS) else []
+        stamp = find_stamp(line[: words[0].start()]) if words else None
+        for word, following in zip_longest(words, words[1:]):
+            text = line[word.end() : None if following is None else following.start()]
+            found = _PYMODBUS_BYTES.match(text)
+            if found is None:
+                unreadable.add(number)
+                continue
+            known.add(number)
+            data = bytes(int(token, 16) for token in found["bytes"].split())
+            is_sent = word["word"].lower() == "send"
+            if data or not is_sent:
+                entry = LogEntry(number, data, is_sent, stamp=None if stamp is None else stamp[0])
+                (repeated if word["repeated"] else entries).append(entry)
+        if words:
+            continue
+        if "Processing:" in line and (found := _PYMODBUS_PROCESSING.search(line)) and found["bytes"]:
+            known.add(number)
+            stamp = find_stamp(line[: found.start()])
+            data = bytes(int(token, 16) for token in found["bytes"].split())
+            if processed and len(data) > len(last := processed[-1].data or b"") and data.startswith(last):
+                processed.pop()  # the same bytes, and more
+            processed.append(LogEntry(number, data, False, False, None if stamp is None else stamp[0]))
+        elif "esponse" in line and _PYMODBUS_SILENT.search(line):
+            stamp = find_stamp(line)
+            silent.append(LogEntry(number, b"", False, False, None if stamp is None else stamp[0]))
+            known.add(number)
+        elif _PYMODBUS_OTHER.search(line):
+            known.add(number)
+    kinds = {"logged": entries, "processed": processed, "repeated": repeated}
+    first = next((kind for kind, found in kinds.items() if found), None)
+    counted_kind = first if decided is None or first == "logged" else str(decided)
+    if counted_kind is None:
+        return FormContent([], set())
+    found_entries = kinds[counted_kind]
+    notes = _not_counted(repeated, found_entries) if counted_kind != "repeated" else ()
+    ordered = sorted([*found_entries, *silent], key=lambda entry: entry.line)
+    return FormContent(ordered, known, notes, unreadable, counted_kind)
+
+
+def _not_counted(repeated: list[LogEntry], entries: list[LogEntry]) -> tuple[tuple[int, str], ...]:
+    """Return a note about repeated frames that are not among the entries: their places in time are not known."""
+    pieces = {entry.data for entry in entries}
+    left = [entry for entry in repeated if entry.data not in pieces]
+    if not left:
+        return ()
+    return ((left[0].line, f"{counted(len(left), 'frame')} below an error, not in the log above: left out"),)
+
+
+_LIBMODBUS_SENT = re.compile(r"(?:\[[0-9A-F]{2}\]){2,}")
+_LIBMODBUS_RECEIVED = re.compile(r"(?:<[0-9A-F]{2}>)+")
+_NO_BRACKETS = str.maketrans("", "", "[]<>")
+_LIBMODBUS_WAITS = {
+    "Waiting for a confirmation": True,
+    "Waiting for an indication": False,
+    "Waiting for a indication": False,
+}
+_LIBMODBUS_SILENT = re.compile(r"ERROR Connection timed out|ERROR .*timed out: select")
+_LIBMODBUS_OTHER = re.compile(
+    r"Waiting for an? (?:confirmation|indication)|ERROR |Opening |[Bb]ytes flushed|Connect|Client connection|"
+    r"Request for slave|Sending request using RTS|Reconnect|Quit|Waiting for"
+)
+
+
+def read_libmodbus(lines: list[str], decided: object = None) -> FormContent:
+    """Return the entries of a debug output. `decided` is whether a client wrote the part before.
+
+    >>> [entry.sent for entry in read_libmodbus(["[01][83]", "Waiting for a confirmation...", "<01><83>"]).entries]
+    [True, False]
+    """
+    entries: list[LogEntry] = []
+    known: set[int] = set()
+    client = decided if isinstance(decided, bool) else None
+    for number, line in enumerate(lines, start=1):
+        if "[" in line or "<" in line:
+            rows = [(found, True) for found in _LIBMODBUS_SENT.finditer(line)]
+            rows += [(found, False) for found in _LIBMODBUS_RECEIVED.finditer(line)]
+            if rows:
+                rows.sort(key=lambda row: row[0].start())
+                stamp = find_stamp(line[: rows[0][0].start()])
+                for found, sent in rows:
+                    data = bytes.fromhex(found[0].translate(_NO_BRACKETS))
+                    entries.append(LogEntry(number, data, sent, stamp=None if stamp is None else stamp[0]))
+                known.add(number)
+                continue
+        if "Waiting for a" in line:
+            client = next((is_client for text, is_client in _LIBMODBUS_WAITS.items() if text in line), client)
+        if _LIBMODBUS_SILENT.search(line):
+            entries.append(LogEntry(number, b"", False))
+        if _LIBMODBUS_OTHER.search(line):
+            known.add(number)
+    if not any(entry.data for entry in entries) and decided is None:
+        return FormContent([], set())
+    if client is not None:
+        entries = [entry._replace(from_client=entry.sent is client) for entry in entries]
+    return FormContent(entries, known, decided="unknown" if client is None else client)
+
+
+_HEX = r"[0-9A-F]{2}(?: [0-9A-F]{2})*"
+_MINIMALMODBUS_TRAFFIC = re.compile(
+    r"(?P<word>Will write to instrument|Writing to instrument|Response from instrument)[^:]{0,60}:\s*"
+    rf"(?:(?P<string>b?(?:'(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\"))|(?P<hex>{_HEX})|(?= ?\(0 bytes\)))"
+)
+
+
+def read_minimalmodbus(lines: list[str]) -> FormContent:
+    r"""Return the entries of a debug output.
+
+    >>> read_minimalmodbus([r"Response from instrument: '\x01\x83\x02\xc0\xf1'"]).entries[0][:3]
+    (1, b'\x01\x83\x02\xc0\xf1', False)
+    """
+    entries: list[LogEntry] = []
+    known: set[int] = set()
+    for number, line in enumerate(lines, start=1):
+        found = _MINIMALMODBUS_TRAFFIC.search(line)
+        if "MinimalModbus debug mode." in line or found:
+            known.add(number)
+        if found is None:
+            continue
+        try:
+            data = parse_string_literal(found["string"]) if found["string"] else bytes.fromhex(found["hex"] or "")
+        except DecodeError:
+            known.discard(number)
+            continue
+        if data is None and found["string"]:  # a string without escapes: a frame of ASCII
+            data = found["string"].lstrip("b")[1:-1].encode("latin-1", "replace")
+        stamp = find_stamp(line[: found.start()])
+        is_asked = not found["word"].startswith("Response")
+        if data or not is_asked:
+            entries.append(LogEntry(number, data, is_asked, is_asked, None if stamp is None else stamp[0]))
+    return FormContent(entries, known)
+
+
+_SYSTEM_CALL = re.compile(
+    r"(?P<before>.*?)(?<!\w)(?P<call>write|read|send|recv|sendto|recvfrom)\((?P<number>\d+)(?:<[^>]*>)?, "
+    r'(?P<string>"(?:[^"\\]|\\.)*")(?P<cut>\.\.\.)?(?:, [^=]*)?\)\s+= (?P<size>-?\d+).*'
+)
+_WRITES = frozenset({"write", "send", "sendto"})
+
+
+def read_syscalls(lines: list[str], decided: object = None) -> FormContent:
+    r"""Return the calls on the descriptors that carry frames. `decided` has the names of those known before.
+
+    >>> read_syscalls([r'write(3, "\1\203\2\300\361", 5) = 5']).entries[0][1:3]
+    (b'\x01\x83\x02\xc0\xf1', True)
+    """
+    entries: list[LogEntry] = []
+    known: set[int] = set()
+    for number, line in enumerate(lines, start=1):
+        found = _SYSTEM_CALL.fullmatch(line)
+        if found is None:
+            continue
+        if '"...' not in line:
+            known.add(number)
+        if found["cut"] or int(found["size"]) <= 0:
+            continue
+        try:
+            data = parse_string_literal(found["string"])
+        except DecodeError:
+            continue
+        if data is None:
+            data = found["string"][1:-1].encode("latin-1", "replace")
+        stamp = find_stamp(found["before"])
+        sent = found["call"] in _WRITES
+        at = None if stamp is None else stamp[0]
+        entries.append(LogEntry(number, data[: int(found["size"])], sent, stamp=at, connection=found["number"]))
+    names = dict(decided) if isinstance(decided, dict) else {}
+    others = (entry for entry in entries if entry.connection not in names)
+    carrying = {entry.connection for entry in others if _is_frame(entry.data or b"")}
+    names |= {number: "" if not names and len(carrying) == 1 else number for number in carrying}
+    entries = [entry._replace(connection=names[entry.connection]) for entry in entries if entry.connection in names]
+    return FormContent(entries, known if names else set(), decided=names)
+
+
+def _is_frame(data: bytes) -> bool:
+    return any(frame_pdu(protocol, data) is not None for protocol in ("rtu", "tcp", "ascii"))
+
+
+_INTERCEPTTY = re.compile(r"(?:\[\d\d:\d\d[ :]\d\d\.\d+\]|\s*)(?P<mark>[<>]) \s*0x(?P<byte>[0-9a-f]{2})(?: \(.*\))?\s*")
+_INTERCEPTTY_TIME = re.compile(r"\[(\d\d):(\d\d)[ :](\d\d\.\d+)\]")
+_SLSNIF = re.compile(r"(?P<word>Host  |Device|      ) --> (?P<bytes>.+)")
+_SLSNIF_BYTE = re.compile(r"(?:\[[^\]]{2,5}\]|<[^>]{2,5}>|[A-Z0-9]{2,5}|.) \((?P<byte>[0-9a-f]{2,3})\) ?", re.DOTALL)
+_SALEAE = (
+    re.compile(r"(?P<at>-?\d+\.\d+),.{0,24}?\(?0x(?P<byte>[0-9A-Fa-f]{2})\)?(?:,.*)?"),
+    re.compile(r'"?[^",]{1,60}"?,"?data"?,(?P<at>-?\d+\.?\d*),[\d.eE+-]*,"?0x(?P<byte>[0-9A-Fa-f]{2})"?(?:,.*)?'),
+)
+_SALEAE_HEAD = re.compile(r'(?i)"?(?:time ?\[s\]|name)"?,.*(?:value|data|type).*')
+
+
+def read_bytewise(lines: list[str]) -> FormContent:
+    """Return the entries of such a log.
+
+    >>> [entry.data.hex() for entry in read_bytewise(["> \\t0x01", "> \\t0x83", "< 0x02"]).entries]
+    ['0183', '02']
+    """
+    entries: list[LogEntry] = []
+    known: set[int] = set()
+    stamp: Stamp | None = None
+    for number, line in enumerate(lines, start=1):
+        if found := _INTERCEPTTY.fullmatch(line):
+            sent, data = found["mark"] == ">", bytes.fromhex(found["byte"])
+            time = _INTERCEPTTY_TIME.match(line)
+            at = None if time is None else Stamp(60 * (60 * int(time[1]) + int(time[2])) + float(time[3]), None, True)
+            last = entries[-1] if entries else None
+            if last is not None and last.sent is sent and (at is None or at == last.stamp) and number - 1 in known:
+                entries[-1] = last._replace(data=(last.data or b"") + data)
+            else:
+                entries.append(LogEntry(number, data, sent, stamp=at))
+            known.add(number)
+        elif found := _SLSNIF.match(line):
+            bytes_found = [piece["byte"] for piece in _SLSNIF_BYTE.finditer(found["bytes"])]
+            if not bytes_found:
+                continue
+            base = 10 if len(bytes_found[0]) == 3 else 16
+            data = bytes(int(byte, base) & 0xFF for byte in bytes_found)
+            if found["word"].strip():
+                entries.append(LogEntry(number, data, found["word"] == "Host  ", stamp=stamp))
+            elif entries:
+                entries[-1] = entries[-1]._replace(data=(entries[-1].data or b"") + data)
+            known.add(number)
+            stamp = None
+        elif found := next((found for form in _SALEAE if (found := form.fullmatch(line.strip()))), None):
+            entries.append(LogEntry(number, bytes.fromhex(found["byte"]), stamp=Stamp(float(found["at"]))))
+            known.add(number)
+        elif line.startswith("Total bytes transmitted:") or _SALEAE_HEAD.fullmatch(line.strip()):
+            known.add(number)
+        elif line.strip() and (at_found := find_stamp(line)) and not line[at_found[2] :].strip(" 0123456789"):
+            stamp = at_found[0]  # the line above those of slsnif
+            known.update({number} if number < len(lines) and _SLSNIF.match(lines[number]) else ())
+    return FormContent(entries, known)
