@@ -4,146 +4,46 @@
         machine.drive.enable()
         machine.drive.move(12_800, relative=True, velocity=20_000)
 
-Each method carries out a conversation of `devices.drive.Drive`:
+Each method carries out a conversation of `devices.drive.Drive`. Between two exchanges another thread or task may read
+values or stop the drive:
 
-    Drive.move  --(names to read, values to write)-->  engine  -->  machine.read_all, machine.write
-                <------(readings, or an error)-------                one exchange at a time
-
-Between two exchanges another thread or task may read values or stop the drive.
+    Drive.move  --(names to read, values to write, Listen)-->  machine.read_all, machine.write, a pause
+                <----------(readings, or the error)----------
 """
 
 from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, Self, TypeVar, cast
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar, cast
 
 from barewire.codecs import Value
-from barewire.conversation import Conversation, Listen, Send
-from barewire.devices.device import Device
+from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.devices.drive import Drive, DriveProgress, DriveStatus
 from barewire.devices.parameter import Reading
-from barewire.io.engine import blocking
 from barewire.io.engine.methods import CLIENTS, AsyncioClient, BlockingClient, Method, called_on_class, documented
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class BlockingValues(Protocol):
-    """Named values of a machine."""
-
-    device: Device
-
-    def read_all(self, names: Iterable[str], /) -> list[Reading]: ...
-
-    def write(self, values: Mapping[str, Value], /) -> None: ...
-
-
-class AsyncValues(Protocol):
-    """Named values of a machine, for asyncio."""
-
-    device: Device
-
-    async def read_all(self, names: Iterable[str], /) -> list[Reading]: ...
-
-    async def write(self, values: Mapping[str, Value], /) -> None: ...
-
-
-class _Outcome(NamedTuple):
-    """The end of one exchange."""
-
-    readings: Sequence[Reading] = ()
-    error: Exception | None = None
-
-
 class _Access:
-    """Reads and writes for the conversations of the drive: sends each request as one item and receives its outcome."""
+    """Reads and writes as items of the drive's conversations: names to read, or values to write."""
 
     def read(self, names: Sequence[str]) -> Conversation[Any, list[Reading]]:
         """Send the names, and return the readings."""
-        return self._exchange(tuple(names))
+        heard = yield Send(tuple(names))
+        return list(heard.item)
 
     def write(self, values: Mapping[str, Value]) -> Conversation[Any, None]:
-        """Send the values, and wait until they are written."""
-        yield from self._exchange(values)
+        """Send the values."""
+        yield Send(values)
 
     def wait(self, until: float) -> Conversation[Any, float]:
-        """Wait until then, without an exchange; return the time."""
+        """Wait until then; return the time."""
         heard = yield Listen(until)
         return heard.now
-
-    @staticmethod
-    def _exchange(request: tuple[str, ...] | Mapping[str, Value]) -> Conversation[Any, list[Reading]]:
-        yield Send(request)
-        heard = yield Listen(float("inf"))
-        outcome: Any = heard.item
-        if outcome.error is not None:
-            raise outcome.error
-        return list(outcome.readings)
-
-
-class _Port:
-    """The port of these conversations. `send` carries a request out, `receive` returns its outcome, or waits."""
-
-    def __init__(self, values: BlockingValues) -> None:
-        self._values = values
-        self._outcome: _Outcome | None = None
-
-    def send(self, item: Any) -> None:
-        """Carry the exchange out."""
-        try:
-            if isinstance(item, tuple):
-                self._outcome = _Outcome(self._values.read_all(item))
-            else:
-                self._values.write(item)
-                self._outcome = _Outcome()
-        except Exception as error:
-            self._outcome = _Outcome(error=error)
-
-    def receive(self, timeout: float) -> _Outcome | None:
-        """Return the outcome at once; without an exchange, None after `timeout` seconds."""
-        outcome, self._outcome = self._outcome, None
-        if outcome is None:
-            time.sleep(timeout)
-        return outcome
-
-    def close(self) -> None:
-        """Do nothing: the machine keeps its connection."""
-
-
-class _AsyncPort:
-    """The same with await."""
-
-    def __init__(self, values: AsyncValues) -> None:
-        self._values = values
-        self._request: Any = None
-        self._outcome: _Outcome | None = None
-
-    def write(self, item: Any) -> None:
-        """Keep the request; `sent` carries it out."""
-        self._request = item
-
-    async def sent(self) -> None:
-        """Carry the exchange out."""
-        try:
-            if isinstance(self._request, tuple):
-                self._outcome = _Outcome(await self._values.read_all(self._request))
-            else:
-                await self._values.write(self._request)
-                self._outcome = _Outcome()
-        except Exception as error:
-            self._outcome = _Outcome(error=error)
-
-    async def receive(self, timeout: float) -> _Outcome | None:
-        """Return the outcome at once; without an exchange, None after `timeout` seconds."""
-        from asyncio import sleep
-
-        outcome, self._outcome = self._outcome, None
-        if outcome is None:
-            await sleep(timeout)
-        return outcome
 
 
 def _action(make: Callable[Concatenate[Drive[Any], P], Conversation[Any, DriveStatus]]) -> Method[P, DriveStatus]:
@@ -201,7 +101,27 @@ class DriveClient(_DriveMethods, BlockingClient):
 
     def run(self, conversation: Conversation[Any, T]) -> T:
         """Carry out a conversation of `drive`, and return its result."""
-        return blocking.run(conversation, _Port(self._values))
+        try:
+            step = next(conversation)
+            while True:
+                try:
+                    readings = self._carry_out(step)
+                except Exception as error:  # what it means for the drive is up to the conversation
+                    step = conversation.throw(error)
+                else:
+                    step = conversation.send(Heard(readings, time.monotonic()))
+        except StopIteration as end:
+            result: T = end.value
+            return result
+
+    def _carry_out(self, step: Any) -> Sequence[Reading]:
+        if isinstance(step, Listen):
+            time.sleep(max(0.0, step.until - time.monotonic()))
+        elif isinstance(step.item, tuple):
+            return cast("Sequence[Reading]", self._values.read_all(step.item))
+        else:
+            self._values.write(step.item)
+        return ()
 
 
 class AsyncDriveClient(_DriveMethods, AsyncioClient):
@@ -209,6 +129,26 @@ class AsyncDriveClient(_DriveMethods, AsyncioClient):
 
     async def run(self, conversation: Conversation[Any, T]) -> T:
         """Carry out a conversation of `drive`, and return its result."""
-        from barewire.io.engine import asyncio as engine
+        try:
+            step = next(conversation)
+            while True:
+                try:
+                    readings = await self._carry_out(step)
+                except Exception as error:
+                    step = conversation.throw(error)
+                else:
+                    step = conversation.send(Heard(readings, time.monotonic()))
+        except StopIteration as end:
+            result: T = end.value
+            return result
 
-        return await engine.run(conversation, _AsyncPort(self._values))
+    async def _carry_out(self, step: Any) -> Sequence[Reading]:
+        if isinstance(step, Listen):
+            from asyncio import sleep  # blocking clients do not load asyncio
+
+            await sleep(max(0.0, step.until - time.monotonic()))
+        elif isinstance(step.item, tuple):
+            return cast("Sequence[Reading]", await self._values.read_all(step.item))
+        else:
+            await self._values.write(step.item)
+        return ()
