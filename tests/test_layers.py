@@ -222,7 +222,7 @@ REFUSED = {
     "an unknown room": ("barewire/profinet/frame.py", "import struct"),
     "no clock": ("barewire/modbus/client/bus.py", "import time"),
     "no clock, from": ("barewire/canopen/nmt/error_control.py", "from time import monotonic"),
-    "no asyncio, inside a function": ("barewire/rtu/timing.py", "def now():\n    import asyncio"),
+    "no asyncio, inside a function": ("barewire/rtu/frame.py", "def now():\n    import asyncio"),
     "no logging, for types only": (
         "barewire/devices/description/load.py",
         "if TYPE_CHECKING:\n    from logging import Logger",

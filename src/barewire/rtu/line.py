@@ -45,9 +45,8 @@ from heapq import heappop, heappush
 from barewire.errors import DecodeError, EncodeError, Reason
 from barewire.modbus.adu import Adu, Noise, received_adu
 from barewire.rtu.crc import INITIAL, TABLE, crc16, is_one_bit_off
-from barewire.rtu.frame import LONGEST, SHORTEST, decode, encode
+from barewire.rtu.frame import LONGEST, SHORTEST, Timing, decode, encode
 from barewire.rtu.shape import Role, Shape
-from barewire.rtu.timing import Timing
 
 PATIENCE = 0.030
 """Seconds: more than the 16 ms after which common USB adapters deliver bytes, far less than any time-out."""

@@ -1,4 +1,4 @@
-"""The steps of the times of a line reach `rtu.timing`, and the numbers of the standard."""
+"""The steps of the times of a line reach `rtu.frame`, and the numbers of the standard."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from hypothesis import given, settings, strategies as st
 from barewire import ascii as ascii_framing, rtu
 from barewire.errors import EncodeError
 from barewire.modbus.messages import ReadHoldingRegisters
+from barewire.rtu.frame import Timing, character_bits
 from barewire.rtu.line import PATIENCE
-from barewire.rtu.timing import Timing, character_bits
 from barewire_workbench.steps import Steps, timing_steps
 from barewire_workbench.steps.timing import shown_time
 from barewire_workbench.wire import CharacterFormat

@@ -27,7 +27,7 @@ from barewire.tcp import DatagramLine, TcpLine
 if TYPE_CHECKING:
     from barewire.io.ports.base import Port
     from barewire.modbus.framing import Line
-    from barewire.rtu.timing import Timing
+    from barewire.rtu.frame import Timing
 
 
 class ModbusOptions(TypedDict, total=False):
@@ -131,7 +131,7 @@ def timing_in_words(endpoint: Endpoint) -> str:
 
 def _timing(endpoint: Endpoint) -> Timing:
     if not endpoint.is_serial_port:
-        from barewire.rtu.timing import Timing
+        from barewire.rtu.frame import Timing
 
         return Timing(0.0, 0.0, 0.0)  # the line behind a serial server is unknown; the serial server times its silences
     from barewire.io.ports.serial import SerialSettings

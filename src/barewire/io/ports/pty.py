@@ -20,7 +20,7 @@ from pathlib import Path
 
 from barewire.errors import PortError
 from barewire.io.ports.network import CHUNK, LONGEST_WAIT, reason
-from barewire.rtu.timing import Timing
+from barewire.rtu.frame import Timing
 
 _SLAVE_MAJORS = range(136, 144)
 """The device numbers of /dev/pts on Linux."""

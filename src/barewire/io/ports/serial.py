@@ -15,7 +15,7 @@ from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import DEFAULT_BAUDRATE, PSEUDO_TERMINAL, Endpoint, SetDirection
 from barewire.io.ports.network import CHUNK, LONGEST_WAIT, UNPLUGGED, reason
 from barewire.io.ports.pty import check_not_foreign, check_not_served, is_pseudo_terminal
-from barewire.rtu.timing import Timing, character_bits
+from barewire.rtu.frame import Timing, character_bits
 
 try:
     import serial

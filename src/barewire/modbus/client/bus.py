@@ -45,7 +45,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus.adu import BROADCAST, Adu, describe_event
-from barewire.modbus.client.line_state import NEVER, LineState, NotSent, RequestRecord, no_answer, note_stray
+from barewire.modbus.client.line_state import NEVER, LineState, NotSent, PendingAnswer, no_answer, note_stray
 from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ _MOST_PROBES = 16
 """How many unanswered probes of a unit are pending at most. Of every other function it is one request."""
 
 
-class Bus(RequestRecord):
+class Bus:
     """A client's line. It runs one conversation at a time; a caller with several puts them in a `FairQueue`.
 
     line           the framing; after a reconnect `continue_on` replaces it between two requests
@@ -87,11 +87,18 @@ class Bus(RequestRecord):
         retries: int = 0,
     ) -> None:
         any_unit = getattr(line, "any_unit", False) and not line.numbered
-        state = LineState(gap=gap, gaps=gaps, dead_after=dead_after, any_unit=any_unit)
-        super().__init__(line, state, late_window, timeout)
+        self.line = line
+        self.state = LineState(gap=gap, gaps=gaps, dead_after=dead_after, any_unit=any_unit)
+        self.counters = self.state.counters
         self.retries = retries
         self.recovery: Recovery = recovery
+        self.late_window = late_window
+        # A slow unit is slow for every request: the window must not depend on the time-out of a single one.
+        self._longest_timeout = timeout
         self._nonce = 0
+        self._open: tuple[int, Request[Any]] | None = None
+        self._sent_at: float | None = None  # when it was sent, if that is known
+        self._must_listen = True  # bytes came since the line was idle, so more of them may have arrived by now
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.line!r}>"
@@ -150,10 +157,6 @@ class Bus(RequestRecord):
                     raise
                 may_probe, attempts = True, attempts + 1
 
-    def rest(self, unit: int, request: Request[R], timeout: float, sent_at: float) -> Conversation[bytes, R]:
-        """Return the rest of the conversation `ask`, after the frame of `begin` was sent. It begins by listening."""
-        return self._exchange(unit, request, timeout, sent_at=sent_at)
-
     def broadcast(self, request: Request[R], *, turnaround: float = 0.1) -> Conversation[bytes, None]:
         """Send `request` to every unit on a serial line, then wait `turnaround` seconds.   [MB-SERIAL 2.4.1]
 
@@ -207,6 +210,66 @@ class Bus(RequestRecord):
             heard = yield Listen(until)
             if self._pass_over(heard) >= until:
                 state.pending.clear()
+
+    # One request without a conversation. The record of a request is made before it is sent, and removed when the answer
+    # arrives, so that an exception at any point of an exchange (Ctrl-C, a signal handler, no memory) does not lose a
+    # pending answer. Each change is one statement with its counter, so that no exception comes between.
+
+    def begin(self, unit: int, request: Request[Any], timeout: float, now: float) -> bytes | None:
+        """Return the frame of a request that may be sent at once; None if it may have to wait, so that `ask` is needed.
+
+        The caller has passed to `overhear` what the port had received. It calls `sent` when the frame is transmitted (a
+        numbered line needs no `sent`), then `answered`, or runs `rest`.
+        """
+        line, state = self.line, self.state
+        unit_state = state.units.get(unit)
+        if unit_state is None or unit_state.dead_until > NEVER or state.has_gaps:
+            return None
+        if not line.numbered:
+            # Nothing may be under way that would pass for the response.
+            is_silent = line.deadline is None and now >= line.quiet_at
+            if self._must_listen or not is_silent or state.pending or self._open is not None:
+                return None
+        elif self._open is not None:  # its exchange was interrupted
+            self._leave_pending(NEVER)
+        frame = line.request(unit, request.encode())
+        self._record((unit, request), timeout)
+        return frame
+
+    def _record(self, opened: tuple[int, Request[Any]], timeout: float) -> None:
+        """Record a request before it is sent: from then on a response may come, however its exchange ends."""
+        if timeout > self._longest_timeout:
+            self._longest_timeout = timeout
+        self._sent_at = None
+        self._open, self.counters.asked = opened, self.counters.asked + 1
+
+    def sent(self, now: float) -> None:
+        """Record that the open request was transmitted, its last byte at `now`."""
+        self._sent_at = now
+        self.line.sent(now)
+
+    def answered(self, unit: int, now: float) -> None:
+        """Record that the response to the open request arrived."""
+        self.state.answered(unit, now)
+        self._open, self.counters.answered = None, self.counters.answered + 1
+
+    def rest(self, unit: int, request: Request[R], timeout: float, sent_at: float) -> Conversation[bytes, R]:
+        """Return the rest of the conversation `ask`, after the frame of `begin` was sent. It begins by listening."""
+        return self._exchange(unit, request, timeout, sent_at=sent_at)
+
+    def _leave_pending(self, now: float) -> None:
+        """Leave the answer of the open request pending, if there is one: its exchange is over."""
+        if self._open is None:
+            return
+        pending = self.state.pending
+        if not self.line.numbered:
+            window = 3 * self._longest_timeout if self.late_window is None else self.late_window
+            # Interrupted while it was being sent, the request may leave a little later than `now`.
+            sent_at = now + self._longest_timeout if self._sent_at is None else self._sent_at
+            # A line may know only at a silence that bytes are a frame, so an answer is recognised that much later.
+            pending = [*pending, PendingAnswer(*self._open, sent_at + window + self.line.delay)]
+        # One statement: an exception in between would count the request twice, or not at all.
+        self.state.pending, self._open, self.counters.lost = pending, None, self.counters.lost + 1
 
     # One exchange
 

@@ -19,7 +19,7 @@ from barewire.modbus.adu import Adu
 from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
-    from barewire.modbus.framing import Line, LineEvent
+    from barewire.modbus.framing import LineEvent
     from barewire.modbus.messages.base import Request
 
 _KEPT = 16
@@ -186,74 +186,3 @@ class LineState:
                 self.counters.replies.append(LateReply(late.unit, late.request, event.pdu, now))
                 return late
         return None
-
-
-class RequestRecord:
-    """What a bus records of its open request.
-
-    The record is made before the request is sent, and removed when the answer arrives. So an exception at any point of
-    an exchange (Ctrl-C, a signal handler, no memory) does not lose a pending answer. Each change is one statement with
-    its counter, so that no exception comes between.
-    """
-
-    def __init__(self, line: Line, state: LineState, late_window: float | None, timeout: float) -> None:
-        self.line = line
-        self.state = state
-        self.counters = state.counters
-        self.late_window = late_window
-        # A slow unit is slow for every request: the window must not depend on the time-out of a single one.
-        self._longest_timeout = timeout
-        self._open: tuple[int, Request[Any]] | None = None
-        self._sent_at: float | None = None  # when it was sent, if that is known
-        self._must_listen = True  # bytes came since the line was idle, so more of them may have arrived by now
-
-    def begin(self, unit: int, request: Request[Any], timeout: float, now: float) -> bytes | None:
-        """Return the frame of a request that may be sent at once; None if it may have to wait, so that `ask` is needed.
-
-        The caller has passed to `overhear` what the port had received. It calls `sent` when the frame is transmitted (a
-        numbered line needs no `sent`), then `answered`, or runs `rest`.
-        """
-        line, state = self.line, self.state
-        unit_state = state.units.get(unit)
-        if unit_state is None or unit_state.dead_until > NEVER or state.has_gaps:
-            return None
-        if not line.numbered:
-            is_silent = line.deadline is None and now >= line.quiet_at
-            if self._must_listen or not is_silent or state.pending or self._open is not None:
-                return None
-        elif self._open is not None:  # its exchange was interrupted
-            self._leave_pending(NEVER)
-        frame = line.request(unit, request.encode())
-        self._record((unit, request), timeout)
-        return frame
-
-    def _record(self, opened: tuple[int, Request[Any]], timeout: float) -> None:
-        """Record a request before it is sent: from then on a response may come, however its exchange ends."""
-        if timeout > self._longest_timeout:
-            self._longest_timeout = timeout
-        self._sent_at = None
-        self._open, self.counters.asked = opened, self.counters.asked + 1
-
-    def sent(self, now: float) -> None:
-        """Record that the open request was transmitted, its last byte at `now`."""
-        self._sent_at = now
-        self.line.sent(now)
-
-    def answered(self, unit: int, now: float) -> None:
-        """Record that the response to the open request arrived."""
-        self.state.answered(unit, now)
-        self._open, self.counters.answered = None, self.counters.answered + 1
-
-    def _leave_pending(self, now: float) -> None:
-        """Leave the answer of the open request pending, if there is one: its exchange is over."""
-        if self._open is None:
-            return
-        pending = self.state.pending
-        if not self.line.numbered:
-            window = 3 * self._longest_timeout if self.late_window is None else self.late_window
-            # Interrupted while it was being sent, the request may leave a little later than `now`.
-            sent_at = now + self._longest_timeout if self._sent_at is None else self._sent_at
-            # A line may know only at a silence that bytes are a frame, so an answer is recognised that much later.
-            pending = [*pending, PendingAnswer(*self._open, sent_at + window + self.line.delay)]
-        # One statement: an exception in between would count the request twice, or not at all.
-        self.state.pending, self._open, self.counters.lost = pending, None, self.counters.lost + 1

@@ -2,7 +2,7 @@
 
     8E1 at 19200     11 bits, 572.9 us a character; t1.5 859.4 us, t3.5 2.005 ms
 
-`rtu.timing` computes the times that the package uses; the steps here do not use it.
+`rtu.frame` computes the times that the package uses; the steps here do not use it.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from barewire.modbus.messages.registers import (
     WriteSingleRegister,
     WriteSingleRegisterResponse,
 )
+from barewire.rtu.frame import FIXED_ABOVE, Timing
 from barewire.rtu.line import PATIENCE
-from barewire.rtu.timing import FIXED_ABOVE, Timing
 from barewire_workbench.steps.model import Steps, StepSection, StepTable
 from barewire_workbench.wire import CharacterFormat
 

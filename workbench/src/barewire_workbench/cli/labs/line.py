@@ -9,7 +9,7 @@ from barewire.ascii import lrc
 from barewire.errors import DecodeError
 from barewire.rtu import decode, encode
 from barewire.rtu.crc import crc16
-from barewire.rtu.timing import Timing
+from barewire.rtu.frame import Timing
 from barewire_workbench import explain
 from barewire_workbench.cli.labs.model import (
     AnswerCheck,

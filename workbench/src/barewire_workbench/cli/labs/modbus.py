@@ -13,8 +13,8 @@ from barewire.modbus import ReadInputRegisters, decode_request
 from barewire.modbus.server.server import Server
 from barewire.rtu import decode, encode
 from barewire.rtu.crc import crc16
+from barewire.rtu.frame import Timing
 from barewire.rtu.line import RtuLine
-from barewire.rtu.timing import Timing
 from barewire.tcp import decode as decode_tcp, encode as encode_tcp
 from barewire_workbench import explain
 from barewire_workbench.cli.labs.model import (

@@ -18,7 +18,7 @@ from barewire.errors import BarewireError, NoAnswer
 from barewire.io.fault_injection.faults import KINDS, Faults, ModbusWire, parse_faults
 from barewire.modbus import ReadInputRegisters
 from barewire.rtu import encode
-from barewire.rtu.timing import Timing
+from barewire.rtu.frame import Timing
 from barewire_workbench.cli.labs.modbus import rtu_answer
 from barewire_workbench.cli.labs.model import (
     AnswerCheck,
