@@ -33,8 +33,8 @@ class _Access:
 
     def read(self, names: Sequence[str]) -> Conversation[Any, list[Reading]]:
         """Send the names, and return the readings."""
-        heard = yield Send(tuple(names))
-        return list(heard.item)
+        readings: Any = (yield Send(tuple(names))).item
+        return list(readings)
 
     def write(self, values: Mapping[str, Value]) -> Conversation[Any, None]:
         """Send the values."""
