@@ -493,13 +493,19 @@ class Drive(Generic[Item]):
     def _stuck(
         self, action: str, waiting_for: str, waited: float | None, status: DriveStatus, reasons: Sequence[str] = ()
     ) -> Conversation[Item, DriveStuck]:
+        """Return the error with all reasons. `waited` (seconds) is None where more time would not help."""
         error = yield from self._read_reason(self.roles.error_code)
-        reasons = list(reasons)
+        reasons = [*_reasons(action, status, error), *reasons]
         if status.state is State.OPERATION_ENABLED and not status.velocity:
             for role in _ZERO_STOPS.get(action, ()):
                 reading = yield from self._read_reason(getattr(self.roles, role))
                 reasons += [f"{reading.name} is 0"] if reading is not None and reading.value == 0 else []
-        return _stuck_error(action, waiting_for, waited, status, self.control, error, reasons)
+        after = "" if waited is None else f" after {waited:g} s"
+        because = f": {'; '.join(reasons)}" if reasons else ""
+        text = f"{action}: stuck in {status.state_name!r}{after}, waiting for {waiting_for}{because}"
+        bits = ", ".join(bit_names(status.status_word)) or "no bit set"
+        command = "" if self.control is None else f"; last control word {self.control:04X}h"
+        return DriveStuck(f"{text}; status word {status.status_word:04X}h: {bits}{command}", status, error)
 
     def _read_reason(self, name: str) -> Conversation[Item, Reading | None]:
         """Read a value that may explain the error; return None if it cannot be read."""
@@ -510,26 +516,6 @@ class Drive(Generic[Item]):
 
 
 # The reasons of a DriveStuck
-
-
-def _stuck_error(
-    action: str,
-    waiting_for: str,
-    waited: float | None,
-    status: DriveStatus,
-    control: int | None,
-    error: Reading | None,
-    further: Sequence[str] = (),
-) -> DriveStuck:
-    """Return the error with all reasons. `waited` (seconds) is None where more time would not help, and `further` holds
-    reasons that are not in the status."""
-    after = "" if waited is None else f" after {waited:g} s"
-    reasons = [*_reasons(action, status, error), *_motor_reason(status), *further]
-    bits = ", ".join(bit_names(status.status_word)) or "no bit set"
-    command = "" if control is None else f"; last control word {control:04X}h"
-    because = f": {'; '.join(reasons)}" if reasons else ""
-    text = f"{action}: stuck in {status.state_name!r}{after}, waiting for {waiting_for}{because}"
-    return DriveStuck(f"{text}; status word {status.status_word:04X}h: {bits}{command}", status, error)
 
 
 def _foreign_writes(present: Sequence[Reading], written: Mapping[str, Value], control_word: str) -> Iterator[str]:
@@ -559,16 +545,10 @@ def _reasons(action: str, status: DriveStatus, error: Reading | None) -> list[st
         reasons.append("the drive does not take commands from the bus, bit 9 (remote) is off")
     if status.has(LIMITED):
         reasons.append("a limit of the drive is active, bit 11")
+    if status.state is State.OPERATION_ENABLED and status.velocity is not None:  # one that turns may need more time
+        turns = f"still turns, velocity {show(status.velocity)}" if status.velocity else "stands"
+        reasons.append(f"the motor {turns}")
     return reasons
-
-
-def _motor_reason(status: DriveStatus) -> list[str]:
-    """Return whether the motor of an enabled drive stands or turns: one that turns may only need more time."""
-    if status.state is not State.OPERATION_ENABLED or status.velocity is None:
-        return []
-    if status.velocity:
-        return [f"the motor still turns, velocity {show(status.velocity)}"]
-    return ["the motor stands"]
 
 
 def _code(parameter: Parameter, value: Value) -> str:

@@ -21,7 +21,7 @@ from barewire.canopen.eds import Eds, EdsItem, EdsObject, Formula, compose
 from barewire.canopen.eds.objects import RECORD, VAR
 from barewire.codecs import Value
 from barewire.devices.device import Device
-from barewire.devices.parameter import Parameter
+from barewire.devices.parameter import ObjectAt, Parameter
 from barewire.errors import EncodeError
 
 _SERVO_DRIVE = 0x0002_0192
@@ -80,7 +80,7 @@ def export(device: Device, file_name: str = "") -> Eds:
 
 def _selectable_rates(device: Device) -> Iterator[int]:
     """Yield the bit rates among the named values of parameters, such as "7: 500 kbit/s"."""
-    for parameter in _on_canopen(device):
+    for parameter, _ in _on_canopen(device):
         for text in parameter.values.values():
             if match := _RATE.fullmatch(text):
                 yield int(match[1]) * (1_000_000 if match[2] == "M" else 1000)
@@ -88,7 +88,7 @@ def _selectable_rates(device: Device) -> Iterator[int]:
 
 def _mandatory_objects(device: Device) -> Iterator[EdsObject]:
     """Yield the objects of every node. Objects of the description replace them."""
-    is_servo = any(_index_and_sub(parameter)[0] == _STATUS_WORD for parameter in _on_canopen(device))
+    is_servo = any(place.index == _STATUS_WORD for _, place in _on_canopen(device))
     profile = _SERVO_DRIVE if is_servo else 0
     yield _variable(0x1000, EdsItem(0, "Device type", "u32", "ro", profile))
     yield _variable(0x1001, EdsItem(0, "Error register", "u8", "ro", 0))
@@ -99,12 +99,12 @@ def _mandatory_objects(device: Device) -> Iterator[EdsObject]:
 def _described_objects(device: Device) -> Iterator[EdsObject]:
     """Yield one object for each index of the parameters."""
     by_index: dict[int, dict[int, Parameter]] = {}
-    for parameter in _on_canopen(device):
-        index, sub = _index_and_sub(parameter)
-        by_index.setdefault(index, {}).setdefault(sub, parameter)
+    for parameter, place in _on_canopen(device):
+        by_index.setdefault(place.index, {}).setdefault(place.sub, parameter)
     has_pdos = device.canopen is not None and bool(device.canopen.pdos)
     for index, subs in sorted(by_index.items()):
-        items = [_item(device, parameter, has_pdos and index >= _APPLICATION) for _, parameter in sorted(subs.items())]
+        mappable = has_pdos and index >= _APPLICATION
+        items = [_item(device, parameter, index, sub, mappable) for sub, parameter in sorted(subs.items())]
         if [*subs] == [0]:
             yield _variable(index, items[0])
             continue
@@ -117,19 +117,10 @@ def _described_objects(device: Device) -> Iterator[EdsObject]:
         yield EdsObject(index, _record_name(index, subs.values()), RECORD, tuple(items))
 
 
-def _on_canopen(device: Device) -> Iterator[Parameter]:
-    """Return the parameters with an object, whole objects first: they are exported instead of their bits."""
-    parameters = [parameter for parameter in device.parameters if parameter.object is not None]
-    return iter(sorted(parameters, key=lambda parameter: _bit(parameter) is not None))
-
-
-def _index_and_sub(parameter: Parameter) -> tuple[int, int]:
-    assert parameter.object is not None
-    return parameter.object.index, parameter.object.sub
-
-
-def _bit(parameter: Parameter) -> int | None:
-    return None if parameter.object is None else parameter.object.bit
+def _on_canopen(device: Device) -> list[tuple[Parameter, ObjectAt]]:
+    """Return the parameters with their objects, whole objects first: they are exported instead of their bits."""
+    placed = [(parameter, place) for parameter in device.parameters if (place := parameter.object) is not None]
+    return sorted(placed, key=lambda pair: pair[1].bit is not None)
 
 
 def _variable(index: int, item: EdsItem) -> EdsObject:
@@ -149,9 +140,8 @@ def _record_name(index: int, parameters: Iterable[Parameter]) -> str:
     return common or f"Object {index:04X}h"
 
 
-def _item(device: Device, parameter: Parameter, mappable: bool) -> EdsItem:
-    index, sub = _index_and_sub(parameter)
-    if _bit(parameter) is not None:
+def _item(device: Device, parameter: Parameter, index: int, sub: int, mappable: bool) -> EdsItem:
+    if parameter.object is not None and parameter.object.bit is not None:
         return EdsItem(sub, f"Bits of {index:04X}h", "u16", "rw", pdo=mappable)
     default: Value | Formula | None = None if parameter.default is None else parameter.to_raw(parameter.default)
     if index in _COMMUNICATION_RECORDS and sub == 1 and isinstance(default, int) and device.canopen is not None:
