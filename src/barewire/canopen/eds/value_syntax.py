@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 import struct
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 from barewire.canopen.datatypes import BY_NAME, DAY, TimeCodec, TimeDifference, TimeOfDay, object_codec
 from barewire.codecs import Number, Value
@@ -40,17 +40,13 @@ class Formula(NamedTuple):
 Expression = Value | Formula
 
 
-class ReadValue(NamedTuple):
+Read = TypeVar("Read")
+
+
+class Reading(NamedTuple, Generic[Read]):
     """The value of a text, None without one, and the rules that the text breaks."""
 
-    value: Expression | None
-    rules: tuple[str, ...] = ()
-
-
-class ReadInteger(NamedTuple):
-    """The integer of a text, None without one, and the rules that the text breaks."""
-
-    value: int | None
+    value: Read | None
     rules: tuple[str, ...] = ()
 
 
@@ -67,33 +63,33 @@ _DAYS = re.compile(r"([0-9]{1,4}) ([0-9]{1,8})")  # days and milliseconds, as so
 _WORDS = {"true": 1, "yes": 1, "false": 0, "no": 0}
 
 
-def read_integer(text: str) -> ReadInteger:
+def read_integer(text: str) -> Reading[int]:
     """Read an integer in any accepted notation.
 
     >>> read_integer("0x1F"), read_integer("001"), read_integer("soon")
-    (ReadInteger(value=31, rules=()), ReadInteger(value=1, rules=()), ReadInteger(value=None, rules=('bad-number',)))
+    (Reading(value=31, rules=()), Reading(value=1, rules=()), Reading(value=None, rules=('bad-number',)))
 
     A leading zero makes a number octal [CiA 306 4.3]. Few authors intend that, so it is reported if it matters.
 
     >>> read_integer("012"), read_integer("08")
-    (ReadInteger(value=10, rules=('leading-zeros',)), ReadInteger(value=8, rules=('leading-zeros',)))
+    (Reading(value=10, rules=('leading-zeros',)), Reading(value=8, rules=('leading-zeros',)))
     """
     plain, rules = _strip_syntax(text)
     if not plain:
-        return ReadInteger(None, (*rules, "empty"))
+        return Reading(None, (*rules, "empty"))
     sign = -1 if plain[0] == "-" else 1
     digits = plain[1:] if plain[0] in "+-" else plain
     if len(digits) > _LONGEST:
-        return ReadInteger(None, (*rules, "bad-number"))
+        return Reading(None, (*rules, "bad-number"))
     number = _unsigned(digits)
     if number is None:  # words: their blanks and quotes are not reported
-        return ReadInteger(None, (*(rule for rule in rules if rule.endswith("comment")), "bad-number"))
+        return Reading(None, (*(rule for rule in rules if rule.endswith("comment")), "bad-number"))
     value, rule = number
     if plain[0] == "+" or (sign < 0 and _HEX.fullmatch(digits)):
         rules.append("number-form")
     if rule:
         rules.append(rule)
-    return ReadInteger(sign * value, tuple(rules))
+    return Reading(sign * value, tuple(rules))
 
 
 def _unsigned(digits: str) -> tuple[int, str] | None:
@@ -142,48 +138,48 @@ def strip_comment(text: str) -> tuple[str, list[str]]:
     return text[:position].rstrip(), rules
 
 
-def read_expression(text: str) -> ReadValue:
+def read_expression(text: str) -> Reading[Expression]:
     """Read an integer or a formula.
 
     >>> read_expression("0x200 + $NODEID").value
     Formula(offset=512)
     """
     if "nodeid" not in text.casefold():
-        return ReadValue(*read_integer(text))
+        return Reading(*read_integer(text))
     bare, rules = strip_comment(text)
     terms = [term.strip() for term in bare.split("+")]
     nodes = [term for term in terms if term.casefold() in ("$nodeid", "nodeid")]
     numbers = [read_integer(term) for term in terms if term not in nodes]
     if len(nodes) != 1 or any(number.value is None or number.value < 0 for number in numbers):
-        return ReadValue(None, (*rules, "bad-formula"))
+        return Reading(None, (*rules, "bad-formula"))
     if terms[0] != "$NODEID":
         rules.append("formula-form")
     for number in numbers:
         rules += number.rules
-    return ReadValue(Formula(sum(number.value or 0 for number in numbers)), tuple(rules))
+    return Reading(Formula(sum(number.value or 0 for number in numbers)), tuple(rules))
 
 
-def read_value(text: str, type: str) -> ReadValue:
+def read_value(text: str, type: str) -> Reading[Expression]:
     """Read a value of a data type. An empty text has no value, and breaks no rule.
 
     >>> read_value("0xFFFE", "i16").value, read_value("1,5", "f32"), read_value("01 02", "octets").value
-    (-2, ReadValue(value=1.5, rules=('decimal-comma',)), b'\\x01\\x02')
+    (-2, Reading(value=1.5, rules=('decimal-comma',)), b'\\x01\\x02')
     """
     if type in ("string", "unicode"):
         bare, rules = (text[1:-1], ("quoted",)) if _is_quoted(text) else (text, ())
         if type == "unicode" or all(ord(character) < 0x100 for character in bare):
-            return ReadValue(bare, rules)
+            return Reading(bare, rules)
         # A VISIBLE_STRING is bytes: those of the UTF-8 encoding, each as one character.
-        return ReadValue(bare.encode("utf-8", "surrogatepass").decode("latin-1"), (*rules, "bad-text"))
+        return Reading(bare.encode("utf-8", "surrogatepass").decode("latin-1"), (*rules, "bad-text"))
     if not text.strip():
-        return ReadValue(None)
+        return Reading(None)
     if type in ("octets", "domain"):
         return _octets(text)
     if type in ("f32", "f64"):
         return _real(text, type)
     if type in ("time_of_day", "time_difference") and (match := _DAYS.fullmatch(text.strip())):
         total = int(match[1]) * DAY + int(match[2])
-        return ReadValue(TimeOfDay(total) if type == "time_of_day" else TimeDifference(total), ("number-form",))
+        return Reading(TimeOfDay(total) if type == "time_of_day" else TimeDifference(total), ("number-form",))
     return _integer_of_type(read_expression(text), type, text)
 
 
@@ -191,28 +187,28 @@ def _is_quoted(text: str) -> bool:
     return len(text) > 1 and text[0] == text[-1] == '"'
 
 
-def _octets(text: str) -> ReadValue:
+def _octets(text: str) -> Reading[Expression]:
     plain = text.strip()
     digits = "".join((plain[2:] if plain[:2] in ("0x", "0X") else plain).split())
     if not _HEX_DIGITS.fullmatch(digits):
-        return ReadValue(text.encode("latin-1", "replace"), ("bad-hex",))
+        return Reading(text.encode("latin-1", "replace"), ("bad-hex",))
     odd = len(digits) % 2
-    return ReadValue(bytes.fromhex("0" * odd + digits), () if digits == plain and not odd else ("hex-form",))
+    return Reading(bytes.fromhex("0" * odd + digits), () if digits == plain and not odd else ("hex-form",))
 
 
-def _real(text: str, type: str) -> ReadValue:
+def _real(text: str, type: str) -> Reading[Expression]:
     plain, rules = _strip_syntax(text)
     digits = plain.lstrip("+-") if plain.count("+") + plain.count("-") <= 1 else plain
     if _HEX.fullmatch(digits) and len(digits) <= _LONGEST:
         bits = int(digits, 16)
         if bits >> BY_NAME[type].bits or plain[0] == "-":
-            return ReadValue(None, (*rules, "out-of-range"))
+            return Reading(None, (*rules, "out-of-range"))
         form = "f" if type == "f32" else "d"
         (value,) = struct.unpack(f">{form}", bits.to_bytes(BY_NAME[type].bits // 8, "big"))
-        return ReadValue(value, tuple(rules))
+        return Reading(value, tuple(rules))
     bare = plain.rstrip("fF") if _REAL.fullmatch(plain.rstrip("fF").lstrip("+-")) else plain
     if not (_REAL.fullmatch(bare.lstrip("+-")) or _SPECIAL.fullmatch(bare)) or len(bare) > _LONGEST:
-        return ReadValue(None, (*rules, "bad-number"))
+        return Reading(None, (*rules, "bad-number"))
     if bare != plain or _SPECIAL.fullmatch(bare):
         rules.append("number-form")
     if "," in bare:
@@ -221,30 +217,30 @@ def _real(text: str, type: str) -> ReadValue:
         value = float(bare.replace(",", "."))
         object_codec(type).encode(value)
     except EncodeError:
-        return ReadValue(None, (*rules, "out-of-range"))
+        return Reading(None, (*rules, "out-of-range"))
     except ValueError:
-        return ReadValue(None, (*rules, "bad-number"))
-    return ReadValue(value, tuple(rules))
+        return Reading(None, (*rules, "bad-number"))
+    return Reading(value, tuple(rules))
 
 
-def _integer_of_type(reading: ReadValue, type: str, text: str) -> ReadValue:
+def _integer_of_type(reading: Reading[Expression], type: str, text: str) -> Reading[Expression]:
     """Check the range of a number or formula; a negative number may be written as its unsigned pattern."""
     value, rules = reading
     if value is None or "bad-number" in rules:
-        return ReadValue(None, rules)
+        return Reading(None, rules)
     codec, number = object_codec(type), int(value.offset if isinstance(value, Formula) else value)
     if isinstance(codec, TimeCodec):
         try:
-            return ReadValue(codec.decode(number.to_bytes(codec.size, "little")), rules)
+            return Reading(codec.decode(number.to_bytes(codec.size, "little")), rules)
         except (OverflowError, DecodeError):
-            return ReadValue(None, (*rules, "out-of-range"))
+            return Reading(None, (*rules, "out-of-range"))
     low, high = (int(codec.minimum), int(codec.maximum)) if isinstance(codec, Number) else (0, 1)
     if type[0] == "i" and isinstance(value, int) and high < number <= 2 * high + 1:
         decimal = not any(mark in text.casefold() for mark in "xabcdefh")
-        return ReadValue(number - 2 * (high + 1), (*rules, "unsigned-decimal") if decimal else rules)
+        return Reading(number - 2 * (high + 1), (*rules, "unsigned-decimal") if decimal else rules)
     if not low <= number <= high:
-        return ReadValue(None, (*rules, "out-of-range"))
-    return ReadValue(bool(number), rules) if type == "bool" else reading
+        return Reading(None, (*rules, "out-of-range"))
+    return Reading(bool(number), rules) if type == "bool" else reading
 
 
 def write_value(value: Expression, type: str, like: str = "") -> str:

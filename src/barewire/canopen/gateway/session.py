@@ -55,12 +55,11 @@ _BIT_RATE_UNCHANGED = 9
 class Command(NamedTuple):
     """A row of the table of commands.
 
-    to          whom it is for: the gateway itself, the gateway's own node, the net, LSS devices of the net,
-                a node, a node or all of them ("nodes"), or the SDO server of a node
-    arguments   their names, with limits or a reader below; those in brackets may be missing
-    run         the method of the session, or a function of `lss_commands`, that is called with the node, if it is for
-                one, and the arguments; it executes the command, or returns a conversation that does;
-                the text it returns is the answer, otherwise that is OK
+    to          gateway: the gateway itself    own: its own node on the bus    net: the net    lss: LSS devices
+                node: a node                   nodes: a node or all of them    sdo: the SDO server of a node
+    arguments   their names, as in the help; those in brackets may be missing. `_LIMITS` and `_READERS` say what each is
+    run         a method of the session, or for LSS a function; called with the node, if any, and the arguments.
+                It executes the command, or returns a conversation that does. The answer is the text it returns, or OK.
     help        a remark for the help
     """
 

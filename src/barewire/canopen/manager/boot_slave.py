@@ -232,16 +232,16 @@ class _Boot:
                 _compare(error, number, expected)
 
     def _read(
-        self, index: int, sub: int, error: BootError, name: str, *, size: int = 4, retries: int = 0
+        self, index: int, sub: int, error: BootError, name: str, *, retries: int = 0
     ) -> Conversation[CanFrame, int]:
         """Read a number. Raise BootFailed with `error` if the node refuses it, or does not respond."""
         self.error = error
         self._tell(f"read {index:04X}h:{sub:02X} {name}")
         while True:
             try:
-                data = yield from upload(self.channel, index, sub, size=size, limit=size, timeout=self.timeout)
+                data = yield from upload(self.channel, index, sub, size=4, limit=4, timeout=self.timeout)
                 self.must_not_boot = True
-                return int.from_bytes(data[:size], "little")
+                return int.from_bytes(data[:4], "little")
             except NoAnswer as silence:
                 if not retries:
                     raise BootFailed(error, str(silence)) from None
