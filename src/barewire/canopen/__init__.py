@@ -39,18 +39,16 @@ if TYPE_CHECKING:
         is_restricted as is_restricted,
     )
     from barewire.canopen.communication_objects import standard_objects as standard_objects
-    from barewire.canopen.configuration.concise_dcf import (
-        ConciseValue as ConciseValue,
-        concise_dcf as concise_dcf,
-        concise_values as concise_values,
-        decode_concise_dcf as decode_concise_dcf,
-        encode_concise_dcf as encode_concise_dcf,
-    )
     from barewire.canopen.configuration.configure import (
+        ConciseValue as ConciseValue,
         ConfigurationFailed as ConfigurationFailed,
         ConfigurationResult as ConfigurationResult,
         compare_device as compare_device,
+        concise_dcf as concise_dcf,
+        concise_values as concise_values,
         configure_device as configure_device,
+        decode_concise_dcf as decode_concise_dcf,
+        encode_concise_dcf as encode_concise_dcf,
     )
     from barewire.canopen.configuration.settings import (
         DeviceConfiguration as DeviceConfiguration,
@@ -225,7 +223,9 @@ __getattr__, __dir__, __all__ = lazy(
         "manager.network_list": "BootSlave NetworkList network_list slave_of",
         "manager.boot_network": "BootEvent NetworkBoot boot_network BootManager check_network",
         "manager.boot_slave": "boot_slave BootResult BootError",
-        "configuration.concise_dcf": ("concise_dcf ConciseValue encode_concise_dcf decode_concise_dcf concise_values"),
-        "configuration.configure": "compare_device configure_device ConfigurationResult ConfigurationFailed",
+        "configuration.configure": (
+            "concise_dcf ConciseValue encode_concise_dcf decode_concise_dcf concise_values "
+            "compare_device configure_device ConfigurationResult ConfigurationFailed"
+        ),
     },
 )

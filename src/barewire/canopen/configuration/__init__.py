@@ -6,6 +6,6 @@
 Files, in reading order:
 
     settings       the values of a DCF that are written, and those that identify the device
-    configure      compare a device with them, and write what differs, in the order that the objects demand
-    concise_dcf    the same values as the bytes of 1F22h
+    configure      compare a device with them, and write what differs, in the order that the objects demand;
+                   the same writes as the bytes of 1F22h, the concise DCF
 """

@@ -5,7 +5,7 @@
                       PDO records     as they will be: an impossible mapping is found before anything is written
         2  write      18xxh:01 | bit 31            all PDOs that change: off, before anything else changes
                       other objects                in the order below
-                      1Axxh:00 = 0, :01 ..., :00   the mapping of each PDO; then type and times (`pdo.remote_config`)
+                      1Axxh:00 = 0, :01 ..., :00   the mapping of each PDO; then type and times (`pdo.remote`)
                       18xxh:01                     on
         3  read back  each value that was written
         4  write      1020h:01, :02   configuration date and time, which a master compares (CiA 302); then, if asked,
@@ -21,13 +21,24 @@ The order of objects that are not PDO records, and the steps before some of them
         1016h                          no two entries may have one node: entries that change become 0 first
         1019h                          changes only while 1006h is 0: 1006h becomes 0 first
 
-All others are written in the order of their addresses. PDO records are written by `pdo.remote_config`.
+All others are written in the order of their addresses. PDO records are written by `pdo.remote`.
+
+The concise DCF: the same writes as one string of bytes, in 1F22h of a CANopen manager.   [CiA 302-3]
+
+        | 02 00 00 00 | 17 10 | 00  | 02 00 00 00 | F4 01 | 00 18 | 02  | 01 00 00 00 | 01 |
+          values u32    index   sub   size u32      data    index   sub   size u32      data
+                        u16     u8                  1017h:00 = 500, u16                 1800h:02 = 1, u8
+
+All numbers are little-endian, the data are the bytes that an SDO download sends. 1F22h:05 is the concise DCF of node 5.
+A manager writes the values in their order, one SDO each, and compares nothing. So the order must suit any device:
+`concise_dcf` switches PDOs off before it changes them, and an address may occur several times; the last value counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from struct import Struct, unpack_from
 from typing import Any, NamedTuple
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
@@ -42,23 +53,24 @@ from barewire.canopen.configuration.settings import (
     value_text,
 )
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.object_dictionary import Entry
+from barewire.canopen.object_dictionary import Entry, ObjectAddress, ObjectDictionary
 from barewire.canopen.pdo.config import PdoConfig
 from barewire.canopen.pdo.multiplexed import MPDO_COUNTS
 from barewire.canopen.pdo.remote import PdoConfigPolicy, read_pdo, write_pdo
 from barewire.canopen.sdo import Channel, download, upload
 from barewire.canopen.sdo.channel import channel_to
+from barewire.codecs import Value
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import BarewireError, DecodeError, EncodeError, NoAnswer
 
-CYCLE, OVERFLOW = 0x1006, 0x1019
+_CYCLE, _OVERFLOW = 0x1006, 0x1019
 _SYNC, _TIME, _EMCY, _CONSUMERS = 0x1005, 0x1012, 0x1014, 0x1016
 _SDO_CHANNELS = range(0x1200, 0x1300)
 _BIT30, _BIT31 = 1 << 30, 1 << 31
-_CYCLE_ENTRY = Entry(CYCLE, 0, "communication cycle period", "u32")
+_CYCLE_ENTRY = Entry(_CYCLE, 0, "communication cycle period", "u32")
 
 
-def plain_writes(changes: Iterable[Difference], cycle: int | None = None) -> Iterator[tuple[Entry, bytes]]:
+def _plain_writes(changes: Iterable[Difference], cycle: int | None = None) -> Iterator[tuple[Entry, bytes]]:
     """Yield the writes of objects that are not PDO records, in a permitted order, as (entry, bytes).
 
     `cycle` is the present value of 1006h if 1019h changes. The `present` values of 1005h, 1012h, 1014h, 1016h and 12xxh
@@ -66,7 +78,7 @@ def plain_writes(changes: Iterable[Difference], cycle: int | None = None) -> Ite
     """
     changes = sorted(changes, key=_order)
     changed = {change.entry.index: change for change in changes}
-    held_back = (OVERFLOW, CYCLE) if OVERFLOW in changed else ()
+    held_back = (_OVERFLOW, _CYCLE) if _OVERFLOW in changed else ()
     yield from _cleared_consumers(changes)
     if held_back and (cycle is None or cycle):
         yield _CYCLE_ENTRY, bytes(4)
@@ -309,9 +321,9 @@ class _Configurator:
     ) -> Conversation[CanFrame, None]:
         plain = [change for change in changes if pdo_of(change.entry.index) is None]
         cycle = None
-        if any(change.entry.index == OVERFLOW for change in plain):
+        if any(change.entry.index == _OVERFLOW for change in plain):
             cycle = yield from self._present_cycle()
-        writes = list(plain_writes(plain, cycle))
+        writes = list(_plain_writes(plain, cycle))
         self.total += len(writes) + 2 * len(pdos) + len(changes)
         for present, _ in pdos:
             if not (present.cob_id or 0) & _BIT31:
@@ -346,7 +358,7 @@ class _Configurator:
 
     def _present_cycle(self) -> Conversation[CanFrame, int]:
         try:
-            data = yield from upload(self.channel, CYCLE, 0, size=4, timeout=self.timeout)
+            data = yield from upload(self.channel, _CYCLE, 0, size=4, timeout=self.timeout)
         except SdoAbort as refusal:
             if refusal.code not in _MISSING:
                 raise
@@ -389,3 +401,153 @@ def _wanted_pdo(present: PdoConfig, settings: Iterable[Setting], changes: Iterab
         words.append(word)
     check_bits(present, words)
     return replace(present, mapping=tuple(words), multiplexed=multiplexed, **fields)
+
+
+# The concise DCF ------------------------------------------------------------------------------------------------------
+
+_COUNT = 4
+_HEAD = Struct("<HBI")
+
+
+@dataclass(frozen=True, slots=True)
+class ConciseValue:
+    """One write of a concise DCF: the object and its bytes, little-endian."""
+
+    index: int
+    sub: int
+    data: bytes
+
+    def __repr__(self) -> str:
+        return f"<ConciseValue {self.index:04X}h:{self.sub:02X} = {self.data.hex(' ').upper() or 'empty'}>"
+
+
+def encode_concise_dcf(values: Iterable[ConciseValue]) -> bytes:
+    """Return the bytes of a concise DCF.
+
+    >>> encode_concise_dcf([ConciseValue(0x1017, 0, bytes([0xF4, 1]))]).hex(" ")
+    '01 00 00 00 17 10 00 02 00 00 00 f4 01'
+
+    Raise EncodeError for an index or sub-index that does not exist.
+    """
+    values = list(values)
+    pieces = [len(values).to_bytes(_COUNT, "little")]
+    for value in values:
+        if not (0 <= value.index <= 0xFFFF and 0 <= value.sub <= 0xFF):
+            raise EncodeError(f"index {value.index:X}h, sub-index {value.sub:X}h: expected 0..FFFFh and 0..FFh")
+        pieces += [_HEAD.pack(value.index, value.sub, len(value.data)), value.data]
+    return b"".join(pieces)
+
+
+def decode_concise_dcf(data: bytes) -> list[ConciseValue]:
+    """Return the values of a concise DCF. No bytes at all are a concise DCF without values.
+
+    >>> decode_concise_dcf(bytes.fromhex("01000000 1710 00 02000000 F401"))
+    [<ConciseValue 1017h:00 = F4 01>]
+
+    Raise DecodeError("short") if it ends within a value, DecodeError("long") if bytes follow the last one.
+    """
+    if not data:
+        return []
+    if len(data) < _COUNT:
+        raise DecodeError("short", data, len(data), "the number of values takes 4 bytes")
+    (count,) = unpack_from("<I", data)
+    at, values = _COUNT, []
+    for number in range(1, count + 1):
+        if at + _HEAD.size > len(data):
+            raise DecodeError("short", data, len(data), f"index, sub-index and size of value {number} of {count}")
+        index, sub, size = _HEAD.unpack_from(data, at)
+        at += _HEAD.size
+        if at + size > len(data):
+            text = f"{index:04X}h:{sub:02X}, value {number} of {count}, has {size} bytes: {len(data) - at} are there"
+            raise DecodeError("short", data, len(data), text)
+        values.append(ConciseValue(index, sub, bytes(data[at : at + size])))
+        at += size
+    if at < len(data):
+        raise DecodeError("long", data, at, f"{len(data) - at} bytes after the last of {count} values")
+    return values
+
+
+def concise_dcf(configuration: DeviceConfiguration) -> list[ConciseValue]:
+    """Return the writes of a configuration in an order that is safe for any device.
+
+    First all PDOs are switched off; then follow the other objects, the mapping and the parameters of each PDO, its
+    COB-ID, and last 1020h, the date. The highest sub-index of an array or record is left out if it is the default of
+    the DCF. Raise EncodeError if a mapping is configured without the COB-ID of its PDO or without the number of its
+    objects.
+    """
+    return list(_writes(configuration))
+
+
+def _writes(configuration: DeviceConfiguration) -> Iterator[ConciseValue]:
+    others: list[Setting] = []
+    pdos: dict[int, tuple[PdoConfig, dict[ObjectAddress, Setting]]] = {}
+    for setting in configuration.settings:
+        if (pdo := pdo_of(setting.entry.index)) is None:
+            others.append(setting)
+        else:
+            pdos.setdefault(pdo.communication, (pdo, {}))[1][setting.place] = setting
+    for pdo, settings in pdos.values():
+        _check_complete(pdo, settings)
+        if (pdo.communication, 1) in settings:
+            cob_id = settings[pdo.communication, 1]
+            yield ConciseValue(*cob_id.place, (int(cob_id.value) | _BIT31).to_bytes(4, "little"))
+    # The number of entries of an array or record may be fixed in a device: it is written only where it changes.
+    compound = {setting.entry.index for setting in others if setting.entry.sub}
+    changes = [
+        Difference(setting.entry, None, setting.value)
+        for setting in others
+        if setting.entry.sub or setting.entry.index not in compound or setting.value != setting.entry.default
+    ]
+    cycle = None if any(change.entry.index == _CYCLE for change in changes) else 0
+    for entry, data in _plain_writes(changes, cycle):
+        yield ConciseValue(entry.index, entry.sub, data)
+    for pdo, settings in pdos.values():
+        yield from _pdo_writes(pdo, settings)
+    for setting in configuration.date:
+        yield ConciseValue(*setting.place, setting.data)
+
+
+def _check_complete(pdo: PdoConfig, settings: Mapping[ObjectAddress, Setting]) -> None:
+    if not any(index == pdo.map for index, _ in settings):
+        return
+    for missing, index, sub in (("COB-ID", pdo.communication, 1), ("number of objects", pdo.map, 0)):
+        if (index, sub) not in settings:
+            text = f"its mapping is configured, but not its {missing}: expected a value of {index:04X}h:{sub:02X}"
+            raise EncodeError(f"{pdo.direction}{pdo.number}: {text}")
+
+
+def _pdo_writes(pdo: PdoConfig, settings: Mapping[ObjectAddress, Setting]) -> Iterator[ConciseValue]:
+    count, cob_id = settings.get((pdo.map, 0)), settings.get((pdo.communication, 1))
+    if count is not None:
+        yield ConciseValue(pdo.map, 0, b"\0")
+    for setting in settings.values():
+        if setting.entry.index == pdo.map and setting.entry.sub:
+            yield ConciseValue(*setting.place, setting.data)
+    if count is not None and count.value:
+        yield ConciseValue(*count.place, count.data)
+    for setting in settings.values():
+        if setting.entry.index == pdo.communication and setting is not cob_id:
+            yield ConciseValue(*setting.place, setting.data)
+    if cob_id is not None and not int(cob_id.value) & _BIT31:
+        yield ConciseValue(*cob_id.place, cob_id.data)
+
+
+def concise_values(concise: Iterable[ConciseValue], objects: ObjectDictionary) -> dict[ObjectAddress | str, Value]:
+    """Return the values that a device has after the writes of a concise DCF, for `eds.to_dcf` of its EDS.
+
+    >>> from barewire.canopen.object_dictionary import Entry
+    >>> objects = ObjectDictionary([Entry(0x1017, 0, "heartbeat", "u16")])
+    >>> concise_values([ConciseValue(0x1017, 0, bytes(2)), ConciseValue(0x1017, 0, bytes([0xF4, 1]))], objects)
+    {(4119, 0): 500}
+
+    Raise EncodeError for an object that `objects` does not have, DecodeError for bytes that are not of its type.
+    """
+    values: dict[ObjectAddress | str, Value] = {}
+    for write in concise:
+        entry = objects.at((write.index, write.sub))
+        try:
+            values[write.index, write.sub] = entry.codec.decode(write.data)
+        except DecodeError as error:
+            error.add_context(f"{write!r} is to be {entry.name}, {entry.type}")
+            raise
+    return values

@@ -3,7 +3,6 @@
 Files, in reading order:
 
     network_list   the nodes, what each must be, and how they are started: 1F80h to 1F89h
-    boot_slave     the boot slave process of one node, and the letters of its errors
+    boot_slave     the boot slave process of one node, and the letters of its errors; the download of its program
     boot_network   all nodes in parallel, their start, and error control afterwards; the dry run; what is reported
-    program        the download of a new program, 1F50h to 1F57h
 """

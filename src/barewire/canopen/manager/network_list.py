@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.communication_objects import integer_value
-from barewire.canopen.configuration.concise_dcf import ConciseValue, decode_concise_dcf
+from barewire.canopen.configuration.configure import ConciseValue, decode_concise_dcf
 from barewire.canopen.configuration.settings import DEVICE_TYPE, DeviceConfiguration, device_configuration
 from barewire.canopen.nmt.messages import consumer_entry
 from barewire.canopen.object_dictionary import ObjectDictionary

@@ -9,7 +9,7 @@ from typing import Any
 from barewire.canopen.abort_codes import SdoAbort
 from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.communication_objects import lss_address
-from barewire.canopen.configuration.concise_dcf import ConciseValue
+from barewire.canopen.configuration.configure import ConciseValue
 from barewire.canopen.datatypes import object_codec, type_name
 from barewire.canopen.device.device import LocalNode
 from barewire.canopen.frame import CanFrame
