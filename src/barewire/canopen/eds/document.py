@@ -383,9 +383,6 @@ def entry_number(key: str) -> int | None:
 
 _OBJECT_KEYS = {key.casefold(): key for key in OBJECT}
 _HEAD_KEYS = {name: {key.casefold(): key for key in keys} for name, keys in _HEADS.items()}
-_LIST_KEYS = {"supportedobjects": "SupportedObjects"}
-_COMPACT_KEYS = {"nrofentries": "NrOfEntries"}
-_LINK_KEYS = {"objectlinks": "ObjectLinks"}
 
 
 def _keys_of(section: SectionName) -> dict[str, str]:
@@ -394,9 +391,9 @@ def _keys_of(section: SectionName) -> dict[str, str]:
     if section.kind == "head":
         return _HEAD_KEYS[section.proper]
     if section.kind == "list":
-        return _LIST_KEYS
+        return {"supportedobjects": "SupportedObjects"}
     if section.kind == "compact":
-        return _LINK_KEYS if section.part == "ObjectLinks" else _COMPACT_KEYS
+        return {"objectlinks": "ObjectLinks"} if section.part == "ObjectLinks" else {"nrofentries": "NrOfEntries"}
     return {}
 
 

@@ -212,14 +212,9 @@ class GatewaySession:
     def _info_version(self) -> str:
         return self._version or "barewire"
 
-    def _help(self) -> str:
-        return "\n".join([*_help_lines(), _TYPES, "OK"])
-
-    def _help_lss(self) -> str:
-        return "\n".join([*(line for line in _help_lines() if "lss_" in line), "OK"])
-
-    def _help_datatype(self) -> str:
-        return f"{_TYPES}\nOK"
+    def _help(self, part: str = "") -> str:
+        lines = {"lss": [line for line in _help_lines() if "lss_" in line], "datatype": [_TYPES]}
+        return "\n".join([*lines.get(part, [*_help_lines(), _TYPES]), "OK"])
 
     # SDO and NMT
 
@@ -365,8 +360,8 @@ COMMANDS: dict[str, Command] = {
     ),
     "info version": Command("gateway", "", _Session._info_version),
     "help": Command("gateway", "", _Session._help),
-    "help lss": Command("gateway", "", _Session._help_lss),
-    "help datatype": Command("gateway", "", _Session._help_datatype),
+    "help lss": Command("gateway", "", partial(_Session._help, part="lss")),
+    "help datatype": Command("gateway", "", partial(_Session._help, part="datatype")),
 }
 
 _SHORT = {"r": "read", "w": "write", "p": "pdo", "preop": "preoperational", "comm": "communication"}
@@ -481,7 +476,9 @@ def parse_line(line: str) -> CommandLine:
     for argument in command.arguments.split():
         if argument.startswith("[") and not words:
             break
-        arguments.append(_argument(argument.strip("[]"), words))
+        argument = argument.strip("[]")
+        limits = _LIMITS.get(argument, (0, 0xFFFF_FFFF))
+        arguments.append(_READERS[argument](words) if argument in _READERS else words.number(argument, *limits))
     if words:
         raise GatewayError(GatewayCode.SYNTAX, f"{shown(words.take(''))} is unexpected after the command")
     node = None
@@ -512,9 +509,3 @@ def _command_name(words: Words) -> str:
     if word[:1].isdigit():
         raise GatewayError(GatewayCode.SYNTAX, f"{shown(word)} is no command; at most a net and a node precede one")
     raise GatewayError(GatewayCode.NOT_SUPPORTED, f"no command {shown(word)}; help lists them")
-
-
-def _argument(name: str, words: Words) -> object:
-    if name in _READERS:
-        return _READERS[name](words)
-    return words.number(name, *_LIMITS.get(name, (0, 0xFFFF_FFFF)))

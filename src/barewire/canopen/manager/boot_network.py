@@ -340,7 +340,7 @@ class BootManager:
             if self.ready or not self.network.start_all:
                 yield from self._start(node, now)
             yield from self._check_ready(now)
-        elif result.error is BootError.B and slave.mandatory and self._may_wait(now):
+        elif result.error is BootError.B and slave.mandatory and self._has_time(now):
             node.begin_at = now + RETRY_TIME
             if not node.waiting:
                 node.waiting = True
@@ -348,7 +348,7 @@ class BootManager:
         elif not (node.waiting and result.error is BootError.B):  # a node that is waited for is reported as missing
             yield BootEvent(slave.node, "failed", now, result)
 
-    def _may_wait(self, now: float) -> bool:
+    def _has_time(self, now: float) -> bool:
         return not self.network.boot_time or (self._boot_end is not None and now < self._boot_end)
 
     def _end_of_boot_time(self, now: float) -> _Output:

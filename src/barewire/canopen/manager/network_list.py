@@ -33,11 +33,6 @@ from barewire.canopen.nmt.messages import consumer_entry
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.errors import BarewireError, DecodeError, EncodeError, shown
 
-_STARTUP, _ASSIGNMENT, _CONSUMERS, _BOOT_TIME = 0x1F80, 0x1F81, 0x1016, 0x1F89
-_DCF, _FORMAT, _CONCISE, _DATE, _TIME = 0x1F20, 0x1F21, 0x1F22, 0x1F26, 0x1F27
-_PROGRAM_DATE, _PROGRAM_TIME, _SOFTWARE, _PROGRAM = 0x1F53, 0x1F54, 0x1F55, 0x1F58
-_DEVICE_TYPE, _VENDOR, _PRODUCT, _REVISION, _SERIAL = 0x1F84, 0x1F85, 0x1F86, 0x1F87, 0x1F88
-
 
 @dataclass(frozen=True, slots=True)
 class BootSlave:
@@ -176,17 +171,17 @@ def network_list(objects: ObjectDictionary, node: int | None = None) -> NetworkL
     Raise EncodeError if 1F80h does not make it a manager, and for a DCF that is stored in another format than text;
     DecodeError for a 1F22h:n that is not a concise DCF.
     """
-    startup = integer_value(objects, _STARTUP, 0)
+    startup = integer_value(objects, 0x1F80, 0)
     if not startup & 1:
         raise EncodeError(f"1F80h = {startup:X}h: expected bit 0, which makes the device the manager of its network")
     heartbeats = {}
-    for sub in objects.subs(_CONSUMERS)[1:]:
-        if (watched := consumer_entry(integer_value(objects, _CONSUMERS, sub))) is not None:
+    for sub in objects.subs(0x1016)[1:]:
+        if (watched := consumer_entry(integer_value(objects, 0x1016, sub))) is not None:
             heartbeats[watched[0]] = watched[1]
     slaves = [
         _slave(objects, number, word, heartbeats.get(number, 0.0))
-        for number in objects.subs(_ASSIGNMENT)
-        if 1 <= number <= 127 and number != node and (word := integer_value(objects, _ASSIGNMENT, number)) & 1
+        for number in objects.subs(0x1F81)
+        if 1 <= number <= 127 and number != node and (word := integer_value(objects, 0x1F81, number)) & 1
     ]
     return NetworkList(
         slaves,
@@ -194,18 +189,18 @@ def network_list(objects: ObjectDictionary, node: int | None = None) -> NetworkL
         start_slaves=not startup & 8,
         reset_all=bool(startup & 0x10),
         stop_all=bool(startup & 0x40),
-        boot_time=integer_value(objects, _BOOT_TIME, 0) / 1000,
+        boot_time=integer_value(objects, 0x1F89, 0) / 1000,
         node=node,
     )
 
 
 def _slave(objects: ObjectDictionary, node: int, word: int, heartbeat: float) -> BootSlave:
     try:
-        values = tuple(decode_concise_dcf(_bytes(objects, _CONCISE, node)))
+        values = tuple(decode_concise_dcf(_bytes(objects, 0x1F22, node)))
     except DecodeError as error:
         error.add_context(f"concise DCF of node {node}, 1F22h:{node:02X}")
         raise
-    date = integer_value(objects, _DATE, node), integer_value(objects, _TIME, node)
+    date = integer_value(objects, 0x1F26, node), integer_value(objects, 0x1F27, node)
     configuration = _stored_dcf(objects, node, date)
     return BootSlave(
         node,
@@ -217,17 +212,17 @@ def _slave(objects: ObjectDictionary, node: int, word: int, heartbeat: float) ->
         guard_time=(word >> 16) / 1000,
         retry_factor=word >> 8 & 0xFF,
         heartbeat=heartbeat,
-        device_type=integer_value(objects, _DEVICE_TYPE, node),
-        vendor=integer_value(objects, _VENDOR, node),
-        product=integer_value(objects, _PRODUCT, node),
-        revision=integer_value(objects, _REVISION, node),
-        serial=integer_value(objects, _SERIAL, node),
+        device_type=integer_value(objects, 0x1F84, node),
+        vendor=integer_value(objects, 0x1F85, node),
+        product=integer_value(objects, 0x1F86, node),
+        revision=integer_value(objects, 0x1F87, node),
+        serial=integer_value(objects, 0x1F88, node),
         date=date,
         configuration=values if configuration is None else configuration,
         concise=() if configuration is None else values,
-        software=integer_value(objects, _SOFTWARE, node),
-        program=_bytes(objects, _PROGRAM, node),
-        software_date=(integer_value(objects, _PROGRAM_DATE, node), integer_value(objects, _PROGRAM_TIME, node)),
+        software=integer_value(objects, 0x1F55, node),
+        program=_bytes(objects, 0x1F58, node),
+        software_date=(integer_value(objects, 0x1F53, node), integer_value(objects, 0x1F54, node)),
     )
 
 
@@ -235,10 +230,10 @@ def _stored_dcf(objects: ObjectDictionary, node: int, date: tuple[int, int]) -> 
     """Return the configuration that 1F20h:n has, None without one. It stamps 1020h with the expected date."""
     from barewire.canopen.eds.eds_file import parse
 
-    text = _bytes(objects, _DCF, node)
+    text = _bytes(objects, 0x1F20, node)
     if not text:
         return None
-    storage = integer_value(objects, _FORMAT, node)
+    storage = integer_value(objects, 0x1F21, node)
     if storage:
         place = f"DCF of node {node}: 1F21h:{node:02X} = {storage}"
         raise EncodeError(f"{place}: expected 0, which is text; other formats are those of a manufacturer")
