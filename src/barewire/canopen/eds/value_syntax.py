@@ -43,7 +43,7 @@ Expression = Value | Formula
 Read = TypeVar("Read")
 
 
-class Reading(NamedTuple, Generic[Read]):
+class EdsReading(NamedTuple, Generic[Read]):
     """The value of a text, None without one, and the rules that the text breaks."""
 
     value: Read | None
@@ -63,33 +63,33 @@ _DAYS = re.compile(r"([0-9]{1,4}) ([0-9]{1,8})")  # days and milliseconds, as so
 _WORDS = {"true": 1, "yes": 1, "false": 0, "no": 0}
 
 
-def read_integer(text: str) -> Reading[int]:
+def read_integer(text: str) -> EdsReading[int]:
     """Read an integer in any accepted notation.
 
     >>> read_integer("0x1F"), read_integer("001"), read_integer("soon")
-    (Reading(value=31, rules=()), Reading(value=1, rules=()), Reading(value=None, rules=('bad-number',)))
+    (EdsReading(value=31, rules=()), EdsReading(value=1, rules=()), EdsReading(value=None, rules=('bad-number',)))
 
     A leading zero makes a number octal [CiA 306 4.3]. Few authors intend that, so it is reported if it matters.
 
     >>> read_integer("012"), read_integer("08")
-    (Reading(value=10, rules=('leading-zeros',)), Reading(value=8, rules=('leading-zeros',)))
+    (EdsReading(value=10, rules=('leading-zeros',)), EdsReading(value=8, rules=('leading-zeros',)))
     """
     plain, rules = _strip_syntax(text)
     if not plain:
-        return Reading(None, (*rules, "empty"))
+        return EdsReading(None, (*rules, "empty"))
     sign = -1 if plain[0] == "-" else 1
     digits = plain[1:] if plain[0] in "+-" else plain
     if len(digits) > _LONGEST:
-        return Reading(None, (*rules, "bad-number"))
+        return EdsReading(None, (*rules, "bad-number"))
     number = _unsigned(digits)
     if number is None:  # words: their blanks and quotes are not reported
-        return Reading(None, (*(rule for rule in rules if rule.endswith("comment")), "bad-number"))
+        return EdsReading(None, (*(rule for rule in rules if rule.endswith("comment")), "bad-number"))
     value, rule = number
     if plain[0] == "+" or (sign < 0 and _HEX.fullmatch(digits)):
         rules.append("number-form")
     if rule:
         rules.append(rule)
-    return Reading(sign * value, tuple(rules))
+    return EdsReading(sign * value, tuple(rules))
 
 
 def _unsigned(digits: str) -> tuple[int, str] | None:
@@ -138,48 +138,48 @@ def strip_comment(text: str) -> tuple[str, list[str]]:
     return text[:position].rstrip(), rules
 
 
-def read_expression(text: str) -> Reading[Expression]:
+def read_expression(text: str) -> EdsReading[Expression]:
     """Read an integer or a formula.
 
     >>> read_expression("0x200 + $NODEID").value
     Formula(offset=512)
     """
     if "nodeid" not in text.casefold():
-        return Reading(*read_integer(text))
+        return EdsReading(*read_integer(text))
     bare, rules = strip_comment(text)
     terms = [term.strip() for term in bare.split("+")]
     nodes = [term for term in terms if term.casefold() in ("$nodeid", "nodeid")]
     numbers = [read_integer(term) for term in terms if term not in nodes]
     if len(nodes) != 1 or any(number.value is None or number.value < 0 for number in numbers):
-        return Reading(None, (*rules, "bad-formula"))
+        return EdsReading(None, (*rules, "bad-formula"))
     if terms[0] != "$NODEID":
         rules.append("formula-form")
     for number in numbers:
         rules += number.rules
-    return Reading(Formula(sum(number.value or 0 for number in numbers)), tuple(rules))
+    return EdsReading(Formula(sum(number.value or 0 for number in numbers)), tuple(rules))
 
 
-def read_value(text: str, type: str) -> Reading[Expression]:
+def read_value(text: str, type: str) -> EdsReading[Expression]:
     """Read a value of a data type. An empty text has no value, and breaks no rule.
 
     >>> read_value("0xFFFE", "i16").value, read_value("1,5", "f32"), read_value("01 02", "octets").value
-    (-2, Reading(value=1.5, rules=('decimal-comma',)), b'\\x01\\x02')
+    (-2, EdsReading(value=1.5, rules=('decimal-comma',)), b'\\x01\\x02')
     """
     if type in ("string", "unicode"):
         bare, rules = (text[1:-1], ("quoted",)) if _is_quoted(text) else (text, ())
         if type == "unicode" or all(ord(character) < 0x100 for character in bare):
-            return Reading(bare, rules)
+            return EdsReading(bare, rules)
         # A VISIBLE_STRING is bytes: those of the UTF-8 encoding, each as one character.
-        return Reading(bare.encode("utf-8", "surrogatepass").decode("latin-1"), (*rules, "bad-text"))
+        return EdsReading(bare.encode("utf-8", "surrogatepass").decode("latin-1"), (*rules, "bad-text"))
     if not text.strip():
-        return Reading(None)
+        return EdsReading(None)
     if type in ("octets", "domain"):
         return _octets(text)
     if type in ("f32", "f64"):
         return _real(text, type)
     if type in ("time_of_day", "time_difference") and (match := _DAYS.fullmatch(text.strip())):
         total = int(match[1]) * DAY + int(match[2])
-        return Reading(TimeOfDay(total) if type == "time_of_day" else TimeDifference(total), ("number-form",))
+        return EdsReading(TimeOfDay(total) if type == "time_of_day" else TimeDifference(total), ("number-form",))
     return _integer_of_type(read_expression(text), type, text)
 
 
@@ -187,28 +187,28 @@ def _is_quoted(text: str) -> bool:
     return len(text) > 1 and text[0] == text[-1] == '"'
 
 
-def _octets(text: str) -> Reading[Expression]:
+def _octets(text: str) -> EdsReading[Expression]:
     plain = text.strip()
     digits = "".join((plain[2:] if plain[:2] in ("0x", "0X") else plain).split())
     if not _HEX_DIGITS.fullmatch(digits):
-        return Reading(text.encode("latin-1", "replace"), ("bad-hex",))
+        return EdsReading(text.encode("latin-1", "replace"), ("bad-hex",))
     odd = len(digits) % 2
-    return Reading(bytes.fromhex("0" * odd + digits), () if digits == plain and not odd else ("hex-form",))
+    return EdsReading(bytes.fromhex("0" * odd + digits), () if digits == plain and not odd else ("hex-form",))
 
 
-def _real(text: str, type: str) -> Reading[Expression]:
+def _real(text: str, type: str) -> EdsReading[Expression]:
     plain, rules = _strip_syntax(text)
     digits = plain.lstrip("+-") if plain.count("+") + plain.count("-") <= 1 else plain
     if _HEX.fullmatch(digits) and len(digits) <= _LONGEST:
         bits = int(digits, 16)
         if bits >> BY_NAME[type].bits or plain[0] == "-":
-            return Reading(None, (*rules, "out-of-range"))
+            return EdsReading(None, (*rules, "out-of-range"))
         form = "f" if type == "f32" else "d"
         (value,) = struct.unpack(f">{form}", bits.to_bytes(BY_NAME[type].bits // 8, "big"))
-        return Reading(value, tuple(rules))
+        return EdsReading(value, tuple(rules))
     bare = plain.rstrip("fF") if _REAL.fullmatch(plain.rstrip("fF").lstrip("+-")) else plain
     if not (_REAL.fullmatch(bare.lstrip("+-")) or _SPECIAL.fullmatch(bare)) or len(bare) > _LONGEST:
-        return Reading(None, (*rules, "bad-number"))
+        return EdsReading(None, (*rules, "bad-number"))
     if bare != plain or _SPECIAL.fullmatch(bare):
         rules.append("number-form")
     if "," in bare:
@@ -217,30 +217,30 @@ def _real(text: str, type: str) -> Reading[Expression]:
         value = float(bare.replace(",", "."))
         object_codec(type).encode(value)
     except EncodeError:
-        return Reading(None, (*rules, "out-of-range"))
+        return EdsReading(None, (*rules, "out-of-range"))
     except ValueError:
-        return Reading(None, (*rules, "bad-number"))
-    return Reading(value, tuple(rules))
+        return EdsReading(None, (*rules, "bad-number"))
+    return EdsReading(value, tuple(rules))
 
 
-def _integer_of_type(reading: Reading[Expression], type: str, text: str) -> Reading[Expression]:
+def _integer_of_type(reading: EdsReading[Expression], type: str, text: str) -> EdsReading[Expression]:
     """Check the range of a number or formula; a negative number may be written as its unsigned pattern."""
     value, rules = reading
     if value is None or "bad-number" in rules:
-        return Reading(None, rules)
+        return EdsReading(None, rules)
     codec, number = object_codec(type), int(value.offset if isinstance(value, Formula) else value)
     if isinstance(codec, TimeCodec):
         try:
-            return Reading(codec.decode(number.to_bytes(codec.size, "little")), rules)
+            return EdsReading(codec.decode(number.to_bytes(codec.size, "little")), rules)
         except (OverflowError, DecodeError):
-            return Reading(None, (*rules, "out-of-range"))
+            return EdsReading(None, (*rules, "out-of-range"))
     low, high = (int(codec.minimum), int(codec.maximum)) if isinstance(codec, Number) else (0, 1)
     if type[0] == "i" and isinstance(value, int) and high < number <= 2 * high + 1:
         decimal = not any(mark in text.casefold() for mark in "xabcdefh")
-        return Reading(number - 2 * (high + 1), (*rules, "unsigned-decimal") if decimal else rules)
+        return EdsReading(number - 2 * (high + 1), (*rules, "unsigned-decimal") if decimal else rules)
     if not low <= number <= high:
-        return Reading(None, (*rules, "out-of-range"))
-    return Reading(bool(number), rules) if type == "bool" else reading
+        return EdsReading(None, (*rules, "out-of-range"))
+    return EdsReading(bool(number), rules) if type == "bool" else reading
 
 
 def write_value(value: Expression, type: str, like: str = "") -> str:
