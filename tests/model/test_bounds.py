@@ -26,7 +26,7 @@ CHECKED_ELSEWHERE = {
     "ascii/frame.py: len(data) > LONGEST": "a line holds no more: tests/ascii/test_frame.py",
     "ascii/frame.py: max(len(data) - 2, 1)": "the place in an error: tests/ascii/test_frame.py",
     "modbus/client/bus.py: heard.now < until": "a broadcast, which only `setups` has: tests/model/test_one_line.py",
-    "canopen/sdo/client.py: 1 <= server <= SERVERS_MAX": "refuses an argument: tests/canopen/sdo/test_find_channel.py",
+    "canopen/sdo/client.py: 1 <= server <= SERVERS_MAX": "refuses an argument: tests/canopen/sdo/test_access.py",
     "canopen/sdo/channel.py: now >= self.give_up": "never silent: tests/canopen/sdo/test_client.py",
     "canopen/sdo/channel.py: heard.now >= self.late": "without a frame a wait ends no earlier",
     "tcp/frame.py: 1 <= size <= PDU_LIMIT": "a request is never longer: tests/tcp/test_frame.py",

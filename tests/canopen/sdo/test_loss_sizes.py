@@ -14,8 +14,7 @@ import random
 
 import pytest
 
-from tests.canopen.sdo.loss import FAULTS, THEN, Kind, OneFault, transfer
-from tests.canopen.sdo.test_loss import SENSIBLE
+from tests.canopen.sdo.test_loss import FAULTS, SENSIBLE, THEN, Kind, OneFault, transfer
 
 SIZES = (1, 3, 4, 6, 7, 8, 14, 15, 100, 889, 890, 2000)
 KINDS = (

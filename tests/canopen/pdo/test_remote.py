@@ -1,4 +1,4 @@
-"""The PDO configuration of another device, read and written by SDO in the safe order, with a local node."""
+"""The PDOs of another device: their configuration, read and written by SDO in the safe order, and their values."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ import pytest
 
 from barewire.canopen import (
     CanFrame,
+    Channel,
     Entry,
     LocalNode,
     ObjectDictionary,
     PdoConfig,
     PdoConfigPolicy,
     SdoAbort,
+    SdoServer,
     mapping_of,
     pdos_of,
     read_pdo,
     write_pdo,
 )
-from barewire.canopen.sdo import SdoServer
+from barewire.canopen.pdo.remote import PdoConsumer, RemotePdo, remote_pdo
 from barewire.errors import DecodeError, EncodeError
+from tests.canopen.sdo.sdo_bus import Bus, Store
 from tests.canopen.virtual_bus import VirtualBus
 
 TPDO1 = PdoConfig("TPDO", 1, (0x60410010, 0x60640020), type=1, inhibit=10, event_timer=500, sync_start=3)
@@ -219,3 +222,28 @@ def test_numbers_of_a_pdo_that_are_not_numbers_count_as_0() -> None:
         objects = ObjectDictionary([_communication(1, "u32", "rw", 0x185), Entry(0x1A00, 0, "n", type, "rw", value)])
         (pdo,) = pdos_of(objects, 5)
         assert pdo.mapping == ()
+
+
+def test_a_remote_pdo_with_names_of_a_dictionary() -> None:
+    store = Store()
+    record = {(0x1800, 1): "85010000", (0x1800, 2): "FF", (0x1800, 3): "0000", (0x1A00, 0): "02"}
+    record |= {(0x1A00, 1): "10004160", (0x1A00, 2): "08000620"}
+    store.objects |= {place: bytes.fromhex(text) for place, text in record.items()}
+    objects = ObjectDictionary([Entry(0x6041, 0, "statusword", "u16"), Entry(0x2006, 0, "mode", "i8")])
+    bus = Bus(SdoServer(5, store))
+    store.objects |= {(0x1800, 5): bytes(2), (0x1800, 6): bytes(1)}
+    remote = bus.run(remote_pdo(Channel(5), "TPDO", 1, objects))
+    assert remote.key == (0x185, False)
+    assert remote.decode(CanFrame.parse("185#3706FF")) == {"statusword": 0x0637, "mode": -1}
+    listener = PdoConsumer([remote])
+    assert listener.deadline is None
+    (good,) = listener.feed(CanFrame.parse("185#3706FF"), 1.5)
+    (bad,) = listener.feed(CanFrame.parse("185#3706"), 2.5)
+    assert (good.values, good.node, good.at) == ({"statusword": 0x0637, "mode": -1}, 5, 1.5)
+    assert (bad.values, bad.data, bad.why) == (None, bytes.fromhex("3706"), "3 bytes are mapped, got 2")
+    assert listener.feed(CanFrame.parse("186#3706FF"), 3.0) == listener.feed(CanFrame.parse("185#R3"), 3.0) == []
+
+
+def test_a_pdo_that_is_switched_off_raises() -> None:
+    with pytest.raises(EncodeError, match="RPDO5 of node 5 is switched off"):
+        RemotePdo.of(5, PdoConfig("RPDO", 5, (0x60400010,)))
