@@ -155,7 +155,7 @@ class SyncMonitor:
     ['sync', 'sync', 'jump']
     """
 
-    __slots__ = ("_last", "_lost", "_previous", "key", "longest", "overflow", "period", "shortest")
+    __slots__ = ("_lost", "_previous", "_received_at", "key", "longest", "overflow", "period", "shortest")
 
     def __init__(
         self, period: float | None = None, *, overflow: int | None = None, key: tuple[int, bool] = SYNC_KEY
@@ -165,22 +165,22 @@ class SyncMonitor:
         self.key = key
         self.shortest: float | None = None
         self.longest: float | None = None
-        self._last: float | None = None
+        self._received_at: float | None = None
         self._previous: int | None = None
         self._lost = False
 
     @property
     def deadline(self) -> float | None:
         """When SYNC counts as lost unless one arrives before."""
-        if self.period is None or self._last is None or self._lost:
+        if self.period is None or self._received_at is None or self._lost:
             return None
-        return self._last + _LOST_AFTER * self.period
+        return self._received_at + _LOST_AFTER * self.period
 
     def feed(self, frame: CanFrame | None, now: float) -> list[SyncEvent]:
         """Return the events of a frame, or of time passing."""
         events: list[SyncEvent] = []
         due = self.deadline
-        since = None if self._last is None else now - self._last
+        since = None if self._received_at is None else now - self._received_at
         if due is not None and now >= due:
             self._lost = True
             events.append(SyncEvent("lost", self._previous, now, since))
@@ -196,7 +196,7 @@ class SyncMonitor:
             self.shortest = since if self.shortest is None else min(self.shortest, since)
             self.longest = since if self.longest is None else max(self.longest, since)
         kind: SyncKind = "sync" if self._follows(counter) else "jump"
-        self._previous, self._last, self._lost = counter, now, False
+        self._previous, self._received_at, self._lost = counter, now, False
         return [*events, SyncEvent(kind, counter, now, since)]
 
     def _follows(self, counter: int | None) -> bool:

@@ -140,8 +140,8 @@ def wait_for_state(node: int, states: Collection[int], *, timeout: float = 10.0)
         raise EncodeError("no state: expected a state, such as NmtState.OPERATIONAL")
     for state in states:
         if state not in _STATES:
-            known = ", ".join(f"NmtState.{state.name}" for state in NmtState)
-            raise EncodeError(f"state {shown(state)}: expected one of {known}")
+            names = ", ".join(f"NmtState.{state.name}" for state in NmtState)
+            raise EncodeError(f"state {shown(state)}: expected one of {names}")
     names = " or ".join(NodeState(node, state).name for state in states)
     return _wait(node, f"state {names}", lambda received: received.state in states, timeout)
 
@@ -159,16 +159,16 @@ def _waiting(
 ) -> Conversation[CanFrame, NodeState]:
     heard: Heard[CanFrame] = yield Listen(float("-inf"))
     until = heard.now + timeout
-    last = ""
+    latest = ""
     while True:
         received = None if heard.item is None else reported_state(heard.item)
         if received is not None and node in (None, received.node):
             if wanted(received):
                 return received
-            last = f"last reported was {NmtState.INITIALISING.name.lower() if received.is_boot_up else received.name}"
+            latest = f"last reported was {NmtState.INITIALISING.name.lower() if received.is_boot_up else received.name}"
         if heard.now >= until:
             source = "any node" if node is None else f"node {node}"
-            raise NoAnswer(f"no {event} from {source} within {timeout:g} s: {last or 'no state was reported'}")
+            raise NoAnswer(f"no {event} from {source} within {timeout:g} s: {latest or 'no state was reported'}")
         heard = yield Listen(until)
 
 

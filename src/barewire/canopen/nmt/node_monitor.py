@@ -71,8 +71,8 @@ class NodeMonitor:
             return []
         identifier = frame.id
         if not frame.extended:
-            known = self._base.get(identifier)
-            self._base[identifier] = (1 if known is None else known[0] + 1, now, frame)
+            record = self._base.get(identifier)
+            self._base[identifier] = (1 if record is None else record[0] + 1, now, frame)
         elif identifier <= BASE_MAX:
             self._extended[identifier] = self._extended.get(identifier, 0) + 1
         else:
@@ -85,13 +85,13 @@ class NodeMonitor:
 
     def count(self, identifier: int) -> int:
         """Return the number of base frames with this identifier, without remote frames."""
-        known = self._base.get(identifier)
-        return 0 if known is None else known[0]
+        record = self._base.get(identifier)
+        return 0 if record is None else record[0]
 
     def last_frame(self, identifier: int, since: float) -> CanFrame | None:
         """Return the last base frame with this identifier if it was received after `since`; None otherwise."""
-        known = self._base.get(identifier)
-        return None if known is None or known[1] <= since else known[2]
+        record = self._base.get(identifier)
+        return None if record is None or record[1] <= since else record[2]
 
     def last_sent(self, node: int) -> float | None:
         """Return when the node last sent a frame of the predefined connection set; None if never."""
@@ -106,8 +106,8 @@ class NodeMonitor:
 
     def state(self, node: int) -> NodeState | None:
         """Return the last state that the node reported."""
-        known = self._base.get(0x700 + check_node(node))
-        return None if known is None else reported_state(known[2])
+        record = self._base.get(0x700 + check_node(node))
+        return None if record is None else reported_state(record[2])
 
     def unanswered(self, request_id: int, response_id: int) -> float | None:
         """Return when the last SDO request was received, None if a response came after it, or if it needs none.

@@ -231,7 +231,7 @@ class PdoEngine:
         used = [pdo for pdo in self._active.values() if pdo.is_on and not (pdo.is_tpdo and pdo.cob.bit30)]
         for pdo in used:
             mapped = () if pdo.is_tpdo else pdo.mapping.entries
-            if pdo.mpdo_consumer is not None or any(0x1000 <= one.index < 0x2000 for one in mapped):
+            if pdo.mpdo_consumer is not None or any(0x1000 <= entry.index < 0x2000 for entry in mapped):
                 return None
         return frozenset(pdo.key for pdo in used)
 

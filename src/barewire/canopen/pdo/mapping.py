@@ -159,10 +159,10 @@ class PdoMapping:
         return {step.name: _from_bits(step, stream >> step.offset & step.mask) for step in self._steps}
 
     def _check_names(self, values: Mapping[str, Value]) -> None:
-        known = {step.name for step in self._steps}
+        names = {step.name for step in self._steps}
         for name in values:
-            if name not in known:
-                raise EncodeError(f"{name!r} is not in this PDO: it has {', '.join(sorted(known)) or 'nothing'}")
+            if name not in names:
+                raise EncodeError(f"{name!r} is not in this PDO: it has {', '.join(sorted(names)) or 'nothing'}")
 
 
 def _struct_of(entries: tuple[MappedObject, ...]) -> struct.Struct | None:

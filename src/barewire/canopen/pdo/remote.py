@@ -110,9 +110,9 @@ def _write_pdo(
 ) -> Conversation[CanFrame, None]:
     record = pdo.communication
     # Switched off with its present identifier: some devices refuse another one in the same write.
-    before = (yield from _read(channel, record, _COB_ID, timeout, needed=True)) or 0
-    if not (policy.skip_equal and before & _OFF):
-        yield from _write(channel, record, _COB_ID, before | _OFF, 4, timeout)
+    stored = (yield from _read(channel, record, _COB_ID, timeout, needed=True)) or 0
+    if not (policy.skip_equal and stored & _OFF):
+        yield from _write(channel, record, _COB_ID, stored | _OFF, 4, timeout)
     try:
         parameters_first = policy.order == "first" or pdo.multiplexed is not None
         if parameters_first:
@@ -120,7 +120,7 @@ def _write_pdo(
         yield from _write_mapping(channel, pdo, policy, timeout)
         if not parameters_first:
             yield from _write_parameters(channel, pdo, policy, timeout)
-        if not (policy.skip_equal and entry.pack() == before | _OFF):
+        if not (policy.skip_equal and entry.pack() == stored | _OFF):
             yield from _write(channel, record, _COB_ID, entry.pack(), 4, timeout)
     except BarewireError as error:
         error.add_note(f"{pdo.direction}{pdo.number} of node {channel.node} is left switched off")
@@ -154,8 +154,8 @@ def _write_mapping(
 def _write_parameters(
     channel: Channel, pdo: PdoConfig, policy: PdoConfigPolicy, timeout: float
 ) -> Conversation[CanFrame, None]:
-    wanted = {_TYPE: pdo.type, _INHIBIT: pdo.inhibit, _EVENT_TIMER: pdo.event_timer, _SYNC_START: pdo.sync_start}
-    for sub, value in wanted.items():
+    parameters = {_TYPE: pdo.type, _INHIBIT: pdo.inhibit, _EVENT_TIMER: pdo.event_timer, _SYNC_START: pdo.sync_start}
+    for sub, value in parameters.items():
         if policy.skip_equal:
             present = yield from _read(channel, pdo.communication, sub, timeout, needed=False)
             if (present or 0) == value:
@@ -201,11 +201,11 @@ def _write(
 
 
 def _other_mapping(pdo: PdoConfig, present: _Content) -> EncodeError:
-    shown, wanted = (
+    mapped, expected = (
         addressing or " ".join(f"{word:08X}" for word in words) or "nothing"
         for words, addressing in (present, (pdo.mapping, pdo.multiplexed))
     )
-    return EncodeError(f"{pdo.direction}{pdo.number} maps {shown} and cannot be changed; expected {wanted}")
+    return EncodeError(f"{pdo.direction}{pdo.number} maps {mapped} and cannot be changed; expected {expected}")
 
 
 def mapping_of(pdo: PdoConfig, objects: ObjectDictionary | None = None) -> PdoMapping:
@@ -227,13 +227,14 @@ def _mapped(words: tuple[int, ...], objects: ObjectDictionary | None) -> Iterato
             yield plain
             continue
         entry = objects.entry(plain.index, plain.sub)
-        known = MappedObject.of_word(word, entry.type, "" if entry.name in names else entry.name)
+        named = MappedObject.of_word(word, entry.type, "" if entry.name in names else entry.name)
         names.add(entry.name)
         try:
-            PdoMapping([known])
+            PdoMapping([named])
         except EncodeError:
-            known = plain
-        yield known
+            # The dictionary has it with another width: its bits are a number, named by index and sub-index.
+            named = plain
+        yield named
 
 
 @dataclass(frozen=True, slots=True)

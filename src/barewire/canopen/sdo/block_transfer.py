@@ -283,7 +283,7 @@ class BlockReceiver:
 
     def _stray(self, data: bytes) -> list[bytes]:
         """Handle a segment that is not the next one: a repeated segment, or one after a gap."""
-        sequence, last = data[0] & ~LAST, data[0] & LAST
+        sequence, is_last = data[0] & ~LAST, data[0] & LAST
         if not 1 <= sequence <= self._blksize:
             raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came: expected 1..{self._blksize}")
         self._count_stray()
@@ -291,7 +291,7 @@ class BlockReceiver:
         if sequence <= len(parts):
             if not self.has(data):
                 raise ProtocolViolation(AbortCode.SEQUENCE_NUMBER, f"segment {sequence} came again with different data")
-        elif parts and (last or sequence == self._blksize):
+        elif parts and (is_last or sequence == self._blksize):
             return self._acknowledge()
         return []
 

@@ -282,11 +282,11 @@ def _request_blocks(
 
 
 def _request_segment(
-    transfer: ClientTransfer, request: NextSegment | SdoSegment, wanted: type[_SegmentResponse], *, first: bool
+    transfer: ClientTransfer, request: NextSegment | SdoSegment, wanted: type[_SegmentResponse], *, is_first: bool
 ) -> Conversation[CanFrame, _SegmentResponse]:
     """Return the response to a request of a segmented transfer, which must have the same toggle bit."""
     response = yield from transfer.request(request, (wanted,))
-    if response.toggle != request.toggle and not first:
+    if response.toggle != request.toggle and not is_first:
         # A bus may deliver a frame twice: this can be the previous response again.
         transfer.channel.counters.late += 1
         response = yield from transfer.response((wanted,))
@@ -297,14 +297,14 @@ def _request_segment(
 
 
 def _upload_segments(transfer: ClientTransfer, value: Incoming) -> Conversation[CanFrame, None]:
-    toggle, first, last, empty = 0, True, False, 0
-    while not last:
-        segment = yield from _request_segment(transfer, NextSegment(toggle), SdoSegment, first=first)
+    toggle, is_first, is_last, empty = 0, True, False, 0
+    while not is_last:
+        segment = yield from _request_segment(transfer, NextSegment(toggle), SdoSegment, is_first=is_first)
         value.add(segment.data)
         empty = 0 if segment.data else empty + 1
         if empty == EMPTY_SEGMENTS and not segment.last:
             raise ProtocolViolation(AbortCode.GENERAL, f"{empty} segments in a row have no data, and none is the last")
-        toggle, first, last = toggle ^ 1, False, segment.last
+        toggle, is_first, is_last = toggle ^ 1, False, segment.last
     value.end()
 
 
@@ -438,12 +438,12 @@ def _download_segments(
     transfer: ClientTransfer, request: InitiateDownload, value: Outgoing
 ) -> Conversation[CanFrame, None]:
     yield from transfer.request(request, (DownloadInitiated,))
-    toggle, first, last = 0, True, False
-    while not last:
+    toggle, is_first, is_last = 0, True, False
+    while not is_last:
         data = value.take(SEGMENT)
-        last = value.exhausted
-        yield from _request_segment(transfer, SdoSegment(toggle, data, last), SegmentTaken, first=first)
-        toggle, first = toggle ^ 1, False
+        is_last = value.exhausted
+        yield from _request_segment(transfer, SdoSegment(toggle, data, is_last), SegmentTaken, is_first=is_first)
+        toggle, is_first = toggle ^ 1, False
 
 
 def _download_blocks(

@@ -58,11 +58,11 @@ def fit(data: bytes, size: int) -> bytes:
     The surplus bytes must be zeros, or the sign extension of a negative number; anything else would change the value
     and raises DecodeError("long"). Too few bytes raise DecodeError("short").
     """
-    kept, surplus = data[:size], data[size:]
+    value, surplus = data[:size], data[size:]
     if len(data) < size or not size:
         reason: Reason = "short" if len(data) < size else "length"
         raise DecodeError(reason, data, len(data), f"{size} bytes wanted, got {len(data)}")
-    negative = bool(kept[-1] & 0x80)
-    if not surplus.strip(b"\0") or (negative and not surplus.strip(b"\xff")):
-        return kept
+    is_negative = bool(value[-1] & 0x80)
+    if not surplus.strip(b"\0") or (is_negative and not surplus.strip(b"\xff")):
+        return value
     raise DecodeError("long", data, size, f"the value does not fit {size} bytes")

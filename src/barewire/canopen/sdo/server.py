@@ -331,9 +331,25 @@ class SdoServer:
     '585#4B41600037060000'
     """
 
-    __slots__ = ("_last", "_last_until", "_place", "_stray", "_stray_until", "_transfer", "blksize", "counters",
-                 "dialect", "limit", "objects", "on_failure", "request_extended", "request_id", "response_extended",
-                 "response_id", "timeout")  # fmt: skip
+    __slots__ = (
+        "_last_frame",
+        "_place",
+        "_repeat_until",
+        "_stray",
+        "_stray_until",
+        "_transfer",
+        "blksize",
+        "counters",
+        "dialect",
+        "limit",
+        "objects",
+        "on_failure",
+        "request_extended",
+        "request_id",
+        "response_extended",
+        "response_id",
+        "timeout",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -384,8 +400,8 @@ class SdoServer:
         self._place = 0, 0
         self._stray = 0
         self._stray_until = 0.0
-        self._last = b""
-        self._last_until = 0.0
+        self._last_frame = b""
+        self._repeat_until = 0.0
 
     def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """Return the frames that respond to a frame, or to time passing."""
@@ -434,7 +450,7 @@ class SdoServer:
             self._transfer = None
             return []
         transfer = self._transfer
-        if data == self._last and self._is_repeat(data, now):
+        if data == self._last_frame and self._is_repeat(data, now):
             return []
         if transfer is not None and is_initiate(data) and transfer.gives_way(data):
             self.counters.replaced += 1
@@ -454,14 +470,14 @@ class SdoServer:
 
     def _keep_last(self, data: bytes, now: float) -> None:
         """Record the last frame of a transfer. It may come again; the A1 of a block upload may come late."""
-        self._last = data
-        self._last_until = now + self.timeout
+        self._last_frame = data
+        self._repeat_until = now + self.timeout
 
     def _is_repeat(self, data: bytes, now: float) -> bool:
         """Return whether the last frame of the transfer before has come again. During a transfer only an A1 is known to
         be no part of it."""
         transfer = self._transfer
-        if now >= self._last_until:
+        if now >= self._repeat_until:
             return False
         if transfer is not None and (data != _BLOCK_ENDED or not transfer.gives_way(data) or awaits_end(transfer)):
             return False

@@ -34,7 +34,7 @@ class Outgoing:
     Raises EncodeError if the pieces have more or fewer bytes than `size`.
     """
 
-    __slots__ = ("_offset", "_piece", "_pieces", "_progress", "_size", "taken")
+    __slots__ = ("_offset", "_piece", "_pieces", "_progress", "_size", "count")
 
     def __init__(self, pieces: Iterable[bytes], size: int | None, progress: SdoProgress | None = None) -> None:
         self._pieces = iter(pieces)
@@ -42,7 +42,7 @@ class Outgoing:
         self._offset = 0
         self._size = size
         self._progress = progress or _ignore
-        self.taken = 0
+        self.count = 0
 
     @property
     def exhausted(self) -> bool:
@@ -50,26 +50,26 @@ class Outgoing:
         while self._offset == len(self._piece):
             piece = next(self._pieces, None)
             if piece is None:
-                if self._size is not None and self.taken < self._size:
-                    raise EncodeError(f"{self._size} bytes were announced, the data ends after {self.taken}")
+                if self._size is not None and self.count < self._size:
+                    raise EncodeError(f"{self._size} bytes were announced, the data ends after {self.count}")
                 return True
             if not isinstance(piece, (bytes, bytearray, memoryview)):
                 raise EncodeError(f"{shown(piece)} is not bytes: an object takes bytes, or pieces of bytes")
             self._piece, self._offset = memoryview(piece), 0
         return False
 
-    def take(self, count: int) -> bytes:
-        """Return the next `count` bytes; fewer only at the end."""
+    def take(self, length: int) -> bytes:
+        """Return the next `length` bytes; fewer only at the end."""
         parts = []
-        while count > 0 and not self.exhausted:
-            part = self._piece[self._offset : self._offset + count]
+        while length > 0 and not self.exhausted:
+            part = self._piece[self._offset : self._offset + length]
             parts.append(part)
-            count -= len(part)
+            length -= len(part)
             self._offset += len(part)
-            self.taken += len(part)
-        if self._size is not None and self.taken > self._size:
+            self.count += len(part)
+        if self._size is not None and self.count > self._size:
             raise EncodeError(f"{self._size} bytes were announced, the data goes on")
-        self._progress(self.taken, self._size)
+        self._progress(self.count, self._size)
         return b"".join(parts)
 
 
