@@ -200,9 +200,8 @@ class SyncMonitor:
         return [*events, SyncEvent(kind, counter, now, since)]
 
     def _follows(self, counter: int | None) -> bool:
-        """Return whether this counter follows the previous one. If `overflow` is unknown, 1 follows every counter."""
         if counter is None or self._previous is None:
             return True
-        if self.overflow is None and counter == 1:
+        if self.overflow is None and counter == 1:  # 1 may follow every counter
             return True
         return counter == (1 if self._previous == self.overflow else self._previous + 1)

@@ -333,7 +333,6 @@ def _scan_part(
 
 
 def _matches(request: Fastscan, timing: _Timing) -> Conversation[CanFrame, bool]:
-    """Return whether any device answers the request."""
     for _ in range(timing.attempts):
         times = yield from answer_times(request.encode(), LssService.IDENTIFIED, timing.wait, timing.linger)
         if times:
@@ -395,18 +394,16 @@ def assign_node_ids(
 
 
 def _stores(timeout: float) -> Conversation[CanFrame, bool]:
-    """Let the device store its configuration; return False if it does not support that, which CiA 305 allows."""
     try:
         yield from store_configuration(timeout=timeout)
     except LssRefused as refusal:
-        if refusal.code != STORE_NOT_SUPPORTED:
+        if refusal.code != STORE_NOT_SUPPORTED:  # which CiA 305 allows
             raise
         return False
     return True
 
 
 def _wait_for_boot_up(node: int, until: float) -> Conversation[CanFrame, bool]:
-    """Wait for the boot-up message of the node; return whether it was received."""
     while True:
         heard: Heard[CanFrame] = yield Listen(until)
         received = None if heard.item is None else reported_state(heard.item)

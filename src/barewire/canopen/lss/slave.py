@@ -151,7 +151,6 @@ class LssSlave:
         return LssService.IDENTIFIED, b""
 
     def _matches_scan(self, body: bytes) -> bool:
-        """Return whether the device answers a fastscan request."""
         if not self._is_unconfigured or self.state is not LssState.WAITING:
             return False
         try:

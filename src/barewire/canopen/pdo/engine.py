@@ -128,7 +128,7 @@ class ActivePdo:
             return bytes(self.mapping.size)
 
     def _find_misfit(self) -> None:
-        """Read the objects one by one: the dictionary reports the value of the application that does not fit."""
+        # Read one by one, so that the dictionary reports the value of the application that does not fit.
         for mapped in self.mapping.entries:
             if not mapped.is_dummy:
                 with suppress(BarewireError):
@@ -195,7 +195,6 @@ class PdoEngine:
             add_records(objects, node, config, partial(self._discard, config))
 
     def _discard(self, config: PdoConfig) -> None:
-        """Discard the state of one PDO, because its record was written."""
         old = self._active.pop(config, None)
         self._refused += 0 if old is None else old.refused
         self._pdos_changed = True
@@ -282,7 +281,6 @@ class PdoEngine:
         return frames
 
     def _receive(self, frame: CanFrame, now: float) -> list[CanFrame]:
-        """Receive an RPDO. Return the emergencies about its length."""
         frames: list[CanFrame] = []
         for pdo in self.active:
             if pdo.is_tpdo or not pdo.is_on or frame.key != pdo.key:
@@ -303,7 +301,6 @@ class PdoEngine:
         return frames
 
     def _receive_mpdo(self, pdo: ActivePdo, consumer: MpdoConsumer, frame: CanFrame, now: float) -> list[CanFrame]:
-        """Store a multiplexed RPDO."""
         try:
             message = Mpdo.decode(frame)
         except DecodeError:
@@ -338,6 +335,7 @@ class PdoEngine:
         wrong = _TOO_SHORT if length < size else _TOO_LONG if length > size else 0
         frames = self.errors.error(wrong, now, source=source, info=bytes([length, size])) if wrong else []
         for code in (_TOO_SHORT, _TOO_LONG, _MISSED):
+            # An RPDO that is too short is ignored, so one that was missed is still missing.
             if code != wrong and not (code == _MISSED and wrong == _TOO_SHORT):
                 frames += self.errors.error_gone(code, now, source=source)
         return frames
@@ -348,6 +346,7 @@ class PdoEngine:
         except DecodeError:
             return []
         self._synced_at = now
+        # Received data takes effect before TPDOs are sampled.   [CiA 301, synchronous PDOs]
         for pdo in self.active:
             if pdo.held is not None:
                 held, pdo.held = pdo.held, None
@@ -363,7 +362,6 @@ class PdoEngine:
         return frames
 
     def _remote_request(self, frame: CanFrame, now: float) -> list[CanFrame]:
-        """Return the TPDOs that a remote frame requests."""
         frames: list[CanFrame] = []
         for pdo in self.active:
             if not pdo.is_tpdo or not pdo.is_on or pdo.cob.bit30 or frame.key != pdo.key:

@@ -74,8 +74,6 @@ class MappedObject:
 
 
 class _Step(NamedTuple):
-    """How one object is packed, as far as it does not depend on its value."""
-
     name: str
     offset: int
     mask: int
@@ -209,7 +207,6 @@ def _step(entry: MappedObject, offset: int) -> _Step:
 
 
 def _to_bits(step: _Step, value: Value) -> int:
-    """Return the bits of a value."""
     if step.codec is not None:
         return int.from_bytes(step.codec.encode(value), "little")
     if step.length:
@@ -226,7 +223,6 @@ def _to_bits(step: _Step, value: Value) -> int:
 
 
 def _from_bits(step: _Step, bits: int) -> Value:
-    """Return the value of the bits of an object."""
     if step.codec is not None:
         return step.codec.decode(bits.to_bytes(step.codec.size, "little"))
     if step.length:

@@ -145,7 +145,6 @@ class BlockSender:
         return self._next_burst(now)
 
     def _next_burst(self, now: float) -> list[bytes]:
-        """Return the next burst of this block; nothing if the whole block is sent."""
         burst = self._block[self._sent : self._sent + self._burst]
         if burst:
             self._sent += len(burst)
@@ -259,15 +258,15 @@ class BlockReceiver:
         return True
 
     def _move_deadline(self, now: float) -> None:
-        """Move the deadline after a frame, but not for each of the thousand frames a second: see `_STEP`."""
+        # Not for each of the thousand frames a second, only when the last move is stale.
         self.deadline = now + self._early
         self._stale = now + self._step
         self._reminded = False
 
     def _acknowledge(self) -> list[bytes]:
-        """Acknowledge the segments in order. The last block is kept until the end gives its number of unused bytes."""
         self._strays = 0
         self._prepare_ack(len(self._parts))
+        # The last block is kept until the end states how many of its bytes are unused.
         if not self.complete:
             self._deliver(joined(self._parts))
             self._parts = []

@@ -469,16 +469,16 @@ class SdoServer:
         return True
 
     def _keep_last(self, data: bytes, now: float) -> None:
-        """Record the last frame of a transfer. It may come again; the A1 of a block upload may come late."""
+        # It may come again; the A1 of a block upload may come late.
         self._last_frame = data
         self._repeat_until = now + self.timeout
 
     def _is_repeat(self, data: bytes, now: float) -> bool:
-        """Return whether the last frame of the transfer before has come again. During a transfer only an A1 is known to
-        be no part of it."""
+        """Return whether the last frame of the transfer before has come again."""
         transfer = self._transfer
         if now >= self._repeat_until:
             return False
+        # During a transfer only an A1 is known to be no part of it.
         if transfer is not None and (data != _BLOCK_ENDED or not transfer.gives_way(data) or awaits_end(transfer)):
             return False
         self.counters.strays += 1
@@ -568,11 +568,9 @@ class SdoServer:
         return BlockUploadInitiated(index, sub, len(value)).encode()
 
     def _trimmed(self, request: ExpeditedDownload) -> bytes:
-        """Return the bytes of a download that are the value.
-
-        Without an indicated size these are as many as the object has, and also in a dialect that sends every number
-        in four bytes, if the others are zero. Otherwise they are all bytes; the dictionary checks the length.
-        """
+        """Return the bytes of a download that are the value."""
+        # Without an indicated size these are as many as the object has, and also in a dialect that sends every number
+        # in four bytes, if the others are zero. Otherwise they are all bytes; the dictionary checks the length.
         data = request.data
         if request.indicated and (self.dialect.lengths == "exact" or len(data) != 4):
             return data

@@ -137,8 +137,8 @@ class ClientTransfer:
                 raise
 
     def _end(self) -> None:
-        """Give the channel back. An exception may have come at any line, also here: then
-        nothing above has recorded that a response may be late."""
+        # An exception may have come at any line of `run`, or here: then nothing has recorded yet that a response may
+        # be late.
         if self.pending:
             self.stay_quiet()
         self.channel.busy = False
@@ -149,11 +149,9 @@ class ClientTransfer:
         self.pending = False
 
     def _leave(self) -> None:
-        """Make the channel quiet after a transfer that was abandoned while everything was in order.
-
-        The server answers in the order of the requests, so only an answer that names the object of the next transfer
-        could be mistaken: that to the first request. Segments of blocks name nothing, and any of them may look so.
-        """
+        """Make the channel quiet after a transfer that was abandoned while everything was in order."""
+        # The server answers in the order of the requests, so only an answer that names the object of the next transfer
+        # could be mistaken: that to the first request. Segments of blocks name nothing, and any of them may look so.
         place = (self.index, self.sub)
         named = None if self.in_blocks else () if self._begun else (place,)
         self.channel.be_quiet(self._last_response(), named, place, self.now)
@@ -161,13 +159,11 @@ class ClientTransfer:
         self.pending = False
 
     def _last_response(self) -> float:
-        """Return when the last response may arrive at the latest."""
         late = self.channel.latest(self.timeout)
         sent_at = self.now if self.until is None else self.until - self.timeout
         return max(self.now + late, sent_at + 2 * late)
 
     def _abort(self, code: AbortCode) -> Conversation[CanFrame, None]:
-        """Send an abort, unless nothing was sent."""
         if self.until is not None:
             yield self.send(Abort(self.index, self.sub, code).encode())
 
@@ -176,7 +172,6 @@ class ClientTransfer:
         return f"{text}: {self.channel.explain(self.now)}"
 
     def send(self, data: bytes) -> Send[CanFrame]:
-        """Send eight bytes to the server."""
         return self.channel.send(data)
 
     def send_all(self, every: Iterable[bytes]) -> SendAll[CanFrame]:
@@ -227,7 +222,7 @@ class ClientTransfer:
                 raise ProtocolViolation(AbortCode.TIMED_OUT, "no response")
 
     def _concerns_object(self, response: object) -> bool:
-        """Return whether a response names the object of this transfer, or none."""
+        # A response that names no object can only be about that of the transfer.
         return (getattr(response, "index", self.index), getattr(response, "sub", self.sub)) == (self.index, self.sub)
 
     def receive(self, frame: CanFrame) -> bytes | None:
