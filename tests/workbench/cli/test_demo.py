@@ -16,7 +16,7 @@ from rich.console import Console
 
 from barewire.canopen import CanFrame
 from barewire_workbench import explain
-from barewire_workbench.cli.demo.story import LateFrames
+from barewire_workbench.cli.demo import LateFrames
 from tests.workbench.cli.helpers import COMMAND, ENVIRONMENT, output_of
 
 SCREENS = 2 * 40

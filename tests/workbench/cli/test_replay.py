@@ -56,7 +56,7 @@ def test_differences_are_listed_and_decide_the_exit_status(eds: Path, tmp_path: 
 
 def test_the_summary_says_what_was_not_played(eds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("barewire_workbench.replay.peer_replay.STEPS_MAX", 10)
-    monkeypatch.setattr("barewire_workbench.cli.recordings.replay.STEPS_MAX", 10)
+    monkeypatch.setattr("barewire_workbench.cli.replay.STEPS_MAX", 10)
     log = tmp_path / "run.log"
     text = OBJECT.format(index="1017", name="heartbeat", type="0x0006", access="rw", value="1000")
     eds.write_text(f"{eds.read_text()}{text}")
@@ -104,7 +104,7 @@ def test_wrong_usage(eds: Path, tmp_path: Path) -> None:
     log = tmp_path / "run.log"
     log.write_text(LOG)
     against = ("--against", str(eds))
-    assert "expected 1..127" in error_of("replay", str(log), *against, "--node", "128", status=2)
+    assert "128 is not in the range 1<=x<=127" in error_of("replay", str(log), *against, "--node", "128", status=2)
     assert "did you mean 'sdo'" in error_of("replay", str(log), *against, "--only", "sod", status=2)
     assert "no frames on it" in error_of("replay", str(log), *against, "--bus", "can1")
     assert "not a recording of CAN" in error_of("replay", str(eds), *against)

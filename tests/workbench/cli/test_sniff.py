@@ -266,9 +266,9 @@ def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     log, modbus = tmp_path / "bus.log", tmp_path / "modbus.log"
     log.write_text(EXCHANGE)
     modbus.write_text("1.0 01 03 00 00 00 02 C4 0B\n")
-    assert "--only rubbish: expected one of sdo, gap" in error_of("sniff", str(log), "--only", "rubbish", status=2)
+    assert "'rubbish': expected one of sdo, gap" in error_of("sniff", str(log), "--only", "rubbish", status=2)
     assert "give a --device for each --node" in error_of("sniff", str(log), "--node", "5", status=2)
-    assert "expected 1..127" in error_of("sniff", str(log), "--device", "az3", "--node", "128", status=2)
+    assert "128 is not in the range" in error_of("sniff", str(log), "--device", "az3", "--node", "128", status=2)
     assert "has no CANopen" in error_of("sniff", str(log), "--device", "adxl", status=2)
     assert "No such file" in error_of("sniff", str(log), "--device", "no.eds", "--node", "5")
     assert "--node is for a CAN bus" in error_of("sniff", str(modbus), "--node", "5", status=2)

@@ -12,8 +12,7 @@ from xml.etree import ElementTree
 import pytest
 
 from barewire.errors import EncodeError
-from barewire_workbench.cli.vectors.frames import frames_of_case
-from barewire_workbench.cli.vectors.picture import pictures_of_case
+from barewire_workbench.cli.vectors_show import frames_of_case, pictures_of_case
 from barewire_workbench.pictures.fields import FieldsPicture, byte_boxes
 from barewire_workbench.pictures.picture import as_svg
 from barewire_workbench.vectors.files import load_vectors

@@ -20,10 +20,9 @@ from barewire.canopen import AbortCode, CanFrame, Entry, SdoAbort
 from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
 from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.app import run_command_line
-from barewire_workbench.cli.conform import node_case_fields, node_case_line
 from barewire_workbench.live import canopen_conformance as shell
 from barewire_workbench.live.canopen_conformance import NodeCaseResult, conform_can
-from barewire_workbench.live.unfinished import Unfinished
+from barewire_workbench.live.results import Unfinished
 from barewire_workbench.vectors.answers.device_conformance import plain_device
 from tests.helpers import free_port, refused
 from tests.workbench.cli.helpers import COMMAND, run_command, run_here, simulated_at
@@ -352,8 +351,8 @@ def test_a_case_that_fails_is_repeated(refusals: int, verdict: str) -> None:
         left[0] = refusals
         result = next(results)
         assert list(results) == []
-    fields = node_case_fields(result)
+    fields = result.as_dict()
     assert (fields["case"], fields["verdict"], fields["ok"]) == ("SDO-02", verdict, verdict == "ok")
     assert (result.failure is None, result.now_and_then) == (verdict == "ok", verdict == "now and then")
-    assert node_case_line(result).split("  SDO-02")[0].strip() == verdict.replace("failed", "FAILED")
+    assert result.line.split("  SDO-02")[0].strip() == verdict.replace("failed", "FAILED")
     assert left == [0]

@@ -36,7 +36,7 @@ from barewire_workbench.cli.app import run_command_line
 from barewire_workbench.conform.modbus import answer_text
 from barewire_workbench.live import modbus_conformance as shell
 from barewire_workbench.live.modbus_conformance import CaseResult, cases_of, conform
-from barewire_workbench.live.unfinished import Unfinished
+from barewire_workbench.live.results import Unfinished
 from tests.certificates import tls_url
 from tests.helpers import refused
 from tests.io.peers import again, answer, peer

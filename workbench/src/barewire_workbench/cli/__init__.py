@@ -1,24 +1,30 @@
 """The command `barewire`. Files in reading order:
 
     app               the main command: loads a command when it is used; errors and exit statuses
-    arguments         arguments, options, output and signals that several commands share
-    demo              `demo`: simulated machines read and written on every wire (a folder)
+    arguments         arguments and options that several commands share
+    output            things as text or JSON, notes, a line that counts, files
+    ending            signals, and the wait for a late response
+    demo              `demo`: simulated machines read and written on every wire
     devices           `devices`: the catalogue, and every parameter of a device
     simulate          `simulate`: a machine or a table on real ports
     read_write        `read`, `write`: named values
     watch, plot       `watch`: named values periodically, as a table, lines, JSON, CSV or a plot
     drive             `drive`: enable, move and stop a drive
-    explain, sniff    `explain`: frames and recordings; `sniff`: traffic of a line or bus
     shown_frames      `--frames` of read, write, drive and demo: the frames of a command as they pass
+    explain           `explain`: frames and recordings
     send, steps       `send`: a frame typed by hand, its answer explained; `steps`: calculations step by step
-    lab               `lab`: the labs of the course; labs/ has their exercises
-    recordings        `diagnose`: what is wrong in a recording, or on a line; `record`: traffic of a line -> a file that
-                      `simulate` serves; `replay`: a recording of a CAN bus against a device (a folder)
+    lab, labs/        `lab`: the labs of the course, and their exercises
+    sources           the line, bus or recording that the next three commands read
+    sniff             `sniff`: the traffic of a line or bus
+    diagnose          `diagnose`: what is wrong in a recording, or on a line
+    record            `record`: traffic of a line -> a file that `simulate` serves
+    replay            `replay`: a recording of a CAN bus against a device or a client
     conform           `conform`: a server or a CANopen device against the standard
-    canopen           `canopen`: a device compared with its DCF, and configured
+    canopen           `canopen`: a device compared with its DCF, and configured; a network booted
     canopen_gateway   `canopen-gateway`: a CANopen network as text over TCP
     eds               `eds`: export and check electronic data sheets
-    vectors           `vectors`: the reference vectors, listed, shown, run against any implementation (a folder)
+    vectors           `vectors`: the reference vectors, listed and run against any implementation
+    vectors_show      one case of them, explained and drawn
 
 Exit status: 0 done, 1 failed, 2 wrong usage, 128 + n ended by signal n.
 """

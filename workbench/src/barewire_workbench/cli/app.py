@@ -20,10 +20,11 @@ import click
 
 from barewire import __version__
 from barewire.errors import BarewireError, EncodeError
-from barewire_workbench.cli.arguments import CommandGroup, text_with_notes
+from barewire_workbench.cli.arguments import CommandGroup
+from barewire_workbench.cli.output import text_with_notes
 
 COMMANDS = {
-    "demo": ("demo.story", "Read and write three simulated machines on every wire."),
+    "demo": ("demo", "Read and write three simulated machines on every wire."),
     "devices": ("devices", "List the devices, or all parameters of one."),
     "simulate": ("simulate", "Simulate a device on real ports until interrupted."),
     "read": ("read_write", "Read named values of a device."),
@@ -35,11 +36,11 @@ COMMANDS = {
     "steps": ("steps", "Work out a checksum, a time, a value or a word step by step."),
     "lab": ("lab", "Show the labs of the course, and check answers to their exercises."),
     "sniff": ("sniff", "Decode the traffic of a line or bus; send nothing."),
-    "diagnose": ("recordings.diagnose", "Say what is wrong in a recording, or on a line or bus."),
-    "record": ("recordings.record", "Make a simulated device of the traffic of a Modbus line."),
-    "replay": ("recordings.replay", "Play a recording of a CAN bus against a device or an SDO client."),
+    "diagnose": ("diagnose", "Say what is wrong in a recording, or on a line or bus."),
+    "record": ("record", "Make a simulated device of the traffic of a Modbus line."),
+    "replay": ("replay", "Play a recording of a CAN bus against a device or an SDO client."),
     "conform": ("conform", "Test a server or device against the standard."),
-    "vectors": ("vectors.command", "List, show and check the reference vectors."),
+    "vectors": ("vectors", "List, show and check the reference vectors."),
     "canopen": ("canopen", "Compare a CANopen device with its DCF, configure it, and boot a network."),
     "canopen-gateway": ("canopen_gateway", "Serve a CANopen network as text over TCP (CiA 309-3)."),
     "eds": ("eds", "Export or check electronic data sheets (CiA 306)."),

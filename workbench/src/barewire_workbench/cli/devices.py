@@ -14,15 +14,15 @@ from barewire.devices import Device, Parameter, UnknownName, load, names
 from barewire.devices.device import fold
 from barewire.devices.parameter import range_text, show
 from barewire.errors import shown
-from barewire_workbench.cli.arguments import json_option, print_json
+from barewire_workbench.cli.output import Output, output_option, print_json
 
 
 @click.command("devices")
 @click.argument("name", required=False)
 @click.argument("words", nargs=-1, metavar="[WORD]...")
 @click.option("--long", "is_long", is_flag=True, help="Print also defaults, values, bits and notes.")
-@json_option
-def devices_command(name: str | None, words: tuple[str, ...], is_long: bool, as_json: bool) -> None:
+@output_option
+def devices_command(name: str | None, words: tuple[str, ...], is_long: bool, output: Output) -> None:
     """List the devices, or all parameters of one.
 
     NAME is one of the listed devices, or the directory of your own description. With WORD, only those parameters are
@@ -35,14 +35,14 @@ def devices_command(name: str | None, words: tuple[str, ...], is_long: bool, as_
     barewire devices az3 6040h
     """
     if name is None:
-        if as_json:
+        if output.as_json:
             _print_list_as_json()
         else:
             _print_list()
         return
     device = load(name)
     wanted = _selected(device, " ".join(words))
-    if as_json:
+    if output.as_json:
         for parameter in wanted:
             print_json(parameter.as_dict())
         return

@@ -22,18 +22,9 @@ from barewire.devices.drive import DriveProgress, DriveStatus, DriveStuck, bit_n
 from barewire.devices.parameter import show
 from barewire.errors import shown
 from barewire.io.drive import DriveClient
-from barewire_workbench.cli.arguments import (
-    CommandGroup,
-    EndedBySignal,
-    Seconds,
-    device_argument,
-    ended_by_signals,
-    endpoint_argument,
-    json_option,
-    late_response_awaited,
-    no_wait_option,
-    print_json,
-)
+from barewire_workbench.cli.arguments import CommandGroup, device_argument, duration, endpoint_argument, no_wait_option
+from barewire_workbench.cli.ending import EndedBySignal, ended_by_signals, late_response_awaited
+from barewire_workbench.cli.output import Output, note, output_option, print_json
 from barewire_workbench.cli.shown_frames import frames_option, frames_shown
 
 _Action = Callable[..., DriveStatus]
@@ -96,20 +87,15 @@ class _MovingCommand(click.Command):
         return super().parse_args(ctx, args)
 
 
-class _DriveNumber(click.ParamType[int | float]):
-    """A number; an int if it has no fraction, because most drives count in steps."""
-
-    name = "number"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | float:
-        """Return the number."""
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
-            self.fail(f"{shown(value)}: expected a number", param, ctx)
-        return int(number) if number.is_integer() else number
+def _number(value: str) -> int | float:
+    """The type of a number; an int if it has no fraction, because most drives count in steps."""
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise click.BadParameter(f"{shown(value)}: expected a number")
+    return int(number) if number.is_integer() else number
 
 
 def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Command]:
@@ -118,21 +104,21 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
     def make_command(action: _Action) -> click.Command:
         @wraps(action)
         def run_action(
-            ctx: click.Context, /, as_json: bool, timeout: float, no_wait: bool, frames: bool, **arguments: Any
+            ctx: click.Context, /, output: Output, timeout: float, no_wait: bool, frames: bool, **arguments: Any
         ) -> None:
             endpoint, device = ctx.obj
             if moves:
                 check_mode(device, name)  # before a port is opened
             with (
-                frames_shown(endpoint, device, frames, as_json=as_json) as options,
+                frames_shown(endpoint, device, frames, output) as options,
                 connect(device, endpoint, **options) as machine,
                 late_response_awaited(lambda: machine, no_wait),
-                _progress_output(as_json) as show_progress,
+                _progress_output(output) as show_progress,
             ):
                 if name in _MUST_BE_DONE:
                     show_progress = _if_possible(show_progress)
                 if name == "enable" and (old := _old_target(machine, device)):
-                    print(f"barewire: {old}", file=sys.stderr, flush=True)
+                    note(old)
                 client = machine.drive.following(show_progress, timeout=timeout)
                 with ended_by_signals(interrupt=True) as ignore_signals:
                     try:
@@ -154,21 +140,19 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
                         if moves and (isinstance(error, EndedBySignal) or client.drive.control is not None):
                             done = _quick_stop(client, f"{name} was interrupted")
                             with suppress(OSError):
-                                print(f"barewire: {name} was interrupted: {done}", file=sys.stderr, flush=True)
+                                note(f"{name} was interrupted: {done}")
                         if isinstance(error, EndedBySignal):
                             raise click.exceptions.Exit(error.status) from None
                         raise
-            if not as_json:
-                bits = ", ".join(bit_names(status.status_word)) or "no bit set"
-                print(f"{status.state_name}{_values(status)}; status word {status.status_word:04X}h: {bits}")
-                for line in _remarks(name, device, status, arguments):
-                    print(line)
-                if name == "reset" and client.drive.control is None:  # nothing was written
-                    print("no fault to reset")
+            bits = ", ".join(bit_names(status.status_word)) or "no bit set"
+            output.text(f"{status.state_name}{_values(status)}; status word {status.status_word:04X}h: {bits}")
+            output.text(*_remarks(name, device, status, arguments))
+            if name == "reset" and client.drive.control is None:  # nothing was written
+                output.text("no fault to reset")
 
         # A negative target such as -1000 begins with a dash and is not an option.
         settings = {"ignore_unknown_options": moves}
-        command = json_option(_timeout_option(no_wait_option(frames_option(click.pass_context(run_action)))))
+        command = output_option(_timeout_option(no_wait_option(frames_option(click.pass_context(run_action)))))
         kind = _MovingCommand if moves else click.Command
         return drive_command.command(name, cls=kind, context_settings=settings)(command)
 
@@ -243,7 +227,7 @@ _CLOSE = 0.02
 
 _timeout_option = click.option(
     "--timeout",
-    type=Seconds(),
+    type=duration,
     default=3.0,
     show_default=True,
     metavar="S",
@@ -254,25 +238,25 @@ _enable_option = click.option(
 )
 _within_option = click.option(
     "--within",
-    type=Seconds(),
+    type=duration,
     default=60.0,
     show_default=True,
     metavar="S",
     help="Seconds for the movement; after them, a quick stop.",
 )
-_velocity_option = click.option("--velocity", type=_DriveNumber(), help="Profile velocity, in the drive's unit.")
-_acceleration_option = click.option("--acceleration", type=_DriveNumber(), help="Profile acceleration.")
-_deceleration_option = click.option("--deceleration", type=_DriveNumber(), help="Profile deceleration.")
+_velocity_option = click.option("--velocity", type=_number, help="Profile velocity, in the drive's unit.")
+_acceleration_option = click.option("--acceleration", type=_number, help="Profile acceleration.")
+_deceleration_option = click.option("--deceleration", type=_number, help="Profile deceleration.")
 
 
 # Progress
 
 
 @contextmanager
-def _progress_output(as_json: bool) -> Iterator[Callable[[DriveProgress], None]]:
+def _progress_output(output: Output) -> Iterator[Callable[[DriveProgress], None]]:
     """Yield a function that prints progress: JSON lines, on a terminal one line that is updated, or a line a change."""
     start = time.monotonic()
-    if as_json:
+    if output.as_json:
         yield lambda progress: print_json(progress.as_dict() | {"time": round(progress.status.now - start, 3)})
     elif sys.stdout.isatty():
         columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
@@ -348,7 +332,7 @@ def reset_command(drive: DriveClient) -> DriveStatus:
 
 
 @_action("move", moves=True)
-@click.argument("target", type=_DriveNumber())
+@click.argument("target", type=_number)
 @click.option("--relative", is_flag=True, help="Move by TARGET, not to it.")
 @click.option("--immediately", is_flag=True, help="Replace a movement that is under way.")
 @_velocity_option
@@ -366,7 +350,7 @@ def move_command(drive: DriveClient, target: int | float, **arguments: Any) -> D
 
 
 @_action("velocity", moves=True)
-@click.argument("target", type=_DriveNumber())
+@click.argument("target", type=_number)
 @_acceleration_option
 @_deceleration_option
 @_within_option

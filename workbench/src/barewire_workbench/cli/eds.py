@@ -8,8 +8,8 @@ import click
 
 from barewire.canopen.eds import lint, parse
 from barewire.devices import load
-from barewire.errors import PortError
-from barewire_workbench.cli.arguments import CommandGroup, check_not_overwritten, file_content, json_option, print_json
+from barewire_workbench.cli.arguments import CommandGroup
+from barewire_workbench.cli.output import Output, check_not_overwritten, file_content, output_option, port_error
 
 
 @click.group("eds", cls=CommandGroup)
@@ -30,30 +30,22 @@ def export_command(device: str, file: Path | None) -> None:
     if file is None:
         print(document.encode().decode(document.encoding).replace("\r\n", "\n"), end="")
         return
-    try:
+    with port_error(file):
         file.write_bytes(document.encode())
-    except OSError as error:
-        raise PortError(f"{file}: {error.strerror or error}") from None
     print(f"{file}: {len(document.objects)} objects")
 
 
 @eds_command.command("lint")
 @click.argument("file", type=click.Path(path_type=Path))
-@json_option
-def lint_command(file: Path, as_json: bool) -> int:
+@output_option
+def lint_command(file: Path, output: Output) -> int:
     """Print every mistake in FILE, one a line.
 
     Exit status 1 if there is a mistake.
     """
-    found = lint(parse(file_content(file)))
-    for finding in found:
-        if as_json:
-            print_json({"file": str(file), **finding._asdict()})
-        else:
-            print(f"{file}:{finding}")
-    if not found:
-        if as_json:
-            print_json({"file": str(file), "ok": True})
-        else:
-            print(f"{file}: no findings")
-    return int(bool(found))
+    findings = lint(parse(file_content(file)))
+    for finding in findings:
+        output.show(f"{file}:{finding}", {"file": str(file), **finding._asdict()})
+    if not findings:
+        output.show(f"{file}: no findings", {"file": str(file), "ok": True})
+    return int(bool(findings))

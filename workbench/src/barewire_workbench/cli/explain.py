@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -10,16 +11,8 @@ from barewire.canopen.frame import AnyFrame, CanFrame
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire_workbench import Explanation, explain_exchange, explain_text
 from barewire_workbench.api import explain_can_text
-from barewire_workbench.cli.arguments import (
-    Choice,
-    file_content,
-    format_option,
-    json_option,
-    known_nodes,
-    nodes_option,
-    output_form,
-    print_json,
-)
+from barewire_workbench.cli.arguments import Choice, format_option, json_option, known_nodes, nodes_option
+from barewire_workbench.cli.output import Output, file_content, output_form
 from barewire_workbench.frames.can import explain_can, explain_segment
 from barewire_workbench.monitor import CanMonitor, event_as_dict, event_line
 from barewire_workbench.monitor.events import Gap, Loss, Violation
@@ -89,7 +82,7 @@ def explain_command(
             option = f"--format {form}" if picture is None else "--picture"
             name = frame[0]
             raise EncodeError(f"{option} is for one frame, {name} is a recording: barewire sniff {name} --format svg")
-        return _explain_recording(frame[0], devices, nodes, as_json=form == "json", check=check)
+        return _explain_recording(frame[0], devices, nodes, Output(form), check=check)
     if floats is not None and request is None:
         raise EncodeError("--floats needs --request: a request says where the values begin")
     if protocol != "can" and devices and request is None:
@@ -109,10 +102,8 @@ def explain_command(
         raise click.UsageError(error.text + no_file) from None
     if picture is not None or form in ("html", "svg"):
         _print_picture(explanation, " ".join(frame), form, picture, line)
-    elif form == "json":
-        print_json(explanation.as_dict())
     else:
-        print("\n".join(explanation.lines()))
+        Output(form).show("\n".join(explanation.lines()), explanation.as_dict)
     return int(check and not explanation.valid)
 
 
@@ -158,7 +149,7 @@ def _print_picture(explanation: Explanation, text: str, form: str, name: str | N
 
 
 def _explain_recording(
-    name: str, devices: tuple[str, ...], nodes: tuple[int, ...], *, as_json: bool, check: bool
+    name: str, devices: tuple[str, ...], nodes: tuple[int, ...], output: Output, *, check: bool
 ) -> int:
     """Print a line for each frame, and one for each rule that it violates together with earlier frames."""
     data = file_content(name)
@@ -170,20 +161,20 @@ def _explain_recording(
     for item in items:
         if isinstance(item, Recorded):
             monitor = monitors.monitor(item.bus)
-            explanation = None if monitor is None else _explained(item.frame, monitor)
-            wrong += explanation is not None and not explanation.valid
-            if explanation is not None and as_json:
-                print_json({"at": item.at, "bus": item.bus, "frame": str(item.frame), **explanation.as_dict()})
-            elif explanation is not None:
-                print(f"{log_line(item.at, item.bus or 'can0', item.frame)}  {explanation.verdict}")
+            if monitor is not None:
+                explanation = _explained(item.frame, monitor)
+                wrong += not explanation.valid
+                line = f"{log_line(item.at, item.bus or 'can0', item.frame)}  {explanation.verdict}"
+                output.show(line, partial(_recorded_fields, item, explanation))
         for _, event in monitors.feed(item):
             if isinstance(event, Violation | Gap | Loss | Unread):
                 wrong += isinstance(event, Violation | Unread)
-                if as_json:
-                    print_json(event_as_dict(event))
-                else:
-                    print(f"    {event_line(event)}")
+                output.show(f"    {event_line(event)}", partial(event_as_dict, event))
     return int(check and wrong > 0)
+
+
+def _recorded_fields(item: Recorded, explanation: Explanation) -> dict[str, object]:
+    return {"at": item.at, "bus": item.bus, "frame": str(item.frame), **explanation.as_dict()}
 
 
 def _explained(frame: AnyFrame, monitor: CanMonitor) -> Explanation:

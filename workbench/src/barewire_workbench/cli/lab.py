@@ -7,43 +7,43 @@ import time
 from contextlib import suppress
 from pathlib import Path
 from textwrap import wrap
-from typing import Any
 
 import click
 
-from barewire.errors import EncodeError, PortError, shown
-from barewire_workbench.cli.arguments import Choice, ended_by_signals, json_option, print_json
+from barewire.errors import EncodeError, shown
+from barewire_workbench.cli.arguments import Choice
+from barewire_workbench.cli.ending import ended_by_signals
 from barewire_workbench.cli.labs import LABS
-from barewire_workbench.cli.labs.model import Lab, LabExercise
+from barewire_workbench.cli.labs.model import Lab
 from barewire_workbench.cli.labs.repair import LIVE_FAULTS, LIVE_SEED, LIVE_UNIT, RECORDINGS, recording_text
+from barewire_workbench.cli.output import Output, output_option, port_error
 
 _WIDTH = 100
 
 
-class LabNumber(click.ParamType[str]):
-    """The number of a lab, such as 3, or of one of its exercises, 3.1."""
+def _lab_number(value: str) -> str:
+    """The type of the number of a lab, such as 3, or of one of its exercises, 3.1."""
+    number = value.partition(".")[0]
+    lab = LABS.get(int(number)) if number.isdecimal() and len(number) < 4 else None
+    if lab is None:
+        raise click.BadParameter(f"{shown(value)}: expected the number of a lab, 1 to {len(LABS)}")
+    if "." in value and lab.exercise(value) is None:
+        raise click.BadParameter(f"{shown(value)}: lab {lab.number} has the exercises {_numbers(lab)}")
+    return value
 
-    name = "number"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the number as text."""
-        lab = LABS.get(int(first) if (first := str(value).partition(".")[0]).isdecimal() and len(first) < 4 else 0)
-        if lab is None:
-            self.fail(f"{shown(value)}: expected the number of a lab, 1 to {len(LABS)}", param, ctx)
-        if "." in str(value) and lab.exercise(value) is None:
-            numbers = ", ".join(exercise.number for exercise in lab.exercises)
-            self.fail(f"{shown(value)}: lab {lab.number} has the exercises {numbers}", param, ctx)
-        return str(value)
+def _numbers(lab: Lab) -> str:
+    return ", ".join(exercise.number for exercise in lab.exercises)
 
 
 @click.command("lab", context_settings={"ignore_unknown_options": True})
-@click.argument("number", type=LabNumber(), required=False, metavar="[N]")
+@click.argument("number", type=_lab_number, required=False, metavar="[N]")
 @click.argument(
     "action", type=Choice(["check", "start", "recordings"]), required=False, metavar="[check|start|recordings]"
 )
 @click.argument("words", nargs=-1, metavar="[ANSWER]...")
-@json_option
-def lab_command(number: str | None, action: str | None, words: tuple[str, ...], as_json: bool) -> int:
+@output_option
+def lab_command(number: str | None, action: str | None, words: tuple[str, ...], output: Output) -> int:
     """Show the labs of the course, and check answers to their exercises.
 
     The course, in docs/tutorial, goes from one byte to a moving motor in ten labs. Without N, the labs are listed;
@@ -63,110 +63,75 @@ def lab_command(number: str | None, action: str | None, words: tuple[str, ...], 
     if (unknown := next((word for word in words if word.startswith("--")), None)) is not None:
         raise click.NoSuchOption(unknown)
     if number is None:
-        _list(as_json)
+        _list(output)
         return 0
     lab = LABS[int(number.partition(".")[0])]
     if "." in number and action == "check":
         words = (number, *words)
     if action is None:
-        _show(lab, as_json)
+        output.show(_text_of(lab), lab.as_dict)
     elif action == "check":
-        return _check(lab, words, as_json)
+        return _check(lab, words, output)
     elif lab.number != len(LABS):
         commands = f": {'; '.join(lab.devices)}" if lab.devices else f"; lab {lab.number} needs no device"
         raise click.UsageError(f"{action} is for lab {len(LABS)}{commands}")
     elif action == "recordings":
-        _write_recordings(as_json)
+        _write_recordings(output)
     else:
         _start(words)
     return 0
 
 
-def _list(as_json: bool) -> None:
+def _list(output: Output) -> None:
     for lab in LABS.values():
-        if as_json:
-            print_json(lab.as_dict())
-        else:
-            print(f"{lab.number:>2}  {lab.title:<36}  {lab.minutes} min  docs/tutorial/{lab.page}")
-    if not as_json:
-        print(f"{sum(lab.minutes for lab in LABS.values()) // 60} hours in all; `barewire lab 1` shows the first one")
+        output.show(f"{lab.number:>2}  {lab.title:<36}  {lab.minutes} min  docs/tutorial/{lab.page}", lab.as_dict)
+    hours = sum(lab.minutes for lab in LABS.values()) // 60
+    output.text(f"{hours} hours in all; `barewire lab 1` shows the first one")
 
 
-def _show(lab: Lab, as_json: bool) -> None:
-    if as_json:
-        print_json(lab.as_dict())
-        return
-    print(f"Lab {lab.number}: {lab.title}")
-    print(lab.goal)
-    print(f"page: docs/tutorial/{lab.page}, about {lab.minutes} minutes")
-    for command in lab.devices:
-        print(f"in a terminal of its own: {command}")
+def _text_of(lab: Lab) -> str:
+    lines = [f"Lab {lab.number}: {lab.title}", lab.goal, f"page: docs/tutorial/{lab.page}, about {lab.minutes} minutes"]
+    lines += [f"in a terminal of its own: {command}" for command in lab.devices]
     for exercise in lab.exercises:
-        print()
-        print("\n".join(wrap(f"{exercise.number}  {exercise.task}", _WIDTH, subsequent_indent=" " * 5)))
-        print(f"     answer: {exercise.form}")
-    print()
-    print(f"barewire lab {lab.number} check {lab.exercises[0].number} ANSWER")
+        lines += ["", *wrap(f"{exercise.number}  {exercise.task}", _WIDTH, subsequent_indent=" " * 5)]
+        lines.append(f"     answer: {exercise.form}")
+    return "\n".join([*lines, "", f"barewire lab {lab.number} check {lab.exercises[0].number} ANSWER"])
 
 
-def _check(lab: Lab, words: tuple[str, ...], as_json: bool) -> int:
+def _check(lab: Lab, words: tuple[str, ...], output: Output) -> int:
     """Check an answer, and return the exit status."""
     exercise = lab.exercise(words[0]) if len(words) > 1 else None
     answer = " ".join(words if exercise is None else words[1:])
+    usage = f"barewire lab {lab.number} check {lab.exercises[0].number} ANSWER"
     if not answer.strip():
-        numbers = ", ".join(exercise.number for exercise in lab.exercises)
-        raise click.UsageError(
-            f"no answer: expected barewire lab {lab.number} check {lab.exercises[0].number} "
-            f"ANSWER; exercises: {numbers}"
-        )
-    if exercise is not None:
-        return _report(exercise, answer, as_json)
-    if lab.exercise(answer) is not None:
+        raise click.UsageError(f"no answer: expected {usage}; exercises: {_numbers(lab)}")
+    if exercise is None and lab.exercise(answer) is not None:
         raise click.UsageError(f"no answer behind {answer}: expected barewire lab {lab.number} check {answer} ANSWER")
-    for exercise in lab.exercises:
-        if exercise.answered(answer).right:
-            return _report(exercise, answer, as_json)
+    # Without the number of an exercise, the answer is tried on all.
+    for candidate in lab.exercises if exercise is None else [exercise]:
+        is_right, text = candidate.answered(answer)
+        if is_right or exercise is not None:
+            line = f"{candidate.number} {'right' if is_right else 'wrong'}: {text}"
+            fields = {"exercise": candidate.number, "right": is_right, "text": text}
+            output.show("\n".join(wrap(line, _WIDTH, subsequent_indent="    ")), fields)
+            return 0 if is_right else 1
     if len(words) > 1 and words[0].partition(".")[0].isdecimal() and "." in words[0]:
-        numbers = ", ".join(exercise.number for exercise in lab.exercises)
-        text = f"lab {lab.number} has no exercise {words[0]}: expected one of {numbers}"
+        text = f"lab {lab.number} has no exercise {words[0]}: expected one of {_numbers(lab)}"
     else:
-        text = (
-            f"this solves no exercise of lab {lab.number}; for a hint, name one: barewire lab "
-            f"{lab.number} check {lab.exercises[0].number} ANSWER"
-        )
-    if as_json:
-        print_json({"exercise": None, "right": False, "text": text})
-    else:
-        print(f"wrong: {text}")
+        text = f"this solves no exercise of lab {lab.number}; for a hint, name one: {usage}"
+    output.show(f"wrong: {text}", {"exercise": None, "right": False, "text": text})
     return 1
 
 
-def _report(exercise: LabExercise, answer: str, as_json: bool) -> int:
-    is_right, text = exercise.answered(answer)
-    if as_json:
-        print_json({"exercise": exercise.number, "right": is_right, "text": text})
-    else:
-        print(
-            "\n".join(
-                wrap(f"{exercise.number} {'right' if is_right else 'wrong'}: {text}", _WIDTH, subsequent_indent="    ")
-            )
-        )
-    return 0 if is_right else 1
-
-
-def _write_recordings(as_json: bool) -> None:
+def _write_recordings(output: Output) -> None:
     for recording in RECORDINGS:
         path, text = Path(recording.name), recording_text(recording)
-        try:
+        with port_error(path):
             if path.exists() and path.read_bytes() != text.encode():
                 raise EncodeError(f"{path}: there is another file of this name, which would be overwritten")
             path.write_text(text, "utf-8", newline="\n")
-        except OSError as error:
-            raise PortError(f"{path}: {error.strerror or error}") from None
-        if as_json:
-            print_json({"wrote": str(path), "lines": text.count("\n") - 1})
-        else:
-            print(f"wrote {path}: {text.count(chr(10)) - 1} pieces of bytes with their times")
+        count = text.count("\n") - 1
+        output.show(f"wrote {path}: {count} pieces of bytes with their times", {"wrote": str(path), "lines": count})
 
 
 def _start(words: tuple[str, ...]) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from barewire.codecs import Value
 from barewire.devices.parameter import Parameter
 from barewire.errors import EncodeError, PortError
+from barewire_workbench.cli.output import port_error
 
 _FORMATS = (".svg", ".png", ".pdf")
 
@@ -85,10 +86,8 @@ def draw_plot(file: str, title: str, parameters: Sequence[Parameter], samples: _
         panel.legend(loc="best", fontsize="small")
     panels[0].set_title(title)
     panels[-1].set_xlabel("seconds")
-    try:
+    with port_error(f"--plot {file}"):
         figure.savefig(file)
-    except OSError as error:
-        raise PortError(f"--plot {file}: {error.strerror or error}") from None
 
 
 def _plot_value(value: Value) -> float:

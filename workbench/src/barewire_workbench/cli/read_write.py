@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -19,13 +18,12 @@ from barewire.io.machine import MachineClient
 from barewire_workbench.cli.arguments import (
     device_argument,
     endpoint_argument,
-    json_option,
-    late_response_awaited,
     no_wait_option,
-    print_json,
     print_timing,
     timing_option,
 )
+from barewire_workbench.cli.ending import late_response_awaited
+from barewire_workbench.cli.output import Output, note, output_option
 from barewire_workbench.cli.shown_frames import frames_option, frames_shown
 
 
@@ -33,12 +31,12 @@ from barewire_workbench.cli.shown_frames import frames_option, frames_shown
 @endpoint_argument
 @device_argument
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
-@json_option
+@output_option
 @timing_option
 @no_wait_option
 @frames_option
 def read_command(
-    endpoint: str, device: str, names: tuple[str, ...], as_json: bool, timing: bool, no_wait: bool, frames: bool
+    endpoint: str, device: str, names: tuple[str, ...], output: Output, timing: bool, no_wait: bool, frames: bool
 ) -> None:
     """Read named values of a device.
 
@@ -60,9 +58,9 @@ def read_command(
         description.find(name)  # an unknown name is reported before a port is opened
     if timing:
         print_timing(endpoint)
-    with _connected(description, endpoint, no_wait, frames=frames, as_json=as_json) as machine:
+    with _connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
         for reading in machine.read_all(names):
-            _print_reading(reading, as_json)
+            output.show(reading, _fields(reading))
 
 
 @click.command("write")
@@ -74,7 +72,7 @@ def read_command(
     is_flag=True,
     help="Write also values that are read only or out of range, and read back what the device has then.",
 )
-@json_option
+@output_option
 @timing_option
 @no_wait_option
 @frames_option
@@ -83,7 +81,7 @@ def write_command(
     device: str,
     assignments: tuple[str, ...],
     force: bool,
-    as_json: bool,
+    output: Output,
     timing: bool,
     no_wait: bool,
     frames: bool,
@@ -106,21 +104,22 @@ def write_command(
         _note_unnamed(description.find(name), value)
     if timing:
         print_timing(endpoint)
-    with _connected(description, endpoint, no_wait, frames=frames, as_json=as_json) as machine:
+    with _connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
         for values in _batches(wanted):
             machine.write(values, force=force)
             for name, value in values.items():
                 reading = Reading(description.find(name), value)
-                how = _how_written(reading.parameter, endpoint)
-                _print_reading(reading, as_json, how=how + (_read_back(machine, reading) if force else ""))
+                how = _how_written(reading.parameter, endpoint) + (_read_back(machine, reading) if force else "")
+                output.show(f"{reading}, {how}", _fields(reading) | {"how": how})
 
 
 @contextmanager
-def _connected(device: Device, endpoint: str, no_wait: bool, *, frames: bool, as_json: bool) -> Iterator[MachineClient]:
-    """Yield the connected machine. After a time-out on a serial line, wait for a late response, unless `no_wait`. With
-    `frames`, print each frame that passes."""
+def _connected(
+    device: Device, endpoint: str, no_wait: bool, *, frames: bool, output: Output
+) -> Iterator[MachineClient]:
+    """Yield the connected machine. With `frames`, print each frame that passes."""
     with (
-        frames_shown(endpoint, device, frames, as_json=as_json) as options,
+        frames_shown(endpoint, device, frames, output) as options,
         connect(device, endpoint, **options) as machine,
         late_response_awaited(lambda: machine, no_wait),
     ):
@@ -154,8 +153,7 @@ def _note_unnamed(parameter: Parameter, value: Value) -> None:
     """Print a note for a number that has no name although the parameter names its values; it is written anyway."""
     if parameter.values and value not in parameter.values:
         names = "; ".join(f"{number}: {name}" for number, name in parameter.values.items())
-        text = f"{parameter.name} = {show(value)} has no name in the description: {names}"
-        print(f"barewire: note: {text}", file=sys.stderr)
+        note(f"note: {parameter.name} = {show(value)} has no name in the description: {names}")
 
 
 def _how_written(parameter: Parameter, endpoint: str) -> str:
@@ -181,10 +179,6 @@ def _read_back(machine: MachineClient, written: Reading) -> str:
     return "" if present == parameter.text(written.value) else f", but the device has {present}"
 
 
-def _print_reading(reading: Reading, as_json: bool, how: str = "") -> None:
-    if not as_json:
-        print(f"{reading}, {how}" if how else str(reading), flush=True)
-        return
+def _fields(reading: Reading) -> dict[str, object]:
     text = reading.parameter.text(reading.value)
-    fields = {"name": reading.name, "value": reading.value, "unit": reading.unit, "text": text}
-    print_json(fields | ({"how": how} if how else {}))
+    return {"name": reading.name, "value": reading.value, "unit": reading.unit, "text": text}

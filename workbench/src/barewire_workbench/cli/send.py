@@ -18,7 +18,8 @@ from barewire.io.modbus.carriers import dialer
 from barewire.io.ports.can.interfaces import can_port
 from barewire.rtu.frame import encode as rtu_frame
 from barewire_workbench import Explanation, explain, explain_exchange
-from barewire_workbench.cli.arguments import EndpointArgument, json_option, print_json
+from barewire_workbench.cli.arguments import endpoint_url
+from barewire_workbench.cli.output import Output, output_option
 from barewire_workbench.frames.can import explain_can
 from barewire_workbench.frames.input import parse_ascii, parse_hex
 from barewire_workbench.recordings.candump import parse_can
@@ -31,11 +32,11 @@ _LONGEST = 65536
 
 
 @click.command("send")
-@click.argument("endpoint", type=EndpointArgument())
+@click.argument("endpoint", type=endpoint_url)
 @click.argument("frame", nargs=-1, required=True, metavar="HEX")
 @click.option("--crc", is_flag=True, help="Add the check of the frame: CRC (RTU), or LRC, colon and line end (ASCII).")
-@json_option
-def send_command(endpoint: str, frame: tuple[str, ...], crc: bool, as_json: bool) -> None:
+@output_option
+def send_command(endpoint: str, frame: tuple[str, ...], crc: bool, output: Output) -> None:
     """Send the bytes of a frame as they are; explain the answer.
 
     Nothing is added or corrected: HEX is the whole frame with its CRC, or with its MBAP header on TCP. An ASCII frame
@@ -59,9 +60,9 @@ def send_command(endpoint: str, frame: tuple[str, ...], crc: bool, as_json: bool
         raise click.UsageError(f"--crc: {has}")
     try:
         if place.framing == "can":
-            _send_can(place, parse_can(text), as_json)
+            _send_can(place, parse_can(text), output)
         else:
-            _send_bytes(place, _frame_bytes(place.framing, text, crc), as_json)
+            _send_bytes(place, _frame_bytes(place.framing, text, crc), output)
     except DecodeError as error:
         raise click.UsageError(error.text) from None
 
@@ -79,17 +80,15 @@ def _frame_bytes(framing: str, text: str, crc: bool) -> bytes:
     return data
 
 
-def _print_explained(direction: str, explanation: Explanation, as_json: bool) -> None:
-    if as_json:
-        print_json({"direction": direction, **explanation.as_dict()})
-    else:
-        print("\n".join([direction, *(f"  {line}" for line in explanation.lines())]), flush=True)
+def _show(output: Output, direction: str, explanation: Explanation) -> None:
+    text = "\n".join([direction, *(f"  {line}" for line in explanation.lines())])
+    output.show(text, {"direction": direction, **explanation.as_dict()})
 
 
 # Modbus
 
 
-def _send_bytes(endpoint: Endpoint, data: bytes, as_json: bool) -> None:
+def _send_bytes(endpoint: Endpoint, data: bytes, output: Output) -> None:
     protocol = endpoint.framing
     port = dialer(endpoint)()
     try:
@@ -97,7 +96,7 @@ def _send_bytes(endpoint: Endpoint, data: bytes, as_json: bool) -> None:
         if sent.role == "response":
             sent = explain(protocol, data, "request")
         port.send(data)
-        _print_explained("sent", sent, as_json)
+        _show(output, "sent", sent)
         received = bytearray()
         until = time.monotonic() + endpoint.timeout
         while len(received) < _LONGEST and (wait := until - time.monotonic()) > 0:
@@ -116,7 +115,7 @@ def _send_bytes(endpoint: Endpoint, data: bytes, as_json: bool) -> None:
         answer = explain_exchange(protocol, data.hex(" "), received.hex(" "))
     else:
         answer = explain(protocol, bytes(received), "response")
-    _print_explained("received", answer, as_json)
+    _show(output, "received", answer)
 
 
 def _why_no_answer(sent: Explanation) -> str:
@@ -130,22 +129,22 @@ def _why_no_answer(sent: Explanation) -> str:
 # CAN
 
 
-def _send_can(endpoint: Endpoint, frame: CanFrame, as_json: bool) -> None:
+def _send_can(endpoint: Endpoint, frame: CanFrame, output: Output) -> None:
     expected = _answer_id(frame)
     port = can_port(endpoint)
     try:
         port.send(frame)
-        _print_explained("sent", explain_can(frame), as_json)
+        _show(output, "sent", explain_can(frame))
         answered = False
         until = time.monotonic() + endpoint.timeout
         while not answered and (wait := until - time.monotonic()) > 0:
             if (received := port.receive(wait)) is None:
                 continue
             answered = expected is not None and received.id == expected and not received.remote
-            if answered or as_json:
-                _print_explained("received", explain_can(received), as_json)
+            if answered or output.as_json:
+                _show(output, "received", explain_can(received))
             else:
-                print(f"received  {received}  {explain_can(received).verdict}", flush=True)
+                output.text(f"received  {received}  {explain_can(received).verdict}")
     finally:
         port.close()
     if expected is not None and not answered:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from barewire.io.endpoint import Endpoint
-from barewire_workbench.cli.arguments import print_json
+from barewire_workbench.cli.output import Output, print_json
 
 if TYPE_CHECKING:
     from barewire.canopen.frame import CanFrame
@@ -46,15 +46,15 @@ class ShownFrames:
         device: Device | None = None,
         *,
         every_field: bool = False,
-        as_json: bool = False,
+        output: Output | None = None,
         show: Callable[[str], Any] | None = None,
     ) -> None:
         place = Endpoint.parse(endpoint)
         framing = place.framing
         self._protocol = framing
         self._every_field = every_field
-        self._as_json = as_json
-        self._show = show or (lambda text: print(text, flush=True))
+        self._output = output or Output("text")
+        self._show_text = show or self._output.text
         self._received = b""
         self._is_closed = False
         self._explain_can = _can_explainer(device, place.options.get("node")) if framing == "can" else None
@@ -109,12 +109,12 @@ class ShownFrames:
             self._is_closed = True
 
     def _print_frame(self, direction: Direction, digits: str, explanation: Explanation) -> None:
-        if self._as_json:
+        if self._output.as_json:
             print_json({"direction": direction, "frame": digits, **explanation.as_dict()})
         elif self._every_field:
-            self._show("\n".join([f"{direction:<8}  {digits}", *(f"  {line}" for line in explanation.lines())]))
+            self._show_text("\n".join([f"{direction:<8}  {digits}", *(f"  {line}" for line in explanation.lines())]))
         else:
-            self._show(f"{direction:<8}  {digits}  {explanation.verdict}")
+            self._show_text(f"{direction:<8}  {digits}  {explanation.verdict}")
 
 
 def _can_explainer(device: Device | None, node: str | None) -> Callable[[Any], Explanation]:
@@ -140,14 +140,14 @@ def _can_explainer(device: Device | None, node: str | None) -> Callable[[Any], E
 
 
 @contextmanager
-def frames_shown(endpoint: str, device: Device, wanted: bool, *, as_json: bool = False) -> Iterator[dict[str, Watch]]:
+def frames_shown(endpoint: str, device: Device, wanted: bool, output: Output) -> Iterator[dict[str, Watch]]:
     """Yield the options of a client that shows its frames: none unless they are `wanted`. At the end, show the rest."""
     if not wanted:
         yield {}
         return
     context = click.get_current_context(silent=True)
     verbose = 0 if context is None else context.find_root().params.get("verbose", 0)
-    shown = ShownFrames(endpoint, device, every_field=bool(verbose), as_json=as_json)
+    shown = ShownFrames(endpoint, device, every_field=bool(verbose), output=output)
     try:
         yield {"watch": shown.watch}
     finally:

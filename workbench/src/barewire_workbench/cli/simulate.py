@@ -25,21 +25,22 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import LATE, Fault, faults_at, faults_on_can, parse_faults
 from barewire.io.server.base import ThreadedServer
 from barewire.modbus import Unit
-from barewire_workbench.cli.arguments import EndpointArgument, Seconds, device_argument
+from barewire_workbench.cli.arguments import device_argument, duration_or_zero, endpoint_url, is_eds
+from barewire_workbench.cli.output import note_refused_pdos
 
 _TABLE = "table"
 
 
 @click.command("simulate")
 @device_argument
-@click.argument("endpoints", type=EndpointArgument(), nargs=-1, required=True, metavar="ENDPOINT...")
+@click.argument("endpoints", type=endpoint_url, nargs=-1, required=True, metavar="ENDPOINT...")
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="Set a parameter, also a read-only one.")
 @click.option("--world", multiple=True, metavar="NAME=VALUE", help="Set a property of the environment: see above.")
 @click.option("--fault", metavar="KIND[=VALUE][:P][@WHICH],...", help="Disturb responses: see above.")
 @click.option("--seed", type=int, help="Seed of the faults, to repeat them.")
 @click.option(
     "--late",
-    type=Seconds(may_be_zero=True),
+    type=duration_or_zero,
     default=LATE,
     show_default=True,
     metavar="S",
@@ -133,7 +134,7 @@ def simulate_command(
         if bus.scheme == "can" and any(bus.place == Endpoint.parse(other).place for other in endpoints[:number]):
             raise EncodeError(f"endpoint {shown(endpoint, 200)}: the device is on this bus already: expected it once")
     faults = None if fault is None else _checked_faults(fault, late, list(map(Endpoint.parse, endpoints)))
-    is_described = device.lower().endswith((".eds", ".dcf"))
+    is_described = is_eds(device)
     recorded = None if is_described else _recorded(device)
     is_machine = device != _TABLE and recorded is None and not is_described
     machine = _configured_machine(device, list(map(Endpoint.parse, endpoints))) if is_machine else None
@@ -257,8 +258,7 @@ def _eds_server(url: str, file: str, **faults: Any) -> ThreadedServer:
     from barewire import CanopenServer  # needs python-can
 
     server = CanopenServer(url, eds=file, **faults)
-    for reason in server.refused_pdos:
-        click.echo(f"barewire: {file}: PDO switched off: {reason}", err=True)
+    note_refused_pdos(file, server.refused_pdos)
     return server
 
 

@@ -23,7 +23,8 @@ from barewire.codecs.order import ORDERS
 from barewire.devices import Device, load
 from barewire.errors import DecodeError, EncodeError
 from barewire.rtu import encode as rtu_frame
-from barewire_workbench.cli.arguments import Choice, CommandGroup, json_option, output_form, print_json
+from barewire_workbench.cli.arguments import Choice, CommandGroup, json_option
+from barewire_workbench.cli.output import Output, output_form
 from barewire_workbench.frames.input import parse_ascii, parse_hex
 from barewire_workbench.pictures.levels import CanFramePicture, LevelsPicture
 from barewire_workbench.pictures.picture import Picture, rendered
@@ -67,10 +68,8 @@ def _print_steps(steps: Steps | Picture, form: str, draw: Callable[[], Picture])
         with suppress(EncodeError):
             pictures.append(draw())
         print(rendered(form, *pictures, StepsPage(steps)), end="")
-    elif form == "json":
-        print_json(steps.as_dict())
     else:
-        print("\n".join(steps.lines()))
+        Output(form).show("\n".join(steps.lines()), steps.as_dict)
 
 
 @click.group("steps", cls=CommandGroup)

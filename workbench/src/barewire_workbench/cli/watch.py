@@ -30,17 +30,9 @@ from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
 from barewire.devices.raw_address import device_with, expanded
 from barewire.errors import BarewireError, EncodeError, PortError, Refused
-from barewire_workbench.cli.arguments import (
-    EndedBySignal,
-    Seconds,
-    device_argument,
-    ended_by_signals,
-    endpoint_argument,
-    late_response_awaited,
-    no_wait_option,
-    print_json,
-    text_with_notes,
-)
+from barewire_workbench.cli.arguments import device_argument, duration, endpoint_argument, no_wait_option
+from barewire_workbench.cli.ending import EndedBySignal, ended_by_signals, late_response_awaited
+from barewire_workbench.cli.output import note, print_json, text_with_notes
 
 
 @click.command("watch")
@@ -48,7 +40,7 @@ from barewire_workbench.cli.arguments import (
 @device_argument
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
 @click.option(
-    "--period", type=Seconds(), default=0.5, show_default=True, metavar="S", help="Seconds from one poll to the next."
+    "--period", type=duration, default=0.5, show_default=True, metavar="S", help="Seconds from one poll to the next."
 )
 @click.option("--count", type=click.IntRange(min=1), help="Number of polls; without it, until Ctrl-C.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object a poll.")
@@ -236,9 +228,9 @@ def _plotted(plot: str | None, title: str, parameters: list[Parameter]) -> Itera
         if kept.samples:
             draw_plot(plot, title, parameters, kept.samples)
         else:
-            print(f"barewire: --plot {plot}: no value was read, nothing is drawn", file=sys.stderr)
+            note(f"--plot {plot}: no value was read, nothing is drawn")
         if kept.every > 1:
-            print(f"barewire: --plot {plot}: one poll in {kept.every} is drawn", file=sys.stderr)
+            note(f"--plot {plot}: one poll in {kept.every} is drawn")
 
 
 def _values(poll: Poll, parameters: list[Parameter]) -> list[Value]:

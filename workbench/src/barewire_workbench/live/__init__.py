@@ -2,7 +2,7 @@
 
     modbus_conformance     a Modbus server, over any transport
     canopen_conformance    a CANopen device, on any bus
-    unfinished             the errors of a run that ended early, or did not begin
+    results                the line of a case; the errors of a run that ended early, or did not begin
     vector_adapter         a program that answers the questions of the vectors
 
 With `cli` the only room that has clocks and ports.

@@ -28,7 +28,7 @@ from barewire_workbench.conform.canopen.battery import all_cases, may_have_chang
 from barewire_workbench.conform.canopen.model import BOOT, NODE_ANSWER_TIMEOUT, NodeCase, NodeOutcome, Subject
 from barewire_workbench.conform.canopen.probe import is_there, probe, second_answer
 from barewire_workbench.conform.canopen.script import Placeholders, applies, read_node_case
-from barewire_workbench.live.unfinished import TwoDevices, Unfinished
+from barewire_workbench.live.results import TwoDevices, Unfinished, case_line
 from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import Answer
 from barewire_workbench.vectors.questions import Case, Question
@@ -59,6 +59,33 @@ class NodeCaseResult(NamedTuple):
     def failure(self) -> str | None:
         """The difference as a sentence."""
         return None if self.outcome is None else self.outcome.failure
+
+    @property
+    def verdict(self) -> str:
+        """One of ok, failed, now and then, left out."""
+        if self.now_and_then:
+            return "now and then"
+        return "left out" if self.outcome is None else "failed" if self.failure else "ok"
+
+    @property
+    def line(self) -> str:
+        """The result as a line of text."""
+        text = f"{self.case.title}: {self.failure}" if self.failure else self.case.title
+        return case_line(self.verdict, f"{self.case.name:6}", text, self.left_out)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the result for JSON."""
+        return {
+            "case": self.case.name,
+            "title": self.case.title,
+            "clause": self.case.clause,
+            "effect": self.case.effect,
+            "ok": None if self.outcome is None else self.failure is None,
+            "verdict": self.verdict,
+            "left_out": self.left_out or None,
+            "received": [] if self.outcome is None else [list(step) for step in self.outcome.received],
+            "failure": self.failure,
+        }
 
 
 def conform_can(
@@ -218,12 +245,26 @@ class _Tester:
         self._patience = endpoint.seconds("timeout", NODE_ANSWER_TIMEOUT)
         self._port = port
         self._previous: NodeOutcome | None = None
+        self._boot = BOOT
+        """Seconds to wait for a boot-up message."""
         if not gentle:
-            _wake(port, self._node, self._patience, on_stopped)
+            self._wake(on_stopped)
         twice = run(second_answer(self._node, timeout=self._patience), port)
         if twice is not None:
             raise TwoDevices(self._node, *twice)
-        self.subject, self._boot = _probe(port, self._node, self._patience, gentle, large, only, objects)
+        self.subject = self._probed(large, objects)
+        if large is not None and not run(is_there(self._node, *large, timeout=self._patience), port):
+            raise EncodeError(f"the large object {large[0]:04X}:{large[1]:02X}: node {self._node} has no such object")
+        chosen = [case for case in cases(self.subject, objects) if case.name.startswith(only) and not case.lacks]
+        if not gentle and any(case.effect != "reads" for case in chosen):
+            # Its configuration may have been changed: the cases need the values that it has after a reset.
+            command = NmtCommand.RESET_COMMUNICATION if objects is None else NmtCommand.RESET_NODE
+            if not run(prepare(self.subject, command=command), port):
+                self._boot = self._patience
+            self.subject = self._probed(large, objects)
+
+    def _probed(self, large: tuple[int, int] | None, objects: Mapping[int, EdsObject] | None) -> Subject:
+        return run(probe(self._node, timeout=self._patience, large=large, objects=objects), self._port)
 
     def run(self, case: NodeCase, not_run: int, on_power_cycle: Callable[[], None] | None = None) -> NodeOutcome:
         """Run one case, after a reset if it needs one. Raises Unfinished if the device does not answer any more."""
@@ -232,7 +273,7 @@ class _Tester:
             if needs_reset(case, self._previous) and not self._prepare(before):
                 # A device that sends no boot-up message (reported by NMT-11) is not waited for again.
                 self._boot = self._patience
-                _check_answers(self._node, self._patience, self._port, not_run, before)
+                self._check_answers(not_run, before)
             if case.effect == "power" and on_power_cycle is not None:
                 on_power_cycle()
             self._previous = run(run_case(case, timeout=self._patience), self._port)
@@ -256,7 +297,7 @@ class _Tester:
         """Check that the device still answers, if it did not in a case that changes nothing."""
         case = outcome.case
         if outcome.failure is not None and not outcome.received[-1] and case.effect in ("reads", "tries"):
-            _check_answers(self._node, self._patience, self._port, not_run, case)
+            self._check_answers(not_run, case)
 
     def end(self) -> None:
         """Undo what the last case has changed."""
@@ -266,75 +307,43 @@ class _Tester:
     def _prepare(self, after: NodeCase | None) -> bool:
         return run(prepare(self.subject, after=after, boot=self._boot, timeout=self._patience), self._port)
 
+    def _wake(self, on_stopped: Callable[[], None] | None) -> None:
+        """Switch a device that does not answer to PRE-OPERATIONAL: SDO does not work in STOPPED.  [CiA 301 7.3.2.2]
 
-def _wake(port: Port[CanFrame], node: int, patience: float, on_stopped: Callable[[], None] | None) -> None:
-    """Switch a device that does not answer to PRE-OPERATIONAL: SDO does not work in STOPPED.   [CiA 301 7.3.2.2]
+        A run that was interrupted may have left it there. A device that answers gets no command. If it answers
+        afterwards, `on_stopped` is called; if it does not, `probe` will say so.
+        """
+        if self._is_there():
+            return
+        run(_send(CanFrame(0, bytes([NmtCommand.ENTER_PRE_OPERATIONAL, self._node]))), self._port)
+        if self._is_there() and on_stopped is not None:
+            on_stopped()
 
-    A run that was interrupted may have left it there. A device that answers gets no command. If it answers afterwards,
-    `on_stopped` is called; if it does not, `probe` will say so.
-    """
-    try:
-        run(_request_device_type(node, patience), port)
-        return
-    except NoAnswer:
-        run(_send(CanFrame(0, bytes([NmtCommand.ENTER_PRE_OPERATIONAL, node]))), port)
-    try:
-        run(_request_device_type(node, patience), port)
-    except NoAnswer:
-        return
-    if on_stopped is not None:
-        on_stopped()
+    def _check_answers(self, not_run: int, before: NodeCase | None) -> None:
+        """Wait until the device answers. Raises Unfinished if it does not answer within the time of a boot."""
+        until = time.monotonic() + BOOT
+        while not self._is_there():
+            if time.monotonic() > until:
+                after = f" after the case {before.name}" if before is not None else ""
+                raise Unfinished(f"node {self._node} does not answer any more{after}", not_run)
+
+    def _is_there(self) -> bool:
+        return run(_answers(self._node, self._patience), self._port)
 
 
 def _send(frame: CanFrame) -> Conversation[CanFrame, None]:
     yield Send(frame)
 
 
-def _probe(
-    port: Port[CanFrame],
-    node: int,
-    patience: float,
-    gentle: bool,
-    large: tuple[int, int] | None,
-    only: tuple[str, ...],
-    objects: Mapping[int, EdsObject] | None,
-) -> tuple[Subject, float]:
-    """Read the objects of the device; return them, and the seconds to wait for a boot-up message."""
-    boot = BOOT
-    subject = run(probe(node, timeout=patience, large=large, objects=objects), port)
-    if large is not None and not run(is_there(node, *large, timeout=patience), port):
-        raise EncodeError(f"the large object {large[0]:04X}:{large[1]:02X}: node {node} has no such object")
-    chosen = [case for case in cases(subject, objects) if case.name.startswith(only) and not case.lacks]
-    if not gentle and any(case.effect != "reads" for case in chosen):
-        # Its configuration may have been changed: the cases need the values that it has after a reset.
-        command = NmtCommand.RESET_COMMUNICATION if objects is None else NmtCommand.RESET_NODE
-        boot = boot if run(prepare(subject, command=command), port) else patience
-        subject = run(probe(node, timeout=patience, large=large, objects=objects), port)
-    return subject, boot
-
-
-def _check_answers(node: int, patience: float, port: Port[CanFrame], not_run: int, before: NodeCase | None) -> None:
-    """Wait until the device answers. Raises Unfinished if it does not answer within the time of a boot."""
-    until = time.monotonic() + BOOT
-    while True:
-        try:
-            run(_request_device_type(node, patience), port)
-            return
-        except NoAnswer:
-            if time.monotonic() > until:
-                after = f" after the case {before.name}" if before is not None else ""
-                raise Unfinished(f"node {node} does not answer any more{after}", not_run) from None
-
-
-def _request_device_type(node: int, patience: float) -> Conversation[CanFrame, None]:
-    """Upload the device type, which every device has. Raises NoAnswer if no response arrives."""
+def _answers(node: int, patience: float) -> Conversation[CanFrame, bool]:
+    """Upload the device type, which every device has; return whether a response arrives."""
     heard = yield Send(CanFrame(0x600 + node, bytes.fromhex("4000100000000000")))
     until = heard.now + patience
     while heard.now < until:
         heard = yield Listen(until)
         if heard.item is not None and heard.item.key == (0x580 + node, False):
-            return
-    raise NoAnswer(f"node {node} does not answer")
+            return True
+    return False
 
 
 def why_left_out(

@@ -40,7 +40,7 @@ from barewire_workbench.conform.modbus import (
     read_case,
     refusals,
 )
-from barewire_workbench.live.unfinished import Unfinished
+from barewire_workbench.live.results import Unfinished, case_line
 from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import Answer
 from barewire_workbench.vectors.questions import Question
@@ -94,6 +94,28 @@ class CaseResult(NamedTuple):
     failure: str | None
     not_judged: str = ""
 
+    @property
+    def verdict(self) -> str:
+        """One of ok, failed, not judged."""
+        return "failed" if self.failure else "not judged" if self.not_judged else "ok"
+
+    @property
+    def line(self) -> str:
+        """The result as a line of text."""
+        remark = f"not judged: {self.not_judged}" if self.not_judged else ""
+        return case_line(self.verdict, f"{self.case.clause:18}", self.failure or self.case.name, remark)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the result for JSON."""
+        return {
+            "case": self.case.name,
+            "clause": self.case.clause,
+            "ok": None if self.not_judged else self.failure is None,
+            "not_judged": self.not_judged or None,
+            "received": [answer_text(answer) for answer in self.received],
+            "failure": self.failure,
+        }
+
 
 def battery(endpoint: Endpoint) -> tuple[ServerCase, ...]:
     """Return the cases for the framing of an endpoint. Raises EncodeError for a CAN bus."""
@@ -106,8 +128,8 @@ def battery(endpoint: Endpoint) -> tuple[ServerCase, ...]:
 @cache
 def cases_of(framing: str) -> tuple[ServerCase, ...]:
     """Return the cases for tcp, rtu or ascii, in the order of their file."""
-    found = [case for file in load_vectors().files if file.kind == KIND for case in file.cases]
-    return tuple(read_case(case) for case in found if framing in case["framings"])
+    cases = [case for file in load_vectors().files if file.kind == KIND for case in file.cases]
+    return tuple(read_case(case) for case in cases if framing in case["framings"])
 
 
 class LiveServer:
@@ -177,30 +199,30 @@ def conform(endpoint: Endpoint) -> Iterator[CaseResult]:
     unit, timeout = endpoint.integer("unit", 1), endpoint.seconds("timeout", ANSWER_TIMEOUT)
     tester = _Tester(endpoint, unit, timeout)
     name, silent = repr(str(endpoint)), 0
+    nothing = f"nothing was answered in any case: is there a unit {unit} behind {name}?"
     try:
         for place, case in enumerate(cases):
-            left = len(cases) - place - 1
+            not_run = len(cases) - place - 1
             try:
                 received = tester.run(case)
             except PortError as error:
                 if not place:
                     raise
-                raise Unfinished(f"{error}, in the case {case.name!r}", left + 1) from None
+                raise Unfinished(f"{error}, in the case {case.name!r}", not_run + 1) from None
             failure = f"{case.name}: {tester.endless}" if tester.endless else difference(case, received, unit)
             not_judged = tester.lacking(case, received) if failure and not tester.endless else ""
             yield CaseResult(case, tuple(received), None if not_judged else failure, not_judged)
             if tester.endless_cases >= _CASES_IN_A_ROW:
-                raise Unfinished(f"{name} never stops sending: {tester.endless}", left)
+                raise Unfinished(f"{name} never stops sending: {tester.endless}", not_run)
             silent = 0 if any(received) else silent + _must_answer(case)
             if silent >= _CASES_IN_A_ROW:
                 was_answered = tester.was_answered
                 if not tester.still_answers():
-                    if was_answered:
-                        raise Unfinished(f"{name} has stopped answering, by the case {case.name!r}", left)
-                    raise Unfinished(f"nothing was answered in any case: is there a unit {unit} behind {name}?", left)
+                    stopped = f"{name} has stopped answering, by the case {case.name!r}"
+                    raise Unfinished(stopped if was_answered else nothing, not_run)
                 silent = 0
         if not tester.was_answered:
-            raise NoAnswer(f"nothing was answered in any case: is there a unit {unit} behind {name}?")
+            raise NoAnswer(nothing)
     finally:
         tester.close()
 

@@ -8,30 +8,18 @@ from collections.abc import Iterable
 
 import click
 
-from barewire.errors import BarewireError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen_with
 from barewire.modbus.framing import Line
 from barewire.modbus.sniffer import WINDOW
-from barewire_workbench.cli.arguments import (
-    Choice,
-    json_option,
-    known_nodes,
-    nodes_option,
-    output_form,
-    ports_option,
-    print_json,
-    protocol_option,
-)
-from barewire_workbench.cli.sniff import (
+from barewire_workbench.cli.arguments import Choice, json_option, known_nodes, nodes_option
+from barewire_workbench.cli.output import Output, output_form
+from barewire_workbench.cli.sources import (
+    Source,
     UnreadPrinter,
-    is_can_source,
-    live_frames,
-    modbus_parts,
-    note_cut_lines,
-    opened_recording,
-    refuse_for_line,
-    refuse_for_other,
+    check_bus,
+    ports_option,
+    protocol_option,
     seconds_option,
     stopped_by_interrupt,
     window_option,
@@ -39,10 +27,7 @@ from barewire_workbench.cli.sniff import (
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDiagnosis
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
-from barewire_workbench.monitor.recording import read_recording
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
-from barewire_workbench.recordings.model import RecordedItem
-from barewire_workbench.recordings.source import RecordingSource
 
 _SHOWN = 5
 """Findings with the same code and place that are printed; the others are counted."""
@@ -97,74 +82,59 @@ def diagnose_command(
     barewire diagnose can.log --device az3 --node 5
     barewire diagnose can://socketcan/can0
     """
-    printer = _Printer(as_json=output_form(form, as_json=as_json) == "json", everything=everything)
-    endpoint = Endpoint.parse(source) if "://" in source else None
-    recording = None if endpoint is not None else opened_recording(source, seconds)
-    is_can = is_can_source(recording, ports) if recording is not None else Endpoint.parse(source).scheme == "can"
-    for_modbus: dict[str, object] = {"--window": window, "--port": ports, "--protocol": protocol}
-    for_can: dict[str, object] = {"--device": devices, "--node": nodes, "--bus": bus, "--complete": complete}
-    refuse_for_other(source, for_modbus if is_can else for_can, "Modbus" if is_can else "a CAN bus")
-    if endpoint is not None:
-        refuse_for_line(source, ports, protocol)
-    if is_can:
-        items = read_recording(recording) if recording is not None else live_frames(Endpoint.parse(source), seconds)
-        _diagnose_can(items, CanLogDiagnosis(known_nodes(devices, nodes), bus, complete=complete), printer)
-    elif recording is not None:
-        _diagnose_log(source, recording, WINDOW if window is None else window, ports, protocol, printer)
+    printer = _Printer(Output(output_form(form, as_json=as_json)), everything=everything)
+    traffic = Source(source, seconds, ports, protocol)
+    traffic.check_options(
+        for_modbus={"--window": window, "--port": ports, "--protocol": protocol},
+        for_can={"--device": devices, "--node": nodes, "--bus": bus, "--complete": complete},
+    )
+    window = WINDOW if window is None else window
+    if traffic.is_can:
+        _diagnose_can(traffic, CanLogDiagnosis(known_nodes(devices, nodes), bus, complete=complete), printer)
+    elif traffic.endpoint is None:
+        _diagnose_log(traffic, window, printer)
     else:
-        _diagnose_line(Endpoint.parse(source), seconds, WINDOW if window is None else window, printer)
-    if recording is not None:
-        note_cut_lines(recording)
+        _diagnose_line(traffic.endpoint, seconds, window, printer)
+    traffic.note_cut_lines()
     return printer.status
 
 
 class _Printer:
     """Prints findings and verdicts, and knows the exit status that follows from them."""
 
-    def __init__(self, *, as_json: bool, everything: bool) -> None:
+    def __init__(self, output: Output, *, everything: bool) -> None:
         self.status = 0
-        self._as_json, self._everything = as_json, everything
-        self.unread = UnreadPrinter("no frame", as_json=as_json)
+        self.unread = UnreadPrinter("no frame", output)
         """Prints the lines that hold no frame."""
+        self._output, self._everything = output, everything
         self._kinds: Counter[tuple[str, str]] = Counter()
 
     def findings(self, findings: Iterable[LogFinding]) -> None:
         """Print findings; of a kind only the first ones, unless all are asked for."""
-        for found in findings:
+        for finding in findings:
             self.status = 1
-            kind = found.finding.code, found.place
+            kind = finding.finding.code, finding.place
             self._kinds[kind] += 1
-            if self._as_json:
-                print_json(found.as_dict())
-            elif self._everything or self._kinds[kind] <= _SHOWN:
-                print(found.sentence, flush=True)
+            if self._output.as_json or self._everything or self._kinds[kind] <= _SHOWN:
+                self._output.show(finding.sentence, finding.as_dict)
 
     def verdicts(self, verdicts: Iterable[tuple[str, LineVerdict]]) -> None:
         """Print how many findings were not printed, then the verdicts, each with the name of its line or bus."""
         for (code, place), number in self._kinds.items():
-            if not self._as_json and not self._everything and number > _SHOWN:
-                print(f"{place}  {number - _SHOWN} more [{code}]; --all shows them".lstrip())
+            if not self._everything and number > _SHOWN:
+                self._output.text(f"{place}  {number - _SHOWN} more [{code}]; --all shows them".lstrip())
         for name, verdict in verdicts:
             self.status = self.status or int(verdict.code != "nothing-wrong")
-            if self._as_json:
-                print_json(verdict.as_dict() | ({"place": name} if name else {}))
-            else:
-                print(f"{name}  {verdict.sentence}" if name else verdict.sentence)
+            where = {"place": name} if name else {}
+            self._output.show(f"{name}  {verdict.sentence}".lstrip(), verdict.as_dict() | where)
 
 
 # Modbus
 
 
-def _diagnose_log(
-    source: str,
-    recording: RecordingSource,
-    window: float,
-    ports: tuple[int, ...],
-    protocol: SerialProtocol | None,
-    printer: _Printer,
-) -> None:
-    first, others = modbus_parts(source, recording, ports, protocol, printer.unread)
-    diagnosis = ModbusLogDiagnosis(first, window, protocol)
+def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
+    first, others = traffic.modbus_parts(printer.unread)
+    diagnosis = ModbusLogDiagnosis(first, window, traffic.protocol)
     printer.findings(diagnosis.findings(others))
     printer.unread.end()
     printer.verdicts(diagnosis.verdicts())
@@ -186,12 +156,11 @@ def _diagnose_line(endpoint: Endpoint, seconds: float | None, window: float, pri
 # CAN
 
 
-def _diagnose_can(items: Iterable[RecordedItem | float], diagnosis: CanLogDiagnosis, printer: _Printer) -> None:
-    for item in items:
+def _diagnose_can(traffic: Source, diagnosis: CanLogDiagnosis, printer: _Printer) -> None:
+    for item in traffic.can_items():
         printer.findings(diagnosis.feed(item))
     printer.findings(diagnosis.end())
-    if diagnosis.only is not None and diagnosis.seen and diagnosis.only not in diagnosis.seen:
-        raise BarewireError(f"--bus {diagnosis.only}: no frames on it; there are frames on {', '.join(diagnosis.seen)}")
+    check_bus(diagnosis.only, diagnosis.seen)
     printer.unread.items(diagnosis.unread)
     printer.unread.end()
     printer.verdicts(diagnosis.verdicts())

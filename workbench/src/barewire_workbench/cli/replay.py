@@ -9,10 +9,12 @@ import click
 
 from barewire.devices.device import Device
 from barewire.errors import BarewireError, DecodeError, EncodeError
-from barewire_workbench.cli.arguments import Seconds, file_content, json_option, print_json
+from barewire_workbench.cli.arguments import Choice, duration, is_eds
+from barewire_workbench.cli.output import Output, file_content, note, note_refused_pdos, output_option
 from barewire_workbench.frames.result import counted
 from barewire_workbench.monitor.recording import is_timed, read_recording
 from barewire_workbench.recordings.model import Recorded, RecordedItem, Unread
+from barewire_workbench.replay.client_replay import ClientReplay
 from barewire_workbench.replay.peer_replay import COUNTERPART_WINDOW, STEPS_MAX, PeerReplay, PlayedDevice
 from barewire_workbench.replay.played import PLAYED_KINDS, Played, nodes_of, values_of
 
@@ -26,21 +28,30 @@ from barewire_workbench.replay.played import PLAYED_KINDS, Played, nodes_of, val
     help="The device: an EDS or DCF file, or a simulated one; or our SDO client.",
 )
 @click.option(
-    "--node", type=int, metavar="N", help="Its node-ID; by default the only node that answers in the recording."
+    "--node",
+    type=click.IntRange(1, 127),
+    metavar="N",
+    help="Its node-ID; by default the only node that answers in the recording.",
 )
 @click.option("--bus", help="Only this bus of a recording that has several.")
-@click.option("--only", multiple=True, metavar="KIND", help=f"Only frames of this kind: {', '.join(PLAYED_KINDS)}.")
+@click.option(
+    "--only",
+    type=Choice(PLAYED_KINDS),
+    multiple=True,
+    metavar="KIND",
+    help=f"Only frames of this kind: {', '.join(PLAYED_KINDS)}.",
+)
 @click.option("--values", is_flag=True, help="Give a device of an EDS the recorded values when they are read.")
 @click.option(
     "--window",
-    type=Seconds(),
+    type=duration,
     default=COUNTERPART_WINDOW,
     show_default=True,
     metavar="S",
     help="The longest time between a recorded frame and that of the device, in seconds; of a client its time-out.",
 )
 @click.option("--all", "everything", is_flag=True, help="Also frames that are the same, and repeated differences.")
-@json_option
+@output_option
 def replay_command(
     file: str,
     against: str,
@@ -50,7 +61,7 @@ def replay_command(
     values: bool,
     window: float,
     everything: bool,
-    as_json: bool,
+    output: Output,
 ) -> int:
     """Play a recording of a CAN bus against a device or an SDO client.
 
@@ -75,67 +86,33 @@ def replay_command(
     barewire replay drive.log --against az3 --only sdo
     barewire replay drive.log --against client --node 5
     """
-    for kind in only:
-        if kind not in PLAYED_KINDS:
-            from barewire.devices.device import suggest  # only errors need it
-
-            raise EncodeError(f"--only {kind}: expected one of {', '.join(PLAYED_KINDS)}{suggest(kind, PLAYED_KINDS)}")
-    if node is not None and not 1 <= node <= 127:
-        raise EncodeError(f"--node {node}: expected 1..127")
-    if against == "client":
-        return _against_client(file, node, bus, only, values, window, everything=everything, as_json=as_json)
-    device = None if _is_eds(against) else _described(against)
+    is_client = against == "client"
+    if is_client and (values or any(kind != "sdo" for kind in only)):
+        raise EncodeError("--against client compares SDO requests: --values and other kinds than sdo are for a device")
+    device = None if is_client or is_eds(against) else _described(against)
     if values and device is not None:
         raise EncodeError(f"--values is for an EDS: the simulated {device.name} computes its own")
     data = file_content(file)
-    items = _items(file, data, bus)
+    items, timed = _items(file, data, bus), is_timed(data)
     number = _node(file, items, node)
-    timed = is_timed(data)
-    played = _of_eds(against, number) if device is None else _simulated(device, number)
-    replay = PeerReplay(played, number, window=window, timed=timed)
-    given = values_of(items, number) if values else {}
-    shown = _printed(replay.play(items, given), only, everything=everything, as_json=as_json, timed=timed)
-    counts = {outcome: shown.count(outcome) for outcome in ("same", "different", "missing", "extra")}
-    if as_json:
-        totals = {"received": replay.received, "cut_short": replay.cut_short}
-        print_json({"event": "summary", "node": number, **totals, **counts})
+    comparisons: Iterable[Played]
+    if is_client:
+        client = ClientReplay(number, timeout=window, timed=timed)
+        comparisons = client.play(items)
     else:
-        print(_summary(replay, number, counts))
-    return int(counts["same"] < len(shown) or not shown)
-
-
-def _against_client(
-    file: str,
-    node: int | None,
-    bus: str | None,
-    only: tuple[str, ...],
-    values: bool,
-    timeout: float,
-    *,
-    everything: bool,
-    as_json: bool,
-) -> int:
-    """Play the recording against our SDO client, print the differences, and return the exit status."""
-    from barewire_workbench.replay.client_replay import ClientReplay
-
-    if values or any(kind != "sdo" for kind in only):
-        raise EncodeError("--against client compares SDO requests: --values and other kinds than sdo are for a device")
-    data = file_content(file)
-    items = _items(file, data, bus)
-    number, timed = _node(file, items, node), is_timed(data)
-    replay = ClientReplay(number, timeout=timeout, timed=timed)
-    shown = _printed(replay.play(items), only, everything=everything, as_json=as_json, timed=timed)
-    counts = {outcome: shown.count(outcome) for outcome in ("same", "different", "missing", "extra")}
-    if as_json:
-        totals = {"transfers": replay.transfers, "left_out": replay.left_out, "received": replay.received}
-        print_json({"event": "summary", "node": number, **totals, **counts})
+        played = _of_eds(against, number) if device is None else _simulated(device, number)
+        peer = PeerReplay(played, number, window=window, timed=timed)
+        comparisons = peer.play(items, values_of(items, number) if values else {})
+    outcomes = _printed(comparisons, only, output, everything=everything, timed=timed)
+    counts = {outcome: outcomes.count(outcome) for outcome in ("same", "different", "missing", "extra")}
+    if is_client:
+        totals = {"transfers": client.transfers, "left_out": client.left_out, "received": client.received}
+        text = _client_summary(client, number, counts)
     else:
-        made = f"{counted(replay.transfers, 'transfer')} with node {number}"
-        left_out = f", {replay.left_out} left out" if replay.left_out else ""
-        print(
-            f"{made}{left_out}; {_totals(counts, 'request')}; the client received {counted(replay.received, 'frame')}"
-        )
-    return int(counts["same"] < len(shown) or not shown)
+        totals = {"received": peer.received, "cut_short": peer.cut_short}
+        text = _summary(peer, number, counts)
+    output.show(text, {"event": "summary", "node": number, **totals, **counts})
+    return int(counts["same"] < len(outcomes) or not outcomes)
 
 
 def _totals(counts: dict[str, int], what: str) -> str:
@@ -145,12 +122,7 @@ def _totals(counts: dict[str, int], what: str) -> str:
 
 
 def _printed(
-    comparisons: Iterable[Played],
-    only: tuple[str, ...],
-    *,
-    everything: bool,
-    as_json: bool,
-    timed: bool,
+    comparisons: Iterable[Played], only: tuple[str, ...], output: Output, *, everything: bool, timed: bool
 ) -> list[str]:
     """Print the differences, and return the outcome of each comparison."""
     outcomes: list[str] = []
@@ -158,12 +130,8 @@ def _printed(
         if only and played.kind not in only:
             continue
         outcomes.append(played.outcome)
-        if not everything and (played.repeated or played.outcome == "same"):
-            continue
-        if as_json:
-            print_json(_fields(played))
-        else:
-            print(_line(played, timed=timed), flush=True)
+        if everything or not (played.repeated or played.outcome == "same"):
+            output.show(_line(played, timed=timed), _fields(played))
     return outcomes
 
 
@@ -182,26 +150,22 @@ def _items(file: str, data: bytes, bus: str | None) -> list[RecordedItem]:
         raise BarewireError(f"--bus {bus}: no frames on it; there are frames on {', '.join(buses)}")
     for item in items:
         if isinstance(item, Unread):
-            click.echo(f"barewire: {file}: line {item.line} is skipped: {item.why}: {item.text}", err=True)
+            note(f"{file}: line {item.line} is skipped: {item.why}: {item.text}")
     return [item for item in items if not isinstance(item, Unread) and bus in (None, item.bus)]
 
 
 def _node(file: str, items: Sequence[RecordedItem], node: int | None) -> int:
     """Return the node to compare with. Raises EncodeError if the recording does not tell it."""
-    found = nodes_of(items)
+    answering = nodes_of(items)
     if node is not None:
-        if found and node not in found:
-            listed = ", ".join(map(str, found))
-            click.echo(f"barewire: {file}: node {node} does not answer in the recording; node {listed} does", err=True)
+        if answering and node not in answering:
+            listed = ", ".join(map(str, answering))
+            note(f"{file}: node {node} does not answer in the recording; node {listed} does")
         return node
-    if len(found) != 1:
-        listed = f"nodes {', '.join(map(str, found))} answer" if found else "no node answers"
+    if len(answering) != 1:
+        listed = f"nodes {', '.join(map(str, answering))} answer" if answering else "no node answers"
         raise EncodeError(f"{file}: {listed} in the recording: give the node-ID of the device with --node")
-    return found[0]
-
-
-def _is_eds(name: str) -> bool:
-    return name.lower().endswith((".eds", ".dcf"))
+    return answering[0]
 
 
 def _described(name: str) -> Device:
@@ -234,8 +198,7 @@ def _of_eds(name: str, node: int) -> PlayedDevice:
     if not list(objects):
         raise BarewireError(f"{name}: there are no objects in it: expected an EDS or DCF file")
     device = LocalNode(node, objects, pdos_of(objects, node, refused=refused))
-    for reason in refused:
-        click.echo(f"barewire: {name}: PDO switched off: {reason}", err=True)
+    note_refused_pdos(name, refused)
     return device
 
 
@@ -254,6 +217,12 @@ def _fields(played: Played) -> dict[str, object]:
         **{name: None if frame is None else str(frame) for name, frame in frames.items()},
         **{"text": played.text, "line": played.line, "repeated": played.repeated},
     }
+
+
+def _client_summary(replay: ClientReplay, node: int, counts: dict[str, int]) -> str:
+    left_out = f", {replay.left_out} left out" if replay.left_out else ""
+    transfers = f"{counted(replay.transfers, 'transfer')} with node {node}{left_out}"
+    return f"{transfers}; {_totals(counts, 'request')}; the client received {counted(replay.received, 'frame')}"
 
 
 def _summary(replay: PeerReplay, node: int, counts: dict[str, int]) -> str:

@@ -9,15 +9,15 @@ from pathlib import Path
 import click
 
 from barewire.devices.sim.recorded import ANSWERS_LIMIT, READS, RecordedLine, RecordedRequest, learn_line, to_toml
-from barewire.errors import BarewireError, EncodeError, PortError
+from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
 from barewire.modbus.sniffer import WINDOW, SnifferEvent
-from barewire_workbench.cli.arguments import Seconds, check_not_overwritten, ports_option, protocol_option
-from barewire_workbench.cli.sniff import recording_content, refuse_for_line, replayed, stopped_by_interrupt
+from barewire_workbench.cli.arguments import duration
+from barewire_workbench.cli.output import check_not_overwritten, port_error
+from barewire_workbench.cli.sources import Source, ports_option, protocol_option, stopped_by_interrupt
 from barewire_workbench.frames.modbus_exchanges import ExchangeLines
-from barewire_workbench.monitor.recording import is_can_recording
-from barewire_workbench.recordings.modbus_replay import SerialProtocol
+from barewire_workbench.recordings.modbus_replay import SerialProtocol, replay_log
 
 _FOR_CAN = "`barewire sniff --write` records a bus, `barewire replay` plays the recording against a device"
 
@@ -30,9 +30,7 @@ _FOR_CAN = "`barewire sniff --write` records a bus, `barewire replay` plays the 
 @click.option(
     "--unit", "units", type=click.IntRange(0, 255), multiple=True, help="Only this unit; may be given several times."
 )
-@click.option(
-    "--seconds", type=Seconds(), metavar="S", help="A live line: stop after this time; without it, at Ctrl-C."
-)
+@click.option("--seconds", type=duration, metavar="S", help="A live line: stop after this time; without it, at Ctrl-C.")
 @click.option(
     "--limit",
     type=click.IntRange(1),
@@ -43,7 +41,7 @@ _FOR_CAN = "`barewire sniff --write` records a bus, `barewire replay` plays the 
 )
 @click.option(
     "--window",
-    type=Seconds(),
+    type=duration,
     metavar="S",
     default=WINDOW,
     show_default=True,
@@ -74,11 +72,15 @@ def record_command(
     """
     if target is not None:
         check_not_overwritten("--to", target, source)
-    if "://" in source:
-        refuse_for_line(source, ports, protocol)
-        events = _live(source, seconds, window, shown=target is not None)
+    traffic = Source(source, seconds, ports, protocol, whole=True)
+    if traffic.is_can:
+        kind = "a recording of a CAN bus" if traffic.endpoint is None else "a CAN bus"
+        raise EncodeError(f"{source}: {kind}; `record` is for Modbus: {_FOR_CAN}")
+    traffic.check_options({}, {})
+    if traffic.endpoint is None:
+        events = _replayed(traffic, window)
     else:
-        events = _replayed(source, seconds, window, protocol, ports)
+        events = _live(traffic.endpoint, seconds, window, shown=target is not None)
     line = learn_line(events, limit=limit)
     for unit in units:
         if unit not in line.units:
@@ -93,20 +95,15 @@ def record_command(
     if target is None:
         print(text, end="")
         return
-    try:
+    with port_error(target):
         Path(target).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise PortError(f"{target}: {error.strerror or error}") from None
     for row in _summary(line):
         print(row)
     print(f"{target} written; to serve it: barewire simulate {target} ENDPOINT")
 
 
-def _live(source: str, seconds: float | None, window: float, *, shown: bool) -> Iterator[SnifferEvent]:
+def _live(endpoint: Endpoint, seconds: float | None, window: float, *, shown: bool) -> Iterator[SnifferEvent]:
     """Yield the events of a line, and print its exchanges if they are `shown`."""
-    endpoint = Endpoint.parse(source)
-    if endpoint.scheme == "can":
-        raise EncodeError(f"{source}: a CAN bus; `record` is for Modbus: {_FOR_CAN}")
     stop, lines = threading.Event(), ExchangeLines()
     with stopped_by_interrupt(stop):
         for event in listen(endpoint, stop, seconds=seconds, window=window):
@@ -115,14 +112,13 @@ def _live(source: str, seconds: float | None, window: float, *, shown: bool) -> 
             yield event
 
 
-def _replayed(
-    source: str, seconds: float | None, window: float, protocol: SerialProtocol | None, ports: tuple[int, ...]
-) -> Iterator[SnifferEvent]:
+def _replayed(traffic: Source, window: float) -> Iterator[SnifferEvent]:
     """Yield the events of a recording."""
-    data = recording_content(source, seconds)
-    if is_can_recording(data):
-        raise EncodeError(f"{source}: a recording of a CAN bus; `record` is for Modbus: {_FOR_CAN}")
-    yield from replayed(source, data, window, ports, protocol).events
+    try:
+        recording = replay_log(traffic.recording.whole(), window=window, ports=traffic.ports, protocol=traffic.protocol)
+    except DecodeError as error:
+        raise traffic.not_a_recording(error) from None
+    yield from recording.events
 
 
 def _summary(line: RecordedLine) -> Iterator[str]:

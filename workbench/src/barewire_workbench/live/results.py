@@ -1,8 +1,16 @@
-"""The errors of a conformance run that ended early, or did not begin."""
+"""What both batteries say of a case and of a run: a line of text, and the errors of a run that ended early, or did not
+begin.
+"""
 
 from __future__ import annotations
 
 from barewire.errors import BarewireError, NoAnswer
+
+
+def case_line(verdict: str, name: str, text: str, remark: str) -> str:
+    """Return the line of a case: FAILED stands out, - is a case that was not run or not judged."""
+    sign = {"failed": "FAILED", "left out": "-", "not judged": "-"}.get(verdict, verdict)
+    return f"{sign:6}  {name}  {text}{remark and f' ({remark})'}"
 
 
 class Unfinished(NoAnswer):

@@ -2,45 +2,30 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import click
 
 from barewire.errors import EncodeError
-from barewire_workbench.cli.arguments import (
-    CommandGroup,
-    EndedBySignal,
-    Seconds,
-    ended_by_signals,
-    format_option,
-    json_option,
-    output_form,
-    print_json,
-)
-from barewire_workbench.cli.vectors.report import (
-    Progress,
-    nothing_asked,
-    print_checked,
-    summary_fields,
-    table,
-    write_junit,
-)
-from barewire_workbench.cli.vectors.show import shown_case
+from barewire_workbench.cli.arguments import CommandGroup, duration, format_option, json_option
+from barewire_workbench.cli.ending import EndedBySignal, ended_by_signals
+from barewire_workbench.cli.output import Output, output_form, output_option, port_error, print_json, status_line
+from barewire_workbench.cli.vectors_show import pictures_of_case, shown_case
 from barewire_workbench.vectors.answers.table import own_answer
 from barewire_workbench.vectors.files import Vectors, load_vectors
 from barewire_workbench.vectors.run import Ask, CheckedCase, CheckSummary, run_cases, selected
 
-LIVE_KINDS = {"can": "device-conformance"}
+_LIVE_KINDS = {"can": "device-conformance"}
 """By the scheme of an endpoint: the kind of the cases that a running device can be asked."""
-LIVE_KIND = "server-conformance"
+_LIVE_KIND = "server-conformance"
 """The kind of those that a running Modbus server can be asked."""
 
-folder_option = click.option(
+_folder_option = click.option(
     "--cases",
     "folder",
     type=click.Path(path_type=Path),
@@ -49,7 +34,7 @@ folder_option = click.option(
 )
 
 
-def filter_options(command: Callable[..., Any]) -> Callable[..., Any]:
+def _filter_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that select cases."""
     for option in (
         click.option("--flag", "flags", multiple=True, metavar="FLAG", help="Only cases with this flag."),
@@ -66,12 +51,12 @@ def vectors_command() -> None:
 
 
 @vectors_command.command("list")
-@filter_options
-@folder_option
-@json_option
+@_filter_options
+@_folder_option
+@output_option
 def list_command(
-    kinds: tuple[str, ...], only: tuple[str, ...], flags: tuple[str, ...], folder: Path | None, as_json: bool
-) -> int:
+    kinds: tuple[str, ...], only: tuple[str, ...], flags: tuple[str, ...], folder: Path | None, output: Output
+) -> None:
     """List the files of the vectors, or, with a filter, the cases that fit it.
 
     \b
@@ -80,32 +65,28 @@ def list_command(
     barewire vectors list --only "canopen/*" --flag widely-wrong
     """
     vectors = selected(load_vectors(folder), kinds=kinds, only=only, flags=flags)
-    shows_cases = bool(kinds or only or flags)
-    if not as_json and not shows_cases:
-        print(f"{'file':42} {'kind':18}{'valid':>7}{'invalid':>9}{'acceptable':>12}  subject")
-    for file in vectors.files:
-        results = Counter(case["result"] for case in file.cases)
-        if as_json:
+    if output.as_json:
+        for file in vectors.files:
             print_json({"file": file.name, "kind": file.kind, "subject": file.subject, "cases": list(file.cases)})
-        elif shows_cases:
+    elif kinds or only or flags:
+        for file in vectors.files:
             for case in file.cases:
                 print(f"{case['id']:32} {case['result']:11} {case.get('comment', '')}")
-        else:
-            numbers = "".join(
-                f"{results[result] or '':>{len(result) + 2}}" for result in ("valid", "invalid", "acceptable")
-            )
-            print(f"{file.name:42} {file.kind:18}{numbers}  {file.subject}")
-    if not as_json and not shows_cases:
+    else:
+        print(f"{'file':42} {'kind':18}{'valid':>7}{'invalid':>9}{'acceptable':>12}  subject")
+        for file in vectors.files:
+            results = Counter(case["result"] for case in file.cases)
+            columns = (f"{results[name] or '':>{len(name) + 2}}" for name in ("valid", "invalid", "acceptable"))
+            print(f"{file.name:42} {file.kind:18}{''.join(columns)}  {file.subject}")
         print(f"{sum(len(file.cases) for file in vectors.files)} cases in {len(vectors.files)} files")
-    return 0
 
 
 @vectors_command.command("show")
 @click.argument("case_id", metavar="ID")
-@folder_option
+@_folder_option
 @json_option
 @format_option
-def show_command(case_id: str, folder: Path | None, as_json: bool, form: str | None) -> int:
+def show_command(case_id: str, folder: Path | None, as_json: bool, form: str | None) -> None:
     """Show the case ID: its fields, its frames byte by byte, and the questions that it asks, with our answers.
 
     \b
@@ -116,7 +97,6 @@ def show_command(case_id: str, folder: Path | None, as_json: bool, form: str | N
     vectors = load_vectors(folder)
     file, case = vectors.find(case_id)
     if form in ("html", "svg"):
-        from barewire_workbench.cli.vectors.picture import pictures_of_case
         from barewire_workbench.pictures.picture import rendered
 
         print(rendered(form, *pictures_of_case(file.kind, case)), end="")
@@ -126,23 +106,22 @@ def show_command(case_id: str, folder: Path | None, as_json: bool, form: str | N
     else:
         for line in shown_case(vectors, file, case):
             print(line)
-    return 0
 
 
 @vectors_command.command("check")
-@filter_options
-@folder_option
+@_filter_options
+@_folder_option
 @click.option("--adapter", metavar="COMMAND", help="The program that answers; without it barewire itself answers.")
 @click.option("--endpoint", metavar="ENDPOINT", help="A running Modbus server or CANopen device that answers.")
 @click.option(
     "--timeout",
-    type=Seconds(),
+    type=duration,
     default=10.0,
     metavar="SECONDS",
     help="For each answer of the adapter (10; 30 for the first).",
 )
 @click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="Also write JUnit XML.")
-@json_option
+@output_option
 def check_command(
     kinds: tuple[str, ...],
     only: tuple[str, ...],
@@ -152,15 +131,14 @@ def check_command(
     endpoint: str | None,
     timeout: float,
     junit: Path | None,
-    as_json: bool,
+    output: Output,
 ) -> int:
     """Run the cases against an implementation: barewire itself, an adapter, or a running server.
 
     An adapter is any program that reads questions as lines of JSON from its standard input and writes answers;
     vectors/README.md describes the lines, vectors/adapters has examples (in the source tree and in each release of the
-    vectors). Cases that have failed are printed, then the
-    numbers of each kind. "open" is a case that the standard leaves open and the implementation decides otherwise than
-    we do.
+    vectors). Cases that have failed are printed, then the numbers of each kind. "open" is a case that the standard
+    leaves open and the implementation decides otherwise than we do.
 
     \b
     first it reads    {"hello": "barewire-vectors", "protocol": 1}
@@ -185,7 +163,7 @@ def check_command(
     if endpoint is not None:
         if adapter is not None:
             raise EncodeError("--endpoint and --adapter: give one of them, the implementation that answers")
-        live = LIVE_KINDS.get(endpoint.partition("://")[0], LIVE_KIND)
+        live = _LIVE_KINDS.get(endpoint.partition("://")[0], _LIVE_KIND)
         if other := [kind for kind in kinds if kind != live]:
             raise EncodeError(f"--endpoint: a running server is asked {live}, not {other[0]}; --adapter asks a codec")
         kinds = (live,)
@@ -193,23 +171,20 @@ def check_command(
     if adapter is not None and not adapter.split():
         raise EncodeError("--adapter: the command is empty")
     if junit is not None:
-        write_junit(junit, "", [])  # fail now, and not after the run, if the file cannot be written
+        _write_junit(junit, "", [])  # fail now, and not after the run, if the file cannot be written
     try:
         with ended_by_signals(), _implementation(adapter, endpoint, timeout) as (name, ask):
-            cases = _run(vectors, ask, as_json, exact=adapter is None and endpoint is None)
+            cases = _run(vectors, ask, output, exact=adapter is None and endpoint is None)
     except EndedBySignal as error:
         return error.status
     summary = CheckSummary()
     for checked in cases:
         summary.add(checked)
     if junit is not None:
-        write_junit(junit, name, cases)
-    if as_json:
-        print_json(summary_fields(summary, name))
-    else:
-        print(table(summary, name))
-        if remark := nothing_asked(cases):
-            print(remark)
+        _write_junit(junit, name, cases)
+    output.show(_table(summary, name), _summary_fields(summary, name))
+    if all(checked.verdict.state == "not offered" for checked in cases):
+        output.text(f"nothing was asked; for example {cases[0].id}: {_printable(cases[0].verdict.text)}")
     return int(summary.total["failed"] > 0 or not summary.total["passed"])
 
 
@@ -218,7 +193,7 @@ def _live(endpoint: str) -> AbstractContextManager[Ask]:
     from barewire.io.endpoint import Endpoint
 
     parsed = Endpoint.parse(endpoint)
-    if parsed.scheme in LIVE_KINDS:
+    if parsed.scheme in _LIVE_KINDS:
         from barewire.io.canopen.bus.receiving import inside_one_process
         from barewire_workbench.live.canopen_conformance import LiveDevice
 
@@ -248,16 +223,84 @@ def _implementation(adapter: str | None, endpoint: str | None, timeout: float) -
         yield f"{program.name} {program.version}".strip(), program
 
 
-def _run(vectors: Vectors, ask: Ask, as_json: bool, *, exact: bool) -> list[CheckedCase]:
-    """Run the cases and print them as they end."""
-    progress = Progress(sum(len(file.cases) for file in vectors.files))
-    cases = []
-    for checked in run_cases(vectors, ask, exact=exact):
-        if checked.verdict.state == "failed":
-            progress.clear()
-        print_checked(checked, as_json)
-        progress.add(checked)
-        cases.append(checked)
-    progress.clear()
-    sys.stdout.flush()
+def _run(vectors: Vectors, ask: Ask, output: Output, *, exact: bool) -> list[CheckedCase]:
+    """Run the cases, and print them as they end: all of them as JSON, otherwise those that have failed."""
+    total, failed = sum(len(file.cases) for file in vectors.files), 0
+    cases: list[CheckedCase] = []
+    with status_line() as show:
+        for checked in run_cases(vectors, ask, exact=exact):
+            cases.append(checked)
+            if checked.verdict.state == "failed":
+                failed += 1
+                if show is not None:
+                    show("")
+            if output.as_json:
+                print_json(_case_fields(checked))
+            elif checked.verdict.state == "failed":
+                comment = checked.case.get("comment", "")
+                output.text(f"failed  {checked.id}  {comment}", f"    {_printable(checked.verdict.text)}")
+            if show is not None and len(cases) % 20 == 0:
+                show(f"{len(cases)} of {total} cases, {failed} failed ")
     return cases
+
+
+# What a check prints and writes
+
+_STATES = ("passed", "open", "failed", "not offered")
+
+
+def _case_fields(checked: CheckedCase) -> dict[str, Any]:
+    fields = {
+        "id": checked.id,
+        "file": checked.file.name,
+        "kind": checked.file.kind,
+        "result": checked.case["result"],
+        "state": checked.verdict.state,
+    }
+    return fields | ({"text": checked.verdict.text} if checked.verdict.text else {})
+
+
+def _summary_fields(summary: CheckSummary, name: str) -> dict[str, Any]:
+    """Return the last object of the JSON output: the numbers by kind."""
+    rows = {kind: {state: row[state] for state in _STATES} for kind, row in summary.by_kind.items()}
+    return {"implementation": name, **{state: summary.total[state] for state in _STATES}, "kinds": rows}
+
+
+def _table(summary: CheckSummary, name: str) -> str:
+    """Return the numbers by kind as a table."""
+    width = max(map(len, summary.by_kind), default=4)
+    rows = [f"{'':{width}}" + "".join(f"{state:>13}" for state in _STATES)]
+    counts = [*summary.by_kind.items(), ("all", summary.total)]
+    for kind, row in counts:
+        rows.append(f"{kind:{width}}" + "".join(f"{row[state] or '':>13}" for state in _STATES))
+    total = sum(summary.total.values())
+    not_offered = f", {summary.total['not offered']} not offered" if summary.total["not offered"] else ""
+    return "\n".join([*rows, f"{_printable(name)}: {summary.total['passed']} of {total} cases passed{not_offered}"])
+
+
+def _write_junit(path: Path, name: str, cases: list[CheckedCase]) -> None:
+    """Write a file of JUnit XML: a suite for each file, a test case for each case."""
+    root = ElementTree.Element("testsuites", name=f"barewire vectors: {_printable(name)}")
+    suites: dict[str, ElementTree.Element] = {}
+    for checked in cases:
+        suite = suites.get(checked.file.name)
+        if suite is None:
+            suite = suites[checked.file.name] = ElementTree.SubElement(root, "testsuite", name=checked.file.name)
+        row = ElementTree.SubElement(suite, "testcase", classname=checked.file.name, name=checked.id)
+        if checked.verdict.state == "failed":
+            ElementTree.SubElement(row, "failure", message=_printable(checked.verdict.text))
+        elif checked.verdict.state in ("open", "not offered"):
+            ElementTree.SubElement(
+                row, "skipped", message=_printable(f"{checked.verdict.state}: {checked.verdict.text}")
+            )
+    for suite in suites.values():
+        suite.set("tests", str(len(suite)))
+        suite.set("failures", str(len(suite.findall("testcase/failure"))))
+        suite.set("skipped", str(len(suite.findall("testcase/skipped"))))
+    with port_error(path):
+        ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _printable(text: str) -> str:
+    """Return a text of a foreign program without control characters: XML does not have them, terminals obey them."""
+    return "".join(character if character.isprintable() else "?" for character in text)

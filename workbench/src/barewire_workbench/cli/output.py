@@ -1,0 +1,142 @@
+"""What commands print and write: things as text or as JSON, notes, a line that counts, and files."""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import os
+import stat
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import click
+
+from barewire.errors import EncodeError, PortError
+
+
+class Output:
+    """Prints things in the form that was asked for: as text for people, or as one JSON object a line.
+
+    >>> Output("text").show("5 mA", {"value": 5})
+    5 mA
+    >>> Output("json").show("5 mA", {"value": 5})
+    {"value": 5}
+    """
+
+    def __init__(self, form: str) -> None:
+        self.as_json = form == "json"
+
+    def show(self, text: object, fields: Mapping[str, object] | Callable[[], Mapping[str, object]]) -> None:
+        """Print one thing: its fields, or what a function returns for them, as JSON, otherwise its text."""
+        if self.as_json:
+            print_json(fields() if callable(fields) else fields)
+        else:
+            print(text, flush=True)
+
+    def text(self, *lines: object) -> None:
+        """Print lines that only people read, such as a title or a total."""
+        if not self.as_json:
+            for line in lines:
+                print(line, flush=True)
+
+
+output_option = click.option(
+    "--json",
+    "output",
+    is_flag=True,
+    help="Print one JSON object a line.",
+    callback=lambda context, parameter, as_json: Output("json" if as_json else "text"),
+)
+"""`--json` of a command that has no other forms: the command gets its `Output`."""
+
+
+def output_form(form: str | None, *, as_json: bool) -> str:
+    """Return the form of the output that `--format` and `--json` ask for. Raise EncodeError if they are at odds."""
+    if as_json and form not in (None, "json"):
+        raise EncodeError(f"--json and --format {form}: give one of them")
+    return "json" if as_json else form or "text"
+
+
+def print_json(fields: Any) -> None:
+    """Print one object on one line, and flush it."""
+    print(json.dumps(_without_nan(fields), ensure_ascii=False, allow_nan=False), flush=True)
+
+
+def _without_nan(value: Any) -> Any:
+    # JSON has no numbers for NaN and the infinities: they become text.
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    return [_without_nan(item) for item in value] if isinstance(value, (list, tuple)) else value
+
+
+def note(text: str) -> None:
+    """Print a line on stderr about something that is no error."""
+    print(f"barewire: {text}", file=sys.stderr, flush=True)
+
+
+def note_refused_pdos(file: str, reasons: Iterable[str]) -> None:
+    """Print why PDOs of an EDS are switched off."""
+    for reason in reasons:
+        note(f"{file}: PDO switched off: {reason}")
+
+
+def text_with_notes(error: Exception) -> str:
+    """Return the text of an error, with its notes: which names were being read, what was written before."""
+    text = str(error)
+    return "; ".join([text, *(extra for extra in getattr(error, "__notes__", []) if extra not in text)])
+
+
+@contextmanager
+def status_line() -> Iterator[Callable[[str], None] | None]:
+    """Yield a function that shows the present step in one line of the terminal; None if stderr is not one."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+
+    def show(text: str) -> None:
+        print(f"\r\x1b[K{text}"[:120], end="", file=sys.stderr, flush=True)
+
+    try:
+        yield show
+    finally:
+        show("")
+
+
+# Files
+
+
+@contextmanager
+def port_error(path: str | Path) -> Iterator[None]:
+    """Make PortError with the path of an OSError."""
+    try:
+        yield
+    except OSError as error:
+        raise PortError(f"{path}: {error.strerror or error}") from None
+
+
+def opened_file(path: str | Path) -> BinaryIO:
+    """Return a file to read. Raise PortError if it cannot be opened, or is a device, which may have no end."""
+    with port_error(path):
+        mode = os.stat(path).st_mode
+        if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+            raise OSError(errno.EINVAL, "a device, not a file")
+        return Path(path).open("rb")
+
+
+def file_content(path: str | Path) -> bytes:
+    """Return the bytes of a file. Raise PortError if it cannot be read; as `opened_file`."""
+    with opened_file(path) as file, port_error(path):
+        return file.read()
+
+
+def check_not_overwritten(option: str, target: str | Path, *sources: str) -> None:
+    """Raise EncodeError if the file that an option names for writing is one of those that are read."""
+    for source in sources:
+        if os.path.isfile(target) and os.path.exists(source) and os.path.samefile(source, target):
+            raise EncodeError(f"{option} {target}: {source} is the same file, which would be overwritten")
