@@ -65,12 +65,12 @@ class CharacterFormat(NamedTuple):
 
         Raises EncodeError for any other text.
         """
-        found = re.fullmatch(r"([5-8])([NEO])([12])", text.strip().upper())
-        if found is None:
+        match = re.fullmatch(r"([5-8])([NEO])([12])", text.strip().upper())
+        if match is None:
             raise EncodeError(
                 f"character format {text!r}: expected data bits, parity and stop bits, such as 8E1 or 7O1"
             )
-        return cls(int(found[1]), found[2], int(found[3]))
+        return cls(int(match[1]), match[2], int(match[3]))
 
     def __str__(self) -> str:
         return f"{self.data_bits}{self.parity}{self.stop_bits}"
@@ -150,11 +150,11 @@ class UartLine:
         >>> UartLine(FORMATS[0], ReceiverFault(faster=2)).read(bytes.fromhex("01 03")).hex(" ")
         '06 1e'
         """
-        receiver, found = self.idle, b""
+        receiver, delivered = self.idle, b""
         for byte in sent:
             receiver, more = self._hear(receiver, character_levels(byte, self.form))
-            found += more
-        return found + self.silence(receiver)
+            delivered += more
+        return delivered + self.silence(receiver)
 
     def silence(self, receiver: Receiver) -> bytes:
         """Return what the receiver still delivers when the line stays idle."""
@@ -168,7 +168,7 @@ class UartLine:
         >>> [f"{byte:02X}" for byte in sorted(line.characters(line.idle, bytes.fromhex("06 1e")))][:3]
         ['01', '41', '61']
         """
-        found: dict[int, tuple[Receiver, int]] = {}
+        possible: dict[int, tuple[Receiver, int]] = {}
         start, count = self._step(receiver, (0,), heard, 0)
         branches: list[tuple[tuple[int, ...], Receiver, int]] = [((), start, count)] if start is not None else []
         while branches:
@@ -180,10 +180,10 @@ class UartLine:
                 if after is None:
                     continue
                 if whole:
-                    found[sum(level << place for place, level in enumerate(bits))] = after, total
+                    possible[sum(level << place for place, level in enumerate(bits))] = after, total
                 else:
                     branches.append((bits, after, total))
-        return found
+        return possible
 
     def _step(
         self, receiver: Receiver, levels: tuple[int, ...], heard: bytes, count: int
@@ -209,18 +209,19 @@ class UartLine:
 
     def _sampled(self, receiver: Receiver, levels: tuple[int, ...]) -> tuple[Receiver, bytes]:
         last, wait, samples = receiver
-        found = bytearray()
+        delivered = bytearray()
         for bit in levels:
-            level, left = bit ^ self.fault.inverted, self.sent_bit
+            level, ticks = bit ^ self.fault.inverted, self.sent_bit
             if wait is None and last == 1 and level == 0:
                 wait, samples = self.read_bit // 2, ()
-            while wait is not None and wait < left:
-                left -= wait
+            while wait is not None and wait < ticks:
+                ticks -= wait
                 wait, samples = self.read_bit, (*samples, level)
                 if samples[0] == 1:  # a pulse shorter than half a bit
                     wait = None
                 elif len(samples) == self.size:
-                    found.append(sum(data << place for place, data in enumerate(samples[1 : 1 + self.form.data_bits])))
+                    data = samples[1 : 1 + self.form.data_bits]
+                    delivered.append(sum(sample << place for place, sample in enumerate(data)))
                     if self.fault.resyncs and level == 0 and any(samples):
                         samples = (0,)
                     else:
@@ -228,9 +229,9 @@ class UartLine:
             if wait is None:
                 samples = ()
             else:
-                wait -= left
+                wait -= ticks
             last = level
-        return Receiver(last, wait, samples), bytes(found)
+        return Receiver(last, wait, samples), bytes(delivered)
 
 
 DOMINANT, RECESSIVE = 0, 1
@@ -386,14 +387,14 @@ def _bits(fields: Iterable[CanField]) -> Iterator[CanBit]:
 
 def _with_stuff_bits(bits: Iterable[CanBit]) -> Iterator[CanBit]:
     """Insert a bit of the other level after five equal ones. The inserted bit is the first of the next five."""
-    last, equal = RECESSIVE, 0  # the idle bus before SOF does not count
+    previous, equal = RECESSIVE, 0  # the idle bus before SOF does not count
     for bit in bits:
-        equal = equal + 1 if bit.level == last else 1
-        last = bit.level
+        equal = equal + 1 if bit.level == previous else 1
+        previous = bit.level
         yield bit
         if equal == EQUAL_BITS_MAX:
-            last, equal = 1 - last, 1
-            yield bit._replace(level=last, is_stuff=True)
+            previous, equal = 1 - previous, 1
+            yield bit._replace(level=previous, is_stuff=True)
 
 
 def longest_can_frame(size: int, *, extended: bool = False) -> int:

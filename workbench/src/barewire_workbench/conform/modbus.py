@@ -103,7 +103,7 @@ def refusals(case: ServerCase, answers: Sequence[StepAnswer]) -> dict[int, bytes
 
     01 counts where the case expects a response, 02 only where it accepts a response that is not an exception.
     """
-    found = {}
+    refused = {}
     for place, (step, answer) in enumerate(zip(case.steps, answers)):
         accepted = [sequence[place] for sequence in case.accepts if sequence[place] not in (SILENCE, CLOSED)]
         pdus = [adu.pdu for adu in answer or ()]
@@ -111,8 +111,8 @@ def refusals(case: ServerCase, answers: Sequence[StepAnswer]) -> dict[int, bytes
         codes = (1, 2) if any(int(text[:2], 16) < 0x80 for text in accepted) else (1,)
         for code in codes if accepted and pdus else ():
             if pdus == [bytes((function | 0x80, code)) for function in functions]:
-                found[place] = pdus[0]
-    return found
+                refused[place] = pdus[0]
+    return refused
 
 
 def accepted_apart_from(case: ServerCase, answers: Sequence[StepAnswer], places: Collection[int]) -> bool:
@@ -131,11 +131,11 @@ def answer_text(answer: StepAnswer) -> str:
 
 
 def _fits(expected: str, received: str) -> bool:
-    wanted, found = expected.split(), received.split()
-    if wanted[-1:] == ["..."]:
-        wanted, found = wanted[:-1], found[: len(wanted) - 1]
-    return len(wanted) == len(found) and all(
-        byte == pattern or pattern.rstrip(";") == ".." for pattern, byte in zip(wanted, found)
+    bytes_expected, bytes_received = expected.split(), received.split()
+    if bytes_expected[-1:] == ["..."]:
+        bytes_expected, bytes_received = bytes_expected[:-1], bytes_received[: len(bytes_expected) - 1]
+    return len(bytes_expected) == len(bytes_received) and all(
+        byte == pattern or pattern.rstrip(";") == ".." for pattern, byte in zip(bytes_expected, bytes_received)
     )
 
 

@@ -232,10 +232,10 @@ def _value(data: bytes, bits: dict[str, int]) -> list[Field]:
     if not bits["s"]:
         meaning = f"no size is indicated; all 4 bytes: {meaning}"
     unused = data[4 + size : _SDO_LENGTH]
-    found = _object(data) + _number(data, 4, size, "data", meaning)
+    fields = _object(data) + _number(data, 4, size, "data", meaning)
     if unused:
-        found.append(Field(4 + size, len(unused), "unused", unused.hex(" ").upper()))
-    return found
+        fields.append(Field(4 + size, len(unused), "unused", unused.hex(" ").upper()))
+    return fields
 
 
 def _abort(data: bytes, bits: dict[str, int]) -> list[Field]:
@@ -245,10 +245,10 @@ def _abort(data: bytes, bits: dict[str, int]) -> list[Field]:
 def _segment(data: bytes, bits: dict[str, int]) -> list[Field]:
     """Return up to seven bytes of a value, and the unused last n."""
     end = _SDO_LENGTH - bits["n"]
-    found = [Field(1, len(data[1:end]), "data", data[1:end].hex(" ").upper(), _characters(data[1:end]))]
+    fields = [Field(1, len(data[1:end]), "data", data[1:end].hex(" ").upper(), _characters(data[1:end]))]
     if data[end:_SDO_LENGTH]:
-        found.append(Field(end, len(data[end:_SDO_LENGTH]), "unused", data[end:_SDO_LENGTH].hex(" ").upper()))
-    return [field for field in found if field.length]
+        fields.append(Field(end, len(data[end:_SDO_LENGTH]), "unused", data[end:_SDO_LENGTH].hex(" ").upper()))
+    return [field for field in fields if field.length]
 
 
 def _block_accepted(data: bytes, bits: dict[str, int]) -> list[Field]:
@@ -257,13 +257,13 @@ def _block_accepted(data: bytes, bits: dict[str, int]) -> list[Field]:
 
 def _block_requested(data: bytes, bits: dict[str, int]) -> list[Field]:
     switch = "ordinary upload up to this many bytes" if data[5:6] != b"\0" else "no ordinary upload"
-    found = _object(data) + _number(data, 4, 1, "block size", "segments in a block")
-    return found + _number(data, 5, 1, "protocol switch", switch) + _reserved(data, 6)
+    fields = _object(data) + _number(data, 4, 1, "block size", "segments in a block")
+    return fields + _number(data, 5, 1, "protocol switch", switch) + _reserved(data, 6)
 
 
 def _acknowledged(data: bytes, bits: dict[str, int]) -> list[Field]:
-    found = _number(data, 1, 1, "sequence", "the last segment received in order")
-    return found + _number(data, 2, 1, "block size", "segments in the next block") + _reserved(data, 3)
+    fields = _number(data, 1, 1, "sequence", "the last segment received in order")
+    return fields + _number(data, 2, 1, "block size", "segments in the next block") + _reserved(data, 3)
 
 
 def _block_end(data: bytes, bits: dict[str, int]) -> list[Field]:
@@ -367,12 +367,12 @@ def numeric_readings(data: bytes) -> str:
     if not 1 <= len(data) <= 4:
         return ""
     bits = 8 * len(data)
-    found = [f"u{bits} {codec(f'u{bits}', 'DCBA').decode(data)}"]
+    readings = [f"u{bits} {codec(f'u{bits}', 'DCBA').decode(data)}"]
     if data[-1] & 0x80:
-        found.append(f"i{bits} {codec(f'i{bits}', 'DCBA').decode(data)}")
+        readings.append(f"i{bits} {codec(f'i{bits}', 'DCBA').decode(data)}")
     if len(data) == 4:
-        found.append(f"f32 {codec('f32', 'DCBA').decode(data):.7g}")
-    return ", ".join(found)
+        readings.append(f"f32 {codec('f32', 'DCBA').decode(data):.7g}")
+    return ", ".join(readings)
 
 
 def _characters(data: bytes) -> str:
@@ -634,12 +634,12 @@ def _data(frame: CanFrame, service: CobService, node: int) -> _Parts:
 
 def _cut(layout: Layout, data: bytes) -> list[Field]:
     """Return the fields of a little-endian layout, as far as there are bytes."""
-    found = []
+    fields = []
     for field in layout.fields(data):
         part = data[field.offset : field.offset + field.length]
         is_number = field.name != layout.tail
-        found.append(field._replace(value=int.from_bytes(part, "little")) if is_number else field)
-    return fill_gaps(found, len(data), layout.names[len(found)] if len(found) < len(layout.names) else "")
+        fields.append(field._replace(value=int.from_bytes(part, "little")) if is_number else field)
+    return fill_gaps(fields, len(data), layout.names[len(fields)] if len(fields) < len(layout.names) else "")
 
 
 def _nmt(frame: CanFrame) -> _Parts:

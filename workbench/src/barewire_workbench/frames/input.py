@@ -53,10 +53,10 @@ def parse_hex(text: str) -> bytes:
     tokens = _TOKEN.findall(text)
     if sum(len(token) == 1 for token in tokens) > 1 and _BYTES_IN_HEX.fullmatch(" ".join(tokens)):
         return bytes(int(token, 16) for token in tokens)
-    found = bytearray()
+    data = bytearray()
     for token in _TOKEN.finditer(text):
-        found += parse_hex_token(text, token.start(), token.group())
-    return bytes(found)
+        data += parse_hex_token(text, token.start(), token.group())
+    return bytes(data)
 
 
 def parse_hex_token(text: str, index: int, token: str) -> bytes:
@@ -105,8 +105,8 @@ def parse_ascii(text: str) -> bytes:
 
 def _unquoted(typed: str) -> str:
     """Return the characters without quotes, such as those of b':0104...' in a source or a log."""
-    found = re.fullmatch(r"\s*b?(['\"])(:.*)\1[\s;]*", typed, re.DOTALL)
-    return typed if found is None else found[2]
+    quoted = re.fullmatch(r"\s*b?(['\"])(:.*)\1[\s;]*", typed, re.DOTALL)
+    return typed if quoted is None else quoted[2]
 
 
 _BEFORE = (
@@ -168,16 +168,16 @@ def parse_string_literal(text: str) -> bytes | None:
     >>> parse_string_literal(r"b'\\x01\\x03\\n'"), parse_string_literal('"0103"'), parse_string_literal("b'0103'")
     (b'\\x01\\x03\\n', None, None)
     """
-    found = _QUOTED.fullmatch(text)
-    if found is None or re.search(r"\w['\"]\s", found[3]):
+    quoted = _QUOTED.fullmatch(text)
+    if quoted is None or re.search(r"\w['\"]\s", quoted[3]):
         return None
-    prefix, body = found[1], found[3]
+    prefix, body = quoted[1], quoted[3]
     if "\\" not in body and (not prefix or re.fullmatch(r"[0-9A-Fa-f\s]*", body)):
         return None  # hexadecimal digits, the output of hexlify
     data = bytearray()
     for piece in _ESCAPE.finditer(body):
         pair, octal, letter = piece.groups()
-        index = found.start(3) + piece.start()
+        index = quoted.start(3) + piece.start()
         if pair or octal:
             number = int(pair, 16) if pair else int(octal, 8)
         elif letter:
@@ -203,7 +203,7 @@ def parse_decimal(text: str, listed: bool) -> bytes | None:
     >>> parse_decimal("1, 3, 0, 0, 0, 10, 197, 205", False).hex(" "), parse_decimal("01 03 10", False)
     ('01 03 00 00 00 0a c5 cd', None)
     """
-    tokens = [(found.start(), found[0]) for found in re.finditer(r"[^\s,;]+", text)]
+    tokens = [(match.start(), match[0]) for match in re.finditer(r"[^\s,;]+", text)]
     numbers = [token for _, token in tokens]
     if len(numbers) < 2 or not all(_NUMBER.fullmatch(token) for token in numbers):
         return None
@@ -251,8 +251,8 @@ def dump_line(line: str) -> DumpLine | None:
     >>> dump_line("0000 0000 0006 01 03 0000 0001")  # a frame with blanks between its fields
     """
     for form in (_XXD, _COLUMNS, _OD):
-        if found := form.match(line):
-            digits, data = found[1], bytes.fromhex(found[2])
+        if match := form.match(line):
+            digits, data = match[1], bytes.fromhex(match[2])
             octal = int(digits, 8) if set(digits) <= set("01234567") else None
             return DumpLine(int(digits, 16), octal, data) if len(data) <= _LINE_MAX else None
     return None
@@ -277,26 +277,26 @@ def parse_dump(text: str) -> bytes | None:
     uncertain = not _is_alone(first, lines[0][1])
     data, octal = first.data, False
     for number, line in lines[1:]:
-        found, count = dump_line(line), len(data)
-        if uncertain and (found is None or found.offset != first.offset + count):
+        parsed, count = dump_line(line), len(data)
+        if uncertain and (parsed is None or parsed.offset != first.offset + count):
             return None
-        if found is None:
+        if parsed is None:
             if _END.match(line) and number == lines[-1][0]:
                 break
             raise _wrong(text, number, f"{line.strip()[:24]!r} is not a line of the dump that begins in line 1")
-        octal = octal or (found.octal == (first.octal or 0) + count and found.offset != first.offset + count)
-        if (found.octal if octal else found.offset) != ((first.octal or 0) if octal else first.offset) + count:
-            raise _wrong(text, number, f"the dump continues at {found.offset:X}h, expected {first.offset + count:X}h")
-        data += found.data
+        octal = octal or (parsed.octal == (first.octal or 0) + count and parsed.offset != first.offset + count)
+        if (parsed.octal if octal else parsed.offset) != ((first.octal or 0) if octal else first.offset) + count:
+            raise _wrong(text, number, f"the dump continues at {parsed.offset:X}h, expected {first.offset + count:X}h")
+        data += parsed.data
     return data
 
 
-def _is_alone(found: DumpLine, line: str) -> bool:
+def _is_alone(parsed: DumpLine, line: str) -> bool:
     """Return whether one line alone is certainly a dump: four digits and two blanks may be a transaction number."""
     if len(line.split()[0].rstrip(":").removeprefix("0x")) > 4:
         return True
-    characters = "".join(chr(byte) if 0x20 <= byte < 0x7F else "." for byte in found.data)
-    return found.offset == 0 or line.rstrip().endswith(characters)
+    characters = "".join(chr(byte) if 0x20 <= byte < 0x7F else "." for byte in parsed.data)
+    return parsed.offset == 0 or line.rstrip().endswith(characters)
 
 
 def _wrong(text: str, number: int, message: str) -> DecodeError:

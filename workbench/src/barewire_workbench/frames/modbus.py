@@ -253,16 +253,16 @@ def _error(message: type[Message] | None, pdu: bytes, role: FrameRole | None) ->
 def _fields(message: type[Message] | None, pdu: bytes) -> list[Field]:
     """Return all bytes in fields, named as far as the shape is known."""
     if message is not None:
-        found = message.fields(pdu)
+        fields = message.fields(pdu)
         names = message.layout.names
-        return fill_gaps(found, len(pdu), names[len(found)] if len(found) < len(names) else "")
-    found = [Field(0, 1, "function_code", pdu[0])]
+        return fill_gaps(fields, len(pdu), names[len(fields)] if len(fields) < len(names) else "")
+    fields = [Field(0, 1, "function_code", pdu[0])]
     if pdu[0] == ENCAPSULATED and len(pdu) > 1:
-        found.append(Field(1, 1, "mei_type", pdu[1]))
-    if len(pdu) > len(found):
-        rest = pdu[len(found) :]
-        found.append(Field(len(found), len(rest), _UNKNOWN_SHAPE, rest.hex(" ").upper()))
-    return found
+        fields.append(Field(1, 1, "mei_type", pdu[1]))
+    if len(pdu) > len(fields):
+        rest = pdu[len(fields) :]
+        fields.append(Field(len(fields), len(rest), _UNKNOWN_SHAPE, rest.hex(" ").upper()))
+    return fields
 
 
 def _summary(fields: list[Field], pdu: bytes) -> str:

@@ -58,8 +58,10 @@ class UnitNames:
         self._names = dict(names)
 
     def __repr__(self) -> str:
-        found = (f"{f'{unit}: ' if unit is not None else ''}{names.device.name}" for unit, names in self._names.items())
-        return f"<{type(self).__name__}: {', '.join(found)}>"
+        devices = (
+            f"{f'{unit}: ' if unit is not None else ''}{names.device.name}" for unit, names in self._names.items()
+        )
+        return f"<{type(self).__name__}: {', '.join(devices)}>"
 
     def text(self, request: RequestSeen, response: ResponseSeen | None) -> str:
         """Return the values of an exchange as text; '' if none has a name, and for a refused request."""
@@ -329,10 +331,10 @@ def exchange_as_dict(event: SnifferEvent, *, timed: bool = True, names: UnitName
     >>> exchange_as_dict(ResponseMissing(RequestSeen(1, bytes.fromhex("0300000002"), 1.0), 2.0))
     {'event': 'unanswered', 'at': 2.0, 'unit': 1, 'request_at': 1.0}
     """
-    found = _as_dict(event)
+    result = _as_dict(event)
     if names is not None and isinstance(event, ResponseSeen) and event.request is not None:
-        found["values"] = names.values(event.request, event)
-    return found if timed else {key: None if key in _TIMES else value for key, value in found.items()}
+        result["values"] = names.values(event.request, event)
+    return result if timed else {key: None if key in _TIMES else value for key, value in result.items()}
 
 
 _TIMES = frozenset({"at", "request_at", "older_request_at", "seconds"})

@@ -109,10 +109,10 @@ class PdoTracker:
         record = self._by_key.get(frame.key)
         if record is not None:
             return record.node, record.name, record.mapping
-        found = classify(frame)
-        if found is None or "PDO" not in found[0].name:
+        sender = classify(frame)
+        if sender is None or "PDO" not in sender[0].name:
             return None
-        return found[1], found[0].name, None
+        return sender[1], sender[0].name, None
 
     def object(self, node: int, index: int | None, sub: int | None) -> KnownObject | None:
         """Return an object of a node that has a description; None for others."""
@@ -123,7 +123,7 @@ class PdoTracker:
         node, name, mapping = self.owner(frame) or (0, f"{frame.id:03X}h", None)
         if frame.remote:
             return [PdoReport(now, node, name, b"", {}, (), False, requested=True)]
-        found: list[MonitorEvent] = []
+        events: list[MonitorEvent] = []
         data = frame.data
         values: dict[str, Value] = {}
         texts: tuple[str, ...] = ()
@@ -131,14 +131,14 @@ class PdoTracker:
             if len(data) != mapping.size:
                 rule = "PDO-TOO-SHORT" if len(data) < mapping.size else "PDO-TOO-LONG"
                 text = f"{name}: {mapping.size} bytes are mapped, got {len(data)}"
-                found.append(Violation(now, rule, node, text, str(frame)))
+                events.append(Violation(now, rule, node, text, str(frame)))
             if len(data) >= mapping.size:
                 values, texts = self.unpack(node, mapping, data[: mapping.size])
         repeated = self._last.get(frame.key) == data
         if frame.key in self._last or len(self._last) < _LAST_MAX:
             self._last[frame.key] = data
-        found.append(PdoReport(now, node, name, data, values, texts, repeated))
-        return found
+        events.append(PdoReport(now, node, name, data, values, texts, repeated))
+        return events
 
     def unpack(self, node: int, mapping: PdoMapping, data: bytes) -> tuple[dict[str, Value], tuple[str, ...]]:
         """Return the values by name, and each as text with its name."""
@@ -201,15 +201,15 @@ class PdoTracker:
 
     def reset(self, node: int, now: float) -> list[MonitorEvent]:
         """Restore the factory setting after a boot of the node, unless another one was stored."""
-        found: list[MonitorEvent] = []
+        events: list[MonitorEvent] = []
         if node in self._stored:
-            return found
+            return events
         for record in self._records.values():
             if record.node == node and record.changed:
                 record.reset()
                 self._update(record)
-                found.append(self._report(record, now))
-        return found
+                events.append(self._report(record, now))
+        return events
 
 
 def _mapping(words: list[int], objects: dict[tuple[int, int], KnownObject]) -> PdoMapping | None:

@@ -29,6 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Literal, NamedTuple
 
 from barewire.canopen.abort_codes import AbortCode, abort_text
 from barewire.canopen.frame import CanFrame
@@ -123,7 +124,7 @@ class ChannelState:
         self.block: BlockTracker | None = None  # of the open transfer
         self.given_up: OpenTransfer | None = None  # the last one without an end: its answer may be late
         self.interrupted: tuple[OpenTransfer, BlockTracker | None] | None = None  # another request came in its middle
-        self.last_transfer: tuple[tuple[int | None, int | None], TransferOutcome] = (None, None), "cut"  # that is over
+        self.last_transfer: tuple[tuple[int, int] | None, TransferOutcome] = None, "cut"  # that is over
         self.has_frames = False  # since the start, or since a gap in the recording
         self.last_frame = (False, b"")  # whether the client sent it, and its data
         self.run = 0  # consecutive frames of one side, each with the next higher number
@@ -228,7 +229,7 @@ class ChannelState:
             return
         self.settle_doubt(transfer)
         self.open = self.block = None
-        self.last_transfer = (transfer.index, transfer.sub), outcome
+        self.last_transfer = transfer.place, outcome
         blocks = 0 if block is None else block.blocks
         report = transfer.report(self.now, self.node, self.channel, outcome, blocks=blocks, abort=abort, by=by)
         self.events.append(report)
@@ -245,23 +246,123 @@ class ChannelState:
         return events
 
 
-def feed_segment(
-    channel: ChannelState, sender: SdoSide, message: NextSegment | SdoSegment | SegmentTaken, now: float
-) -> None:
+# Segments ---------------------------------------------------------------------------------------------------------
+#
+# What a frame shows follows from whether it is its side's turn, and whether its toggle bit is the next one; in three of
+# the cases also from whether it carries the bytes of the segment before.
+
+_SegmentKind = Literal["request", "upload", "download", "confirmation"]
+
+
+class _Lacking(NamedTuple):
+    """The frame fits if so many frames before it are not in the recording. `rule` is broken if it lacks none."""
+
+    frames: int
+    evidence: str
+    rule: str
+    data: bool  # whether the frames carried bytes of the value
+
+
+class _Breach(NamedTuple):
+    """The frame breaks the rule of the toggle bit. The text may name the `expected` and the `received` one."""
+
+    text: str
+
+
+_OTHER_TOGGLE = "with toggle bit {expected}, answered with {received}"
+
+# A frame "fits"; is "doubtful" until the other side goes on or aborts; was sent again because one was "lost" on the
+# bus; or is a "repetition" that says nothing about the recording.
+_SEGMENT_STEPS: dict[tuple[_SegmentKind, bool, bool], str | _Lacking | _Breach] = {
+    # kind, its turn, next toggle bit
+    ("request", True, True): "fits",
+    ("request", True, False): "doubtful",
+    ("request", False, True): "lost",
+    ("request", False, False): _Lacking(
+        1, "the next segment is requested, but the last one is not in the recording", "SDO-OVERLAP", data=True
+    ),
+    ("upload", True, True): "fits",
+    ("upload", True, False): _Breach(f"requested {_OTHER_TOGGLE}"),
+    ("upload", False, True): _Lacking(
+        1, "a segment arrives, but the request for it is not in the recording", "SDO-UNASKED", data=False
+    ),
+    ("upload", False, False): _Breach("a segment that was not requested, with the toggle bit of the last one"),
+    ("download", True, True): "fits",
+    ("download", True, False): "doubtful",
+    ("download", False, True): _Lacking(
+        3,
+        "another segment with the same toggle bit: the segment between them and two answers are missing",
+        "SDO-TOGGLE",
+        data=True,
+    ),
+    ("download", False, False): _Lacking(
+        1, "the next segment arrives, but the last answer is not in the recording", "SDO-OVERLAP", data=False
+    ),
+    ("confirmation", True, True): "fits",
+    ("confirmation", True, False): _Breach(f"sent {_OTHER_TOGGLE}"),
+    ("confirmation", False, True): _Lacking(
+        1, "a segment is confirmed that is not in the recording", "SDO-UNASKED", data=True
+    ),
+    ("confirmation", False, False): "repetition",
+}
+_SAME_BYTES_STEPS = {
+    ("upload", False, False): "repetition",
+    ("download", True, False): "lost",
+    ("download", False, True): "lost",
+}
+
+
+def _feed_segment(channel: ChannelState, sender: SdoSide, message: NextSegment | SdoSegment | SegmentTaken) -> None:
     """Take a frame of a segmented transfer, in either direction."""
-    uploads = isinstance(message, NextSegment) or (sender == "server" and isinstance(message, SdoSegment))
-    transfer = _transfer(channel, "upload" if uploads else "download", message)
-    if isinstance(message, NextSegment):
-        _upload_requested(channel, transfer, message.toggle, now)
-    elif isinstance(message, SegmentTaken):
-        _download_confirmed(channel, transfer, message.toggle)
-    elif sender == "server":
-        _uploaded(channel, transfer, message)
+    kind: _SegmentKind = "upload" if sender == "server" else "download"
+    if not isinstance(message, SdoSegment):
+        kind = "request" if isinstance(message, NextSegment) else "confirmation"
+    transfer = _segmented_transfer(channel, sender, "upload" if kind in ("request", "upload") else "download", message)
+    state = kind, transfer.next_sender == sender, message.toggle == transfer.toggle
+    step = _SEGMENT_STEPS[state]
+    if isinstance(message, SdoSegment) and message.data == transfer.previous:
+        step = _SAME_BYTES_STEPS.get(state, step)
+    if isinstance(step, _Breach):
+        channel.violation("SDO-TOGGLE", step.text.format(expected=transfer.toggle, received=message.toggle))
+    elif step == "repetition":
+        transfer.repeats += 1
+    elif step == "lost":
+        transfer.repeats += 1
+        transfer.lost += 1
+        how = "requested" if kind == "request" else "sent"
+        text = f"the segment is {how} again: it or its answer did not arrive"
+        channel.events.append(Loss(channel.now, channel.node, 1, text))
+        transfer.toggle, transfer.next_sender = message.toggle, "server"
     else:
-        _downloaded(channel, transfer, message, now)
+        if isinstance(step, _Lacking):
+            channel.report_missing(transfer, step.frames, step.evidence, step.rule, data=step.data)
+        elif step == "doubtful":
+            transfer.doubt = transfer.doubt or "toggle"
+        _accept_segment(channel, sender, transfer, message)
 
 
-def _transfer(channel: ChannelState, direction: str, message: NextSegment | SdoSegment | SegmentTaken) -> OpenTransfer:
+def _accept_segment(
+    channel: ChannelState, sender: SdoSide, transfer: OpenTransfer, message: NextSegment | SdoSegment | SegmentTaken
+) -> None:
+    if sender == "server":
+        channel.settle_doubt(transfer)  # the server goes on, so it accepted the doubtful frame
+    if isinstance(message, SdoSegment):
+        transfer.previous, transfer.last_sent = message.data, message.last
+        transfer.take(message.data)
+    if sender == "client":
+        transfer.toggle, transfer.next_sender = message.toggle, "server"
+        return
+    transfer.toggle, transfer.next_sender = message.toggle ^ 1, "client"
+    if transfer.last_sent:
+        channel.done(transfer)
+
+
+def _segmented_transfer(
+    channel: ChannelState,
+    sender: SdoSide,
+    direction: TransferDirection,
+    message: NextSegment | SdoSegment | SegmentTaken,
+) -> OpenTransfer:
     """Return the transfer to which the frame belongs; if there is none, a new one whose beginning was not recorded."""
     transfer = channel.open
     if transfer is not None and transfer.direction == direction and channel.block is None:
@@ -273,119 +374,15 @@ def _transfer(channel: ChannelState, direction: str, message: NextSegment | SdoS
             channel.report_missing(transfer, 1, text, "SDO-UNASKED", data=False)
             transfer.request, transfer.manner, transfer.next_sender = b"", "segmented", "client"
             return transfer
-    if _continues(channel.interrupted, direction, message):
-        channel.go_on_interrupted()
-        assert channel.open is not None
-        return channel.open
-    unrecorded = channel.begin_unrecorded("upload" if direction == "upload" else "download", "segmented")
-    unrecorded.toggle = message.toggle
-    unrecorded.next_sender = "client" if isinstance(message, NextSegment) else "server"
-    if isinstance(message, SdoSegment) and direction == "download":
-        unrecorded.next_sender = "client"
+    interrupted, block = channel.interrupted or (None, None)
+    if interrupted is not None and block is None:
+        expected = interrupted.manner, interrupted.direction, interrupted.toggle, interrupted.next_sender
+        if expected == ("segmented", direction, message.toggle, sender):
+            channel.go_on_interrupted()
+            return interrupted
+    unrecorded = channel.begin_unrecorded(direction, "segmented")
+    unrecorded.toggle, unrecorded.next_sender = message.toggle, sender
     return unrecorded
-
-
-def _continues(
-    interrupted: tuple[OpenTransfer, object] | None,
-    direction: str,
-    message: NextSegment | SdoSegment | SegmentTaken,
-) -> bool:
-    """Return whether the frame is the next one of the transfer that another request interrupted."""
-    if interrupted is None or interrupted[1] is not None:
-        return False
-    transfer = interrupted[0]
-    sender = "server" if isinstance(message, SegmentTaken) else "client"
-    if isinstance(message, SdoSegment) and direction == "upload":
-        sender = "server"
-    return (transfer.manner, transfer.direction, transfer.toggle, transfer.next_sender) == (
-        *("segmented", direction, message.toggle),
-        sender,
-    )
-
-
-def _repeated(channel: ChannelState, transfer: OpenTransfer, how: str, now: float) -> None:
-    """Report a repeated segment or request: a frame was lost on the bus."""
-    transfer.repeats += 1
-    transfer.lost += 1
-    channel.events.append(Loss(now, channel.node, 1, f"the segment is {how} again: it or its answer did not arrive"))
-
-
-def _upload_requested(channel: ChannelState, transfer: OpenTransfer, toggle: int, now: float) -> None:
-    """Take the client's request for the next segment."""
-    if transfer.next_sender == "server":
-        if toggle == transfer.toggle:
-            _repeated(channel, transfer, "requested", now)
-            return
-        text = "the next segment is requested, but the last one is not in the recording"
-        channel.report_missing(transfer, 1, text, "SDO-OVERLAP", data=True)
-    elif toggle != transfer.toggle and not transfer.doubt:
-        transfer.doubt = "toggle"
-    transfer.toggle, transfer.next_sender = toggle, "server"
-
-
-def _uploaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegment) -> None:
-    """Take a segment from the server."""
-    if transfer.next_sender == "client":
-        if segment.toggle != transfer.toggle:
-            if segment.data == transfer.previous:
-                transfer.repeats += 1
-            else:
-                channel.violation("SDO-TOGGLE", "a segment that was not requested, with the toggle bit of the last one")
-            return
-        text = "a segment arrives, but the request for it is not in the recording"
-        channel.report_missing(transfer, 1, text, "SDO-UNASKED", data=False)
-    elif segment.toggle != transfer.toggle:
-        text = f"requested with toggle bit {transfer.toggle}, answered with {segment.toggle}"
-        channel.violation("SDO-TOGGLE", text)
-        return
-    channel.settle_doubt(transfer)
-    transfer.previous = segment.data
-    transfer.take(segment.data)
-    transfer.toggle, transfer.next_sender = segment.toggle ^ 1, "client"
-    if segment.last:
-        channel.done(transfer)
-
-
-def _downloaded(channel: ChannelState, transfer: OpenTransfer, segment: SdoSegment, now: float) -> None:
-    """Take a segment from the client."""
-    if transfer.next_sender == "server":
-        if segment.toggle == transfer.toggle and segment.data == transfer.previous:
-            _repeated(channel, transfer, "sent", now)
-            return
-        if segment.toggle == transfer.toggle:
-            text = "another segment with the same toggle bit: the segment between them and two answers are missing"
-            channel.report_missing(transfer, 3, text, "SDO-TOGGLE", data=True)
-        else:
-            text = "the next segment arrives, but the last answer is not in the recording"
-            channel.report_missing(transfer, 1, text, "SDO-OVERLAP", data=False)
-    elif segment.toggle != transfer.toggle:
-        if segment.data == transfer.previous:
-            _repeated(channel, transfer, "sent", now)
-            transfer.toggle, transfer.next_sender = segment.toggle, "server"
-            return
-        transfer.doubt = transfer.doubt or "toggle"
-    transfer.previous = segment.data
-    transfer.take(segment.data)
-    transfer.last_sent = segment.last
-    transfer.toggle, transfer.next_sender = segment.toggle, "server"
-
-
-def _download_confirmed(channel: ChannelState, transfer: OpenTransfer, toggle: int) -> None:
-    """Take the server's confirmation of a segment."""
-    if transfer.next_sender == "client":
-        if toggle != transfer.toggle:
-            transfer.repeats += 1
-            return
-        channel.report_missing(
-            transfer, 1, "a segment is confirmed that is not in the recording", "SDO-UNASKED", data=True
-        )
-    elif toggle != transfer.toggle:
-        channel.violation("SDO-TOGGLE", f"sent with toggle bit {transfer.toggle}, answered with {toggle}")
-        return
-    channel.settle_doubt(transfer)
-    transfer.toggle, transfer.next_sender = toggle ^ 1, "client"
-    if transfer.last_sent:
-        channel.done(transfer)
 
 
 GIVE_UP = 3.0
@@ -502,7 +499,7 @@ class SdoTracker:
         elif isinstance(message, InitiateRequest):
             self._begin(message, data)
         elif isinstance(message, NextSegment | SdoSegment | SegmentTaken):
-            feed_segment(state, sender, message, state.now)
+            _feed_segment(state, sender, message)
         else:
             self._unmatched_block_message(sender, message, data)
 
@@ -545,11 +542,11 @@ class SdoTracker:
 
     def _answered(self, answer: InitiateAnswer) -> None:
         state, place = self._state, (answer.index, answer.sub)
-        transfer, given = state.open, state.given_up
+        transfer, given_up = state.open, state.given_up
         if transfer is None or not transfer.request:
             self._unmatched_answer(answer)
-        elif place != (transfer.index, transfer.sub):
-            if given is not None and (given.index, given.sub) == place and isinstance(answer, given.answers):
+        elif place != transfer.place:
+            if given_up is not None and given_up.place == place and isinstance(answer, given_up.answers):
                 text = f"the answer about {object_name(*place)} comes after the request for {transfer}"
                 state.violation("SDO-OVERLAP", text)
                 state.given_up = None
@@ -593,23 +590,22 @@ class SdoTracker:
                 state.begin_blocks(transfer, "client", size, crc=crc)
 
     def _aborted(self, sender: SdoSide, abort: Abort) -> None:
-        state = self._state
+        state, place = self._state, (abort.index, abort.sub)
         if abort.code not in tuple(AbortCode):
             state.violation("SDO-ABORT-CODE", abort_text(abort.code))
         if state.open is None:
-            place, given = (abort.index, abort.sub), state.given_up
-            late = given is not None and (given.index, given.sub) == place
-            direction: TransferDirection = given.direction if late and given is not None else "unknown"
+            given_up = state.given_up if state.given_up is not None and state.given_up.place == place else None
+            direction: TransferDirection = "unknown" if given_up is None else given_up.direction
             state.begin(OpenTransfer(direction, "unknown", place, None, state.held))
             # A client that did not receive the last answer aborts a transfer that is over for the server, and one whose
             # request was lost aborts after its time-out. Both sides abort if both wait in vain.
             last_place, outcome = state.last_transfer
             follows = last_place == place and (sender == "client" or outcome != "done")
             follows = follows or (sender == "client" and abort.code == AbortCode.TIMED_OUT)
-            if state.has_frames and not late and not follows:
+            if state.has_frames and given_up is None and not follows:
                 state.gap(1, "an abort, but no transfer is under way in the recording", "SDO-UNASKED")
-        elif state.open.index is not None and (abort.index, abort.sub) != (state.open.index, state.open.sub):
-            text = f"the transfer is of {state.open}, the abort is about {object_name(abort.index, abort.sub)}"
+        elif state.open.place not in (None, place):
+            text = f"the transfer is of {state.open}, the abort is about {object_name(*place)}"
             state.violation("SDO-MUX", text)
         elif state.open.doubt == "toggle" and abort.code == AbortCode.TOGGLE:
             state.open.doubt = ""
@@ -628,12 +624,12 @@ class SdoTracker:
         needed, unless the first would break a rule.
         """
         state, transfer = self._state, self._state.open
-        from_client, last = state.last_frame
+        from_client, previous = state.last_frame
         enough = (transfer is None and not state.given_up) or (transfer is not None and transfer.began is None)
         enough = enough or state.run > 0 or bool(state.held_back)
-        if not enough or not last or state.block is not None:
+        if not enough or not previous or state.block is not None:
             return False
-        return from_client == (sender == "client") and last[0] < 0x7F and data[0] & 0x7F == last[0] + 1
+        return from_client == (sender == "client") and previous[0] < 0x7F and data[0] & 0x7F == previous[0] + 1
 
     def _begin_unanswered_block(self, sender: SdoSide, data: bytes) -> None:
         """Begin a block whose answer is not in the recording: the client sends segments, so it has received it."""
@@ -647,17 +643,16 @@ class SdoTracker:
 
     def _unmatched_answer(self, answer: InitiateAnswer) -> None:
         """Take an answer without a request: it is late, or the request is not in the recording."""
-        state = self._state
-        given, first = state.given_up, not state.has_frames
-        matches = given is not None and (given.index, given.sub) == (answer.index, answer.sub)
-        late = given if given is not None and matches and state.open is None else None
-        late = late if late is not None and isinstance(answer, late.answers) else None
+        state, first, place = self._state, not self._state.has_frames, (answer.index, answer.sub)
+        late = state.given_up if state.open is None else None
+        if late is not None and (late.place != place or not isinstance(answer, late.answers)):
+            late = None
         state.close("cut")
         manner: TransferManner = "expedited" if isinstance(answer, ExpeditedUpload) else "segmented"
         upload = isinstance(answer, ExpeditedUpload | UploadInitiated | BlockUploadInitiated)
         direction: TransferDirection = "upload" if upload else "download"
         began = None if late is None else late.began
-        new = state.begin(OpenTransfer(direction, manner, (answer.index, answer.sub), began, state.held))
+        new = state.begin(OpenTransfer(direction, manner, place, began, state.held))
         new.next_sender = "client"
         if late is not None:
             state.given_up = None
@@ -670,14 +665,15 @@ class SdoTracker:
             new.manner = "unknown"  # the value was in the request, or follows in segments
         before = len(state.events)
         self._go_on(new, answer)
-        if late is not None or first:
-            answered, state.events[before:] = state.events[before:], []
-            state.held_back += [
-                replace(event, late=late is not None) if isinstance(event, SdoTransferReport) else event
-                for event in answered
-            ]
-            if late is not None:
-                state.release()
+        reported = state.events[before:]
+        if late is not None:
+            late_reports = [replace(event, late=True) if isinstance(event, SdoTransferReport) else event
+                            for event in reported]  # fmt: skip
+            state.events[before:] = [*state.held_back, *late_reports]
+            state.held_back = []
+        elif first:  # the next frame may show that it is a segment of a block
+            state.held_back += reported
+            del state.events[before:]
 
     def _unmatched_block_message(self, sender: SdoSide, message: SdoMessage, data: bytes) -> None:
         """Take a message of a block transfer while none is under way."""

@@ -23,8 +23,10 @@ from typing import Literal
 
 from barewire.canopen.sdo.messages import (
     BLOCK_MAX,
+    BLOCK_UPLOAD_RESPONSES,
     LAST,
     SEGMENT,
+    UPLOAD_RESPONSES,
     Abort,
     BlockAck,
     BlockDownloadInitiated,
@@ -60,12 +62,11 @@ SdoSide = Literal["client", "server"]
 InitiateRequest = InitiateUpload | ExpeditedDownload | InitiateDownload | InitiateBlockUpload | InitiateBlockDownload
 InitiateAnswer = ExpeditedUpload | UploadInitiated | DownloadInitiated | BlockUploadInitiated | BlockDownloadInitiated
 
-_UPLOADED = (ExpeditedUpload, UploadInitiated)
 TRANSFER_OF: dict[type, tuple[TransferDirection, TransferManner, tuple[type, ...]]] = {
-    InitiateUpload: ("upload", "expedited", _UPLOADED),
+    InitiateUpload: ("upload", "expedited", UPLOAD_RESPONSES),
     ExpeditedDownload: ("download", "expedited", (DownloadInitiated,)),
     InitiateDownload: ("download", "segmented", (DownloadInitiated,)),
-    InitiateBlockUpload: ("upload", "block", (BlockUploadInitiated, *_UPLOADED)),
+    InitiateBlockUpload: ("upload", "block", BLOCK_UPLOAD_RESPONSES),
     InitiateBlockDownload: ("download", "block", (BlockDownloadInitiated,)),
 }
 """Request -> direction and kind of the transfer that it begins, and its possible answers."""
@@ -114,8 +115,7 @@ class OpenTransfer:
     ) -> None:
         self.direction = direction
         self.manner: TransferManner = manner
-        self.index = None if place is None else place[0]
-        self.sub = None if place is None else place[1]
+        self.place = place  # index and sub-index
         self.began = began
         self.last_frame_at = 0.0
         self.request = b""  # until its answer arrives
@@ -140,7 +140,7 @@ class OpenTransfer:
         self._holds = True
 
     def __str__(self) -> str:
-        return object_name(self.index, self.sub)
+        return object_name(*(self.place or (None, None)))
 
     def take(self, data: bytes) -> None:
         """Append the next bytes of the value."""
@@ -177,8 +177,9 @@ class OpenTransfer:
         """End the transfer and return its report. The bytes that it held are released."""
         proved = self.crc_result == "ok" or (self.size is not None and self.size == self.count)
         known = self._holds and self.complete and (proved or not self.gapped)
+        index, sub = self.place or (None, None)
         report = SdoTransferReport(
-            *(at, node, channel, self.direction, self.manner, self.index, self.sub, outcome, self.began),
+            *(at, node, channel, self.direction, self.manner, index, sub, outcome, self.began),
             data=bytes(self.data) if known and (self.count or outcome == "done") else None,
             count=self.count,
             size=self.size,
@@ -227,6 +228,7 @@ class BlockTracker:
         self._tail = 0  # the last number sent of a block that was acknowledged early
         self._pending = b""  # the block acknowledged last: the end of the transfer decides how many of its bytes count
         self._acknowledged = -1
+        self._now = 0.0  # the time of the frame that is taken
         self._repeats = 0  # acknowledgements that are repetitions, or are for blocks that are not in the recording
 
     @property
@@ -236,44 +238,45 @@ class BlockTracker:
 
     def feed(self, sender: SdoSide, data: bytes, now: float) -> bool:
         """Take a frame; return False if it does not belong to this transfer. `state` is "over" after the last one."""
+        self._now = now
         if data[0] == LAST:
             return False  # 80h is an abort: there is no segment 0
-        return self._from_sender(data, now) if sender == self.data_sender else self._from_receiver(data, now)
+        return self._from_sender(data) if sender == self.data_sender else self._from_receiver(data)
 
-    def _from_sender(self, data: bytes, now: float) -> bool:
+    def _from_sender(self, data: bytes) -> bool:
         if self.state == "ready":
-            self._lacks(1, "segments arrive, but the start of the block upload is not in the recording", now)
+            self._lacks(1, "segments arrive, but the start of the block upload is not in the recording")
             self.state = "segments"
         ends = BlockEnd.pattern.matches(data[0]) and not any(data[3:])
         if self.state == "segments":
             if self._short and not self._parts and ends and data[0] & ~LAST > 1:
                 self.state = "end"  # it was the last block, and its last segment is not in the recording
             elif self._final and ends:
-                self._lacks(1, "the transfer ends, but the last acknowledgement is not in the recording", now)
+                self._lacks(1, "the transfer ends, but the last acknowledgement is not in the recording")
                 self._commit(self._final)
                 self.state = "end"
-            elif self._is_new_request(data, now):
+            elif self._is_new_request(data):
                 return False
             else:
-                self._segment(data, now)
+                self._segment(data)
                 return True
         if self.state == "end":
             if self._parts.get(data[0] & ~LAST) == data[1:]:
                 self.transfer.repeats += 1
                 return True
             if BlockEnd.pattern.matches(data[0]):
-                self._end(BlockEnd.decode(data.ljust(3, b"\0")), now)
+                self._end(BlockEnd.decode(data.ljust(3, b"\0")))
                 return True
         return False
 
-    def _is_new_request(self, data: bytes, now: float) -> bool:
+    def _is_new_request(self, data: bytes) -> bool:
         """Return whether a frame of a download begins another transfer: some requests look like segments."""
-        late = self.transfer.gapped or now - self.transfer.last_frame_at > _PAUSE
+        late = self.transfer.gapped or self._now - self.transfer.last_frame_at > _PAUSE
         if self.data_sender == "server" or not late or data[0] & ~LAST == self.expects:
             return False
         return any(request.pattern.matches(data[0]) for request in _REQUESTS)
 
-    def _segment(self, data: bytes, now: float) -> None:
+    def _segment(self, data: bytes) -> None:
         number, body = data[0] & ~LAST, data[1:].ljust(SEGMENT, b"\0")
         if not 1 <= number <= self.blksize:
             self.findings.append(("SDO-BLOCK-SEQNO", f"segment {number}: the block has 1 to {self.blksize}"))
@@ -283,9 +286,8 @@ class BlockTracker:
             return
         self._tail = 0
         if self._short:
-            self.transfer.lost += 1
             text = f"acknowledged up to {self._short}, before the end of the block: the rest of it was lost"
-            self.findings.append(Loss(now, self.node, 1, text))
+            self._note_loss(text)
             self._short = 0
         held = self._parts.get(number)
         if held == body:
@@ -293,17 +295,17 @@ class BlockTracker:
             return
         if held is not None:
             if number == 1:
-                self._lacks(1, "a new block begins, but no acknowledgement is in the recording", now)
+                self._lacks(1, "a new block begins, but no acknowledgement is in the recording")
             else:  # neither the end of the block before nor the beginning of this one is in the recording
                 text = f"segment {number} again, with other bytes: the beginning of its block is not in the recording"
-                self._lacks(number, text, now, data=True)
+                self._lacks(number, text, data=True)
             self._commit(max(self._parts))
             self._parts, self._final = {}, 0
         self._parts[number] = body
         if data[0] & LAST:
             self._final = number
 
-    def _from_receiver(self, data: bytes, now: float) -> bool:
+    def _from_receiver(self, data: bytes) -> bool:
         if StartBlockUpload.pattern.matches(data[0]) and self.data_sender == "server":
             if self.state == "ready":
                 self.state = "segments"
@@ -311,18 +313,18 @@ class BlockTracker:
         if BlockAck.pattern.matches(data[0]) and len(data) >= 3:
             if self.state in ("segments", "ready"):
                 self.state = "segments"
-                self._ack(data[1], data[2], now)
+                self._ack(data[1], data[2])
             return True
         if BlockEnded.pattern.matches(data[0]):
             if self.state != "ended":
                 text = "the receiver confirms the end, but the frames before that are not in the recording"
-                self._lacks(1, text, now, data=self.state != "end")
+                self._lacks(1, text, data=self.state != "end")
                 self._finish(self._trimmed(), crc_result="unknown")
             self.state = "over"
             return True
         return False
 
-    def _ack(self, number: int, blksize: int, now: float) -> None:
+    def _ack(self, number: int, blksize: int) -> None:
         transfer, sent, limit = self.transfer, max(self._parts, default=0), self._final or self.blksize
         if not 1 <= blksize <= BLOCK_MAX:
             self.findings.append(("SDO-BLOCK-SIZE", f"a next block of {blksize} segments is requested"))
@@ -332,19 +334,17 @@ class BlockTracker:
             return
         if not self._parts and (number == self._acknowledged or not number):
             self._repeats += 1
-            transfer.lost += 1
-            self.findings.append(Loss(now, self.node, 1, "the acknowledgement is repeated: no segment came after it"))
+            self._note_loss("the acknowledgement is repeated: no segment came after it")
             return
         missing = [segment for segment in range(1, number + 1) if segment not in self._parts]
         if missing:
             which = f"segment{'s' if len(missing) > 1 else ''} {', '.join(map(str, missing[:8]))}"
-            self._lacks(len(missing), f"{which} of {number} acknowledged ones: not in the recording", now, data=True)
+            self._lacks(len(missing), f"{which} of {number} acknowledged ones: not in the recording", data=True)
         if number < max(sent, self._final):
-            transfer.lost += 1
             transfer.repeats += sent - number
             where = "is in the recording" if number + 1 in self._parts else "is not in the recording"
             text = f"acknowledged up to {number} of {sent}: segment {number + 1}, which {where}, did not arrive"
-            self.findings.append(Loss(now, self.node, 1, text))
+            self._note_loss(text)
             self._tail = sent
         elif not self._final and number < self.blksize and self._has_size:
             self._short = number
@@ -356,10 +356,14 @@ class BlockTracker:
         else:
             self._parts, self._final = {}, 0
 
-    def _lacks(self, frames: int, evidence: str, now: float, *, data: bool = False) -> None:
+    def _note_loss(self, evidence: str) -> None:
+        self.transfer.lost += 1
+        self.findings.append(Loss(self._now, self.node, 1, evidence))
+
+    def _lacks(self, frames: int, evidence: str, *, data: bool = False) -> None:
         self.transfer.note_missing(frames, data=data)
         rule = "SDO-BLOCK-SEQNO" if data else "SDO-UNASKED"
-        self.findings.append(Gap(now, None, frames, evidence, self.node, rule))
+        self.findings.append(Gap(self._now, None, frames, evidence, self.node, rule))
 
     def _commit(self, number: int) -> None:
         """Count all bytes up to this segment: the receiver has acknowledged it."""
@@ -374,7 +378,7 @@ class BlockTracker:
         size = self.transfer.size
         return self._pending if size is None else self._pending[: max(0, size - self.transfer.count)]
 
-    def _end(self, end: BlockEnd, now: float) -> None:
+    def _end(self, end: BlockEnd) -> None:
         self._finish(self._pending[: len(self._pending) - end.unused])
         transfer = self.transfer
         if not self.crc:
@@ -386,7 +390,7 @@ class BlockTracker:
                 # Whole blocks may be missing, which no sequence number shows; length and CRC together do.
                 missing = -(-(transfer.size - transfer.count) // SEGMENT)
                 text = f"{transfer.count} of {transfer.size} bytes, and the CRC does not match them"
-                self._lacks(missing, f"{text}: not all segments are in the recording", now, data=True)
+                self._lacks(missing, f"{text}: not all segments are in the recording", data=True)
                 transfer.crc_result = "unknown"
             elif end.crc != transfer.crc and not transfer.gapped:
                 text = f"the CRC is {end.crc:04X}h, computed from the bytes it is {transfer.crc:04X}h"

@@ -70,11 +70,11 @@ def modbus_messages(
     >>> [(message.source, message.target) for message in modbus_messages([request])]
     [('client', 'unit 1')]
     """
-    last = 0.0
+    latest = 0.0
     for message in _modbus_messages(events, timed, names):
         # What is missing is certain at a time that may lie before that of noise, which is known after its last byte.
-        last = max(last, message.at or 0.0)
-        yield message._replace(at=None if not timed else message.at if message.target else last)
+        latest = max(latest, message.at or 0.0)
+        yield message._replace(at=None if not timed else message.at if message.target else latest)
 
 
 def _modbus_messages(events: Iterable[SnifferEvent], timed: bool, names: UnitNames | None) -> Iterator[SequenceMessage]:
@@ -157,10 +157,10 @@ def can_stations(frame: CanFrame) -> tuple[str, str]:
     >>> can_stations(CanFrame.parse("605#40")), can_stations(CanFrame.parse("080#"))
     (('master', 'node 5'), ('master', 'all nodes'))
     """
-    found = classify(frame)
-    if found is None:
+    owner = classify(frame)
+    if owner is None:
         return MASTER, ""
-    service, node = found
+    service, node = owner
     if service.name == "NMT":
         named = frame.data[1] if len(frame.data) > 1 else 0
         return MASTER, f"node {named}" if named else EVERY_NODE
@@ -239,22 +239,22 @@ def can_drive_words(
     [DriveWord(kind='control', word=6, at=0.1)]
     """
     monitors = BusMonitors(known, bus)
-    found: dict[int, DriveWords] = {}
+    drives: dict[int, DriveWords] = {}
     for item in items:
         monitor = monitors.monitor(item.bus) if isinstance(item, Recorded) else None
         if monitor is not None and isinstance(item, Recorded) and isinstance(item.frame, CanFrame):
-            _add_mapped(found, monitor, item.frame, item.at)
+            _add_mapped(drives, monitor, item.frame, item.at)
         for _, event in monitors.feed(item):
             if isinstance(event, SdoTransferReport) and event.outcome == "done" and event.data is not None:
                 kind = WORD_OBJECTS.get(event.index or 0)
                 wanted = "download" if kind == "control" else "upload"
                 if kind is not None and event.sub == 0 and len(event.data) == 2 and event.direction == wanted:
                     word = int.from_bytes(event.data, "little")
-                    found.setdefault(event.node, DriveWords()).add(kind, word, event.at)
-    return found
+                    drives.setdefault(event.node, DriveWords()).add(kind, word, event.at)
+    return drives
 
 
-def _add_mapped(found: dict[int, DriveWords], monitor: CanMonitor, frame: CanFrame, at: float) -> None:
+def _add_mapped(drives: dict[int, DriveWords], monitor: CanMonitor, frame: CanFrame, at: float) -> None:
     """Add the words in a PDO."""
     owner = monitor.pdos.owner(frame)
     mapping = None if owner is None else owner[2]
@@ -268,7 +268,7 @@ def _add_mapped(found: dict[int, DriveWords], monitor: CanMonitor, frame: CanFra
     for entry in mapping.entries:
         kind, value = WORD_OBJECTS.get(entry.index), values.get(entry.name)
         if kind is not None and entry.sub == 0 and isinstance(value, int) and 0 <= value <= 0xFFFF:
-            found.setdefault(node, DriveWords()).add(kind, value, at)
+            drives.setdefault(node, DriveWords()).add(kind, value, at)
 
 
 def modbus_drive_words(events: Iterable[SnifferEvent], device: Device) -> dict[int, DriveWords]:
@@ -283,15 +283,15 @@ def modbus_drive_words(events: Iterable[SnifferEvent], device: Device) -> dict[i
         place = device.find(name).modbus
         if place is not None and place.words == 1 and not place.partial:
             places[kind] = place
-    found: dict[int, DriveWords] = {}
+    drives: dict[int, DriveWords] = {}
     for event in events:
         if not isinstance(event, ResponseSeen) or event.request is None or event.pdu[0] & EXCEPTION_BIT:
             continue
         for kind, place in places.items():
             word = _read(event, event.request, place) if kind == "status" else _written(event.request, place)
             if word is not None:
-                found.setdefault(event.unit, DriveWords()).add(kind, word, event.at)
-    return found
+                drives.setdefault(event.unit, DriveWords()).add(kind, word, event.at)
+    return drives
 
 
 _READS = {"holding": 0x03, "input": 0x04}

@@ -137,16 +137,16 @@ class SequencePicture(Picture):
         ends = [self._place(message.target or message.source) for message in self.messages]
         notes = any(not message.target and end == len(places) - 1 for message, end in zip(self.messages, ends))
         width = round((places[-1] if places else axis) + (span - 40 if notes or len(places) < 2 else 70))
-        y, last, pauses = 44.0, 32.0, self._pauses()
+        y, previous, pauses = 44.0, 32.0, self._pauses()
         for message, pause in zip(self.messages, pauses):
             y += 34 if pause else 10
             with front.group(label=self._said(message)):
                 moment, y = self._message(front, message, places, span, y)
             if self.timed:
-                drawing.line([(axis, last), (axis, moment)], "l d" if pause else "l")
+                drawing.line([(axis, previous), (axis, moment)], "l d" if pause else "l")
             if pause:
-                drawing.text(axis - 8, (last + moment) / 2 + 5, _span_text(pause), "s soft e")
-            last = moment
+                drawing.text(axis - 8, (previous + moment) / 2 + 5, _span_text(pause), "s soft e")
+            previous = moment
         bottom = y + 22
         for name, x in zip(self.stations, places):
             drawing.box(x - 55, 6, 110, 26, "o t0", 6)
@@ -154,7 +154,7 @@ class SequencePicture(Picture):
             drawing.vertical(x, 32, round(bottom))
         if self.timed:
             drawing.text(8, 24, "time, s", "s soft")
-            drawing.line([(axis, last), (axis, bottom)])
+            drawing.line([(axis, previous), (axis, bottom)])
         said = f"{counted(len(self.messages), 'message')} between {', '.join(self.stations) or 'no stations'}"
         return [Tile(max(width, 320), round(bottom) + 10, f"{drawing}{front}", said)]
 

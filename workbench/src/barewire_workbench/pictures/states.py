@@ -109,7 +109,7 @@ def state_path(words: Iterable[DriveWord]) -> list[DriveStep]:
     Raises EncodeError for a word that does not fit in 16 bits.
     """
     steps: list[DriveStep] = []
-    last: State | None = None
+    previous: State | None = None
     before, commands = 0, list[DriveCommand]()
     for word in words:
         if not 0 <= word.word <= 0xFFFF:
@@ -124,9 +124,9 @@ def state_path(words: Iterable[DriveWord]) -> list[DriveStep]:
         except DecodeError:
             steps.append(DriveStep(word, None, None, ()))
             continue
-        taken, sure = ((), True) if last in (None, state) else _way(last, state, commands)
+        taken, sure = ((), True) if previous in (None, state) else _way(previous, state, commands)
         steps.append(DriveStep(word, state, None, taken, sure))
-        last, commands = state, []
+        previous, commands = state, []
     return steps
 
 

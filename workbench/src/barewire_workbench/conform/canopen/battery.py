@@ -82,7 +82,7 @@ def restore_values(
 
 def _written(case: NodeCase, subject: Subject) -> tuple[ObjectAddress, ...]:
     """Return the objects of the subject to which the case sends a download."""
-    found: dict[ObjectAddress, None] = {}
+    places: dict[ObjectAddress, None] = {}
     for text in (text for step in case.steps for text in step.sends):
         frame = CanFrame.parse(text)
         if frame.key != (0x600 + subject.node, False) or len(frame.data) < 4:
@@ -91,8 +91,8 @@ def _written(case: NodeCase, subject: Subject) -> tuple[ObjectAddress, ...]:
         if frame.data[0] & 0xE0 == 0x20 or frame.data[0] & 0xE1 == 0xC0:
             place = int.from_bytes(frame.data[1:3], "little"), frame.data[3]
             if place in subject.values and place[0] not in _NEVER_WRITTEN:
-                found[place] = None
-    return tuple(found)
+                places[place] = None
+    return tuple(places)
 
 
 def _in_safe_order(subject: Subject, changed: Mapping[ObjectAddress, bytes]) -> Iterator[tuple[ObjectAddress, bytes]]:

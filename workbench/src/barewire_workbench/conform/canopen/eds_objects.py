@@ -190,10 +190,8 @@ def _structure(subject: Subject, of: EdsObject) -> Iterator[NodeCase]:
         return
     kind = ".." if of.object_type == RECORD else f"{items[0].code & 0xFF:02X}"
     accepted = s.response(f"43{multiplexer(of.index, _STRUCTURE)}{of.object_type:02X}{kind}0000")
-    asked = NodeStep(
-        (s.upload(of.index, _STRUCTURE),), (s.refused(of.index, _STRUCTURE, _NO_SUB, _NO_OBJECT), accepted)
-    )
-    yield _case(subject, f"OD-TYPE-{of.index:04X}", f"{of.index:04X}h {of.name}: the structure in sub-index FFh", asked,
+    read = NodeStep((s.upload(of.index, _STRUCTURE),), (s.refused(of.index, _STRUCTURE, _NO_SUB, _NO_OBJECT), accepted))
+    yield _case(subject, f"OD-TYPE-{of.index:04X}", f"{of.index:04X}h {of.name}: the structure in sub-index FFh", read,
                 clause=_OBJECTS, effect="reads", needs=(f"{of.index:04X}h:{there.sub:02X}",),
                 why="06090011: it has none")  # fmt: skip
 
@@ -257,8 +255,8 @@ class DescribedItem:
                 if self.size <= 4:
                     accepts.insert(0, s.sized(index, sub, self.size))
             length = "of any length" if self.size is None else f"of {self.size} byte{'s' * (self.size > 1)}"
-            asked = NodeStep((s.upload(index, sub),), tuple(accepts), tuple(ends))
-            yield self.case("READ", f"{self.item.access}, {self.item.type}, {length}", asked,
+            read = NodeStep((s.upload(index, sub),), tuple(accepts), tuple(ends))
+            yield self.case("READ", f"{self.item.access}, {self.item.type}, {length}", read,
                             silence(s.abort, wait=0.02), effect="reads", needs=())  # fmt: skip
 
     def defaults(self) -> Iterator[NodeCase]:
@@ -431,18 +429,18 @@ def _values(item: DescribedItem, order: Iterator[int]) -> list[bytes]:
         return []
     if item.size is None:
         return []
-    found: list[bytes | None] = [item.encoded(described.default)]
+    values: list[bytes | None] = [item.encoded(described.default)]
     if described.type == "bool":
-        found = [b"\0", b"\1"]
+        values = [b"\0", b"\1"]
     elif isinstance(low, int) and isinstance(high, int) and low <= high:
         between = [low + next(order) % (high - low + 1) for _ in range(3)]
-        found = [item.encoded(value) for value in (low, *between, high)]
+        values = [item.encoded(value) for value in (low, *between, high)]
     elif isinstance(low, (int, float)) and isinstance(high, (int, float)) and low <= high:
-        found = [item.encoded(value) for value in (low, low + (high - low) / 2, high)]
+        values = [item.encoded(value) for value in (low, low + (high - low) / 2, high)]
         # The nearest REAL32 of a limit such as 1E21 may lie beyond it.
         codec = object_codec(described.type)
-        found = [data for data in found if data and low <= float(codec.decode(data)) <= high]
-    return list(dict.fromkeys(data for data in found if data))
+        values = [data for data in values if data and low <= float(codec.decode(data)) <= high]
+    return list(dict.fromkeys(data for data in values if data))
 
 
 def _write(item: DescribedItem, value: bytes) -> list[NodeStep]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import re
 from binascii import crc_hqx
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
@@ -115,17 +115,17 @@ class Subject(NamedTuple):
 
         A device without one (`has_text`) gets no case with such a text; the value then only serves to make the cases.
         """
-        return next(self._texts, (0x1008, bytes(14)))
+        return next(iter(self._texts), (0x1008, bytes(14)))
 
     @property
     def has_text(self) -> bool:
         """Whether the device has a text of at least two segments."""
-        return next(self._texts, None) is not None
+        return bool(self._texts)
 
     @property
-    def _texts(self) -> Iterator[tuple[int, bytes]]:
-        texts = ((index, self.values.get((index, 0), b"")) for index in (0x1008, 0x1009, 0x100A))
-        return ((index, value) for index, value in texts if len(value) > SEGMENT)
+    def _texts(self) -> list[tuple[int, bytes]]:
+        texts = [(index, self.values.get((index, 0), b"")) for index in (0x1008, 0x1009, 0x100A)]
+        return [(index, value) for index, value in texts if len(value) > SEGMENT]
 
     @property
     def other_node(self) -> int:
@@ -196,9 +196,8 @@ class Sdo(NamedTuple):
 
     def value(self, index: int, sub: int, data: bytes) -> str:
         """Return the expedited response with this value; 42h, without a size, is accepted too."""
-        return f"{self.response(_UPLOADS[len(data)] + multiplexer(index, sub) + data.hex().upper())}|" + self.response(
-            "42" + multiplexer(index, sub) + data.hex().upper()
-        )
+        rest = multiplexer(index, sub) + data.hex().upper()
+        return f"{self.response(_UPLOADS[len(data)] + rest)}|{self.response('42' + rest)}"
 
     def any_value(self, index: int, sub: int = 0) -> str:
         """Return the expedited response with any value."""
@@ -313,25 +312,25 @@ def make_case(
     return NodeCase(name, title, clause, effect, listens, steps, why, ", ".join(missing))
 
 
+_FEATURES: dict[str, Callable[[Subject], bool]] = {
+    "large object": lambda subject: subject.large is not None,
+    "text of 8 bytes": lambda subject: subject.has_text,
+    "text of at most 140 bytes": lambda subject: len(subject.text_object[1]) <= 20 * SEGMENT,
+    "TPDO": lambda subject: subject.pdo(0x1800, 0x1A00) is not None,
+    "RPDO": lambda subject: subject.pdo(0x1400, 0x1600) is not None,
+    "LSS": lambda subject: subject.lss is not None,
+    "LSS identify remote slave": lambda subject: subject.identifies,
+}
+"""What a case may need, apart from objects."""
+
+
 def provides(subject: Subject, need: str) -> bool:
-    """Return whether the subject has what a case needs: an object (1019h, 1016h:02), or one of the names below."""
+    """Return whether the subject has what a case needs: an object (1019h, 1016h:02), or one of `_FEATURES`."""
     if need.startswith(OTHER_TYPE):
         return False
-    if need == "large object":
-        return subject.large is not None
-    if need == "text of 8 bytes":
-        return subject.has_text
-    if need == "text of at most 140 bytes":
-        return len(subject.text_object[1]) <= 20 * SEGMENT
-    if need == "TPDO":
-        return subject.pdo(0x1800, 0x1A00) is not None
-    if need == "RPDO":
-        return subject.pdo(0x1400, 0x1600) is not None
-    if need == "LSS":
-        return subject.lss is not None
-    if need == "LSS identify remote slave":
-        return subject.identifies
-    found = _OBJECT.fullmatch(need)
-    if found is None:
+    if need in _FEATURES:
+        return _FEATURES[need](subject)
+    place = _OBJECT.fullmatch(need)
+    if place is None:
         raise EncodeError(f"need {shown(need)}: expected an object such as 1017h or 1016h:02", "needs")
-    return subject.has(int(found[1], 16), int(found[2] or "0", 16))
+    return subject.has(int(place[1], 16), int(place[2] or "0", 16))

@@ -118,12 +118,12 @@ def probe(
     if not all(subject.has(0x1018, sub) for sub in (1, 2, 3, 4)):
         return subject
     address = LssAddress(*(subject.number(0x1018, sub) for sub in (1, 2, 3, 4)))
-    found = yield from with_lss_pauses(
+    is_identified = yield from with_lss_pauses(
         identify_slaves(
             address.vendor, address.product, (address.revision,) * 2, (address.serial,) * 2, timeout=timeout
         )
     )
-    if found:
+    if is_identified:
         return subject._replace(lss=address)
     # A device may have LSS without the service identify remote slave.
     selected = yield from with_lss_pauses(switch_selective(address, timeout=timeout))

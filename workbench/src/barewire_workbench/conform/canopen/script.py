@@ -99,10 +99,10 @@ class Placeholders:
     def number(self, expression: str) -> int:
         """Return the value of terms between + - ^ | and &, from left to right. Raise EncodeError if it has none."""
         value, at = 0, 0
-        while found := _TERM.match(expression, at):
-            if bool(found[1]) != (at > 0):
+        while term := _TERM.match(expression, at):
+            if bool(term[1]) != (at > 0):
                 break
-            value, at = _OPERATIONS[found[1]](value, self._term(found[2])), found.end()
+            value, at = _OPERATIONS[term[1]](value, self._term(term[2])), term.end()
         if at != len(expression) or not at:
             raise EncodeError(f"placeholder {shown(expression)}: expected names and numbers", "placeholder")
         return value
