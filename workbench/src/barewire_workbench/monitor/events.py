@@ -20,7 +20,7 @@ a `Gap` or a `Loss` instead.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from math import isfinite
 from typing import Any, Literal, NamedTuple, TypeAlias
@@ -129,7 +129,7 @@ class SdoTransferReport:
 class Gap(NamedTuple):
     """The recording lacks frames: all from `since` to `at`, or a number of `frames`. `evidence` is the reason.
 
-    `rule` is the rule of `rules.BUS_RULES` that is broken if the recording lacks nothing.
+    `rule` is the rule of `BUS_RULES` that is broken if the recording lacks nothing.
     """
 
     at: float
@@ -150,7 +150,7 @@ class Loss(NamedTuple):
 
 
 class Violation(NamedTuple):
-    """A broken rule of `rules.BUS_RULES`; `frame` is the frame that shows it."""
+    """A broken rule of `BUS_RULES`; `frame` is the frame that shows it."""
 
     at: float
     rule: str
@@ -305,26 +305,6 @@ MonitorEvent: TypeAlias = (
 
 _BYTES_SHOWN = 16
 
-EVENT_KINDS: dict[type, str] = {
-    SdoTransferReport: "sdo",
-    Gap: "gap",
-    Loss: "loss",
-    Violation: "violation",
-    NodeReport: "node",
-    NmtCommandReport: "nmt",
-    EmcyReport: "emcy",
-    SyncReport: "sync",
-    TimeReport: "time",
-    LssReport: "lss",
-    PdoReport: "pdo",
-    PdoMappingReport: "mapping",
-    BusErrorReport: "bus-error",
-    ForeignFrameReport: "foreign",
-    Unread: "unread",
-    Summary: "summary",
-}
-"""Event class -> its name in JSON and for `--only`."""
-
 _CRC_TEXT = {"ok": "CRC ok", "wrong": "CRC WRONG", "unused": "without CRC", "unknown": "CRC not known"}
 _OUTCOME_TEXT = {
     "unanswered": "NO ANSWER",
@@ -342,6 +322,15 @@ def state_name(state: int) -> str:
     return NodeState(0, state).name if state else "boot-up"
 
 
+def command_name(command: int) -> str:
+    """Return the name of an NMT command.
+
+    >>> command_name(0x80)
+    'enter pre operational'
+    """
+    return NmtCommand(command).name.lower().replace("_", " ")
+
+
 def object_name(index: int | None, sub: int | None) -> str:
     """Return index and sub-index in the usual notation.
 
@@ -351,101 +340,57 @@ def object_name(index: int | None, sub: int | None) -> str:
     return "an object" if index is None else f"{index:04X}h:{sub or 0:02X}"
 
 
-def event_kind(event: MonitorEvent) -> str:
-    """Return the name of the event in `EVENT_KINDS`."""
-    return EVENT_KINDS[type(event)]
-
-
-def is_repeated(event: MonitorEvent) -> bool:
-    """Return whether the event repeats an earlier one."""
-    return bool(getattr(event, "repeated", False))
-
-
-def event_line(event: MonitorEvent) -> str:
-    """Return the event as one line.
-
-    >>> event_line(Loss(1.5, 5, 1, "segment 3 did not arrive"))
-    '1.500000  node 5    LOSS        segment 3 did not arrive'
-    """
-    node, service, text = _columns(event)
-    return f"{event.at:.6f}  {node:<8}  {service:<10}  {text}".rstrip()
-
-
-def _node_name(node: int) -> str:
-    return f"node {node}" if node else "all"
-
-
-def _columns(event: MonitorEvent) -> tuple[str, str, str]:
-    """Return node, service and text."""
-    match event:
-        case SdoTransferReport():
-            return _node_name(event.node), "SDO", _transfer(event)
-        case Violation():
-            text = f"{event.rule}: {event.text} [{event.frame}]"
-            return _node_name(event.node) if event.node else "", "VIOLATION", text
-        case Gap():
-            frames = f" ({counted(event.frames, 'frame')})" if event.frames else ""
-            broken = f", or {event.rule} is broken" if event.rule else ""
-            text = f"not in the recording{frames}{broken}: {event.evidence}"
-            return _node_name(event.node) if event.node else "", "GAP", text
-        case Loss():
-            return _node_name(event.node), "LOSS", event.evidence
-        case NodeReport():
-            return _node_name(event.node), "guarding" if event.guarded else "heartbeat", _node(event)
-        case NmtCommandReport():
-            return _node_name(event.node), "NMT", NmtCommand(event.command).name.lower().replace("_", " ")
-        case EmcyReport():
-            return _node_name(event.node), "EMCY", _emergency(event)
-        case SyncReport():
-            return "all", "SYNC", _sync(event)
-        case TimeReport():
-            return "all", "TIME", event.text
-        case LssReport():
-            return "device" if event.answer else "all", "LSS", event.text
-        case PdoReport():
-            return _node_name(event.node) if event.node else "", event.name, _pdo(event)
-        case PdoMappingReport():
-            objects = ", ".join(event.objects) or "no known objects"
-            text = "switched off" if event.cob_id is None else f"{event.cob_id:03X}h carries {objects} from now on"
-            return _node_name(event.node), event.name, text
-        case BusErrorReport():
-            return "", "BUS ERROR", event.text
-        case ForeignFrameReport():
-            return "", "FOREIGN", f"{event.what}: {event.frame}; further ones are counted"
-        case Unread():
-            return "", "UNREAD", f"line {event.line}: {event.why}: {event.text}" if event.line else event.why
-        case Summary():
-            counts = ", ".join(f"{name} {count}" for name, count in event.counts.items())
-            broken = ", ".join(f"{rule} {count}" for rule, count in event.violations.items())
-            text = f"{counted(event.frames, 'frame')} in {event.seconds:.3f} s: {counts or 'nothing'}"
-            return "", "SUMMARY", f"{text}; broken: {broken}" if broken else text
-
-
 def _transfer(event: SdoTransferReport) -> str:
     direction = event.direction if event.direction != "unknown" else "access"
     words = [direction, object_name(event.index, event.sub), event.name]
-    arrow = "<-" if event.direction == "download" else "->"
     value = event.text or ("" if event.data is None else data_text(event.data))
     if event.data is None and event.count:
         value = f"{event.count} bytes seen, not all of them"
     if event.outcome == "done" or (event.direction == "download" and value):
-        words.append(f"{arrow} {value or 'nothing'}")
-    details = [] if event.manner in ("expedited", "unknown") else [f"{event.manner}, {counted(event.count)}"]
-    if event.blocks:
-        details[-1] += f" in {counted(event.blocks, 'block')}"
+        words.append(f"{'<-' if event.direction == 'download' else '->'} {value or 'nothing'}")
+    return f"{' '.join(filter(None, words))}; {', '.join(_transfer_details(event))}"
+
+
+def _transfer_details(event: SdoTransferReport) -> Iterator[str]:
+    if event.manner not in ("expedited", "unknown"):
+        blocks = f" in {counted(event.blocks, 'block')}" if event.blocks else ""
+        yield f"{event.manner}, {counted(event.count)}{blocks}"
     if event.crc:
-        details.append(_CRC_TEXT[event.crc])
+        yield _CRC_TEXT[event.crc]
     if event.outcome == "aborted":
-        by = f" by the {event.by}" if event.by == "client" else ""
-        details.append(f"ABORTED{by}: {abort_text(event.abort or 0)}")
+        yield f"ABORTED{' by the client' if event.by == 'client' else ''}: {abort_text(event.abort or 0)}"
     elif event.outcome != "done":
-        details.append(_OUTCOME_TEXT[event.outcome])
-    details += [f"{event.again} sent again"] if event.again else []
-    details += [f"{event.missing} not recorded"] if event.missing else []
-    details.append("the beginning is not in the recording" if event.began is None else _span(event.at - event.began))
+        yield _OUTCOME_TEXT[event.outcome]
+    if event.again:
+        yield f"{event.again} sent again"
+    if event.missing:
+        yield f"{event.missing} not recorded"
+    yield "the beginning is not in the recording" if event.began is None else _span(event.at - event.began)
     if event.late:
-        details.append("late")
-    return f"{' '.join(word for word in words if word)}; {', '.join(details)}"
+        yield "late"
+
+
+def _gap(event: Gap) -> str:
+    frames = f" ({counted(event.frames, 'frame')})" if event.frames else ""
+    broken = f", or {event.rule} is broken" if event.rule else ""
+    return f"not in the recording{frames}{broken}: {event.evidence}"
+
+
+def _mapping(event: PdoMappingReport) -> str:
+    if event.cob_id is None:
+        return "switched off"
+    return f"{event.cob_id:03X}h carries {', '.join(event.objects) or 'no known objects'} from now on"
+
+
+def _summary(event: Summary) -> str:
+    counts = ", ".join(f"{name} {count}" for name, count in event.counts.items())
+    broken = ", ".join(f"{rule} {count}" for rule, count in event.violations.items())
+    text = f"{counted(event.frames, 'frame')} in {event.seconds:.3f} s: {counts or 'nothing'}"
+    return f"{text}; broken: {broken}" if broken else text
+
+
+def _unread(event: Unread) -> str:
+    return f"line {event.line}: {event.why}: {event.text}" if event.line else event.why
 
 
 def _span(seconds: float) -> str:
@@ -496,6 +441,68 @@ def _pdo(event: PdoReport) -> str:
     if event.requested:
         return "requested by a remote frame"
     return ", ".join(event.texts) or (event.data.hex(" ").upper() or "no data")
+
+
+def _node_name(event: Any) -> str:
+    return f"node {event.node}" if event.node else ""
+
+
+def _node_or_all(event: Any) -> str:
+    return _node_name(event) or "all"
+
+
+class _Form(NamedTuple):
+    """How an event is shown: its name in JSON and for `--only`, and the three columns of its line."""
+
+    kind: str
+    node: Callable[[Any], str] | str
+    service: Callable[[Any], str] | str
+    text: Callable[[Any], str]
+
+
+_FORMS: dict[type, _Form] = {
+    SdoTransferReport: _Form("sdo", _node_or_all, "SDO", _transfer),
+    Gap: _Form("gap", _node_name, "GAP", _gap),
+    Loss: _Form("loss", _node_or_all, "LOSS", lambda event: event.evidence),
+    Violation: _Form("violation", _node_name, "VIOLATION", lambda event: f"{event.rule}: {event.text} [{event.frame}]"),
+    NodeReport: _Form("node", _node_or_all, lambda event: "guarding" if event.guarded else "heartbeat", _node),
+    NmtCommandReport: _Form("nmt", _node_or_all, "NMT", lambda event: command_name(event.command)),
+    EmcyReport: _Form("emcy", _node_or_all, "EMCY", _emergency),
+    SyncReport: _Form("sync", "all", "SYNC", _sync),
+    TimeReport: _Form("time", "all", "TIME", lambda event: event.text),
+    LssReport: _Form("lss", lambda event: "device" if event.answer else "all", "LSS", lambda event: event.text),
+    PdoReport: _Form("pdo", _node_name, lambda event: event.name, _pdo),
+    PdoMappingReport: _Form("mapping", _node_or_all, lambda event: event.name, _mapping),
+    BusErrorReport: _Form("bus-error", "", "BUS ERROR", lambda event: event.text),
+    ForeignFrameReport: _Form(
+        "foreign", "", "FOREIGN", lambda event: f"{event.what}: {event.frame}; further ones are counted"
+    ),
+    Unread: _Form("unread", "", "UNREAD", _unread),
+    Summary: _Form("summary", "", "SUMMARY", _summary),
+}
+EVENT_KINDS: dict[type, str] = {event_type: form.kind for event_type, form in _FORMS.items()}
+"""Event class -> its name in JSON and for `--only`."""
+
+
+def event_kind(event: MonitorEvent) -> str:
+    """Return the name of the event in `EVENT_KINDS`."""
+    return EVENT_KINDS[type(event)]
+
+
+def is_repeated(event: MonitorEvent) -> bool:
+    """Return whether the event repeats an earlier one."""
+    return bool(getattr(event, "repeated", False))
+
+
+def event_line(event: MonitorEvent) -> str:
+    """Return the event as one line.
+
+    >>> event_line(Loss(1.5, 5, 1, "segment 3 did not arrive"))
+    '1.500000  node 5    LOSS        segment 3 did not arrive'
+    """
+    form = _FORMS[type(event)]
+    node, service = (column if isinstance(column, str) else column(event) for column in (form.node, form.service))
+    return f"{event.at:.6f}  {node:<8}  {service:<10}  {form.text(event)}".rstrip()
 
 
 def event_as_dict(event: MonitorEvent) -> dict[str, Any]:

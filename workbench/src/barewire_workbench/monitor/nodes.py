@@ -11,7 +11,14 @@ from __future__ import annotations
 
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import STATE_AFTER, NmtCommand, NmtState
-from barewire_workbench.monitor.events import MonitorEvent, NmtCommandReport, NodeReport, Violation, state_name
+from barewire_workbench.monitor.events import (
+    MonitorEvent,
+    NmtCommandReport,
+    NodeReport,
+    Violation,
+    command_name,
+    state_name,
+)
 
 _PERIODS_LEARNED, _PERIODS_CONFIGURED = 2.5, 2.0
 """Periods of silence after which a node is missing, for a learned period and for the period in 1017h."""
@@ -219,7 +226,7 @@ class NodeTracker:
         if state == expected:
             node.commanded = None
         elif since > _GRACE:
-            command = node.commanded.name.lower().replace("_", " ")
+            command = command_name(node.commanded)
             node.commanded = None
             text = f"commanded to {command} {since:.3f} s ago, reports {state_name(state)}"
             if not expected:
