@@ -197,6 +197,18 @@ def parse_string_literal(text: str) -> bytes | None:
     return bytes(data)
 
 
+def _may_be_decimal(numbers: list[str], listed: bool) -> bool:
+    if len(numbers) < 2 or not all(_NUMBER.fullmatch(token) for token in numbers):
+        return False
+    if any(len(token) > 1 and token.lstrip("-")[0] == "0" for token in numbers):
+        return False
+    if any(token.startswith("-") for token in numbers) and not listed:
+        return False
+    if max(map(len, numbers)) > 4:
+        return False  # 0103 0000: groups of digits
+    return listed or any(len(token) in (1, 3) for token in numbers)  # 10 20 30: two digits are hexadecimal
+
+
 def parse_decimal(text: str, listed: bool) -> bytes | None:
     """Return the bytes of decimal numbers, if the text cannot be hexadecimal; None if it is hexadecimal.
 
@@ -205,15 +217,9 @@ def parse_decimal(text: str, listed: bool) -> bytes | None:
     """
     tokens = [(match.start(), match[0]) for match in re.finditer(r"[^\s,;]+", text)]
     numbers = [token for _, token in tokens]
-    if len(numbers) < 2 or not all(_NUMBER.fullmatch(token) for token in numbers):
-        return None
-    if any(len(token) > 1 and token.lstrip("-")[0] == "0" for token in numbers):
+    if not _may_be_decimal(numbers, listed):
         return None
     has_three, has_one = any(len(token) == 3 for token in numbers), any(len(token) == 1 for token in numbers)
-    if any(token.startswith("-") for token in numbers) and not listed:
-        return None
-    if max(map(len, numbers)) > 4 or (not has_three and not has_one and not listed):
-        return None  # 0103 0000: groups of digits; 10 20 30: two digits are hexadecimal
     shown = text.strip()[:40]
     if not (has_three or (listed and has_one) or max(map(len, numbers)) == 1):
         raise text_error(

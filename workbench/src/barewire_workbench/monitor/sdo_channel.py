@@ -564,10 +564,7 @@ class SdoTracker:
         """Take a possible answer to the request: the value, or the way in which it will be transferred."""
         state = self._state
         if isinstance(answer, ExpeditedUpload | UploadInitiated) and transfer.manner == "block":
-            size = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
-            if transfer.switch is not None and (not transfer.switch or (size or 0) > transfer.switch):
-                text = f"an ordinary upload of {size} bytes, but the protocol switch is {transfer.switch}"
-                state.violation("SDO-BLOCK-SWITCH", text)
+            self._check_switch(transfer, answer)
         match answer:
             case ExpeditedUpload():
                 transfer.manner = "expedited"
@@ -589,21 +586,19 @@ class SdoTracker:
                 crc = transfer.client_crc and answer.crc if answer.crc else False
                 state.begin_blocks(transfer, "client", size, crc=crc)
 
+    def _check_switch(self, transfer: OpenTransfer, answer: ExpeditedUpload | UploadInitiated) -> None:
+        """Check that a block upload may be answered as an ordinary one: it has no more bytes than the client said."""
+        size = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
+        if transfer.switch is not None and (not transfer.switch or (size or 0) > transfer.switch):
+            text = f"an ordinary upload of {size} bytes, but the protocol switch is {transfer.switch}"
+            self._state.violation("SDO-BLOCK-SWITCH", text)
+
     def _aborted(self, sender: SdoSide, abort: Abort) -> None:
         state, place = self._state, (abort.index, abort.sub)
         if abort.code not in tuple(AbortCode):
             state.violation("SDO-ABORT-CODE", abort_text(abort.code))
         if state.open is None:
-            given_up = state.given_up if state.given_up is not None and state.given_up.place == place else None
-            direction: TransferDirection = "unknown" if given_up is None else given_up.direction
-            state.begin(OpenTransfer(direction, "unknown", place, None, state.held))
-            # A client that did not receive the last answer aborts a transfer that is over for the server, and one whose
-            # request was lost aborts after its time-out. Both sides abort if both wait in vain.
-            last_place, outcome = state.last_transfer
-            follows = last_place == place and (sender == "client" or outcome != "done")
-            follows = follows or (sender == "client" and abort.code == AbortCode.TIMED_OUT)
-            if state.has_frames and given_up is None and not follows:
-                state.gap(1, "an abort, but no transfer is under way in the recording", "SDO-UNASKED")
+            self._unmatched_abort(sender, abort)
         elif state.open.place not in (None, place):
             text = f"the transfer is of {state.open}, the abort is about {object_name(*place)}"
             state.violation("SDO-MUX", text)
@@ -614,6 +609,20 @@ class SdoTracker:
             state.open.doubt = ""
             state.violation("SDO-UNASKED", "a segment outside a transfer, and the server aborted")
         state.close("aborted", abort=abort.code, by=sender)
+
+    def _unmatched_abort(self, sender: SdoSide, abort: Abort) -> None:
+        """Begin the transfer of an abort that comes while none is under way."""
+        state, place = self._state, (abort.index, abort.sub)
+        given_up = state.given_up if state.given_up is not None and state.given_up.place == place else None
+        direction: TransferDirection = "unknown" if given_up is None else given_up.direction
+        state.begin(OpenTransfer(direction, "unknown", place, None, state.held))
+        # A client that did not receive the last answer aborts a transfer that is over for the server, and one whose
+        # request was lost aborts after its time-out. Both sides abort if both wait in vain.
+        last_place, outcome = state.last_transfer
+        follows = last_place == place and (sender == "client" or outcome != "done")
+        follows = follows or (sender == "client" and abort.code == AbortCode.TIMED_OUT)
+        if state.has_frames and given_up is None and not follows:
+            state.gap(1, "an abort, but no transfer is under way in the recording", "SDO-UNASKED")
 
     # Transfers whose beginning is not in the recording
 

@@ -243,33 +243,28 @@ class StatesPicture(Picture):
     def _machine(self) -> Tile:
         drawing = Drawing()
         taken = {number for step in self.steps for number in step.taken}
-        sure = {number for step in self.steps if step.sure for number in step.taken}
         drawing.dot(245, 12, 6)
         drawing.text(352, 67, "any state", "s")
-        for number in sorted(_LINES, key=lambda number: number in taken):
-            points, direction, place = _LINES[number]
-            is_taken = number in taken
-            with drawing.group(
-                label=f"transition {number}{', taken' if number in sure else ', on the way' if is_taken else ''}"
-            ):
-                drawing.line(points, "p" if number in sure else "p d" if is_taken else "l")
-                drawing.arrow(*points[-1], direction, "dot" if is_taken else "tip")
-                if is_taken:
-                    drawing.dot(place[0], place[1] - 5, 11)
-                drawing.text(*place, number, f"h c{' on' if is_taken else ' s'}")
+        for number in sorted(_LINES, key=lambda number: number in taken):  # those that were taken lie on top
+            self._draw_transition(drawing, number)
         visits: dict[State, list[int]] = {}
         for number, step in enumerate(self.steps, start=1):
             if step.state is not None:
                 visits.setdefault(step.state, []).append(number)
-        for state, (x, y) in _BOXES.items():
-            numbers = visits.get(state, [])
-            with drawing.group(label=f"{state.value}{f', words {_few(numbers)}' if numbers else ''}"):
-                drawing.box(x, y, _WIDE, _TALL, "t0" if numbers else "paper", 8)
-                drawing.box(x, y, _WIDE, _TALL, "p" if numbers else "o", 8)
-                drawing.text(x + _WIDE / 2, y + (20 if numbers else 28), state.value, "h c")
-                if numbers:
-                    drawing.text(x + _WIDE / 2, y + 38, _few(numbers), "s c")
+        for state in _BOXES:
+            _draw_state(drawing, state, visits.get(state, []))
         return Tile(_WIDTH, _DRAWN, str(drawing), f"the eight states and the transitions, taken: {sorted(taken)}")
+
+    def _draw_transition(self, drawing: Drawing, number: int) -> None:
+        points, direction, place = _LINES[number]
+        proofs = [step.sure for step in self.steps if number in step.taken]
+        said, line = ("", "l") if not proofs else (", taken", "p") if any(proofs) else (", on the way", "p d")
+        with drawing.group(label=f"transition {number}{said}"):
+            drawing.line(points, line)
+            drawing.arrow(*points[-1], direction, "dot" if proofs else "tip")
+            if proofs:
+                drawing.dot(place[0], place[1] - 5, 11)
+            drawing.text(*place, number, f"h c{' on' if proofs else ' s'}")
 
     def _list(self) -> Tile:
         drawing = Drawing()
@@ -278,6 +273,17 @@ class StatesPicture(Picture):
             drawing.text(0, 18 * number, line, "m")
         width = round(max((len(line) for line in shown), default=1) * 13 * 0.61) + 8
         return Tile(width, 18 * len(shown) + 12, str(drawing), "the words in their order", starts_row=True)
+
+
+def _draw_state(drawing: Drawing, state: State, words: Sequence[int]) -> None:
+    """Draw the box of a state, with the numbers of the words that showed it."""
+    x, y = _BOXES[state]
+    with drawing.group(label=f"{state.value}{f', words {_few(words)}' if words else ''}"):
+        drawing.box(x, y, _WIDE, _TALL, "t0" if words else "paper", 8)
+        drawing.box(x, y, _WIDE, _TALL, "p" if words else "o", 8)
+        drawing.text(x + _WIDE / 2, y + (20 if words else 28), state.value, "h c")
+        if words:
+            drawing.text(x + _WIDE / 2, y + 38, _few(words), "s c")
 
 
 def _few(numbers: Sequence[int]) -> str:

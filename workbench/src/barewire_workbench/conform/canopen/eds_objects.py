@@ -127,6 +127,8 @@ _WRITE_ONLY = (0x0601_0001, 0x0601_0000)
 _NO_OBJECT, _NO_SUB = 0x0602_0000, 0x0609_0011
 _NOT_NOW = (0x0800_0020, 0x0800_0021, 0x0800_0022)
 """A write that the state of the device forbids: the cases of an EDS do not judge it."""
+_NOT_JUDGED = (*_NOT_NOW, *READ_ONLY_CODES)
+"""Refusals of a write for another reason: a read-only object is reported by OD-WRITE."""
 _NO_DATA = 0x0800_0024
 _LIMITS = (0x0609_0030, 0x0609_0031, 0x0609_0032)
 _UNMAPPED = (0x0604_0041, 0x0602_0000, 0x0604_0042)
@@ -276,32 +278,39 @@ class DescribedItem:
 
     def writes(self) -> Iterator[NodeCase]:
         """Yield the cases that write the object: refused, or with the value that it has."""
-        item, value, s = self.item, self.value or b"", self.s
+        item, value = self.item, self.value or b"\0"
         if item.flags & 1 or item.type == "domain":
             return
         if item.access in ("ro", "const"):
-            yield self.case("ACCESS", "read-only", *self._refused(value or b"\0", *READ_ONLY_CODES),
-                            why="06010002 or 06010000")  # fmt: skip
+            yield self.case("ACCESS", "read-only", *self._refused(value, *READ_ONLY_CODES), why="06010002 or 06010000")
             return
         if self.index in (_HISTORY, *_STORES, *_CHANNELS_AND_PDOS):
             return
         if item.access != "wo":
-            yield self.case("WRITE", "accepts the value that it has", *write_steps(s, *self.place, value or b"\0"),
-                            *(read_steps(s, *self.place, value) if may_be_read(item) and value else ()))  # fmt: skip
-        codes = (*_NOT_NOW, *READ_ONLY_CODES)  # a read-only object is reported by OD-WRITE
-        if self.size is not None and self.size <= 4 and item.access != "wo":
-            lengths = [size for size in (self.size + 1, self.size - 1) if 1 <= size <= 4]
-            steps = [s.refuse(*self.place, int.from_bytes(value[:size], "little"), size, *LENGTH_CODES, *codes)
-                     for size in lengths]  # fmt: skip
-            if steps:
-                listed = " and ".join(map(str, lengths))
-                yield self.case("LENGTH", f"refuses {listed} bytes", *steps, why="06070010, 06070012, 06070013")
+            read_back = read_steps(self.s, *self.place, value) if may_be_read(item) and self.value else []
+            steps = (*write_steps(self.s, *self.place, value), *read_back)
+            yield self.case("WRITE", "accepts the value that it has", *steps)
+            yield from self._wrong_lengths()
+        yield from self._beyond_limits()
+
+    def _wrong_lengths(self) -> Iterator[NodeCase]:
+        value = self.value or b""
+        lengths = [] if self.size is None or self.size > 4 else [self.size + 1, self.size - 1]
+        lengths = [length for length in lengths if 1 <= length <= 4]
+        codes = (*LENGTH_CODES, *_NOT_JUDGED)
+        steps = [self.s.refuse(*self.place, int.from_bytes(value[:length], "little"), length, *codes)
+                 for length in lengths]  # fmt: skip
+        if steps:
+            title = f"refuses {' and '.join(map(str, lengths))} bytes"
+            yield self.case("LENGTH", title, *steps, why="06070010, 06070012, 06070013")
+
+    def _beyond_limits(self) -> Iterator[NodeCase]:
         beyond = [(word, data) for word, data in self._beyond() if data is not None]
-        if beyond:
-            steps = [step for _, data in beyond for step in self._refused(data, *_LIMITS, *codes)]
-            needs = () if item.access == "wo" else self.needs
-            yield self.case("LIMIT", f"refuses {' and '.join(word for word, _ in beyond)}", *steps, clause=_EDS,
-                            needs=needs, why="06090030, 06090031, 06090032")  # fmt: skip
+        steps = [step for _, data in beyond for step in self._refused(data, *_LIMITS, *_NOT_JUDGED)]
+        if steps:
+            title = f"refuses {' and '.join(word for word, _ in beyond)}"
+            needs = () if self.item.access == "wo" else self.needs
+            yield self.case("LIMIT", title, *steps, clause=_EDS, needs=needs, why="06090030, 06090031, 06090032")
 
     def mappings(self) -> Iterator[NodeCase]:
         """Yield the cases that map the object into the first RPDO and the first TPDO."""

@@ -94,14 +94,7 @@ def probe(
         yield from _read(channel, index, 0, values, timeout)
     for index in STANDARD_OBJECTS[len(_SINGLES) :]:
         yield from _read(channel, index, 0, values, timeout)
-        highest = 6 if index & 0xFC00 == 0x1400 or 0x1800 <= index < 0x1A00 else 8
-        if 0x1600 <= index < 0x1800 or index >= 0x1A00:
-            highest = 8  # the number of mapped entries is not the number of possible ones
-        elif index == 0x1003:
-            highest = 0  # the history changes
-        elif (index, 0) in values:
-            highest = min(highest, values[index, 0][0])
-        for sub in range(1, highest + 1 if (index, 0) in values else 1):
+        for sub in range(1, _highest_sub(index, values) + 1):
             yield from _read(channel, index, sub, values, timeout)
     for first in _FURTHER_CHANNELS:
         # They are numbered without gaps: the first that is missing is the end.
@@ -114,7 +107,20 @@ def probe(
         unread = (described.index, item.sub) not in values and described.index not in _SINGLES
         if unread and may_be_read(item) and item.type != "domain":
             yield from _read(channel, described.index, item.sub, values, timeout)
-    subject = Subject(node, values, large)
+    return (yield from _with_lss(Subject(node, values, large), timeout))
+
+
+def _highest_sub(index: int, values: Mapping[tuple[int, int], bytes]) -> int:
+    """Return the last sub-index of a record that is read; 0 if the device does not have the record."""
+    if (index, 0) not in values or index == 0x1003:  # the history changes
+        return 0
+    if 0x1600 <= index < 0x1800 or index >= 0x1A00:
+        return 8  # the number of mapped entries is not the number of possible ones
+    return min(6 if 0x1400 <= index < 0x1A00 else 8, values[index, 0][0])
+
+
+def _with_lss(subject: Subject, timeout: float) -> Conversation[CanFrame, Subject]:
+    """Return the subject with its LSS address, if it answers to that."""
     if not all(subject.has(0x1018, sub) for sub in (1, 2, 3, 4)):
         return subject
     address = LssAddress(*(subject.number(0x1018, sub) for sub in (1, 2, 3, 4)))
