@@ -311,6 +311,12 @@ def _frame_summary(parsed: ParsedPdu, unit: int, ending: str = "") -> str:
     return f"{direction} unit {unit}, {parsed.summary}{ending and '; '}{ending}{note}"
 
 
+def _unit_and_pdu(adu: bytes, parsed: ParsedPdu) -> list[Field]:
+    """Return the fields of a unit on a serial line and its PDU; those of the PDU alone if there is no byte."""
+    unit = [Field(0, 1, "unit", adu[0], unit_text(adu[0], serial=True))] if adu else []
+    return [*unit, *shifted(parsed.fields, 1)]
+
+
 def _is_bare(body: bytes, checked: int, role: FrameRole | None) -> bool:
     """Return whether unit and PDU fit a message as they are, but not without the last `checked` bytes.
 
@@ -352,8 +358,7 @@ def explain_rtu(data: bytes, role: FrameRole | None = None, *, bare: bool = True
         fault = DecodeError(fault.reason, data, fault.at, f"{fault.text}: the low byte comes first")
     body = frame[:-2] if len(frame) >= rtu_frame.SHORTEST else frame
     parsed = explain_pdu(body[1:], role)
-    fields = [Field(0, 1, "unit", data[0], unit_text(data[0], serial=True)) for _ in data[:1]]
-    fields += shifted(parsed.fields, 1)
+    fields = _unit_and_pdu(data, parsed)
     if len(body) < len(frame):
         right = crc16(body).to_bytes(2, "little")
         meaning = "CRC ok" if frame[-2:] == right else f"CRC wrong, should be {right.hex(' ').upper()}"
@@ -376,8 +381,7 @@ def _without_crc(data: bytes, role: FrameRole | None) -> Explanation:
     'not valid: no CRC; with C5 CD it is a request to unit 1, Read Holding Registers, 10 from 0000h (byte 6)'
     """
     parsed, right = explain_pdu(data[1:], role), crc16(data).to_bytes(2, "little").hex(" ").upper()
-    fields = [Field(0, 1, "unit", data[0], unit_text(data[0], serial=True)), *shifted(parsed.fields, 1)]
-    fields.append(Field(len(data), 0, "CRC", None, f"is missing; it would be {right}"))
+    fields = [*_unit_and_pdu(data, parsed), Field(len(data), 0, "CRC", None, f"is missing; it would be {right}")]
     text = f"no CRC; with {right} it is {_frame_summary(parsed, data[0])}"
     return Explanation("rtu", parsed.role, explained_fields(fields, data), Problem("short", len(data), text), text)
 
@@ -407,41 +411,40 @@ def explain_ascii(data: bytes, role: FrameRole | None = None, *, typed: bool = F
     end = data.find(ascii_frame.END, start)
     has_end = end >= 0
     if not has_end:
-        end = len(data.rstrip(b"\r\n")) if typed else len(data)
-        end = max(end, start)
-    completed = data[:end] + ascii_frame.END if typed and not has_end else data
-    fault = _ascii_fault(data, completed)
+        end = max(start, len(data.rstrip(b"\r\n")) if typed else len(data))
+    fault = _ascii_fault(data, data[:end] + ascii_frame.END if typed and not has_end else data)
     digits = next((n for n, byte in enumerate(data[start:end]) if byte not in ascii_frame.DIGITS), end - start)
     adu = bytes.fromhex(data[start : start + digits - digits % 2].decode("ascii"))
     # The last byte is the LRC only if all characters are digits; after a wrong one the fields are not certain.
-    all_digits = start > 0 and start + digits == end and digits % 2 == 0
-    is_bare = all_digits and fault is not None and fault.reason in ("checksum", "short") and _is_bare(adu, 1, role)
-    has_lrc = start + digits == end and digits % 2 == 0 and len(adu) >= 3 and not is_bare
+    all_digits = start + digits == end and digits % 2 == 0
+    is_bare = False
+    if all_digits and start > 0 and fault is not None and fault.reason in ("checksum", "short"):
+        is_bare = _is_bare(adu, 1, role)
+    has_lrc = all_digits and len(adu) >= 3 and not is_bare
     body = adu[:-1] if has_lrc else adu
     parsed = explain_pdu(body[1:], role)
-    inner = [Field(0, 1, "unit", adu[0], unit_text(adu[0], serial=True)) for _ in adu[:1]]
-    inner += shifted(parsed.fields, 1)
+    inner = _unit_and_pdu(adu, parsed)
     if has_lrc:
-        right = lrc(body)
-        meaning = "LRC ok" if adu[-1] == right else f"LRC wrong, should be {right:02X}"
+        meaning = "LRC ok" if adu[-1] == lrc(body) else f"LRC wrong, should be {lrc(body):02X}"
         inner.append(Field(len(body), 1, "LRC", adu[-1], meaning))
     elif is_bare:
         inner.append(Field(len(body), 0, "LRC", None, f"is missing; it would be {lrc(body):02X}"))
         text = f"no LRC; with {lrc(body):02X} it is {_frame_summary(parsed, adu[0])}"
         fault = DecodeError("short", data, end, text)
-    fields = [Field(start - 1, 1, "start", ":", "begins a frame") for _ in range(min(start, 1))]
+    fields = [Field(start - 1, 1, "start", ":", "begins a frame")] if start else []
+    # Each byte between the colon and the line end is two characters.
     fields += [field._replace(offset=start + 2 * field.offset, length=2 * field.length) for field in inner]
     if has_end:
         fields.append(Field(end, 2, "end", "CR LF", "ends a frame"))
     elif typed:
         meaning = "CR LF is missing here; on a line every frame ends with it"
         fields = [*fill_gaps(fields, end), Field(end, len(data) - end, "end", None, meaning)]
-    inside = as_problem(parsed.error)
-    if inside is not None:
-        inside = Problem(inside.reason, start + 2 * (1 + inside.at), inside.text)
+    problem = as_problem(fault)
+    if problem is None and parsed.error is not None:
+        problem = Problem(parsed.error.reason, start + 2 * (1 + parsed.error.at), parsed.error.text)
     shown = tuple(explained_field(field, _characters(field, data)) for field in fill_gaps(fields, len(data)))
     summary = _frame_summary(parsed, adu[0], "LRC ok") if adu else ""
-    return Explanation("ascii", parsed.role, shown, as_problem(fault) or inside, summary)
+    return Explanation("ascii", parsed.role, shown, problem, summary)
 
 
 def _ascii_fault(data: bytes, completed: bytes) -> DecodeError | None:
