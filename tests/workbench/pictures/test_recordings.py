@@ -8,12 +8,17 @@ from barewire.devices import load
 from barewire.devices.parameter import ModbusAt
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.modbus import ReadHoldingRegisters, WriteSingleRegister
-from barewire.modbus.messages import ReadHoldingRegistersResponse, WriteSingleRegisterResponse
+from barewire.modbus.messages import (
+    ReadHoldingRegistersResponse,
+    ReadWriteMultipleRegisters,
+    ReadWriteMultipleRegistersResponse,
+    WriteSingleRegisterResponse,
+)
 from barewire.rtu import encode
 from barewire_workbench.frames.modbus_exchanges import RegisterNames, UnitNames
 from barewire_workbench.monitor import of_device
 from barewire_workbench.pictures.picture import as_svg
-from barewire_workbench.pictures.recordings import recording_picture
+from barewire_workbench.pictures.recordings import RecordingOptions, recording_picture
 from barewire_workbench.pictures.sequence import SequencePicture
 from barewire_workbench.pictures.states import StatesPicture
 from tests.workbench.pictures.checks import check
@@ -64,6 +69,12 @@ def test_the_words_of_pdos_of_a_known_node() -> None:
         states(log)
 
 
+def test_the_pdos_of_another_bus_are_left_out() -> None:
+    log = b"(1.0) can0 185#5002000000000000\n(1.1) can1 185#3102000000000000\n"
+    picture = states(log, known=[of_device(load("az3"), 5)], options=RecordingOptions(bus="can0"))
+    assert [step.word.word for step in picture.steps] == [0x0250]
+
+
 def test_a_node_without_words() -> None:
     with pytest.raises(BarewireError, match="no status word and no control word of node 7"):
         states(BUS, number=7)
@@ -101,6 +112,18 @@ def test_the_words_of_a_drive_on_modbus() -> None:
         ("status", 0x0233),
     ]
     assert picture.name == "unit 1"
+
+
+def test_one_request_can_write_a_control_word_and_read_the_status_word() -> None:
+    device = load("csd-mt")
+    assert device.drive is not None
+    places = [device.find(name).modbus for name in (device.drive.status_word, device.drive.control_word)]
+    status, control = (place.address for place in places if place is not None)
+    request = ReadWriteMultipleRegisters(status, 1, control, [0x0006])
+    answer = ReadWriteMultipleRegistersResponse((0x0231,))
+    log = "\n".join(f"{at} {encode(1, pdu.encode()).hex(' ')}" for at, pdu in ((1.0, request), (1.01, answer)))
+    picture = states(log.encode(), device=device)
+    assert [(step.word.kind, step.word.word) for step in picture.steps] == [("control", 6), ("status", 0x0231)]
 
 
 def test_modbus_needs_the_description_of_a_drive() -> None:

@@ -171,6 +171,7 @@ class UartLine:
         possible: dict[int, tuple[Receiver, int]] = {}
         start, count = self._step(receiver, (0,), heard, 0)
         branches: list[tuple[tuple[int, ...], Receiver, int]] = [((), start, count)] if start is not None else []
+        # The bits are tried one by one, so that a path is given up at the first wrong bit: of 256 bytes few are left.
         while branches:
             data, before, count = branches.pop()
             for bit in (0, 1):
@@ -212,6 +213,8 @@ class UartLine:
         delivered = bytearray()
         for bit in levels:
             level, ticks = bit ^ self.fault.inverted, self.sent_bit
+            # The edge to 0 begins a character. The first sample is in the middle of its start bit, so that later ones
+            # still fall inside their bits if the sender is a little faster or slower.
             if wait is None and last == 1 and level == 0:
                 wait, samples = self.read_bit // 2, ()
             while wait is not None and wait < ticks:
@@ -222,6 +225,7 @@ class UartLine:
                 elif len(samples) == self.size:
                     data = samples[1 : 1 + self.form.data_bits]
                     delivered.append(sum(sample << place for place, sample in enumerate(data)))
+                    # A stop bit of 0 is a framing error, unless all bits are 0: that is a break, which is no start bit.
                     if self.fault.resyncs and level == 0 and any(samples):
                         samples = (0,)
                     else:

@@ -213,6 +213,7 @@ def guess_role(pdu: bytes) -> tuple[FrameRole | None, str]:
     fits_request, fits_response = _decode_error(request, pdu) is None, _decode_error(response, pdu) is None
     if fits_request:
         return "request", "a response can look the same" if fits_response else ""
+    # If neither fits, the nearer length decides: wrong values are more common than wrong lengths.
     if fits_response or _missed(response, pdu) < _missed(request, pdu):
         return "response", ""
     return "request", ""
@@ -407,20 +408,13 @@ def explain_ascii(data: bytes, role: FrameRole | None = None, *, typed: bool = F
     >>> explain_ascii(b":01040FB1000238\\r\\n").verdict
     'not valid: LRC is 38, should be 39 (character 13)'
     """
-    start = data.find(ascii_frame.START) + 1
-    end = data.find(ascii_frame.END, start)
-    has_end = end >= 0
-    if not has_end:
-        end = max(start, len(data.rstrip(b"\r\n")) if typed else len(data))
-    fault = _ascii_fault(data, data[:end] + ascii_frame.END if typed and not has_end else data)
-    digits = next((n for n, byte in enumerate(data[start:end]) if byte not in ascii_frame.DIGITS), end - start)
-    adu = bytes.fromhex(data[start : start + digits - digits % 2].decode("ascii"))
-    # The last byte is the LRC only if all characters are digits; after a wrong one the fields are not certain.
-    all_digits = start + digits == end and digits % 2 == 0
+    parts = _ascii_parts(data, typed)
+    start, end, adu = parts.start, parts.end, parts.adu
+    fault = _ascii_fault(data, data[:end] + ascii_frame.END if typed and not parts.has_end else data)
     is_bare = False
-    if all_digits and start > 0 and fault is not None and fault.reason in ("checksum", "short"):
+    if parts.is_whole and start > 0 and fault is not None and fault.reason in ("checksum", "short"):
         is_bare = _is_bare(adu, 1, role)
-    has_lrc = all_digits and len(adu) >= 3 and not is_bare
+    has_lrc = parts.is_whole and len(adu) >= 3 and not is_bare
     body = adu[:-1] if has_lrc else adu
     parsed = explain_pdu(body[1:], role)
     inner = _unit_and_pdu(adu, parsed)
@@ -434,7 +428,7 @@ def explain_ascii(data: bytes, role: FrameRole | None = None, *, typed: bool = F
     fields = [Field(start - 1, 1, "start", ":", "begins a frame")] if start else []
     # Each byte between the colon and the line end is two characters.
     fields += [field._replace(offset=start + 2 * field.offset, length=2 * field.length) for field in inner]
-    if has_end:
+    if parts.has_end:
         fields.append(Field(end, 2, "end", "CR LF", "ends a frame"))
     elif typed:
         meaning = "CR LF is missing here; on a line every frame ends with it"
@@ -445,6 +439,30 @@ def explain_ascii(data: bytes, role: FrameRole | None = None, *, typed: bool = F
     shown = tuple(explained_field(field, _characters(field, data)) for field in fill_gaps(fields, len(data)))
     summary = _frame_summary(parsed, adu[0], "LRC ok") if adu else ""
     return Explanation("ascii", parsed.role, shown, problem, summary)
+
+
+class _AsciiParts(NamedTuple):
+    """The characters between the colon and the line end, and the bytes that they are, up to a wrong character.
+
+    `is_whole`: there is no wrong one. Only then the last byte is the LRC; after a wrong one the fields are not certain.
+    """
+
+    start: int
+    end: int
+    has_end: bool
+    adu: bytes
+    is_whole: bool
+
+
+def _ascii_parts(data: bytes, typed: bool) -> _AsciiParts:
+    start = data.find(ascii_frame.START) + 1
+    end = data.find(ascii_frame.END, start)
+    has_end = end >= 0
+    if not has_end:
+        end = max(start, len(data.rstrip(b"\r\n")) if typed else len(data))
+    digits = next((n for n, byte in enumerate(data[start:end]) if byte not in ascii_frame.DIGITS), end - start)
+    adu = bytes.fromhex(data[start : start + digits - digits % 2].decode("ascii"))
+    return _AsciiParts(start, end, has_end, adu, start + digits == end and digits % 2 == 0)
 
 
 def _ascii_fault(data: bytes, completed: bytes) -> DecodeError | None:

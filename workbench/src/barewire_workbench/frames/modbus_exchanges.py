@@ -76,8 +76,13 @@ class UnitNames:
         if names is None or _is_refused(response):
             return []
         return [
-            {"name": found.name, "value": found.value, "unit": found.unit, "text": found.parameter.text(found.value)}
-            for found in names.readings(request.message, None if response is None else response.message)
+            {
+                "name": reading.name,
+                "value": reading.value,
+                "unit": reading.unit,
+                "text": reading.parameter.text(reading.value),
+            }
+            for reading in names.readings(request.message, None if response is None else response.message)
         ]
 
     def _of(self, request: RequestSeen) -> RegisterNames | None:
@@ -119,17 +124,17 @@ class RegisterNames:
 
     def readings(self, request: Request[Any] | None, response: Response | None) -> list[Reading]:
         """Return the values that the exchange read, then those that it wrote."""
-        return [reading for row in self._rows(request, response) for reading in self._row_readings(row)[0]]
+        return [reading for row in self.rows(request, response) for reading in self._row_readings(row)[0]]
 
     def text(self, request: Request[Any] | None, response: Response | None) -> str:
         """Return the values as text, with the registers that have no name; '' if none has one."""
         parts: list[str] = []
         named = 0
-        for row in self._rows(request, response):
-            readings, left = self._row_readings(row)
+        for row in self.rows(request, response):
+            readings, unnamed = self._row_readings(row)
             named += len(readings)
             parts += [f"{'set ' if row.written else ''}{reading}" for reading in readings]
-            parts += [f"{address:04X}h: {value}" for address, value in left]
+            parts += [f"{address:04X}h: {value}" for address, value in unnamed]
         if not named:
             return ""
         return ", ".join(parts if len(parts) <= _SHOWN else [*parts[:_SHOWN], "..."])
@@ -153,10 +158,11 @@ class RegisterNames:
                         continue
                     readings.append(Reading(parameter, value))
                     covered.update(range(offset, offset + place.words))
-        left = [(row.address + at, value) for at, value in enumerate(row.content) if at not in covered]
-        return readings, left
+        unnamed = [(row.address + at, value) for at, value in enumerate(row.content) if at not in covered]
+        return readings, unnamed
 
-    def _rows(self, request: Request[Any] | None, response: Response | None) -> Iterator[RegisterRow]:
+    def rows(self, request: Request[Any] | None, response: Response | None) -> Iterator[RegisterRow]:
+        """Yield what the exchange read, then what it wrote."""
         modbus = self.device.modbus
         if modbus is None or request is None:
             return
@@ -291,10 +297,10 @@ class ExchangeLines:
                 if request is None:
                     summary = explain_pdu(event.pdu, "response").summary
                     return f"{at}unit {event.unit}  (request not seen) -> {summary}"
-                asked = explain_pdu(request.pdu, "request").summary
+                requested = explain_pdu(request.pdu, "request").summary
                 late = f"{1e3 * (event.at - request.at):.1f} ms after its request, and " if self._timed else ""
                 values = self._values(request, event)
-                return f"{at}unit {event.unit}  {asked} -> {values}, late: {late}after the next one"
+                return f"{at}unit {event.unit}  {requested} -> {values}, late: {late}after the next one"
             case ResponseMissing() | RecordingEnds():
                 return self._unanswered(event)
 

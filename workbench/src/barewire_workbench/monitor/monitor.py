@@ -129,6 +129,7 @@ class CanMonitor:
         events: list[MonitorEvent] = []
         if self._first is None:
             self._first = self._last = now
+        # A time that goes back a little is that of a frame in the wrong order; more than that, a clock that was set.
         if now < self._last:
             if self._last - now > _BACKWARDS:
                 events.append(Gap(now, self._last, None, f"the clock goes back by {self._last - now:.3f} s"))
@@ -138,12 +139,12 @@ class CanMonitor:
         elif item is not None and not self._complete and (gap := self._silence(now)) is not None:
             events.append(gap)
             self._interrupt(now)
-        events += self._pass_time(now)
+        events += self._pass_time(now)  # before the frame: what was due is not caused by it
         if item is None:
             return events
         self._last = now
         if isinstance(item, Dropped):
-            self._interrupt(now)
+            self._interrupt(now)  # a heartbeat or an end of a transfer may be among the lost frames
             lost = "the recorder lost frames" if not item.frames else f"the recorder reports {item.frames} lost"
             return [*events, Gap(now, None, item.frames or None, lost)]
         self.frames += 1

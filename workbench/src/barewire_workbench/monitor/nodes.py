@@ -60,6 +60,7 @@ class ObservedNode:
     def update_deadline(self) -> None:
         """Compute the deadline again after a change."""
         silence = self.longest_silence
+        # A missing node has no deadline: it is reported once, until it is back.
         self.deadline = None if silence is None or self.last is None or self.missing else self.last + silence
 
 
@@ -167,7 +168,7 @@ class NodeTracker:
         state, toggle = data[0] & 0x7F, bool(data[0] & 0x80)
         if state not in _STATES:
             events.append(Violation(now, "HEARTBEAT-STATE", number, f"{state:02X}h is not a state", str(frame)))
-        if state == NmtState.INITIALISING and not toggle:
+        if state == NmtState.INITIALISING and not toggle:  # 80h has the toggle bit of an answer to guarding
             return [*events, self._boot(number, node, now)]
         answers = node.pending > 0
         events += self._check_toggle(number, node, toggle, now, frame)
@@ -176,7 +177,7 @@ class NodeTracker:
         before, node.state, node.last = node.state, state, now
         if node.missing:
             node.missing = False
-            node.intervals.clear()
+            node.intervals.clear()  # a period that was learned before may have been changed meanwhile
             events.append(NodeReport(now, number, "back", state, before, since, answers))
         elif before is None:
             events.append(NodeReport(now, number, "heard", state, None, None, answers))

@@ -176,6 +176,7 @@ class PdoTracker:
     def _change(self, record: _Record, is_map: bool, sub: int, number: int, now: float) -> list[MonitorEvent]:
         """Store the value of a sub-index, and report the mapping if that changes it."""
         before = record.key, _words(record)
+        # Only what decides about later frames is followed: the COB-ID, and the entries up to their number.
         if not is_map and sub == 1:
             record.set_cob_id(CobEntry.unpack(number))
         elif is_map and sub == 0:
@@ -183,7 +184,7 @@ class PdoTracker:
         elif is_map and sub <= ENTRIES_MAX:
             record.words[sub] = number
             if record.count is not None and sub > record.count:
-                return []
+                return []  # it is not mapped until sub-index 0 says so
         else:
             return []
         record.changed = True

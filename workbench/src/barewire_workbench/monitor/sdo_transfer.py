@@ -247,6 +247,7 @@ class BlockTracker:
         if self.state == "ready":
             self._lacks(1, "segments arrive, but the start of the block upload is not in the recording")
             self.state = "segments"
+        # The last segment can look like the end of the transfer if its number is above 40h; the end has five zeros.
         ends = BlockEnd.pattern.matches(data[0]) and not any(data[3:])
         if self.state == "segments":
             if self._short and not self._parts and ends and data[0] & ~LAST > 1:

@@ -87,7 +87,7 @@ class SyncTracker:
             events += self._judge(counter, self._counter, since, frame, now)
         kind: Literal["back", "beat", "first"] = "back" if self._missing else "beat" if self.beats else "first"
         self.beats += 1
-        if since is not None and not self._missing:
+        if since is not None and not self._missing:  # the silence of a missing SYNC is no jitter
             self.shortest = since if self.shortest is None else min(self.shortest, since)
             self.longest = since if self.longest is None else max(self.longest, since)
             self._intervals = [*self._intervals[1 - _INTERVALS :], since]

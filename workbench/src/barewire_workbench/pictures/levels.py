@@ -420,6 +420,6 @@ def frame_pictures(
     elif isinstance(frame, CanFrame):
         try:
             pictures["levels"] = CanFramePicture(can_bits(frame))
-        except EncodeError:  # no controller can send it
+        except EncodeError:  # no controller can send it; its fields are still worth a picture
             return pictures
     return pictures

@@ -190,6 +190,7 @@ def html_fragment(picture: Picture, mark: str = "bw-0", *, heading: int = 2) -> 
     rules = _link_rules(picture, f"#{mark}")
     style = f"<style>{rules}</style>" if rules else ""
     text = xml_text("\n".join(picture.lines()))
+    # A "</script>" in a text would end the element.
     data = json.dumps(picture.as_dict(), ensure_ascii=False, default=str).replace("<", "\\u003c")
     return (
         f'<figure class="bw" id="{mark}" aria-labelledby="{mark}-title">{style}'

@@ -41,7 +41,7 @@ from barewire.modbus.sniffer import (
 from barewire_workbench.frames.can import explain_can, explain_segment
 from barewire_workbench.frames.known_node import KnownNode
 from barewire_workbench.frames.modbus import explain_pdu
-from barewire_workbench.frames.modbus_exchanges import UnitNames
+from barewire_workbench.frames.modbus_exchanges import RegisterNames, UnitNames
 from barewire_workbench.frames.result import Explanation, FrameRole, counted
 from barewire_workbench.monitor.events import SdoTransferReport
 from barewire_workbench.monitor.monitor import CanMonitor
@@ -180,7 +180,6 @@ def _summary(explanation: Explanation) -> str:
 
 
 def _response_text(pdu: bytes) -> str:
-    """Return the summary of a response; of registers, their values."""
     parsed = explain_pdu(pdu, "response")
     registers = [str(field.value) for field in parsed.fields if field.name.startswith("register ")]
     if parsed.error is not None or not registers:
@@ -241,9 +240,10 @@ def can_drive_words(
     monitors = BusMonitors(known, bus)
     drives: dict[int, DriveWords] = {}
     for item in items:
-        monitor = monitors.monitor(item.bus) if isinstance(item, Recorded) else None
-        if monitor is not None and isinstance(item, Recorded) and isinstance(item.frame, CanFrame):
-            _add_mapped(drives, monitor, item.frame, item.at)
+        if isinstance(item, Recorded) and isinstance(item.frame, CanFrame) and bus in (None, item.bus):
+            monitor = monitors.monitor(item.bus)
+            if monitor is not None:
+                _add_mapped(drives, monitor, item.frame, item.at)
         for _, event in monitors.feed(item):
             if isinstance(event, SdoTransferReport) and event.outcome == "done" and event.data is not None:
                 kind = WORD_OBJECTS.get(event.index or 0)
@@ -255,7 +255,6 @@ def can_drive_words(
 
 
 def _add_mapped(drives: dict[int, DriveWords], monitor: CanMonitor, frame: CanFrame, at: float) -> None:
-    """Add the words in a PDO."""
     owner = monitor.pdos.owner(frame)
     mapping = None if owner is None else owner[2]
     if owner is None or mapping is None or frame.remote:
@@ -283,38 +282,19 @@ def modbus_drive_words(events: Iterable[SnifferEvent], device: Device) -> dict[i
         place = device.find(name).modbus
         if place is not None and place.words == 1 and not place.partial:
             places[kind] = place
+    registers = RegisterNames(device)
     drives: dict[int, DriveWords] = {}
     for event in events:
         if not isinstance(event, ResponseSeen) or event.request is None or event.pdu[0] & EXCEPTION_BIT:
             continue
+        rows = tuple(registers.rows(event.request.message, event.message))
         for kind, place in places.items():
-            word = _read(event, event.request, place) if kind == "status" else _written(event.request, place)
-            if word is not None:
-                drives.setdefault(event.unit, DriveWords()).add(kind, word, event.at)
+            for row in rows:
+                offset = place.address - row.address
+                is_of_kind = row.written == (kind == "control") and place.table in row.tables
+                if is_of_kind and 0 <= offset < len(row.content):
+                    drives.setdefault(event.unit, DriveWords()).add(kind, row.content[offset], event.at)
     return drives
-
-
-_READS = {"holding": 0x03, "input": 0x04}
-
-
-def _read(event: ResponseSeen, request: RequestSeen, place: ModbusAt) -> int | None:
-    """Return the register at this place, if the exchange has read it."""
-    if request.pdu[0] != _READS.get(place.table):
-        return None
-    first, registers = getattr(request.message, "address", None), getattr(event.message, "registers", ())
-    if first is None or not 0 <= place.address - first < len(registers):
-        return None
-    return int(registers[place.address - first])
-
-
-def _written(request: RequestSeen, place: ModbusAt) -> int | None:
-    """Return the register at this place, if the request writes it."""
-    first = getattr(request.message, "address", None)
-    if first is None or place.table != "holding" or request.pdu[0] not in (0x06, 0x10):
-        return None
-    single = getattr(request.message, "value", None)
-    registers = getattr(request.message, "registers", ()) if single is None else (single,)
-    return int(registers[place.address - first]) if 0 <= place.address - first < len(registers) else None
 
 
 class RecordingOptions(NamedTuple):

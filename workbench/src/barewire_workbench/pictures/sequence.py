@@ -171,6 +171,7 @@ class SequencePicture(Picture):
             0.0 if before is None or after is None else after - before
             for before, after in pairwise([*times[:1], *times])
         ]
+        # Most messages follow at their usual distance; beside one silence of minutes, seconds are not worth a pause.
         usual = median([step for step in steps if step > 0] or [0.0])
         least = max(_PAUSE * usual, max(steps, default=0.0) / 8)
         return [step if step > least else 0.0 for step in steps]

@@ -60,7 +60,7 @@ def timing_steps(baudrate: int, form: CharacterFormat) -> Steps:
     """
     if not 1 <= baudrate <= BAUDRATE_MAX:
         raise EncodeError(f"baudrate {baudrate}: expected 1..{BAUDRATE_MAX} bits per second", "baudrate")
-    if form.data_bits < 7:
+    if form.data_bits < 7:  # a UART has them, Modbus has no use for them
         raise EncodeError(f"{form.data_bits} data bits ({form}): Modbus RTU needs 8, Modbus ASCII 7 or 8", "format")
     times = _times(baudrate, form)
     is_rtu = form.data_bits == 8

@@ -226,32 +226,39 @@ def run_case(case: NodeCase, *, timeout: float = NODE_ANSWER_TIMEOUT) -> Convers
 
 def _run_steps(case: NodeCase, timeout: float) -> Conversation[CanFrame, NodeOutcome]:
     received: list[tuple[str, ...]] = []
-    for number, step in enumerate(case.steps):
-        heard = None
-        for text in step.sends:
-            heard = yield Send(CanFrame.parse(text))
-        if heard is None:
-            heard = yield Listen(float("-inf"))  # returns at once, with the time
-        frames: list[str] = []
-        if heard.item is not None and str(heard.item).startswith(case.listens):
-            frames.append(str(heard.item))
-        until = heard.now + (timeout if step.wait is None else step.wait)
-        while heard.now < until:
-            if frames and not step.full_wait and _fits(step, frames):
-                if number + 1 < len(case.steps):
-                    break
-                until = min(until, heard.now + _SETTLE)
-            if len(frames) >= FLOOD:
-                return NodeOutcome(case, (*received, tuple(frames)), _difference(step, frames))
-            heard = yield Listen(until)
-            if heard.item is not None and str(heard.item).startswith(case.listens):
-                frames.append(str(heard.item))
+    for number, step in enumerate(case.steps, start=1):
+        frames, floods = yield from _run_step(case, step, timeout, is_last=number == len(case.steps))
         received.append(tuple(frames))
-        if any(_matches(pattern, frames) for pattern in step.ends):
+        if not floods and any(_matches(pattern, frames) for pattern in step.ends):
             break
-        if not any(_matches(pattern, frames) for pattern in step.accepts):
+        if floods or not any(_matches(pattern, frames) for pattern in step.accepts):
             return NodeOutcome(case, tuple(received), _difference(step, frames))
     return NodeOutcome(case, tuple(received), None)
+
+
+def _run_step(
+    case: NodeCase, step: NodeStep, timeout: float, *, is_last: bool
+) -> Conversation[CanFrame, tuple[list[str], bool]]:
+    """Send the frames of a step. Return the frames received, and whether they were so many that it did not wait."""
+    heard = None
+    for text in step.sends:
+        heard = yield Send(CanFrame.parse(text))
+    if heard is None:
+        heard = yield Listen(float("-inf"))  # returns at once, with the time
+    until = heard.now + (timeout if step.wait is None else step.wait)
+    frames: list[str] = []
+    while True:
+        if heard.item is not None and str(heard.item).startswith(case.listens):
+            frames.append(str(heard.item))
+        if heard.now >= until:
+            return frames, False
+        if frames and not step.full_wait and _fits(step, frames):
+            if not is_last:
+                return frames, False
+            until = min(until, heard.now + _SETTLE)
+        if len(frames) >= FLOOD:
+            return frames, True
+        heard = yield Listen(until)
 
 
 def _fits(step: NodeStep, frames: list[str]) -> bool:

@@ -419,6 +419,7 @@ def _random_order(
     case = partial(make_case, subject, _RANDOM_ORDER, (s.responses,))
     reading = case("RND-05", "50 reads of application objects in random order", *(reads or [s.works]), effect="reads")
     yield reading._replace(lacks="" if readable else "a readable object from 2000h on")
+    # Longer values need several frames: a write of one step, which may be refused, is followed by one read.
     short = [item for item in writable if item.value and len(item.value) == item.size and item.size <= 4]
     steps: list[NodeStep] = []
     for _ in range(50 if short else 0):
