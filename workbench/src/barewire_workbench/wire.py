@@ -238,6 +238,9 @@ class UartLine:
         return Receiver(last, wait, samples), bytes(delivered)
 
 
+# CAN frames ---------------------------------------------------------------------------------------------------------
+
+
 DOMINANT, RECESSIVE = 0, 1
 
 CAN_CRC_POLYNOMIAL = 0x4599

@@ -144,6 +144,9 @@ def _addressed(case: ServerCase, unit: int) -> set[int]:
     return {unit if stimulus.unit is None else stimulus.unit for stimulus in stimuli}
 
 
+# Cases of the vectors -----------------------------------------------------------------------------------------------
+
+
 CHANGES: dict[str, Callable[[bytes], bytes]] = {
     "first-four": lambda frame: frame[:4],
     "wrong-crc": lambda frame: frame[:-1] + bytes((frame[-1] ^ 0x10,)),

@@ -62,6 +62,9 @@ if TYPE_CHECKING:
     from barewire_workbench.frames.known_node import KnownObject
 
 
+# LSS ----------------------------------------------------------------------------------------------------------------
+
+
 _PARTS = {"vendor": "vendor-ID", "product": "product code", "revision": "revision", "serial": "serial number"}
 """The four numbers of an LSS address: field of `LssAddress` -> name in the standard."""
 
@@ -159,6 +162,9 @@ def _value_text(service: LssService, name: str, value: int) -> str:
         case "LSS sub" | "LSS next" if value in _PART:
             return _PART[value]
     return ""
+
+
+# SDO ----------------------------------------------------------------------------------------------------------------
 
 
 _SDO_LENGTH = 8
@@ -423,6 +429,9 @@ def _summary(name: str, fields: list[Field]) -> str:
         value = f": {data.value:0{2 * data.length}X}h" if isinstance(data.value, int) else ""
         parts.append(counted(data.length) + value)
     return ", ".join(parts)
+
+
+# Frames -------------------------------------------------------------------------------------------------------------
 
 
 # The lengths that the standard gives a service; the others may have up to eight bytes.

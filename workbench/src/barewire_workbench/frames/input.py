@@ -109,6 +109,9 @@ def _unquoted(typed: str) -> str:
     return typed if quoted is None else quoted[2]
 
 
+# Literals of a program ----------------------------------------------------------------------------------------------
+
+
 _BEFORE = (
     re.compile(
         r"^\s*[A-Za-z_][\w \t*:&<>]{0,80}(?:\[[ \d]{0,9}\])?[ \t]{0,8}=(?!=)\s*"
@@ -229,6 +232,9 @@ def parse_decimal(text: str, listed: bool) -> bytes | None:
         if not -128 <= int(token) <= 255:
             raise text_error("value", text, index, f"{token!r} at {index}: a byte is a number from 0 to 255")
     return bytes(int(token) & 0xFF for token in numbers)
+
+
+# Dumps --------------------------------------------------------------------------------------------------------------
 
 
 _PAIRS = r"[0-9A-Fa-f]{2}(?: [0-9A-Fa-f]{2})*"

@@ -170,6 +170,9 @@ def _meaning(field: Field, pdu: bytes) -> str:
     return ""
 
 
+# PDUs ---------------------------------------------------------------------------------------------------------------
+
+
 _UNKNOWN_SHAPE = "data"
 
 
@@ -291,6 +294,9 @@ def _summary(fields: list[Field], pdu: bytes) -> str:
 def left_over_field(at: int, size: int, meaning: str = "") -> list[Field]:
     """Return a field for the bytes after a complete frame, if there are any."""
     return [Field(at, size - at, LEFT_OVER, None, meaning)] if size > at else []
+
+
+# Frames -------------------------------------------------------------------------------------------------------------
 
 
 _MBAP = Layout(">HHHB", "transaction", "protocol", "length", "unit")

@@ -188,6 +188,9 @@ _SHOWN = 12
 """The most values or bytes of an answer in a line; `exchange_as_dict` has all of them."""
 
 
+# Lines --------------------------------------------------------------------------------------------------------------
+
+
 class _Row:
     """The line of an exchange, or None while its answer may come, and the noise behind its request."""
 

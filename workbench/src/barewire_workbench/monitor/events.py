@@ -87,6 +87,9 @@ BUS_RULES: dict[str, BusRule] = {
 """Rule id -> rule. The ids are stable: programs depend on them."""
 
 
+# Events -------------------------------------------------------------------------------------------------------------
+
+
 TransferDirection = Literal["upload", "download", "unknown"]
 TransferManner = Literal["expedited", "segmented", "block", "unknown"]
 TransferOutcome = Literal["done", "aborted", "unanswered", "left", "cut"]
@@ -301,6 +304,9 @@ MonitorEvent: TypeAlias = (
     | Unread
     | Summary
 )
+
+
+# Lines and dicts ----------------------------------------------------------------------------------------------------
 
 
 _BYTES_SHOWN = 16

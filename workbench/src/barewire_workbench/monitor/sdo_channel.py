@@ -82,6 +82,9 @@ from barewire_workbench.monitor.sdo_transfer import (
     SdoSide,
 )
 
+# Reserved bytes: those behind the data of a transfer are not reserved, they may have any value ----------------------
+
+
 _FIRST: dict[type, int] = {
     InitiateUpload: 4,
     DownloadInitiated: 4,
@@ -111,27 +114,153 @@ def reserved_byte(message: SdoMessage, data: bytes) -> int | None:
     return next((place for place in range(first, len(data)) if data[place]), None)
 
 
+# One channel --------------------------------------------------------------------------------------------------------
+
+
 _PROMPT = 0.1
 """Seconds after a frame of a transfer in which its client cannot have given it up after a time-out."""
 
+GIVE_UP = 3.0
+"""Seconds without a frame after which a transfer is given up."""
 
-class ChannelState:
-    """One channel of one node. `channel` is the COB-ID of the requests."""
+_UNANSWERED = "a block transfer goes on, but the answer to its request is not in the recording"
+_MESSAGES: dict[SdoSide, tuple[type[SdoMessage], ...]] = {"client": CLIENT_MESSAGES, "server": SERVER_MESSAGES}
 
-    def __init__(self, node: int, channel: int, held: HeldBytes) -> None:
-        self.node, self.channel, self.held = node, channel, held
+
+class SdoTracker:
+    """One channel of one node. A machine: its frames in, events out.
+
+    `dialect` has command bytes with reserved bits set that the device is known to use.
+    """
+
+    def __init__(
+        self, node: int, channel: int, held: HeldBytes, give_up: float = GIVE_UP, dialect: Iterable[int] = ()
+    ) -> None:
+        self.node, self.channel = node, channel  # the COB-ID of the requests
+        self._held, self._give_up = held, give_up
+        self._reserved = set(dialect)  # command bytes whose reserved bits are not reported, or not again
         self.open: OpenTransfer | None = None
         self.block: BlockTracker | None = None  # of the open transfer
         self.given_up: OpenTransfer | None = None  # the last one without an end: its answer may be late
         self.interrupted: tuple[OpenTransfer, BlockTracker | None] | None = None  # another request came in its middle
-        self.last_transfer: tuple[tuple[int, int] | None, TransferOutcome] = None, "cut"  # that is over
-        self.has_frames = False  # since the start, or since a gap in the recording
-        self.last_frame = (False, b"")  # whether the client sent it, and its data
-        self.run = 0  # consecutive frames of one side, each with the next higher number
+        self._last_transfer: tuple[tuple[int, int] | None, TransferOutcome] = None, "cut"  # that is over
+        self._has_frames = False  # since the start, or since a gap in the recording
+        self._last_frame = (False, b"")  # whether the client sent it, and its data
+        self._run = 0  # consecutive frames of one side, each with the next higher number
         self.now, self.frame = 0.0, ""
-        self.doubted = ""  # what arrived without a beginning
+        self._doubted = ""  # what arrived without a beginning
         self.events: list[MonitorEvent] = []
-        self.held_back: list[MonitorEvent] = []
+        self._held_back: list[MonitorEvent] = []
+
+    @property
+    def under_way(self) -> bool:
+        """Whether a transfer is under way."""
+        return self.open is not None
+
+    @property
+    def deadline(self) -> float | None:
+        """When the transfer under way is given up."""
+        transfer = self.open
+        return None if transfer is None else transfer.last_frame_at + self._give_up
+
+    def feed(self, from_client: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
+        """Take a frame of the client or of the server."""
+        data = frame.data
+        self.now, self.frame = now, str(frame)
+        if len(data) != 8:
+            self.violation("SDO-LENGTH", f"{len(data)} bytes")
+        if data:
+            self._take("client" if from_client else "server", data)
+            if self.open is not None:
+                self.open.last_frame_at = now
+        before = self._last_frame[1] if self._last_frame[0] == from_client else b""
+        self._run = self._run + 1 if data and before and data[0] & 0x7F == before[0] + 1 else 0
+        self._has_frames, self._last_frame = True, (from_client, data)
+        return self.take_events()
+
+    def pass_time(self, now: float) -> list[MonitorEvent]:
+        """Give up a transfer whose deadline has passed."""
+        deadline, transfer = self.deadline, self.open
+        if deadline is not None and transfer is not None and now >= deadline:
+            self.now = deadline
+            self.release()
+            self.close(_outcome_of_silence(transfer))
+        return self.take_events()
+
+    def interrupt(self) -> None:
+        """Note a gap in the recording: the transfer under way may go on after it, or may have ended in it."""
+        if self.open is not None:
+            self.open.gapped = True
+        self.given_up, self.interrupted, self._has_frames = None, None, False
+
+    def end(self, now: float) -> list[MonitorEvent]:
+        """End the recording: report the transfer under way as cut."""
+        self.now = now
+        self.close("cut")
+        self.release()
+        return self.take_events()
+
+    def takes_segment(self, from_client: bool, data: bytes) -> bool:
+        """Return whether this frame, coming now, would be a segment of a block."""
+        block = self.block
+        if block is None or block.state != "segments" or not data or data[0] == 0x80:
+            return False
+        return block.data_sender == ("client" if from_client else "server")
+
+    # Frames
+
+    def _take(self, sender: SdoSide, data: bytes) -> None:
+        if self._continues_unrecorded_block(sender, data):
+            transfer = self.begin_unrecorded("upload" if sender == "server" else "download", "block")
+            self.begin_blocks(transfer, sender)
+        self.release()
+        self._begin_unanswered_block(sender, data)
+        if self.continues_interrupted_block(sender, data):
+            self.go_on_interrupted()
+        block = self.block
+        if block is not None:
+            belongs = block.feed(sender, data, self.now)
+            self.collect_findings(block)
+            if belongs:
+                if sender != block.data_sender or block.state == "ended":
+                    self._check_reserved(decode_one_of(data, _MESSAGES[sender]), data)
+                    self.release()
+                if block.state == "over":
+                    self.done(block.transfer)
+                return
+        try:
+            message = decode_one_of(data, _MESSAGES[sender])
+        except DecodeError as error:
+            if error.reason == "function":
+                self.violation("SDO-COMMAND", f"{data[0]:02X}h is not a command of the {sender}")
+            return
+        self._check_reserved(message, data)
+        if isinstance(message, Abort):
+            self._aborted(sender, message)
+        elif isinstance(message, InitiateAnswer):
+            self._answered(message)
+        elif isinstance(message, InitiateRequest):
+            self._begin(message, data)
+        elif isinstance(message, NextSegment | SdoSegment | SegmentTaken):
+            _feed_segment(self, sender, message)
+        else:
+            self._unmatched_block_message(sender, message, data)
+
+    def _check_reserved(self, message: SdoMessage, data: bytes) -> None:
+        """Hold back a violation for reserved bits or bytes that are not 0: the next frame may show that this was a
+        segment of a block that began in a gap of the recording."""
+        texts = []
+        if has_reserved_bits(message.pattern, data[0]) and data[0] not in self._reserved:
+            self._reserved.add(data[0])
+            standard = message.pattern.encode(**message.pattern.decode(data[0]))
+            texts = [f"{data[0]:02X}h instead of {standard:02X}h"]
+        place = reserved_byte(message, data)
+        if place is not None:
+            texts.append(f"byte {place} behind the command {data[0]:02X}h is reserved, and not 0")
+        for text in texts:
+            self._held_back.append(Violation(self.now, "SDO-RESERVED", self.node, text, self.frame))
+
+    # The transfer under way
 
     def begin(self, transfer: OpenTransfer) -> OpenTransfer:
         """Make this the transfer under way."""
@@ -144,10 +273,10 @@ class ChannelState:
             self.close("cut")
         elif self.open is not None:
             self.open.forget()
-        self.held_back = []
-        transfer = self.begin(OpenTransfer(direction, manner, None, None, self.held))
-        transfer.doubt = "unasked" if self.has_frames else ""
-        self.doubted = "segments" if manner == "segmented" else "a message of a block transfer"
+        self._held_back = []
+        transfer = self.begin(OpenTransfer(direction, manner, None, None, self._held))
+        transfer.doubt = "unasked" if self._has_frames else ""
+        self._doubted = "segments" if manner == "segmented" else "a message of a block transfer"
         return transfer
 
     def begin_blocks(
@@ -182,7 +311,7 @@ class ChannelState:
             text = "the toggle bit is not the next one and both sides go on: a segment and its answer are missing"
             self.report_missing(transfer, 2, text, "SDO-TOGGLE", data=True)
         elif transfer.doubt == "unasked":
-            text = f"{self.doubted}, but the beginning of the transfer is not in the recording"
+            text = f"{self._doubted}, but the beginning of the transfer is not in the recording"
             self.report_missing(transfer, 1, text, "SDO-UNASKED", data=True)
         transfer.doubt = ""
 
@@ -190,7 +319,7 @@ class ChannelState:
         """Report frames that are not in the recording; `rule` is broken if it is complete."""
         self.events.append(Gap(self.now, None, frames, evidence, self.node, rule))
 
-    def interrupt(self, transfer: OpenTransfer, requested: str) -> None:
+    def note_overlap(self, transfer: OpenTransfer, requested: str) -> None:
         """Note a request in the middle of a transfer that has neither ended nor timed out."""
         if transfer.request or transfer.gapped or transfer.began is None:
             return
@@ -229,7 +358,7 @@ class ChannelState:
             return
         self.settle_doubt(transfer)
         self.open = self.block = None
-        self.last_transfer = transfer.place, outcome
+        self._last_transfer = transfer.place, outcome
         blocks = 0 if block is None else block.blocks
         report = transfer.report(self.now, self.node, self.channel, outcome, blocks=blocks, abort=abort, by=by)
         self.events.append(report)
@@ -237,13 +366,200 @@ class ChannelState:
 
     def release(self) -> None:
         """Emit the events held back, which are now certain."""
-        self.events += self.held_back
-        self.held_back = []
+        self.events += self._held_back
+        self._held_back = []
 
     def take_events(self) -> list[MonitorEvent]:
         """Return the events since the last call."""
         events, self.events = self.events, []
         return events
+
+    # Requests and answers
+
+    def _begin(self, request: InitiateRequest, data: bytes) -> None:
+        if self.open is not None:
+            self.note_overlap(self.open, object_name(request.index, request.sub))
+            self.close(_outcome_of_silence(self.open) if self.open.request else "cut")
+        direction, manner, answers = TRANSFER_OF[type(request)]
+        new = self.begin(OpenTransfer(direction, manner, (request.index, request.sub), self.now, self._held))
+        new.request, new.answers = data, answers
+        if isinstance(request, ExpeditedDownload):
+            new.take(request.data)
+        elif isinstance(request, InitiateDownload | InitiateBlockDownload):
+            new.size = request.size
+            new.client_crc = request.crc if isinstance(request, InitiateBlockDownload) else None
+        elif isinstance(request, InitiateBlockUpload):
+            new.switch, new.client_crc, new.blksize = request.switch, request.crc, request.blksize or BLOCK_MAX
+            self._check_blksize(request.blksize)
+
+    def _check_blksize(self, blksize: int) -> None:
+        if not 1 <= blksize <= BLOCK_MAX:
+            self.violation("SDO-BLOCK-SIZE", f"blocks of {blksize} segments are requested")
+
+    def _answered(self, answer: InitiateAnswer) -> None:
+        place = (answer.index, answer.sub)
+        transfer, given_up = self.open, self.given_up
+        if transfer is None or not transfer.request:
+            self._unmatched_answer(answer)
+        elif place != transfer.place:
+            if given_up is not None and given_up.place == place and isinstance(answer, given_up.answers):
+                text = f"the answer about {object_name(*place)} comes after the request for {transfer}"
+                self.violation("SDO-OVERLAP", text)
+                self.given_up = None
+            else:
+                text = f"the request is for {transfer}, the answer is about {object_name(*place)}"
+                self.violation("SDO-MUX", text)
+        elif not isinstance(answer, transfer.answers):
+            text = f"the request is {transfer.direction} ({transfer.manner}) of {transfer}"
+            self.violation("SDO-WRONG-SCS", text)
+        else:
+            transfer.request, transfer.next_sender = b"", "client"
+            self._go_on(transfer, answer)
+
+    def _go_on(self, transfer: OpenTransfer, answer: InitiateAnswer) -> None:
+        """Take a possible answer to the request: the value, or the way in which it will be transferred."""
+        if isinstance(answer, ExpeditedUpload | UploadInitiated) and transfer.manner == "block":
+            self._check_switch(transfer, answer)
+        match answer:
+            case ExpeditedUpload():
+                transfer.manner = "expedited"
+                transfer.take(answer.data)
+                self.done(transfer)
+            case UploadInitiated():
+                transfer.manner, transfer.size = "segmented", answer.size
+            case DownloadInitiated():
+                if transfer.manner == "expedited":
+                    self.done(transfer)
+            case BlockUploadInitiated():
+                transfer.manner, transfer.size = "block", answer.size
+                crc = transfer.client_crc and answer.crc if answer.crc else False
+                self.begin_blocks(transfer, "server", transfer.blksize, crc=crc).state = "ready"
+            case BlockDownloadInitiated():
+                self._check_blksize(answer.blksize)
+                size = answer.blksize if 1 <= answer.blksize <= BLOCK_MAX else BLOCK_MAX
+                transfer.manner = "block"
+                crc = transfer.client_crc and answer.crc if answer.crc else False
+                self.begin_blocks(transfer, "client", size, crc=crc)
+
+    def _check_switch(self, transfer: OpenTransfer, answer: ExpeditedUpload | UploadInitiated) -> None:
+        """Check that a block upload may be answered as an ordinary one: it has no more bytes than the client said."""
+        size = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
+        if transfer.switch is not None and (not transfer.switch or (size or 0) > transfer.switch):
+            text = f"an ordinary upload of {size} bytes, but the protocol switch is {transfer.switch}"
+            self.violation("SDO-BLOCK-SWITCH", text)
+
+    def _aborted(self, sender: SdoSide, abort: Abort) -> None:
+        place = (abort.index, abort.sub)
+        if abort.code not in tuple(AbortCode):
+            self.violation("SDO-ABORT-CODE", abort_text(abort.code))
+        if self.open is None:
+            self._unmatched_abort(sender, abort)
+        elif self.open.place not in (None, place):
+            text = f"the transfer is of {self.open}, the abort is about {object_name(*place)}"
+            self.violation("SDO-MUX", text)
+        elif self.open.doubt == "toggle" and abort.code == AbortCode.TOGGLE:
+            self.open.doubt = ""
+            self.violation("SDO-TOGGLE", "the client did not alternate the toggle bit, and the server aborted")
+        elif self.open.doubt == "unasked" and abort.code == AbortCode.COMMAND:
+            self.open.doubt = ""
+            self.violation("SDO-UNASKED", "a segment outside a transfer, and the server aborted")
+        self.close("aborted", abort=abort.code, by=sender)
+
+    def _unmatched_abort(self, sender: SdoSide, abort: Abort) -> None:
+        """Begin the transfer of an abort that comes while none is under way."""
+        place = (abort.index, abort.sub)
+        given_up = self.given_up if self.given_up is not None and self.given_up.place == place else None
+        direction: TransferDirection = "unknown" if given_up is None else given_up.direction
+        self.begin(OpenTransfer(direction, "unknown", place, None, self._held))
+        # A client that did not receive the last answer aborts a transfer that is over for the server, and one whose
+        # request was lost aborts after its time-out. Both sides abort if both wait in vain.
+        last_place, outcome = self._last_transfer
+        follows = last_place == place and (sender == "client" or outcome != "done")
+        follows = follows or (sender == "client" and abort.code == AbortCode.TIMED_OUT)
+        if self._has_frames and given_up is None and not follows:
+            self.gap(1, "an abort, but no transfer is under way in the recording", "SDO-UNASKED")
+
+    # Transfers whose beginning is not in the recording
+
+    def _continues_unrecorded_block(self, sender: SdoSide, data: bytes) -> bool:
+        """Return whether consecutive frames of one side have consecutive numbers, as only the segments of a block do.
+
+        Two are enough, except while another transfer is under way that may have ended unrecorded. Then a third is
+        needed, unless the first would break a rule.
+        """
+        transfer = self.open
+        from_client, previous = self._last_frame
+        enough = (transfer is None and not self.given_up) or (transfer is not None and transfer.began is None)
+        enough = enough or self._run > 0 or bool(self._held_back)
+        if not enough or not previous or self.block is not None:
+            return False
+        return from_client == (sender == "client") and previous[0] < 0x7F and data[0] & 0x7F == previous[0] + 1
+
+    def _begin_unanswered_block(self, sender: SdoSide, data: bytes) -> None:
+        """Begin a block whose answer is not in the recording: the client sends segments, so it has received it."""
+        transfer = self.open
+        if transfer is None or not transfer.request or (transfer.manner, transfer.direction) != ("block", "download"):
+            return
+        if sender == "client" and data[0] in (0x01, 0x81):
+            self.report_missing(transfer, 1, _UNANSWERED, "SDO-UNASKED", data=False)
+            transfer.request = b""
+            self.begin_blocks(transfer, "client")
+
+    def _unmatched_answer(self, answer: InitiateAnswer) -> None:
+        """Take an answer without a request: it is late, or the request is not in the recording."""
+        first, place = not self._has_frames, (answer.index, answer.sub)
+        late = self.given_up if self.open is None else None
+        if late is not None and (late.place != place or not isinstance(answer, late.answers)):
+            late = None
+        self.close("cut")
+        manner: TransferManner = "expedited" if isinstance(answer, ExpeditedUpload) else "segmented"
+        upload = isinstance(answer, ExpeditedUpload | UploadInitiated | BlockUploadInitiated)
+        direction: TransferDirection = "upload" if upload else "download"
+        began = None if late is None else late.began
+        new = self.begin(OpenTransfer(direction, manner, place, began, self._held))
+        new.next_sender = "client"
+        if late is not None:
+            self.given_up = None
+            new.manner, new.size, new.switch = late.manner, late.size, late.switch
+        elif not first:
+            new.missing = 1
+            self.gap(1, "an answer, but its request is not in the recording", "SDO-UNASKED")
+        new.complete = upload or late is not None
+        if isinstance(answer, DownloadInitiated) and late is None:
+            new.manner = "unknown"  # the value was in the request, or follows in segments
+        before = len(self.events)
+        self._go_on(new, answer)
+        reported = self.events[before:]
+        if late is not None:
+            late_reports = [replace(event, late=True) if isinstance(event, SdoTransferReport) else event
+                            for event in reported]  # fmt: skip
+            self.events[before:] = [*self._held_back, *late_reports]
+            self._held_back = []
+        elif first:  # the next frame may show that it is a segment of a block
+            self._held_back += reported
+            del self.events[before:]
+
+    def _unmatched_block_message(self, sender: SdoSide, message: SdoMessage, data: bytes) -> None:
+        """Take a message of a block transfer while none is under way."""
+        transfer = self.open
+        if transfer is not None and transfer.request:
+            if sender == "client":  # it goes on, so it received the answer; the server may go on without the client
+                self.report_missing(transfer, 1, _UNANSWERED, "SDO-UNASKED", data=False)
+            transfer.request, transfer.manner = b"", "block"
+        else:
+            receives = isinstance(message, BlockAck | BlockEnded | StartBlockUpload)
+            upload = sender == "client" if receives else isinstance(message, BlockEnd) and sender == "server"
+            transfer = self.begin_unrecorded("upload" if upload else "download", "block")
+        block = self.begin_blocks(transfer, "server" if transfer.direction == "upload" else "client")
+        if isinstance(message, BlockEnd | BlockEnded):
+            block.state = "end"
+            transfer.complete = False
+        elif isinstance(message, StartBlockUpload):
+            block.state = "ready"
+        block.feed(sender, data, self.now)
+        self.collect_findings(block)
+        if block.state == "over":
+            self.done(transfer)
 
 
 # Segments ---------------------------------------------------------------------------------------------------------
@@ -312,7 +628,7 @@ _SAME_BYTES_STEPS = {
 }
 
 
-def _feed_segment(channel: ChannelState, sender: SdoSide, message: NextSegment | SdoSegment | SegmentTaken) -> None:
+def _feed_segment(channel: SdoTracker, sender: SdoSide, message: NextSegment | SdoSegment | SegmentTaken) -> None:
     """Take a frame of a segmented transfer, in either direction."""
     kind: _SegmentKind = "upload" if sender == "server" else "download"
     if not isinstance(message, SdoSegment):
@@ -342,7 +658,7 @@ def _feed_segment(channel: ChannelState, sender: SdoSide, message: NextSegment |
 
 
 def _accept_segment(
-    channel: ChannelState, sender: SdoSide, transfer: OpenTransfer, message: NextSegment | SdoSegment | SegmentTaken
+    channel: SdoTracker, sender: SdoSide, transfer: OpenTransfer, message: NextSegment | SdoSegment | SegmentTaken
 ) -> None:
     if sender == "server":
         channel.settle_doubt(transfer)  # the server goes on, so it accepted the doubtful frame
@@ -358,7 +674,7 @@ def _accept_segment(
 
 
 def _segmented_transfer(
-    channel: ChannelState,
+    channel: SdoTracker,
     sender: SdoSide,
     direction: TransferDirection,
     message: NextSegment | SdoSegment | SegmentTaken,
@@ -385,333 +701,14 @@ def _segmented_transfer(
     return unrecorded
 
 
-GIVE_UP = 3.0
-"""Seconds without a frame after which a transfer is given up."""
-
-_UNANSWERED = "a block transfer goes on, but the answer to its request is not in the recording"
-
-
-_MESSAGES: dict[SdoSide, tuple[type[SdoMessage], ...]] = {"client": CLIENT_MESSAGES, "server": SERVER_MESSAGES}
-
-
-class SdoTracker:
-    """One channel of one node. A machine: its frames in, events out.
-
-    `dialect` has command bytes with reserved bits set that the device is known to use.
-    """
-
-    def __init__(
-        self, node: int, channel: int, held: HeldBytes, give_up: float = GIVE_UP, dialect: Iterable[int] = ()
-    ) -> None:
-        self.node = node
-        self._state = ChannelState(node, channel, held)
-        self._give_up = give_up
-        self._reserved = set(dialect)  # command bytes whose reserved bits are not reported, or not again
-
-    @property
-    def under_way(self) -> bool:
-        """Whether a transfer is under way."""
-        return self._state.open is not None
-
-    @property
-    def deadline(self) -> float | None:
-        """When the transfer under way is given up."""
-        transfer = self._state.open
-        return None if transfer is None else transfer.last_frame_at + self._give_up
-
-    def feed(self, from_client: bool, frame: CanFrame, now: float) -> list[MonitorEvent]:
-        """Take a frame of the client or of the server."""
-        state, data = self._state, frame.data
-        state.now, state.frame = now, str(frame)
-        if len(data) != 8:
-            state.violation("SDO-LENGTH", f"{len(data)} bytes")
-        if data:
-            self._take("client" if from_client else "server", data)
-            if state.open is not None:
-                state.open.last_frame_at = now
-        before = state.last_frame[1] if state.last_frame[0] == from_client else b""
-        state.run = state.run + 1 if data and before and data[0] & 0x7F == before[0] + 1 else 0
-        state.has_frames, state.last_frame = True, (from_client, data)
-        return state.take_events()
-
-    def pass_time(self, now: float) -> list[MonitorEvent]:
-        """Give up a transfer whose deadline has passed."""
-        deadline, transfer = self.deadline, self._state.open
-        if deadline is not None and transfer is not None and now >= deadline:
-            self._state.now = deadline
-            self._state.release()
-            self._state.close(_outcome_of_silence(transfer))
-        return self._state.take_events()
-
-    def interrupt(self) -> None:
-        """Note a gap in the recording: the transfer under way may go on after it, or may have ended in it."""
-        if self._state.open is not None:
-            self._state.open.gapped = True
-        self._state.given_up, self._state.interrupted, self._state.has_frames = None, None, False
-
-    def end(self, now: float) -> list[MonitorEvent]:
-        """End the recording: report the transfer under way as cut."""
-        self._state.now = now
-        self._state.close("cut")
-        self._state.release()
-        return self._state.take_events()
-
-    def takes_segment(self, from_client: bool, data: bytes) -> bool:
-        """Return whether this frame, coming now, would be a segment of a block."""
-        block = self._state.block
-        if block is None or block.state != "segments" or not data or data[0] == 0x80:
-            return False
-        return block.data_sender == ("client" if from_client else "server")
-
-    # Frames
-
-    def _take(self, sender: SdoSide, data: bytes) -> None:
-        state = self._state
-        if self._continues_unrecorded_block(sender, data):
-            transfer = state.begin_unrecorded("upload" if sender == "server" else "download", "block")
-            state.begin_blocks(transfer, sender)
-        state.release()
-        self._begin_unanswered_block(sender, data)
-        if state.continues_interrupted_block(sender, data):
-            state.go_on_interrupted()
-        block = state.block
-        if block is not None:
-            belongs = block.feed(sender, data, state.now)
-            state.collect_findings(block)
-            if belongs:
-                if sender != block.data_sender or block.state == "ended":
-                    self._check_reserved(decode_one_of(data, _MESSAGES[sender]), data)
-                    state.release()
-                if block.state == "over":
-                    state.done(block.transfer)
-                return
-        try:
-            message = decode_one_of(data, _MESSAGES[sender])
-        except DecodeError as error:
-            if error.reason == "function":
-                state.violation("SDO-COMMAND", f"{data[0]:02X}h is not a command of the {sender}")
-            return
-        self._check_reserved(message, data)
-        if isinstance(message, Abort):
-            self._aborted(sender, message)
-        elif isinstance(message, InitiateAnswer):
-            self._answered(message)
-        elif isinstance(message, InitiateRequest):
-            self._begin(message, data)
-        elif isinstance(message, NextSegment | SdoSegment | SegmentTaken):
-            _feed_segment(state, sender, message)
-        else:
-            self._unmatched_block_message(sender, message, data)
-
-    def _check_reserved(self, message: SdoMessage, data: bytes) -> None:
-        """Hold back a violation for reserved bits or bytes that are not 0: the next frame may show that this was a
-        segment of a block that began in a gap of the recording."""
-        state, texts = self._state, []
-        if has_reserved_bits(message.pattern, data[0]) and data[0] not in self._reserved:
-            self._reserved.add(data[0])
-            standard = message.pattern.encode(**message.pattern.decode(data[0]))
-            texts = [f"{data[0]:02X}h instead of {standard:02X}h"]
-        place = reserved_byte(message, data)
-        if place is not None:
-            texts.append(f"byte {place} behind the command {data[0]:02X}h is reserved, and not 0")
-        for text in texts:
-            state.held_back.append(Violation(state.now, "SDO-RESERVED", self.node, text, state.frame))
-
-    # Requests and answers
-
-    def _begin(self, request: InitiateRequest, data: bytes) -> None:
-        state = self._state
-        if state.open is not None:
-            state.interrupt(state.open, object_name(request.index, request.sub))
-            state.close(_outcome_of_silence(state.open) if state.open.request else "cut")
-        direction, manner, answers = TRANSFER_OF[type(request)]
-        new = state.begin(OpenTransfer(direction, manner, (request.index, request.sub), state.now, state.held))
-        new.request, new.answers = data, answers
-        if isinstance(request, ExpeditedDownload):
-            new.take(request.data)
-        elif isinstance(request, InitiateDownload | InitiateBlockDownload):
-            new.size = request.size
-            new.client_crc = request.crc if isinstance(request, InitiateBlockDownload) else None
-        elif isinstance(request, InitiateBlockUpload):
-            new.switch, new.client_crc, new.blksize = request.switch, request.crc, request.blksize or BLOCK_MAX
-            self._check_blksize(request.blksize)
-
-    def _check_blksize(self, blksize: int) -> None:
-        if not 1 <= blksize <= BLOCK_MAX:
-            self._state.violation("SDO-BLOCK-SIZE", f"blocks of {blksize} segments are requested")
-
-    def _answered(self, answer: InitiateAnswer) -> None:
-        state, place = self._state, (answer.index, answer.sub)
-        transfer, given_up = state.open, state.given_up
-        if transfer is None or not transfer.request:
-            self._unmatched_answer(answer)
-        elif place != transfer.place:
-            if given_up is not None and given_up.place == place and isinstance(answer, given_up.answers):
-                text = f"the answer about {object_name(*place)} comes after the request for {transfer}"
-                state.violation("SDO-OVERLAP", text)
-                state.given_up = None
-            else:
-                text = f"the request is for {transfer}, the answer is about {object_name(*place)}"
-                state.violation("SDO-MUX", text)
-        elif not isinstance(answer, transfer.answers):
-            text = f"the request is {transfer.direction} ({transfer.manner}) of {transfer}"
-            state.violation("SDO-WRONG-SCS", text)
-        else:
-            transfer.request, transfer.next_sender = b"", "client"
-            self._go_on(transfer, answer)
-
-    def _go_on(self, transfer: OpenTransfer, answer: InitiateAnswer) -> None:
-        """Take a possible answer to the request: the value, or the way in which it will be transferred."""
-        state = self._state
-        if isinstance(answer, ExpeditedUpload | UploadInitiated) and transfer.manner == "block":
-            self._check_switch(transfer, answer)
-        match answer:
-            case ExpeditedUpload():
-                transfer.manner = "expedited"
-                transfer.take(answer.data)
-                state.done(transfer)
-            case UploadInitiated():
-                transfer.manner, transfer.size = "segmented", answer.size
-            case DownloadInitiated():
-                if transfer.manner == "expedited":
-                    state.done(transfer)
-            case BlockUploadInitiated():
-                transfer.manner, transfer.size = "block", answer.size
-                crc = transfer.client_crc and answer.crc if answer.crc else False
-                state.begin_blocks(transfer, "server", transfer.blksize, crc=crc).state = "ready"
-            case BlockDownloadInitiated():
-                self._check_blksize(answer.blksize)
-                size = answer.blksize if 1 <= answer.blksize <= BLOCK_MAX else BLOCK_MAX
-                transfer.manner = "block"
-                crc = transfer.client_crc and answer.crc if answer.crc else False
-                state.begin_blocks(transfer, "client", size, crc=crc)
-
-    def _check_switch(self, transfer: OpenTransfer, answer: ExpeditedUpload | UploadInitiated) -> None:
-        """Check that a block upload may be answered as an ordinary one: it has no more bytes than the client said."""
-        size = len(answer.data) if isinstance(answer, ExpeditedUpload) else answer.size
-        if transfer.switch is not None and (not transfer.switch or (size or 0) > transfer.switch):
-            text = f"an ordinary upload of {size} bytes, but the protocol switch is {transfer.switch}"
-            self._state.violation("SDO-BLOCK-SWITCH", text)
-
-    def _aborted(self, sender: SdoSide, abort: Abort) -> None:
-        state, place = self._state, (abort.index, abort.sub)
-        if abort.code not in tuple(AbortCode):
-            state.violation("SDO-ABORT-CODE", abort_text(abort.code))
-        if state.open is None:
-            self._unmatched_abort(sender, abort)
-        elif state.open.place not in (None, place):
-            text = f"the transfer is of {state.open}, the abort is about {object_name(*place)}"
-            state.violation("SDO-MUX", text)
-        elif state.open.doubt == "toggle" and abort.code == AbortCode.TOGGLE:
-            state.open.doubt = ""
-            state.violation("SDO-TOGGLE", "the client did not alternate the toggle bit, and the server aborted")
-        elif state.open.doubt == "unasked" and abort.code == AbortCode.COMMAND:
-            state.open.doubt = ""
-            state.violation("SDO-UNASKED", "a segment outside a transfer, and the server aborted")
-        state.close("aborted", abort=abort.code, by=sender)
-
-    def _unmatched_abort(self, sender: SdoSide, abort: Abort) -> None:
-        """Begin the transfer of an abort that comes while none is under way."""
-        state, place = self._state, (abort.index, abort.sub)
-        given_up = state.given_up if state.given_up is not None and state.given_up.place == place else None
-        direction: TransferDirection = "unknown" if given_up is None else given_up.direction
-        state.begin(OpenTransfer(direction, "unknown", place, None, state.held))
-        # A client that did not receive the last answer aborts a transfer that is over for the server, and one whose
-        # request was lost aborts after its time-out. Both sides abort if both wait in vain.
-        last_place, outcome = state.last_transfer
-        follows = last_place == place and (sender == "client" or outcome != "done")
-        follows = follows or (sender == "client" and abort.code == AbortCode.TIMED_OUT)
-        if state.has_frames and given_up is None and not follows:
-            state.gap(1, "an abort, but no transfer is under way in the recording", "SDO-UNASKED")
-
-    # Transfers whose beginning is not in the recording
-
-    def _continues_unrecorded_block(self, sender: SdoSide, data: bytes) -> bool:
-        """Return whether consecutive frames of one side have consecutive numbers, as only the segments of a block do.
-
-        Two are enough, except while another transfer is under way that may have ended unrecorded. Then a third is
-        needed, unless the first would break a rule.
-        """
-        state, transfer = self._state, self._state.open
-        from_client, previous = state.last_frame
-        enough = (transfer is None and not state.given_up) or (transfer is not None and transfer.began is None)
-        enough = enough or state.run > 0 or bool(state.held_back)
-        if not enough or not previous or state.block is not None:
-            return False
-        return from_client == (sender == "client") and previous[0] < 0x7F and data[0] & 0x7F == previous[0] + 1
-
-    def _begin_unanswered_block(self, sender: SdoSide, data: bytes) -> None:
-        """Begin a block whose answer is not in the recording: the client sends segments, so it has received it."""
-        transfer = self._state.open
-        if transfer is None or not transfer.request or (transfer.manner, transfer.direction) != ("block", "download"):
-            return
-        if sender == "client" and data[0] in (0x01, 0x81):
-            self._state.report_missing(transfer, 1, _UNANSWERED, "SDO-UNASKED", data=False)
-            transfer.request = b""
-            self._state.begin_blocks(transfer, "client")
-
-    def _unmatched_answer(self, answer: InitiateAnswer) -> None:
-        """Take an answer without a request: it is late, or the request is not in the recording."""
-        state, first, place = self._state, not self._state.has_frames, (answer.index, answer.sub)
-        late = state.given_up if state.open is None else None
-        if late is not None and (late.place != place or not isinstance(answer, late.answers)):
-            late = None
-        state.close("cut")
-        manner: TransferManner = "expedited" if isinstance(answer, ExpeditedUpload) else "segmented"
-        upload = isinstance(answer, ExpeditedUpload | UploadInitiated | BlockUploadInitiated)
-        direction: TransferDirection = "upload" if upload else "download"
-        began = None if late is None else late.began
-        new = state.begin(OpenTransfer(direction, manner, place, began, state.held))
-        new.next_sender = "client"
-        if late is not None:
-            state.given_up = None
-            new.manner, new.size, new.switch = late.manner, late.size, late.switch
-        elif not first:
-            new.missing = 1
-            state.gap(1, "an answer, but its request is not in the recording", "SDO-UNASKED")
-        new.complete = upload or late is not None
-        if isinstance(answer, DownloadInitiated) and late is None:
-            new.manner = "unknown"  # the value was in the request, or follows in segments
-        before = len(state.events)
-        self._go_on(new, answer)
-        reported = state.events[before:]
-        if late is not None:
-            late_reports = [replace(event, late=True) if isinstance(event, SdoTransferReport) else event
-                            for event in reported]  # fmt: skip
-            state.events[before:] = [*state.held_back, *late_reports]
-            state.held_back = []
-        elif first:  # the next frame may show that it is a segment of a block
-            state.held_back += reported
-            del state.events[before:]
-
-    def _unmatched_block_message(self, sender: SdoSide, message: SdoMessage, data: bytes) -> None:
-        """Take a message of a block transfer while none is under way."""
-        state, transfer = self._state, self._state.open
-        if transfer is not None and transfer.request:
-            if sender == "client":  # it goes on, so it received the answer; the server may go on without the client
-                state.report_missing(transfer, 1, _UNANSWERED, "SDO-UNASKED", data=False)
-            transfer.request, transfer.manner = b"", "block"
-        else:
-            receives = isinstance(message, BlockAck | BlockEnded | StartBlockUpload)
-            upload = sender == "client" if receives else isinstance(message, BlockEnd) and sender == "server"
-            transfer = state.begin_unrecorded("upload" if upload else "download", "block")
-        block = state.begin_blocks(transfer, "server" if transfer.direction == "upload" else "client")
-        if isinstance(message, BlockEnd | BlockEnded):
-            block.state = "end"
-            transfer.complete = False
-        elif isinstance(message, StartBlockUpload):
-            block.state = "ready"
-        block.feed(sender, data, state.now)
-        state.collect_findings(block)
-        if block.state == "over":
-            state.done(transfer)
-
-
 def _outcome_of_silence(transfer: OpenTransfer) -> TransferOutcome:
     """Return the outcome of a transfer that neither side continues."""
     if transfer.gapped or transfer.began is None:
         return "cut"
     return "unanswered" if transfer.next_sender == "server" else "left"
+
+
+# All channels of a bus ----------------------------------------------------------------------------------------------
 
 
 CHANNELS_MAX = 512

@@ -195,6 +195,9 @@ class OpenTransfer:
         return report
 
 
+# Blocks -------------------------------------------------------------------------------------------------------------
+
+
 _PAUSE = 0.3
 """Seconds of silence after which a frame counts as a request, although a segment of a block could look the same."""
 

@@ -134,6 +134,9 @@ def _luminance(colour: str) -> float:
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
+# Elements -----------------------------------------------------------------------------------------------------------
+
+
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _LETTER = 0.56
 """The mean width of a character in a proportional font, in units of its size."""

@@ -232,6 +232,9 @@ def frame_levels(explanation: Explanation, form: CharacterFormat | None = None, 
     return LevelsPicture(data, form, baudrate, names, "" if is_ascii else "t3.5")
 
 
+# A CAN frame --------------------------------------------------------------------------------------------------------
+
+
 _CAN_BIT, _RECESSIVE_AT, _DOMINANT_AT, _CAN_TILE = 24, 56, 92, 140
 _BITS_IN_TILE = 15
 _SHORT = {"CRC delimiter": "del", "ACK slot": "ACK", "ACK delimiter": "del"}
@@ -377,6 +380,9 @@ def _label(name: str, width: float) -> str:
     """Return the name of a field, or a short form where there is no room for it."""
     forms = (name, _SHORT.get(name, ""), name.split()[0])
     return next((form for form in forms if form and len(form) * 12 * 0.62 <= width), "")
+
+
+# The pictures that a frame has --------------------------------------------------------------------------------------
 
 
 class SerialLine(NamedTuple):

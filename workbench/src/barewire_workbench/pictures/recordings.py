@@ -193,6 +193,9 @@ def _pdu_text(pdu: bytes, role: FrameRole) -> str:
     return parsed.summary if parsed.error is None else f"{parsed.summary}: {parsed.error.text}"
 
 
+# Words of drives ----------------------------------------------------------------------------------------------------
+
+
 WORD_OBJECTS: dict[int, WordKind] = {0x6040: "control", 0x6041: "status"}
 
 
@@ -295,6 +298,9 @@ def modbus_drive_words(events: Iterable[SnifferEvent], device: Device) -> dict[i
                 if is_of_kind and 0 <= offset < len(row.content):
                     drives.setdefault(event.unit, DriveWords()).add(kind, row.content[offset], event.at)
     return drives
+
+
+# Pictures -----------------------------------------------------------------------------------------------------------
 
 
 class RecordingOptions(NamedTuple):

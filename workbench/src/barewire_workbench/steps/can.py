@@ -247,6 +247,9 @@ def _verdict(sent: Sequence[CanBits], names: Sequence[str], winner: int | None, 
     return f"{names[winner]} wins and is sent without delay"
 
 
+# COB-IDs ------------------------------------------------------------------------------------------------------------
+
+
 _SOURCE = "CiA 301: COB-ID, predefined connection set, restricted CAN-IDs"
 
 

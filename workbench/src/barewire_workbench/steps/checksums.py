@@ -155,6 +155,9 @@ def _polynomial(data: bytes) -> list[StepSection]:
     ]
 
 
+# LRC ----------------------------------------------------------------------------------------------------------------
+
+
 _LONGEST = 255
 """Bytes in the longest ASCII frame: the unit, a PDU of 253, the LRC."""
 

@@ -74,6 +74,9 @@ def _order_name(order: Order, size: int) -> str:
     return order if size > 2 else "AB" if order in ("ABCD", "CDAB") else "BA"
 
 
+# A number as bytes --------------------------------------------------------------------------------------------------
+
+
 NUMBER_TYPES = ("f32", "f64", "u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64")
 
 _LONGEST_TEXT = 1200
@@ -377,6 +380,9 @@ def shown_number(number: Fraction, digits: int = 25) -> str:
 def _power_of_ten(number: Fraction) -> int:
     power = len(str(number.numerator)) - len(str(number.denominator))
     return power if Fraction(10) ** power <= number else power - 1
+
+
+# Bytes as a number --------------------------------------------------------------------------------------------------
 
 
 def number_from_bytes_steps(data: bytes, type: str = "f32", order: Order = "ABCD") -> Steps:

@@ -149,6 +149,9 @@ def _four(word: int) -> bytes:
     return word.to_bytes(4, "little")
 
 
+# Running cases ------------------------------------------------------------------------------------------------------
+
+
 _SETTLE = 0.01
 """Seconds of silence after the last response of a case, in which a repeated one is noticed."""
 FLOOD = 500

@@ -122,6 +122,9 @@ def _choice(order: Iterator[int], places: list[ObjectAddress]) -> ObjectAddress:
     return places[next(order) % len(places)]
 
 
+# Objects of an EDS --------------------------------------------------------------------------------------------------
+
+
 _OBJECTS, _EDS, _PDO = "CiA 301 7.4 object dictionary", "CiA 306 EDS", "CiA 301 7.2.2 PDO mapping"
 _WRITE_ONLY = (0x0601_0001, 0x0601_0000)
 _NO_OBJECT, _NO_SUB = 0x0602_0000, 0x0609_0011
@@ -388,6 +391,9 @@ def write_steps(s: Sdo, index: int, sub: int, data: bytes) -> list[NodeStep]:
         step = s.write(index, sub, int.from_bytes(data, "little"), len(data))
         return [step._replace(ends=not_now)]
     return [step._replace(ends=not_now) for step in download_steps(s, multiplexer(index, sub), data)]
+
+
+# Application objects of an EDS --------------------------------------------------------------------------------------
 
 
 _CONTROLWORDS: Final = frozenset(range(0x6040, 0xA000, 0x0800))

@@ -146,6 +146,9 @@ class Subject(NamedTuple):
         return None
 
 
+# Frames as text -----------------------------------------------------------------------------------------------------
+
+
 _GENERAL = 0x0800_0000
 """An abort with the general error is always accepted as a refusal."""
 

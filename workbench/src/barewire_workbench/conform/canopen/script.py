@@ -147,6 +147,9 @@ class Placeholders:
         return values
 
 
+# Transfers ----------------------------------------------------------------------------------------------------------
+
+
 BlockPart = Literal["begun", "sent", "ended", "done"]
 """How far a block upload goes: its start, its blocks, the end that the device sends, the answer to that."""
 NO_BLOCKS = 0x0504_0001
@@ -214,6 +217,9 @@ def block_download_steps(s: Sdo, place: str, value: bytes) -> list[NodeStep]:
         NodeStep(tuple(sends), (s.response(f"A2{len(pieces):02X}"),)),
         NodeStep((s.request(block_end(value)),), (s.response("A1"),)),
     ]
+
+
+# Cases --------------------------------------------------------------------------------------------------------------
 
 
 CaseFields: TypeAlias = Mapping[str, Any]
