@@ -148,43 +148,31 @@ def test_bytes_after_a_short_value_are_unused() -> None:
     assert [(field.name, field.hex) for field in explanation.fields[-2:]] == [("data", "0F 00"), ("unused", "AA BB")]
 
 
-def test_the_numbers_of_block_messages_are_explained() -> None:
-    assert meaning("605#A408100014150000", "protocol switch") == "ordinary upload up to this many bytes"
-    assert meaning("605#A408100014000000", "protocol switch") == "no ordinary upload"
-    assert [(field.name, field.value) for field in of("585#A24A7F0000000000").fields[2:4]] == [
-        ("sequence", 74),
-        ("block size", 127),
-    ]
-    assert [(field.name, field.value) for field in of("605#D1589C0000000000").fields[2:3]] == [("CRC", 0x9C58)]
+@pytest.mark.parametrize(
+    ("frame", "numbers"),
+    [
+        ("585#A24A7F0000000000", [("sequence", 74), ("block size", 127)]),
+        ("605#D1589C0000000000", [("CRC", 0x9C58)]),
+    ],
+)
+def test_the_numbers_of_block_messages_are_fields(frame: str, numbers: list[tuple[str, int]]) -> None:
+    assert [(field.name, field.value) for field in of(frame).fields[2 : 2 + len(numbers)]] == numbers
 
 
-def test_text_in_a_segment_is_shown() -> None:
-    assert meaning("585#0048656C6C6F2121", "data") == "'Hello!!'"
-
-
-def test_reserved_bytes_that_are_not_zero_are_mentioned() -> None:
-    assert meaning("605#4041600000000001", "reserved") == "should be 0"
-
-
-# The other services ----------------------------------------------------------------------------------------------
-
-
-def test_an_emergency_is_explained_bit_by_bit() -> None:
-    assert meaning("085#3081110200000000", "error register") == "generic, communication"
-    assert meaning("085#0000000000000000", "error register") == "no error left"
-
-
-def test_a_toggle_bit_is_an_answer_to_guarding() -> None:
-    assert meaning("705#85", "state") == "operational; toggle bit 1: the answer to node guarding"
-
-
-def test_an_unknown_nmt_command_is_an_error() -> None:
-    assert meaning("000#0305", "command") == "not an NMT command"
+# The other fields ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("frame", "name", "words"),
     [
+        ("605#A408100014150000", "protocol switch", "ordinary upload up to this many bytes"),
+        ("605#A408100014000000", "protocol switch", "no ordinary upload"),
+        ("585#0048656C6C6F2121", "data", "'Hello!!'"),
+        ("605#4041600000000001", "reserved", "should be 0"),
+        ("085#3081110200000000", "error register", "generic, communication"),
+        ("085#0000000000000000", "error register", "no error left"),
+        ("705#85", "state", "operational; toggle bit 1: the answer to node guarding"),
+        ("000#0305", "command", "not an NMT command"),
         ("7E5#0401000000000000", "mode", "configuration"),
         ("7E5#11FF000000000000", "node-ID", "no node-ID yet"),
         ("7E4#1101000000000000", "result", "refused"),
@@ -192,7 +180,7 @@ def test_an_unknown_nmt_command_is_an_error() -> None:
         ("7E5#41112233", "product code", "cut short"),
     ],
 )
-def test_lss_services_have_names(frame: str, name: str, words: str) -> None:
+def test_a_field_has_its_meaning(frame: str, name: str, words: str) -> None:
     assert meaning(frame, name) == words
 
 

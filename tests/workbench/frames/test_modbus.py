@@ -18,12 +18,17 @@ def of_rtu(pdu: str, role: FrameRole | None = None, unit: int = 1) -> Explanatio
 
 
 def field(explanation: Explanation, name: str) -> ExplainedField:
-    (found,) = [field for field in explanation.fields if field.name == name]
-    return found
+    (named,) = [field for field in explanation.fields if field.name == name]
+    return named
 
 
 def meanings(explanation: Explanation) -> dict[str, str]:
     return {field.name: field.meaning for field in explanation.fields}
+
+
+def fault(explanation: Explanation) -> tuple[str, int]:
+    assert explanation.error is not None
+    return explanation.error.reason, explanation.error.at
 
 
 # A valid and a broken frame ---------------------------------------------------------------------
@@ -113,15 +118,13 @@ def test_a_damaged_pdu_has_the_direction_nearer_in_length(pdu: str, role: FrameR
 def test_a_given_role_is_used() -> None:
     explanation = of_rtu("04 0FB1 0002", "response")
     assert explanation.role == "response"
-    assert explanation.error is not None
-    assert (explanation.error.reason, explanation.error.at) == ("length", 2)
+    assert fault(explanation) == ("length", 2)
     assert field(explanation, "byte count").meaning == "15 bytes announced, 3 follow"
 
 
 def test_a_request_has_no_exception_bit() -> None:
     explanation = of_rtu("83 02", "request")
-    assert explanation.error is not None
-    assert (explanation.error.reason, explanation.error.at) == ("function", 1)
+    assert fault(explanation) == ("function", 1)
     assert field(explanation, "exception code").meaning.startswith("illegal data address")
 
 
@@ -159,9 +162,7 @@ def test_an_unknown_function_is_valid_and_its_data_are_bytes(code: str, meaning:
 
 def test_function_00_does_not_exist() -> None:
     for pdu in ("00 01", "80 01"):
-        explanation = of_rtu(pdu)
-        assert explanation.error is not None
-        assert (explanation.error.reason, explanation.error.at) == ("function", 1)
+        assert fault(of_rtu(pdu)) == ("function", 1)
 
 
 def test_an_exception_is_explained_with_its_hint() -> None:
@@ -176,9 +177,7 @@ def test_an_exception_is_explained_with_its_hint() -> None:
     ("pdu", "at"), [("03 0000 007E", 4), ("01 0000 07D1", 4), ("05 0000 1200", 4), ("10 0000 0000 00", 4)]
 )
 def test_a_forbidden_value_is_an_error_at_its_place(pdu: str, at: int) -> None:
-    explanation = of_rtu(pdu)
-    assert explanation.error is not None
-    assert (explanation.error.reason, explanation.error.at) == ("value", at)
+    assert fault(of_rtu(pdu)) == ("value", at)
 
 
 def test_registers_have_their_address_and_signed_value() -> None:
@@ -247,8 +246,7 @@ def test_a_crc_with_swapped_bytes_is_recognised() -> None:
 def test_a_second_frame_after_the_first_is_left_over() -> None:
     first = bytes.fromhex("01040FB1000222F8")
     explanation = explain("rtu", first + bytes.fromhex("0104040000"))
-    assert explanation.error is not None
-    assert (explanation.error.reason, explanation.error.at) == ("checksum", 8)
+    assert fault(explanation) == ("checksum", 8)
     assert (explanation.fields[-1].name, explanation.fields[-1].offset) == ("left over", 8)
     assert field(explanation, "CRC").meaning == "CRC ok"
 
@@ -256,9 +254,7 @@ def test_a_second_frame_after_the_first_is_left_over() -> None:
 def test_a_zero_after_a_correct_frame_is_found_although_the_crc_fits() -> None:
     frame = bytes.fromhex("01040FB1000222F8") + b"\x00"
     assert rtu.decode(frame).pdu == bytes.fromhex("040FB1000222")
-    explanation = explain("rtu", frame)
-    assert explanation.error is not None
-    assert (explanation.error.reason, explanation.error.at) == ("long", 8)
+    assert fault(explain("rtu", frame)) == ("long", 8)
 
 
 @pytest.mark.parametrize(
@@ -273,9 +269,7 @@ def test_a_zero_after_a_correct_frame_is_found_although_the_crc_fits() -> None:
     ],
 )
 def test_the_header_of_tcp_is_checked(frame: str, reason: str, at: int) -> None:
-    explanation = explain("tcp", bytes.fromhex(frame))
-    assert explanation.error is not None
-    assert (explanation.error.reason, explanation.error.at) == (reason, at)
+    assert fault(explain("tcp", bytes.fromhex(frame))) == (reason, at)
 
 
 def test_ascii_counts_characters_and_shows_them() -> None:
@@ -305,8 +299,7 @@ def test_ascii_counts_characters_and_shows_them() -> None:
 )
 def test_a_fault_in_ascii_has_the_place_of_the_character(frame: bytes, reason: str, at: int) -> None:
     explanation = explain("ascii", frame)
-    assert explanation.error is not None
-    assert (explanation.error.reason, explanation.error.at) == (reason, at)
+    assert fault(explanation) == (reason, at)
     assert explanation.verdict.endswith(f"(character {at})")
 
 
