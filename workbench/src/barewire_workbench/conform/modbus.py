@@ -108,6 +108,7 @@ def refusals(case: ServerCase, answers: Sequence[StepAnswer]) -> dict[int, bytes
         accepted = [sequence[place] for sequence in case.accepts if sequence[place] not in (SILENCE, CLOSED)]
         pdus = [adu.pdu for adu in answer or ()]
         functions = [stimulus.pdu[0] for stimulus in step.stimuli if stimulus.pdu]
+        # Exception 02 is the answer that a case about a wrong address expects; there it is no refusal.
         codes = (1, 2) if any(int(text[:2], 16) < 0x80 for text in accepted) else (1,)
         for code in codes if accepted and pdus else ():
             if pdus == [bytes((function | 0x80, code)) for function in functions]:

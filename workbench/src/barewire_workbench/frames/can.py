@@ -203,7 +203,6 @@ def _number(data: bytes, offset: int, length: int, name: str, meaning: str = "")
 
 
 def _object(data: bytes) -> list[Field]:
-    """Return the field of index and sub-index."""
     index = int.from_bytes(data[1:3], "little")
     area = next((name for first, last, name in _AREAS if first <= index <= last), "reserved")
     return _number(data, 1, 2, "index", area) + _number(data, 3, 1, "sub-index")
@@ -500,7 +499,7 @@ def explain_can(frame: AnyFrame, pdos: PdoDescriptions | None = None) -> Explana
             fields, summary = with_object_names(
                 fields, summary, frame.data, lambda index, sub: pdos.object(sender[1], index, sub)
             )
-    fault = _length(frame, name) or as_problem(error)
+    fault = _length(frame, name) or as_problem(error)  # with a wrong length the other errors are doubtful
     start = ExplainedField(0, 0, "COB-ID", str(frame).partition("#")[0], frame.id, title)
     shown = (start, *explained_fields(fill_gaps(fields, len(frame.data)), frame.data))
     return Explanation("can", _ROLES.get(name), shown, fault, f"{title}: {summary}" if summary else title)
@@ -569,7 +568,7 @@ def _mapped_fields(mapping: PdoMapping, data: bytes, texts: Mapping[str, str]) -
         held.append(entry)
         end += entry.bits
         if end % 8 and number < len(mapping.entries):
-            continue
+            continue  # every byte is in one field, so objects that share a byte share a field
         first, stop = begin // 8, (end + 7) // 8
         names = ", ".join("unused" if item.is_dummy else item.name for item in held)
         meaning = ", ".join(texts[item.name] for item in held if item.name in texts)
@@ -580,7 +579,6 @@ def _mapped_fields(mapping: PdoMapping, data: bytes, texts: Mapping[str, str]) -
 
 
 def _title(frame: CanFrame, owner: tuple[CobService, int] | None) -> str:
-    """Return the service and the node of an identifier."""
     if frame.extended:
         return "extended identifier, which CANopen does not predefine"
     if owner is None:
@@ -594,7 +592,6 @@ def _title(frame: CanFrame, owner: tuple[CobService, int] | None) -> str:
 
 
 def _length(frame: CanFrame, name: str) -> Problem | None:
-    """Return the error of a frame with too few or too many bytes for its service; other errors are doubtful then."""
     size = len(frame.data)
     if size > DATA_MAX:
         return Problem("long", DATA_MAX, f"a CAN frame carries at most {DATA_MAX} bytes, got {size}")
@@ -621,7 +618,6 @@ def _remote(frame: CanFrame, name: str) -> _Parts:
 
 
 def _data(frame: CanFrame, service: CobService, node: int) -> _Parts:
-    """Return the fields of the service."""
     data = frame.data
     match service.name:
         case "SDO request" | "SDO answer":

@@ -286,6 +286,7 @@ def parse_dump(text: str) -> bytes | None:
     first = dump_line(lines[0][1])
     if first is None or (len(lines) == 1 and not _is_alone(first, lines[0][1])):
         return None
+    # If line 1 may be something else, so may the whole text: a line that does not continue the dump is no error then.
     uncertain = not _is_alone(first, lines[0][1])
     data, octal = first.data, False
     for number, line in lines[1:]:
@@ -296,6 +297,7 @@ def parse_dump(text: str) -> bytes | None:
             if _END.match(line) and number == lines[-1][0]:
                 break
             raise _wrong(text, number, f"{line.strip()[:24]!r} is not a line of the dump that begins in line 1")
+        # od counts in octal, which shows in the first line whose offset fits that way only: 0000020 is 16.
         octal = octal or (parsed.octal == (first.octal or 0) + count and parsed.offset != first.offset + count)
         if (parsed.octal if octal else parsed.offset) != ((first.octal or 0) if octal else first.offset) + count:
             raise _wrong(text, number, f"the dump continues at {parsed.offset:X}h, expected {first.offset + count:X}h")

@@ -133,7 +133,6 @@ def with_meanings(fields: list[Field], pdu: bytes, role: FrameRole | None) -> li
 
 
 def _meaning(field: Field, pdu: bytes) -> str:
-    """Return the meaning of one field; empty if there is nothing to add."""
     value = field.value
     if not isinstance(value, int):
         return ""
@@ -270,7 +269,6 @@ def _fields(message: type[Message] | None, pdu: bytes) -> list[Field]:
 
 
 def _summary(fields: list[Field], pdu: bytes) -> str:
-    """Return the message in one line, for the verdict."""
     if pdu[0] & EXCEPTION_BIT:
         text = f"exception {pdu[1]:02X} ({exception_name(pdu[1])})" if len(pdu) > 1 else "exception"
         if pdu[:2] == ExtendedExceptionResponse.BEGINNING:

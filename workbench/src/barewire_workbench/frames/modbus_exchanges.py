@@ -150,7 +150,7 @@ class RegisterNames:
                     assert place is not None
                     registers = row.content[offset : offset + place.words]
                     if len(registers) < place.words:
-                        continue
+                        continue  # a part of a value is none
                     try:
                         is_bit = table in ("coil", "discrete")
                         value = bool(registers[0]) if is_bit else parameter.from_registers(registers)
@@ -224,6 +224,7 @@ class ExchangeLines:
         match event:
             case RequestSeen() if event.unit or event.transaction is not None:
                 self._rows.append(_Row(event, None))
+            # Noise behind a request may be its damaged answer, so it is shown with what becomes of that.
             case NoiseSeen() if self._rows and self._rows[-1].line is None:
                 self._rows[-1].noise.append(event)
             case ResponseMissing() | RecordingEnds():

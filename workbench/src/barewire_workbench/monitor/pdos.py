@@ -135,6 +135,7 @@ class PdoTracker:
             if len(data) >= mapping.size:
                 values, texts = self.unpack(node, mapping, data[: mapping.size])
         repeated = self._last.get(frame.key) == data
+        # A bus with more PDOs than are remembered reports the others as new each time, instead of growing.
         if frame.key in self._last or len(self._last) < _LAST_MAX:
             self._last[frame.key] = data
         events.append(PdoReport(now, node, name, data, values, texts, repeated))

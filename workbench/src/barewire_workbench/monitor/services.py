@@ -206,7 +206,6 @@ class LssTracker:
 
 
 def _text(frame: CanFrame, answer: bool) -> str:
-    """Return the service and its fields."""
     fields, _, summary = explain_lss(frame.data, "response" if answer else "request")
     texts = []
     for field in fields[1:]:

@@ -176,6 +176,7 @@ def field_characters(field: ExplainedField) -> list[str]:
     >>> field_characters(ExplainedField(5, 4, "address", "0F B1", 4017, ""))
     ['0', 'F', 'B', '1']
     """
+    # `hex` of an ASCII frame has pairs of digits, names of line ends, or escapes: what fits the length is what it is.
     names = field.hex.split(" ")
     if len(names) == field.length and set(names) <= {"CR", "LF"}:
         return names

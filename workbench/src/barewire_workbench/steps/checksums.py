@@ -127,7 +127,7 @@ def _table(data: bytes) -> list[StepSection]:
 
 
 def _polynomial(data: bytes) -> list[StepSection]:
-    sent = "".join(f"{byte:08b}"[::-1] for byte in data)
+    sent = "".join(f"{byte:08b}"[::-1] for byte in data)  # the line sends the lowest bit of a byte first
     size = len(sent)
     start = (int(sent, 2) << 16) ^ (0xFFFF << size)
     width = size + 16

@@ -103,7 +103,7 @@ def _in_safe_order(subject: Subject, changed: Mapping[ObjectAddress, bytes]) -> 
     if any(index in (0x1005, 0x1006, 0x1019) for index, _ in changed):
         yield from _sync(subject, rest)
     for place in [place for place in rest if place[0] == 0x1016]:
-        yield place, bytes(4)
+        yield place, bytes(4)  # a node may be in one entry only, also while they are written one by one
     for place, data in rest.items():
         word = int.from_bytes(data, "little")
         if place[0] == 0x1014 or (place[0] in _SDO_CHANNELS and place[1] in (1, 2)):

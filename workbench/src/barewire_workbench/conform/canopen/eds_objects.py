@@ -62,52 +62,40 @@ _RANDOM = "CiA 301 7.2.4 SDO in each state"
 
 
 def random_cases(subject: Subject) -> Iterator[NodeCase]:
-    """Yield reads and writes whose order and values only depend on the node-ID."""
-    node, order = subject.node, irregular(subject.node)
-    s = Sdo(node)
-    short = sorted(place for place, data in subject.values.items() if 1 <= len(data) <= 4 and place[0] < 0x2000)
-    reads = [
-        NodeStep((s.upload(*place),), (s.sized(*place, len(subject.values[place])),))
-        for place in (_choice(order, short) for _ in range(50 if short else 0))
-    ]
+    """Yield reads and writes of communication objects whose order and values only depend on the node-ID."""
+    s, order = Sdo(subject.node), irregular(subject.node)
     case = partial(make_case, subject, _RANDOM, (s.responses,))
+    short = sorted(place for place, data in subject.values.items() if 1 <= len(data) <= 4 and place[0] < 0x2000)
+    places = [_choice(order, short) for _ in range(50 if short else 0)]
+    reads = [NodeStep((s.upload(*place),), (s.sized(*place, len(subject.values[place])),)) for place in places]
     yield case("RND-01", "50 reads of 1000h to 1FFFh in random order", *(reads or [s.works]), effect="reads")
-
-    def writes(count: int) -> list[NodeStep]:
-        steps: list[NodeStep] = []
-        for _ in range(count):
-            period, watch = 20_000 + next(order) % 40_000, subject.other_node << 16 | 1 + next(order) % 0xFFFF
-            steps += [s.write(0x1017, 0, period, 2), s.read(0x1017, 0, period.to_bytes(2, "little"))]
-            if subject.has(0x1016, 1):
-                steps += [s.write(0x1016, 1, watch, 4), s.read(0x1016, 1, watch.to_bytes(4, "little"))]
-        return steps
-
-    for name, state, enter in (("RND-02", "PRE-OPERATIONAL", ()), ("RND-03", "OPERATIONAL", (START,))):
-        entered = [silence(nmt_command(command, node), wait=0.02) for command in enter]
-        yield case(
-            name,
-            f"10 random writes in {state}, each read back",
-            *entered,
-            *writes(10),
-            effect="commands",
-            needs=HEARTBEAT,
-        )
-    before = s.write(0x1017, 0, 30_000, 2)
+    changes = partial(case, effect="commands", needs=HEARTBEAT)
+    start, stop, back = (silence(nmt_command(command, subject.node), wait=0.02) for command in (START, STOP, PRE))
+    title = "10 random writes in {}, each read back"
+    yield changes("RND-02", title.format("PRE-OPERATIONAL"), *_random_writes(subject, order))
+    yield changes("RND-03", title.format("OPERATIONAL"), start, *_random_writes(subject, order))
     unheard = [silence(s.download(0x1017, 0, 20_000 + next(order) % 10_000, 2), wait=0.05) for _ in range(5)]
     unread = [silence(s.upload(*_choice(order, short or [(0x1000, 0)])), wait=0.05) for _ in range(5)]
-    stop, back = (silence(nmt_command(command, node), wait=0.02) for command in (STOP, PRE))
-    after = NodeStep((s.upload(0x1017),), (s.response(f"4B171000{little(30_000, 2)}"),))
-    yield case(
+    yield changes(
         "RND-04",
         "10 random reads and writes in STOPPED: no answer, nothing is written",
-        before,
+        s.write(0x1017, 0, 30_000, 2),
         stop,
         *(step for pair in zip(unheard, unread) for step in pair),
         back,
-        after,
-        effect="commands",
-        needs=HEARTBEAT,
+        NodeStep((s.upload(0x1017),), (s.response(f"4B171000{little(30_000, 2)}"),)),
     )
+
+
+def _random_writes(subject: Subject, order: Iterator[int]) -> list[NodeStep]:
+    """Return writes of times that are so long that no heartbeat disturbs the cases, each read back."""
+    s, steps = Sdo(subject.node), list[NodeStep]()
+    for _ in range(10):
+        period, watch = 20_000 + next(order) % 40_000, subject.other_node << 16 | 1 + next(order) % 0xFFFF
+        steps += [s.write(0x1017, 0, period, 2), s.read(0x1017, 0, period.to_bytes(2, "little"))]
+        if subject.has(0x1016, 1):
+            steps += [s.write(0x1016, 1, watch, 4), s.read(0x1016, 1, watch.to_bytes(4, "little"))]
+    return steps
 
 
 def irregular(start: int) -> Iterator[int]:
