@@ -472,8 +472,7 @@ def concise_dcf(configuration: DeviceConfiguration) -> list[ConciseValue]:
 
     First all PDOs are switched off; then follow the other objects, the mapping and the parameters of each PDO, its
     COB-ID, and last 1020h, the date. The highest sub-index of an array or record is left out if it is the default of
-    the DCF. Raise EncodeError if a mapping is configured without the COB-ID of its PDO or without the number of its
-    objects.
+    the DCF. Raise EncodeError if a mapping is configured without the COB-ID or the number of objects of its PDO.
     """
     return list(_writes(configuration))
 

@@ -104,9 +104,8 @@ class DeviceConfiguration:
     date        1020h:01 and :02, configuration date and time; empty if the DCF has no date or no such object
     left_out    a sentence for each value of the file that is not written
 
-    Raises EncodeError for a value that does not fit its type, for a communication object that is not of the type that
-    CiA 301 gives it, if a configuration interprets it (1005h, 1016h, PDO records ...), and for a mapping of more than
-    64 bits.
+    Raises EncodeError for a value that does not fit its type, for a mapping of more than 64 bits, and for an object
+    that a configuration interprets (1005h, 1016h, PDO records ...) if it is not of the type that CiA 301 gives it.
     """
 
     node: int

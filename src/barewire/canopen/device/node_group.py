@@ -39,7 +39,7 @@ class _Member:
         self.machine = machine
         self.place = place
         self.name = f"node {getattr(machine, 'node', None) or place + 1}"
-        self.is_stated = hasattr(type(machine), "receives")
+        self.is_stated = hasattr(type(machine), "receives")  # of the class: the property of a node may raise
         self.keys: frozenset[tuple[int, bool]] | None = _NOTHING
         self.due = _NEVER
         self.on_failure: Any = None  # the node's own, while the group has one

@@ -104,7 +104,7 @@ class DeviceSync:
             integer_value(objects, _OVERFLOW, default=-1),
         )
         if values == self._values:
-            return
+            return  # it is called after a write to any object: the producer must not start again each time
         before, self._values = self._values, values
         word, period, window, overflow = values
         entry = CobEntry.unpack(word)

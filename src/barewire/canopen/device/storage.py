@@ -71,7 +71,7 @@ class StoredParameters:
                 value = self.objects.get(*address)
                 if entry.index in _SDO_CHANNELS and entry.type == "u32" and CobEntry.unpack(int(value)).bit30:
                     continue
-                if value == self.objects.default(*address):
+                if value == self.objects.default(*address):  # a reset restores it without being stored
                     self.values.pop(address, None)
                 else:
                     self.values[address] = value

@@ -81,8 +81,8 @@ class Eds(Document):
     def dictionary(self, node_id: int | None = None) -> ObjectDictionary:
         """Return the object dictionary of a node. Each ParameterValue is the present value of its object.
 
-        The default of `node_id` is the one in [DeviceComissioning]. Raise EncodeError if there is none and a formula
-        needs it.
+        The default of `node_id` is the one in [DeviceComissioning]. Raise EncodeError if a formula needs it and there
+        is none.
         """
         return to_dictionary(self.objects.values(), self.node_id if node_id is None else node_id)
 

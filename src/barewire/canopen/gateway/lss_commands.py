@@ -114,8 +114,7 @@ def assign_all(
 ) -> Conversation[CanFrame, str]:
     """lss_allnodes: find all devices without a node-ID, and assign node-IDs from `first` upwards.
 
-    `scan` has a scan type and a number for each part of the address: with type 2 the part must have this number, with 0
-    and 1 it may have any.
+    `scan` has a scan type and a number for each part of the address: with type 2 the part must have this number.
     """
     types, numbers = (scan or [0] * 8)[::2], (scan or [0] * 8)[1::2]
     if len(types) + len(numbers) != 8 or any(type > 2 for type in types):

@@ -5,8 +5,7 @@
         [3] set id 9                 its node-ID after the next reset of communication
         [4] init 9                   reset its communication: 709h | 00
 
-The node runs on the bus beside the connections: other masters read its objects, and NMT commands to node 0 are for it
-too.
+The node runs on the bus beside the connections: other masters read its objects, and NMT commands to node 0 reach it.
 """
 
 from __future__ import annotations

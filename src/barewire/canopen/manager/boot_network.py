@@ -80,8 +80,7 @@ class BootEvent(NamedTuple):
 
 
 class NetworkBoot(NamedTuple):
-    """How the boot-up of a network ended: whether it is ready, and the last result of each node. It is true if the
-    network is ready."""
+    """How the boot-up of a network ended, and the last result of each node. It is true if the network is ready."""
 
     ready: bool
     results: tuple[BootResult, ...]
@@ -392,7 +391,7 @@ class BootManager:
         slave = node.slave
         if slave.heartbeat:
             self._heartbeats.watch(self._heartbeats.times | {slave.node: slave.heartbeat})
-            self._heartbeats.expect(slave.node, now + slave.heartbeat)
+            self._heartbeats.expect(slave.node, now + slave.heartbeat)  # lost also if it never sends a heartbeat
         elif slave.guard_time and slave.retry_factor:
             node.guarding = GuardingMaster({slave.node: Guard(slave.guard_time, slave.retry_factor)}, now)
 
@@ -445,8 +444,7 @@ def boot_network(
         on_event    called with each BootEvent
         progress    called with each step of a boot slave process
 
-    With a boot time of 0, mandatory nodes are waited for without limit. Faults of nodes are in the result; they raise
-    no error.
+    With a boot time of 0, mandatory nodes are waited for without limit. Faults of nodes are in the result.
     """
     manager = BootManager(network, timeout=timeout, channels=channels, progress=progress)
     heard: Heard[CanFrame] = yield Listen(float("-inf"))

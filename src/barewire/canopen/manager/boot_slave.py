@@ -10,8 +10,7 @@ The process ends with a `BootResult`. Each failure has a letter of the standard,
 read and what was expected. L is not a failure: the node was operational, and the network may go on with it.
 
 A node that was just reset may not answer yet: its first object of a step is read again after a time-out, three times.
-A node that reboots meanwhile has lost what was written: its boot-up message ends the process, with the letter of the
-step.
+A node that reboots meanwhile has lost what was written: its boot-up message ends the process with the letter of a step.
 
 The download of a program, if that is allowed:   [CiA 302-3]
 
