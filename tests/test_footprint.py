@@ -209,6 +209,11 @@ def test_reading_by_name_over_modbus_loads_no_canopen() -> None:
     assert not [name for name in found if name.startswith("barewire.canopen")]
 
 
+def test_a_drive_on_modbus_loads_no_canopen() -> None:
+    found = loaded("from barewire.devices import Drive, ModbusAccess, load; load('csd-mt'); import barewire.io.drive")
+    assert not [name for name in found if name.startswith("barewire.canopen")]
+
+
 def test_the_reasons_are_those_of_their_type() -> None:
     """`Reason` exists for type checkers only, so the test reads it from the source."""
     tree = ast.parse((SRC / "barewire" / "errors.py").read_text(encoding="utf-8"))

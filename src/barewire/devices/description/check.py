@@ -458,13 +458,9 @@ def _check_object(row: TomlTable, has_canopen: bool) -> None:
 
 def _check_numbers(row: TomlTable, parameter: Parameter) -> None:
     """Check that scale, range and default have the right type, fit the parameter's type and agree with each other."""
-    type_name, low, high, default = parameter.type, parameter.minimum, parameter.maximum, parameter.default
-    if type_name in ("bool", "text"):
-        for key in ("scale", "min", "max"):
-            if key in row.items:
-                raise row.error(key, f"type {type_name!r} has none; expected it only with numbers")
-        if default is not None and not isinstance(default, bool if type_name == "bool" else str):
-            raise row.error("default", f"{default!r}; expected {'true or false' if type_name == 'bool' else 'text'}")
+    low, high, default = parameter.minimum, parameter.maximum, parameter.default
+    if parameter.type in ("bool", "text"):
+        _check_no_numbers(row, parameter)
         return
     if isinstance(default, (bool, str, bytes)):
         raise row.error("default", f"{default!r}; expected a number")
@@ -476,6 +472,15 @@ def _check_numbers(row: TomlTable, parameter: Parameter) -> None:
     outside = default is not None and not ((low is None or low <= default) and (high is None or default <= high))
     if outside and not parameter.note:
         raise row.error("default", f"{show(default or 0)} is outside min..max; expected it inside, or a note why not")
+
+
+def _check_no_numbers(row: TomlTable, parameter: Parameter) -> None:
+    for key in ("scale", "min", "max"):
+        if key in row.items:
+            raise row.error(key, f"type {parameter.type!r} has none; expected it only with numbers")
+    python_type, expected = (bool, "true or false") if parameter.type == "bool" else (str, "text")
+    if parameter.default is not None and not isinstance(parameter.default, python_type):
+        raise row.error("default", f"{parameter.default!r}; expected {expected}")
 
 
 def _check_fits(row: TomlTable, parameter: Parameter, key: str, value: int | float) -> None:

@@ -69,15 +69,16 @@ def load(name_or_path: str | Path) -> Device:
     # os.path.isfile returns False for a name that is too long, Path.is_file raises.
     if os.path.isfile(path) and path.name == DEVICE_FILE:
         path = path.parent
-    if not os.path.isdir(path) or not str(name_or_path):
-        known = ", ".join(names())
-        hint = suggest(name, names())
-        if path.suffix.lower() in (".eds", ".dcf") and os.path.isfile(path):
-            hint = "; an EDS is read in Python, bus.node(5, eds=...), or its objects by address: raw object:2000h:i32"
-        raise UnknownName(
-            f"no device {shown(str(name_or_path))} in the catalogue ({known}), and no such directory{hint}"
-        )
+    if not os.path.isdir(path) or not str(name_or_path):  # the path of an empty name is the present directory
+        raise _unknown_device(str(name_or_path))
     return load_directory(path)
+
+
+def _unknown_device(name: str) -> UnknownName:
+    hint = suggest(name, names())
+    if name.lower().endswith((".eds", ".dcf")) and os.path.isfile(name):
+        hint = "; an EDS is read in Python, bus.node(5, eds=...), or its objects by address: raw object:2000h:i32"
+    return UnknownName(f"no device {shown(name)} in the catalogue ({', '.join(names())}), and no such directory{hint}")
 
 
 @cache

@@ -474,11 +474,7 @@ def _answer(table: _Table, request: RecordedRequest, kind: str) -> RecordedAnswe
         times=table.whole("times", 1, _MANY, 1),
         latency=table.seconds("latency"),
     )
-    contents = [key for key in _CONTENT_KEYS if key in table.items]
-    if len(contents) > 1 or (kind != "write" and not contents):
-        needed = "at most one" if kind == "write" else "exactly one"
-        got = " and ".join(contents) or "none"
-        raise table.error(f"expected {needed} of the keys values, exception, silent and pdu, got {got}")
+    _check_contents(table, kind)
     most = 1 if request.table in ("coil", "discrete") else 0xFFFF
     if "values" in table.items:
         answer.values = table.numbers("values", most)
@@ -498,6 +494,15 @@ def _answer(table: _Table, request: RecordedRequest, kind: str) -> RecordedAnswe
     if "pdu" in table.items:
         answer.pdu = table.hexadecimal("pdu")
     return answer
+
+
+def _check_contents(table: _Table, kind: str) -> None:
+    """Check that an answer has one content; that of a write has none if it is the usual one."""
+    contents = [key for key in _CONTENT_KEYS if key in table.items]
+    if len(contents) > 1 or (kind != "write" and not contents):
+        needed = "at most one" if kind == "write" else "exactly one"
+        got = " and ".join(contents) or "none"
+        raise table.error(f"expected {needed} of the keys values, exception, silent and pdu, got {got}")
 
 
 class _Table(NamedTuple):
