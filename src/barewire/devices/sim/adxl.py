@@ -393,7 +393,7 @@ class Adxl(Simulator):
     def selected(self) -> tuple[int, int, int]:
         """Return menu, sub-menu and parameter, from 5000h, 5001h and 5002h."""
         names = ("Menu number selection", "Sub-menu number selection", "Parameter number selection")
-        menu, sub, number = (self.store.whole(name) for name in names)
+        menu, sub, number = (self.store.integer(name) for name in names)
         return menu, sub, number
 
     # Measurements and commands

@@ -4,10 +4,10 @@
                                                '----> one bit for each state: coils 81 to 88, which are bits of 201Bh
         MODES OF OPERATION  1 position   3 velocity   4 torque
 
-Simulated: the CiA 402 states; position, velocity and torque mode with their ramps, units, limits and the brake
-and phasing (`az3_motion`); saving, defaults, addresses and bit rate (`Memory`); torque, current and voltage
-(`az3_motion`); errors with their emergencies; the device identification of Modbus. The drive has no quick stop option
-code, so its default, 2, is used: it brakes and changes to SWITCH ON DISABLED by itself.
+Simulated: the CiA 402 states; position, velocity and torque mode with their ramps, units, limits and the brake,
+phasing, torque, current and voltage (`az3_motion`); saving, defaults, addresses and bit rate (`Memory`); errors with
+their emergencies; the device identification of Modbus. The drive has no quick stop option code, so its default, 2, is
+used: it brakes and changes to SWITCH ON DISABLED by itself.
 
 The environment is set with `supply` (volts; above V BUS MAX it is fault 3210h, without voltage while the motor has
 current 3220h) and with `fault` and `solve` for every other fault.
@@ -90,7 +90,7 @@ class Memory:
             numbers = {rate: number for number, rate in _BIT_RATES.items()}
             self.deliver("BOOT CAN NODE", settings.node)
             self.deliver("CAN BIT RATE", numbers.get(settings.bitrate, _DEFAULT_BIT_RATE))
-            self.node, self.bit_rate = settings.node, store.whole("CAN BIT RATE")
+            self.node, self.bit_rate = settings.node, store.integer("CAN BIT RATE")
         store.veto("STORE ALL PARAMETERS", self._check_signature)
         store.after("STORE ALL PARAMETERS", self._save)
 
@@ -103,9 +103,9 @@ class Memory:
         """Take node-ID and bit rate from their parameters, as the drive restarts."""
         if self.canopen is None:
             return
-        number = self.store.whole("CAN BIT RATE")
+        number = self.store.integer("CAN BIT RATE")
         self.bit_rate = number if number in _BIT_RATES else _DEFAULT_BIT_RATE
-        self.node = self.store.whole("BOOT CAN NODE")
+        self.node = self.store.integer("BOOT CAN NODE")
         self.canopen.take_address(self.node if 1 <= self.node <= 127 else None, _BIT_RATES[self.bit_rate])
 
     def _check_signature(self, value: Value) -> None:
@@ -301,7 +301,7 @@ class Az3(Simulator):
     def reset_communication(self) -> None:
         """Break off phasing, and take the addresses and the bit rate from their parameters."""
         self.phasing.cancel()
-        self.address = self.store.whole("MODBUS ADDRESS")
+        self.address = self.store.integer("MODBUS ADDRESS")
         self.memory.take_addresses()
 
     def readdress(self, address: int) -> None:

@@ -74,7 +74,7 @@ class Phasing:
         """Begin the alignment; `sets_phased`: it ends with AUTO-PHASED MOTOR on."""
         if self.axis.state is State.OPERATION_ENABLED or self.axis.powered_since is None:
             return
-        self._ends_at = self.clock.now + self.store.whole("T ALIGN") * _TENTHS_OF_MS
+        self._ends_at = self.clock.now + self.store.integer("T ALIGN") * _TENTHS_OF_MS
         self._sets_phased = sets_phased
 
     def cancel(self) -> None:
@@ -93,7 +93,7 @@ class Phasing:
         if self._ends_at is None or now < self._ends_at:
             return
         self._ends_at = None
-        sector = self.settings.increments / (self.store.whole("MOTOR POLES PAIR") or 1) / 6
+        sector = self.settings.increments / (self.store.integer("MOTOR POLES PAIR") or 1) / 6
         start = self.axis.trajectory.position(now)
         self.captures[:] = [wrapped(start + number * sector, 16) for number in range(CAPTURES)]
         if self._sets_phased:
@@ -124,7 +124,7 @@ class Az3Settings:
         return self.increments * (denominator / numerator if numerator > 0 and denominator > 0 else 1 / 60)
 
     def _signed(self, value: float, bit: int) -> float:
-        return -value if self.store.whole("POLARITY") & bit else value
+        return -value if self.store.integer("POLARITY") & bit else value
 
     def shown_position(self, steps: float) -> float:
         """Return the POSITION ACTUAL VALUE of a position in increments."""
@@ -152,7 +152,7 @@ class Az3Settings:
     # Settings of the axis
 
     def mode(self) -> int:  # object 6060h
-        return self.store.whole("MODES OF OPERATION")
+        return self.store.integer("MODES OF OPERATION")
 
     def target_position(self) -> float:  # object 607Ah
         return self._signed(self._limited(), _REVERSES_POSITION)
@@ -361,7 +361,7 @@ class Measurements:
         return max(0.0, self.supply - _SUPPLY_RESISTANCE * self._current())
 
     def _monitor(self, channel: int) -> float:
-        selected = self.store.whole(f"CHANNEL_SEL_{channel}")
+        selected = self.store.integer(f"CHANNEL_SEL_{channel}")
         if selected == _REFERENCE:
             return self._reference.position(self.clock.now)
         name = _MONITORED.get(selected)

@@ -400,7 +400,7 @@ def from_toml(text: str, name: str) -> RecordedLine:
     for number, items in enumerate(file.tables("unit"), start=1):
         table = _Table(f"{name}: [[unit]] number {number}", items)
         table.check_keys("address", "request")
-        address = table.whole("address", 0, 255)
+        address = table.integer("address", 0, 255)
         if address in line.units:
             raise table.error(f"address {address} is given twice")
         table = _Table(f"{name}: unit {address}", items)
@@ -427,7 +427,7 @@ def _request(table: _Table) -> RecordedRequest:
     else:
         request = _request_at(table, kind)
     request.period = table.seconds("period")
-    request.left_out = table.whole("left_out", 0, _MANY, 0)
+    request.left_out = table.integer("left_out", 0, _MANY, 0)
     rows = table.array("answers")
     if not rows:
         raise table.error("key 'answers': expected at least one answer, such as { values = [1] }")
@@ -455,7 +455,7 @@ def _request_at(table: _Table, kind: str) -> RecordedRequest:
     if not digits.isdecimal() or len(digits) > 5 or int(digits) > 0xFFFF:
         raise table.error(f"key {kind!r}: {shown(text)}: expected an address in 0..65535 after the colon")
     if kind == "read":
-        quantity = table.whole("quantity", 1, 2000 if name in ("coil", "discrete") else 125)
+        quantity = table.integer("quantity", 1, 2000 if name in ("coil", "discrete") else 125)
         return RecordedRequest(_FUNCTION_OF[name], name, int(digits), quantity)
     functions = sorted(function for function, written in WRITES.items() if written == name)
     function = table.items.get("function")
@@ -471,7 +471,7 @@ def _answer(table: _Table, request: RecordedRequest, kind: str) -> RecordedAnswe
     answer = RecordedAnswer(
         at=at,
         until=max(at, table.seconds("until")),
-        times=table.whole("times", 1, _MANY, 1),
+        times=table.integer("times", 1, _MANY, 1),
         latency=table.seconds("latency"),
     )
     _check_contents(table, kind)
@@ -486,7 +486,7 @@ def _answer(table: _Table, request: RecordedRequest, kind: str) -> RecordedAnswe
     elif "wrote" in table.items:
         raise table.error("key 'wrote': expected in the answers to a write only")
     if "exception" in table.items:
-        answer.exception = table.whole("exception", 1, 255)
+        answer.exception = table.integer("exception", 1, 255)
     if "silent" in table.items:
         if table.items["silent"] is not True:
             raise table.error(f"key 'silent': {shown(table.items['silent'])}: expected true, or no such key")
@@ -532,7 +532,7 @@ class _Table(NamedTuple):
             raise self.error(f"key {key!r}: {shown(items)}: expected a list")
         return items
 
-    def whole(self, key: str, low: int, high: int, default: int | None = None) -> int:
+    def integer(self, key: str, low: int, high: int, default: int | None = None) -> int:
         value = self.items.get(key, default)
         if type(value) is not int or not low <= value <= high:  # True is an int, too
             got = "not given" if value is None else shown(value)

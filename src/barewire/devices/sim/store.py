@@ -218,7 +218,7 @@ class MachineStore:
         """Return the value of a numeric parameter."""
         return float(self.cell(name).get())
 
-    def whole(self, name: str) -> int:
+    def integer(self, name: str) -> int:
         """Return the value of a parameter that is a whole number."""
         return int(self.cell(name).get())
 

@@ -140,7 +140,7 @@ class StepperSettings:
         self.store = store
 
     def mode(self) -> int:  # register 1041
-        return self.store.whole("Mode of Operation")
+        return self.store.integer("Mode of Operation")
 
     def target_position(self) -> float:  # register 1042
         return self.store.number("Target Position")
@@ -213,7 +213,7 @@ class StepperAxis(Cia402Axis):
     @property
     def has_brake(self) -> bool:
         """Whether Output Config makes O1 the brake."""
-        return is_brake_config(self.store.whole("Output Config"))
+        return is_brake_config(self.store.integer("Output Config"))
 
     def control(self, word: int, now: float) -> None:
         """Carry out a control word. A new command replaces one that is still being carried out."""
@@ -260,7 +260,7 @@ class StepperAxis(Cia402Axis):
 
     def _enabled(self) -> None:
         """Act on transition 4: "the first time there is a reset of Position Actual Value, if 1114 is set"."""
-        if not self._was_enabled and self.store.whole("Reset Encoder On First Power Up"):
+        if not self._was_enabled and self.store.integer("Reset Encoder On First Power Up"):
             self.rest_at(0.0, self.context.now)
             self.follow(self.context.now)
         self._was_enabled = True
@@ -312,7 +312,7 @@ class StepperAxis(Cia402Axis):
         self.protect(FOLLOWING, transient=transient, reaction=self.mode == VELOCITY)
 
     def _react_to_following_error(self) -> None:
-        reaction = self.store.whole("Following Error Reaction Code")
+        reaction = self.store.integer("Following Error Reaction Code")
         if reaction == 0:
             self._break_off()
         elif reaction == 2:
@@ -343,7 +343,7 @@ class StepperAxis(Cia402Axis):
 
     def _run_begins(self, *, relative: bool) -> bool:
         """Reset bit 13 before a run. False: the run may not begin because of it (registers 1085, 1086)."""
-        if self.shaft.error and self.store.whole("Following Error Reaction Code") == 1:
+        if self.shaft.error and self.store.integer("Following Error Reaction Code") == 1:
             return relative
         if self.shaft.error:
             self.reset_error()
@@ -401,7 +401,7 @@ class StepperAxis(Cia402Axis):
         if not self.ready or self.trajectory.moves(now) or self.awaits is not None:
             return
         self.homed = self._reached = False
-        method = self.store.whole("Homing Method")
+        method = self.store.integer("Homing Method")
         if is_possible(method, auto_sync=self.shaft.auto_sync):
             self._run_begins(relative=True)
             self._steps = search_steps(

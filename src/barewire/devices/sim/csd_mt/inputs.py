@@ -65,7 +65,7 @@ class Inputs:
 
     def input_of(self, function: int) -> int | None:
         """Return the number of the input that has a special function now; None if no input has it."""
-        config = self.store.whole("Input Config")
+        config = self.store.integer("Input Config")
         if self.context.environment.model == "94":
             return None if config >> function & 1 else function
         number, value = _S4_FUNCTIONS[function]
@@ -106,7 +106,7 @@ class Inputs:
         shown = self.levels[: 4 if environment.model == "94" else 2]
         word = sum(level << 16 + number for number, level in enumerate(shown))
         word |= self.is_on(NEGATIVE) | self.is_on(POSITIVE) << 1 | self.proximity << 2
-        shows_sto = bool(self.store.whole("Input Config") & _SHOW_STO)
+        shows_sto = bool(self.store.integer("Input Config") & _SHOW_STO)
         return word | self.shaft.closed_loop << 23 | (shows_sto and environment.safe_torque_off) << 24
 
     # Start and halt by inputs (register 1067)
@@ -114,7 +114,7 @@ class Inputs:
     @property
     def start_input(self) -> StartInput | None:
         """The input that starts a motion; None if no input does."""
-        code = self.store.whole("Control Word from I/O") & 0xF
+        code = self.store.integer("Control Word from I/O") & 0xF
         return StartInput((code - 1) // 2, code % 2 == 0) if 1 <= code <= 8 else None
 
     def halts(self, mode: int) -> bool:
@@ -122,7 +122,7 @@ class Inputs:
         if mode == VELOCITY:
             start = self.start_input
             return start is not None and not self.levels[start.number]
-        code = self.store.whole("Control Word from I/O") >> 4
+        code = self.store.integer("Control Word from I/O") >> 4
         return mode == POSITION and code in (1, 3, 5, 7) and self.levels[(code - 1) // 2]
 
 
@@ -180,7 +180,7 @@ class Edges:
     def events(self) -> Iterator[TimedAction]:
         """Yield edges of the switches that the shaft passes, changed levels, changed meanings, and the index pulse."""
         now = self.context.now
-        if self._config != self.store.whole("Input Config"):
+        if self._config != self.store.integer("Input Config"):
             yield now, self._configured
         for number, (wire, on) in enumerate(zip(self.context.environment.inputs, self.inputs.levels)):
             if isinstance(wire, Span):
@@ -202,7 +202,7 @@ class Edges:
         return shaft.first(now, span.high - EDGE, rising=False)
 
     def _configured(self) -> None:
-        self._config = self.store.whole("Input Config")
+        self._config = self.store.integer("Input Config")
         self.axis.inputs_changed()
 
     def _changes(self, number: int, on: bool) -> None:
@@ -252,7 +252,7 @@ class Edges:
 
     @property
     def _function(self) -> int:
-        return self.store.whole("Touch Probe Function")
+        return self.store.integer("Touch Probe Function")
 
     def _probe_set(self, value: Value) -> None:
         if not int(value) & _ACTIVE:

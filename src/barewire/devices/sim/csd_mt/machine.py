@@ -120,7 +120,7 @@ class CsdMt(Simulator):
     # Time
 
     def _events(self) -> Iterator[TimedAction]:
-        limit = self.store.whole("Counter Watchdog") / 1000
+        limit = self.store.integer("Counter Watchdog") / 1000
         if limit and self.axis.state not in FAULT_STATES:
             yield self.request_at + limit, lambda: self.axis.protect(0)
         if self.environment.has_power != (self.axis.powered_since is not None):
@@ -246,11 +246,11 @@ class CsdMt(Simulator):
             word &= ~(1 << REACHED)
         if self.inputs.limited:
             word |= _LIMITED
-        if store.whole("Enable SW bit 7") and self.thermal.is_warm:
+        if store.integer("Enable SW bit 7") and self.thermal.is_warm:
             word |= _WARNING
-        if store.whole("Enable SW bit 14") and self.shaft.closed_loop:
+        if store.integer("Enable SW bit 14") and self.shaft.closed_loop:
             word |= _CLOSED_LOOP
         ramps = axis.mode in (POSITION, HOMING) and axis.trajectory.acceleration(self.now) != 0
-        if store.whole("Enable SW bit 15") and ramps:
+        if store.integer("Enable SW bit 15") and ramps:
             word |= _RAMPING
         return word

@@ -169,13 +169,13 @@ class ServiceRegisters:
 
     def _outputs(self) -> int:
         """Return register 1010: Set Output (1087), except for outputs that Output Config (1089) uses otherwise."""
-        outputs, axis = self.store.whole("Set Output"), self.axis
+        outputs, axis = self.store.integer("Set Output"), self.axis
         if self.context.environment.model != "94":
             outputs &= 0b111
         brake = int(axis.has_brake and self.context.now >= axis.brake_at)
         if axis.has_brake:
             outputs = outputs & ~0b00010 | brake << 1
-        if self.store.whole("Output Config") in _FAULT_ON_O2:
+        if self.store.integer("Output Config") in _FAULT_ON_O2:
             outputs = outputs & ~0b00100 | int(axis.state in FAULT_STATES) << 2
         return outputs << 16 | brake
 
@@ -195,7 +195,7 @@ class ServiceRegisters:
             self.shaft.encoder_follows_command()
 
     def _reset_encoder_if_enabled(self, value: Value) -> None:
-        if self.store.whole("Reset Encoder On First Power Up"):
+        if self.store.integer("Reset Encoder On First Power Up"):
             self.axis.reset_encoder()
 
     def _new_encoder(self, value: Value) -> None:
@@ -211,7 +211,7 @@ class ServiceRegisters:
         """Return a check that declines a value other than 0 while the parameter `other` is not 0."""
 
         def check(value: Value) -> None:
-            if value and self.store.whole(other):
+            if value and self.store.integer(other):
                 raise Declined("value", f"not together with {other}")
 
         return check
@@ -225,7 +225,7 @@ class ServiceRegisters:
             raise Declined("state", "the brake output must be chosen before Operation Enabled")
 
     def _check_position_reset(self, value: Value) -> None:
-        if value == 2 and self.store.whole("Encoder Count Per Revolution") != 400:
+        if value == 2 and self.store.integer("Encoder Count Per Revolution") != 400:
             raise Declined("value", "2 is available only if Encoder Count Per Revolution is 400")
 
     def _check_auto_sync(self, value: Value) -> None:
@@ -293,7 +293,7 @@ class ThermalModel:
             return False
         if not self.shaft.auto_sync:
             return True
-        mode = self.store.whole("Auto Sync Enable")
+        mode = self.store.integer("Auto Sync Enable")
         return mode == 3 or (mode == 2 and not self.shaft.closed_loop)
 
     def _final(self) -> float:

@@ -71,17 +71,17 @@ class Shaft:
     @property
     def direction(self) -> float:
         """Revolution Direction (1092) as 1 or -1."""
-        return -1.0 if self.store.whole("Revolution Direction") else 1.0
+        return -1.0 if self.store.integer("Revolution Direction") else 1.0
 
     @property
     def has_encoder(self) -> bool:
         """Whether the drive reads an encoder (1085)."""
-        return self.store.whole("Following Error Reaction Code") != NO_ENCODER
+        return self.store.integer("Following Error Reaction Code") != NO_ENCODER
 
     @property
     def auto_sync(self) -> bool:
         """Whether Auto Sync is enabled (1108); never without an encoder."""
-        return self.has_encoder and self.store.whole("Auto Sync Enable") > 0
+        return self.has_encoder and self.store.integer("Auto Sync Enable") > 0
 
     def _ratio_set(self) -> float:
         counts = self.store.number("Encoder Count Per Revolution") or 1.0
@@ -108,7 +108,7 @@ class Shaft:
         """Return the difference in steps above which there is a following error."""
         if self.auto_sync:
             return self.store.number("Auto Sync Window")
-        return _WINDOWS[self.store.whole("Encoder Window")]
+        return _WINDOWS[self.store.integer("Encoder Window")]
 
     # The lag on which Auto Sync acts
 
@@ -178,7 +178,7 @@ class Shaft:
     def _recovered(self) -> None:
         self._begin(self.command, self._sign, self._offset)
         self.in_step = True
-        if self.store.whole("Following Error Reaction Code") == 1:
+        if self.store.integer("Following Error Reaction Code") == 1:
             self.error = False  # "bit 13 becomes equal to 0 when the synchronization is recovered"
 
     def _hit(self, wall: float, direction: float) -> None:
