@@ -26,7 +26,7 @@ number, switch the PDO on. Any other order is refused with 0601 0000h.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
@@ -137,31 +137,50 @@ def pdos_of(objects: ObjectDictionary, node: int, *, refused: list[str] | None =
     configs = []
     for direction in _DIRECTIONS:
         for number in range(1, PDOS_MAX + 1):
-            pdo = PdoConfig(direction, number, ())
-            if (pdo.communication, 1) not in objects or (pdo.map, 0) not in objects:
+            pdo = _described_pdo(objects, node, direction, number)
+            if pdo is None:
                 continue
-            values = {sub: _value(objects, pdo.communication, sub) for sub in (1, 2, 3, 5, 6)}
-            count = _value(objects, pdo.map, 0)
-            multiplexed = MPDO_COUNTS.get(count)
-            if count > ENTRIES_MAX and multiplexed is None:
-                continue
-            words = () if multiplexed else tuple(_value(objects, pdo.map, sub) for sub in range(1, count + 1))
-            by_default = number <= 4 and values[1] == pdo.cob_entry(node).pack()
-            identifier = None if by_default else values[1]
-            slots = min(max(objects.subs(pdo.map)), ENTRIES_MAX)
-            times = values[3], values[5], values[6]
-            rest = [_value(objects, pdo.map, sub) for sub in range(len(words) + 1, slots + 1)]
-            unused = tuple(rest) if any(rest) and multiplexed is None else ()
-            pdo = PdoConfig(direction, number, words, values[2], identifier, *times, slots, multiplexed, unused)
             if refused is not None:
                 try:
                     validate_pdo(objects, pdo)
                 except EncodeError as error:
                     refused.append(str(error))
                     off = pdo.cob_entry(node)._replace(bit31=True).pack()
-                    pdo = PdoConfig(direction, number, (), 255, off, *times, slots)
+                    pdo = replace(pdo, mapping=(), type=255, cob_id=off, multiplexed=None, unused=())
             configs.append(pdo)
     return configs
+
+
+def _described_pdo(objects: ObjectDictionary, node: int, direction: PdoDirection, number: int) -> PdoConfig | None:
+    """Return the configuration in the records of a dictionary, None without records, or with a count that is none."""
+    blank = PdoConfig(direction, number, ())
+    if (blank.communication, 1) not in objects or (blank.map, 0) not in objects:
+        return None
+    cob_id, type, inhibit, event_timer, sync_start = (
+        _value(objects, blank.communication, sub) for sub in (1, 2, 3, 5, 6)
+    )
+    count = _value(objects, blank.map, 0)
+    multiplexed = MPDO_COUNTS.get(count)
+    if count > ENTRIES_MAX and multiplexed is None:
+        return None
+    used = 0 if multiplexed else count
+    slots = min(max(objects.subs(blank.map)), ENTRIES_MAX)
+    words = tuple(_value(objects, blank.map, sub) for sub in range(1, max(used, slots) + 1))
+    unused = words[used:]
+    is_default = number <= 4 and cob_id == blank.cob_entry(node).pack()
+    return PdoConfig(
+        direction,
+        number,
+        words[:used],
+        type=type,
+        cob_id=None if is_default else cob_id,
+        inhibit=inhibit,
+        event_timer=event_timer,
+        sync_start=sync_start,
+        slots=slots,
+        multiplexed=multiplexed,
+        unused=unused if any(unused) and multiplexed is None else (),
+    )
 
 
 def _value(objects: ObjectDictionary, index: int, sub: int) -> int:

@@ -232,20 +232,26 @@ class Channel:
 
     def _count_other(self, frame: CanFrame) -> None:
         self.counters.others += 1
-        is_request = frame.id == self.request_id and frame.extended == self.request_extended and len(frame.data) == 8
-        if is_request and self.own_frames is None and frame.data in self.sent:
-            self.sent.remove(frame.data)
-        elif is_request and not self.own_frames:
-            self.counters.rivals += 1
-            data = frame.data.hex(" ").upper()
-            raise OtherClient(f"another client sent {data} on {self.request_id:03X}h, the channel to node {self.node}")
+        if frame.id == self.request_id and frame.extended == self.request_extended and len(frame.data) == 8:
+            self._check_rival(frame.data)
         self.counters.extended += frame.extended and not self.response_extended and frame.id == self.response_id
-        owner = classify(frame)
-        if owner is None or owner[1] != self.node or not owner[0].from_device or frame.remote:
+        service_and_node = classify(frame)
+        if service_and_node is None or frame.remote:
             return
-        self.counters.signs += 1
-        if owner[0].name == "error control" and frame.data:
-            self.counters.state = NodeState.decode(frame)
+        service, node = service_and_node
+        if node == self.node and service.from_device:
+            self.counters.signs += 1
+            if service.name == "error control" and frame.data:
+                self.counters.state = NodeState.decode(frame)
+
+    def _check_rival(self, request: bytes) -> None:
+        """Raise OtherClient for a request on this channel, unless it is one of this client that the port returns."""
+        if self.own_frames is None and request in self.sent:
+            self.sent.remove(request)
+        elif not self.own_frames:
+            self.counters.rivals += 1
+            data = request.hex(" ").upper()
+            raise OtherClient(f"another client sent {data} on {self.request_id:03X}h, the channel to node {self.node}")
 
     def check_free(self, place: object) -> None:
         """Raise EncodeError while another transfer runs than that of the object `place`."""
