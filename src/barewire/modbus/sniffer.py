@@ -30,13 +30,12 @@ all the same. To one that does not no request belongs, and the request stays ope
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.adu import BROADCAST, Adu, Noise
 from barewire.modbus.exceptions import ModbusException
-from barewire.modbus.framing import Line
 from barewire.modbus.messages.base import EXCEPTION_BIT, Request, Response
 from barewire.modbus.messages.registry import decode_request, decode_response, measure_request, measure_response
 
@@ -54,6 +53,21 @@ _SHORTEST_RESPONSE = 4
 _SLOWER = 1.5
 _JITTER = 0.005
 """A response may take this much longer than the slowest one, t, of its unit so far: t * 1.5 + 5 ms."""
+
+
+class HeardLine(Protocol):
+    """What a sniffer needs of a `Line`: it never sends."""
+
+    @property
+    def deadline(self) -> float | None:
+        """When to feed None if nothing arrived."""
+
+    @property
+    def held(self) -> bytes:
+        """The bytes that are neither a frame nor noise yet."""
+
+    def feed(self, data: bytes | None, now: float) -> Sequence[Adu | Noise]:
+        """Take bytes, and return the frames and the noise in them."""
 
 
 class RequestSeen(NamedTuple):
@@ -134,7 +148,7 @@ class Sniffer:
     Its memory is bounded: two requests, three undecided frames, the noise after these, and one time for each unit.
     """
 
-    def __init__(self, line: Line, *, window: float = WINDOW) -> None:
+    def __init__(self, line: HeardLine, *, window: float = WINDOW) -> None:
         if not window > 0:
             raise EncodeError(f"window {window}: expected seconds, above 0", "window")
         self.line = line
@@ -180,7 +194,7 @@ class Sniffer:
         """End the held bytes: the other station begins at `now`, however short the silence was."""
         return self._take(self.line.feed(None, self.line.deadline or now), now)
 
-    def _take(self, heard: list[Adu | Noise], now: float) -> list[SnifferEvent]:
+    def _take(self, heard: Sequence[Adu | Noise], now: float) -> list[SnifferEvent]:
         events: list[SnifferEvent] = []
         for event in heard:
             events += self._frame(event, now) if isinstance(event, Adu) else self._heard_noise(NoiseSeen(event, now))
@@ -353,7 +367,7 @@ class NumberedSniffer:
     0.5
     """
 
-    def __init__(self, client: Line, server: Line, *, window: float = WINDOW) -> None:
+    def __init__(self, client: HeardLine, server: HeardLine, *, window: float = WINDOW) -> None:
         self._lines = {True: client, False: server}
         self._window = window
         self._open: dict[int | None, RequestSeen] = {}

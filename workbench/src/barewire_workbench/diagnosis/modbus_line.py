@@ -17,13 +17,13 @@ from itertools import chain
 from typing import NamedTuple
 
 from barewire.modbus.adu import BROADCAST
-from barewire.modbus.framing import Line
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.registry import request_class
 from barewire.modbus.sniffer import (
     LATE_AFTER,
     WINDOW,
     AmbiguousFrame,
+    HeardLine,
     NoiseSeen,
     RecordingEnds,
     RequestSeen,
@@ -74,7 +74,7 @@ _NO_TIME_OUT = 0.05
 """Seconds: no client gives up a response sooner, and sends its next request. MinimalModbus waits so long."""
 _KEPT = 64
 """Requests and damaged responses that are remembered by their times."""
-_NO_TARGET = (0x0A, 0x0B)
+_NO_TARGET = (b"\x0a", b"\x0b")
 """Exceptions of a gateway: no path to the unit, no response from it."""
 _ILLEGAL_ADDRESS = b"\x02"
 _FIVE_DIGITS = 10_000
@@ -325,7 +325,7 @@ class LineDiagnosis:
         if findings and self._timed and event.at - first.at < _NO_TIME_OUT:
             counts.requests += 1
             counts.wrong += 1
-            yield Located(event.unit, findings[0], event.at, self._line_of(event))
+            yield self._located(event, findings[0])
             return
         counts.requests += 2
         counts.halves += 2
@@ -350,7 +350,7 @@ class LineDiagnosis:
         frame = frame_of(self.protocol, None, request.unit, request.pdu)
         findings = self._examiner.findings(frame, "request", good=True)
         finding = findings[0] if findings else Finding("wrong-value", error.text, shown_digits(request.pdu))
-        yield Located(request.unit, finding, request.at, self._line_of(request))
+        yield self._located(request, finding)
 
     # Two requests at once
 
@@ -371,7 +371,7 @@ class LineDiagnosis:
         proof = overlap.proof(second)
         self.counts.first_overlap = self.counts.first_overlap or proof
         text = "a request was sent before the one of another master had its response"
-        yield Located(second.unit, Finding("two-masters", text, proof), second.at, self._line_of(second))
+        yield self._located(second, Finding("two-masters", text, proof))
 
     def _end_overlap(self) -> Iterator[Located]:
         """Two requests were open at once, and not both are answered: the first one was given up."""
@@ -384,59 +384,67 @@ class LineDiagnosis:
     # Responses
 
     def _response(self, event: ResponseSeen) -> Iterator[Located]:
-        unit = self.counts.unit(event.unit)
         before = self._answered
         self._answered = event if event.request is not None else None
         if event.request is None:
-            if (late := self._late_for(event)) is not None:
-                self._given_up.remove(late)
-                unit.streak = 0
-                if late is self._last_request:  # its client still waits: no later request says that it gave up
-                    unit.missing -= 1
-                    unit.answered += 1
-                    return
-                unit.late += 1
-                yield self._late(event, f"{event.at - late.at:.3f} s after its request, which was given up")
-            elif before is not None and self._is_second(before, event):
-                unit.twice += 1
-                text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
-                proof = f"{shown_digits(before.pdu)}, then {shown_digits(event.pdu)}"
-                yield Located(event.unit, Finding("two-answers", text, proof), event.at, self._line_of(event))
-            elif (finding := self._wrong_answer(event)) is not None:
-                unit.wrong += 1
-                yield Located(event.unit, finding, event.at, self._line_of(event))
-            elif (asked := self._exchanged(event)) is not None:
-                unit.wrong += 1
-                text = "the two bytes of the transaction identifier are exchanged"
-                proof = f"the request has {asked.transaction:04X}h, the response {event.transaction:04X}h"
-                yield Located(event.unit, Finding("header-byte-order", text, proof), event.at, self._line_of(event))
-            else:
-                self.unsettled.open[f"response of unit {event.unit} without its request"] += 1
-                self._note_refusal(event)
-            return
-        if event.request.transaction is not None:
-            self._open.pop(event.request.transaction, None)
+            yield from self._without_request(event, before)
+        else:
+            yield from self._to_request(event, event.request)
+
+    def _without_request(self, event: ResponseSeen, before: ResponseSeen | None) -> Iterator[Located]:
+        """Take a response that does not answer the open request; `before` is the last one, if that answered its own."""
+        unit = self.counts.unit(event.unit)
+        if (late := self._late_for(event)) is not None:
+            self._given_up.remove(late)
+            unit.streak = 0
+            if late is self._last_request:  # its client still waits: no later request says that it gave up
+                unit.missing -= 1
+                unit.answered += 1
+                return
+            unit.late += 1
+            yield self._late(event, f"{event.at - late.at:.3f} s after its request, which was given up")
+        elif before is not None and self._is_second(before, event):
+            unit.twice += 1
+            text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
+            proof = f"{shown_digits(before.pdu)}, then {shown_digits(event.pdu)}"
+            yield self._located(event, Finding("two-answers", text, proof))
+        elif (finding := self._wrong_answer(event)) is not None:
+            unit.wrong += 1
+            yield self._located(event, finding)
+        elif (asked := self._exchanged(event)) is not None:
+            unit.wrong += 1
+            text = "the two bytes of the transaction identifier are exchanged"
+            proof = f"the request has {asked.transaction:04X}h, the response {event.transaction:04X}h"
+            yield self._located(event, Finding("header-byte-order", text, proof))
+        else:
+            self.unsettled.open[f"response of unit {event.unit} without its request"] += 1
+            self._note_refusal(event)
+
+    def _to_request(self, event: ResponseSeen, request: RequestSeen) -> Iterator[Located]:
+        """Take the response to a request."""
+        unit = self.counts.unit(event.unit)
+        if request.transaction is not None:
+            self._open.pop(request.transaction, None)
         self._listening.discard(event.unit)
-        if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] and event.pdu[1] in _NO_TARGET:
+        exception = event.pdu[1:2] if event.pdu[0] & EXCEPTION_BIT else b""
+        if exception in _NO_TARGET:
             unit.missing += 1
             unit.streak += 1
-            text = "the gateway has no response from the unit"
             proof = explain_pdu(event.pdu, "response").summary
-            yield Located(event.unit, Finding("no-answer", text, proof), event.at, self._line_of(event))
+            yield self._located(event, Finding("no-answer", "the gateway has no response from the unit", proof))
             return
         unit.answered += 1
         unit.streak = 0
         self._note_refusal(event)
-        if event.pdu[0] & EXCEPTION_BIT and event.pdu[1:2] == _ILLEGAL_ADDRESS:
-            for finding in exchange_findings(self.protocol, event.request, event, "address-base"):
-                if int.from_bytes(event.request.pdu[1:3], "big") > _FIVE_DIGITS:
-                    yield Located(event.unit, finding, event.at, self._line_of(event))
+        if exception == _ILLEGAL_ADDRESS and int.from_bytes(request.pdu[1:3], "big") > _FIVE_DIGITS:
+            for finding in exchange_findings(self.protocol, request, event, "address-base"):
+                yield self._located(event, finding)
         if event.older is not None:
             self.unsettled.open[f"response of unit {event.unit} that fits two requests"] += 1
         if event.late:
             unit.late += 1
-            if event.request in self._given_up:
-                self._given_up.remove(event.request)
+            if request in self._given_up:
+                self._given_up.remove(request)
             yield self._late(event, f"{event.seconds:.3f} s after its request, behind the next one")
 
     def _note_refusal(self, event: ResponseSeen) -> None:
@@ -484,9 +492,11 @@ class LineDiagnosis:
 
     def _late(self, event: ResponseSeen, proof: str) -> Located:
         summary = explain_pdu(event.pdu, "response").summary
-        return Located(
-            event.unit, Finding("late-answer", f"a late response: {summary}", proof), event.at, self._line_of(event)
-        )
+        return self._located(event, Finding("late-answer", f"a late response: {summary}", proof))
+
+    def _located(self, frame: RequestSeen | ResponseSeen | AmbiguousFrame, finding: Finding) -> Located:
+        """Return a finding with the place of its frame."""
+        return Located(frame.unit, finding, frame.at, self._line_of(frame))
 
     def _line_of(self, frame: RequestSeen | ResponseSeen | AmbiguousFrame) -> int:
         """Return the line of a frame; that of the last one if it is not remembered."""
@@ -520,7 +530,7 @@ class LineDiagnosis:
             if wrong:
                 unit.wrong += 1
                 unit.streak = 0
-                yield Located(request.unit, wrong[0], stray.at, self._line_of(stray))
+                yield self._located(stray, wrong[0])._replace(unit=request.unit)
                 return
         unit.missing += 1
         unit.streak += 1
@@ -573,7 +583,7 @@ class ModbusLogDiagnosis:
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {len(self.lines)} lines>"
 
-    def _wrapped(self, line: Line, name: str, protocol: ProtocolName) -> Line:
+    def _wrapped(self, line: HeardLine, name: str, protocol: ProtocolName) -> HeardLine:
         tracked = TrackedLine(line, protocol)
         tracked.place(*self._place)
         self._tracked.setdefault(name, []).append(tracked)
@@ -633,7 +643,7 @@ class LiveDiagnosis:
     ([], 'nothing wrong')
     """
 
-    def __init__(self, line: Line, protocol: ProtocolName, window: float = WINDOW) -> None:
+    def __init__(self, line: HeardLine, protocol: ProtocolName, window: float = WINDOW) -> None:
         self._tracked = TrackedLine(line, protocol)
         self._sniffer = Sniffer(self._tracked, window=window)
         self._diagnosis = LineDiagnosis(protocol)

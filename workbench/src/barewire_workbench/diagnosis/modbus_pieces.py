@@ -13,11 +13,12 @@ with the whole line shows in them. Equal bytes are tried once.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from barewire.errors import DecodeError
 from barewire.modbus.adu import Adu, Noise
-from barewire.modbus.framing import Line, LineEvent
+from barewire.modbus.framing import LineEvent
+from barewire.modbus.sniffer import HeardLine
 from barewire_workbench.diagnosis.ascii import diagnose_ascii
 from barewire_workbench.diagnosis.resample import misread, misread_parity
 from barewire_workbench.diagnosis.rtu import RTU_TRIALS, diagnose_rtu, first_findings
@@ -52,7 +53,7 @@ class _Chunk:
 class TrackedLine:
     """Another line, and the pieces that it found. `place` states where the next bytes stand in the log."""
 
-    def __init__(self, line: Line, protocol: ProtocolName) -> None:
+    def __init__(self, line: HeardLine, protocol: ProtocolName) -> None:
         self.line = line
         self.protocol = protocol
         self.pieces: list[Piece] = []
@@ -72,7 +73,7 @@ class TrackedLine:
         pieces, self.pieces = self.pieces, []
         return pieces
 
-    def feed(self, data: bytes | None, now: float) -> list[LineEvent]:
+    def feed(self, data: bytes | None, now: float) -> Sequence[LineEvent]:
         """Take bytes, and keep where the frames and the noise in them stand."""
         if data:
             self._chunks.append(_Chunk(now, *self._place, data))
@@ -108,23 +109,6 @@ class TrackedLine:
         self._last = last
         self.pieces.append(Piece(bytes(data), adu, first.at, last.at, first.line, first.from_client, joined))
 
-    # The members of a line that a sniffer uses
-
-    @property
-    def numbered(self) -> bool:
-        """Whether responses carry the number of their request."""
-        return self.line.numbered
-
-    @property
-    def quiet_at(self) -> float:
-        """The earliest time to send; a listener does not send."""
-        return self.line.quiet_at
-
-    @property
-    def delay(self) -> float:
-        """How much later than its last byte a frame may be returned."""
-        return self.line.delay
-
     @property
     def deadline(self) -> float | None:
         """When to feed None if nothing arrived."""
@@ -134,27 +118,6 @@ class TrackedLine:
     def held(self) -> bytes:
         """The bytes that are neither a frame nor noise yet."""
         return self.line.held
-
-    @property
-    def broken(self) -> DecodeError | None:
-        """Why no later byte can be trusted."""
-        return self.line.broken
-
-    def request(self, unit: int, pdu: bytes) -> bytes:
-        """Return the bytes that carry a request."""
-        return self.line.request(unit, pdu)
-
-    def response(self, to: Adu, pdu: bytes) -> bytes:
-        """Return the bytes that carry a response."""
-        return self.line.response(to, pdu)
-
-    def sent(self, now: float) -> None:
-        """Record that bytes were transmitted."""
-        self.line.sent(now)
-
-    def answers(self, adu: Adu) -> bool:
-        """Whether this frame has the unit of the last request."""
-        return self.line.answers(adu)
 
 
 THOROUGH, THOROUGH_BESIDE = 8, 3

@@ -14,9 +14,8 @@ from typing import Literal, NamedTuple, TypeAlias
 from barewire.ascii import AsciiLine
 from barewire.errors import EncodeError
 from barewire.modbus.adu import Adu, Noise
-from barewire.modbus.framing import Line
 from barewire.modbus.messages.registry import measure_request, measure_response
-from barewire.modbus.sniffer import WINDOW, NumberedSniffer, Sniffer, SnifferEvent
+from barewire.modbus.sniffer import WINDOW, HeardLine, NumberedSniffer, Sniffer, SnifferEvent
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import TcpLine
 from barewire.tcp.frame import PREFIX
@@ -131,7 +130,7 @@ def replay_parts(
         yield event
 
 
-def _as_it_is(line: Line, connection: str, protocol: ProtocolName) -> Line:
+def _as_it_is(line: HeardLine, connection: str, protocol: ProtocolName) -> HeardLine:
     return line
 
 
@@ -146,7 +145,7 @@ class LogSniffers:
         log: ModbusLog,
         window: float = WINDOW,
         protocol: SerialProtocol | None = None,
-        wrap: Callable[[Line, str, ProtocolName], Line] = _as_it_is,
+        wrap: Callable[[HeardLine, str, ProtocolName], HeardLine] = _as_it_is,
     ) -> None:
         items = [item for item in log.items if isinstance(item, LoggedBytes)]
         self._is_capture = log.form == "capture"
@@ -221,7 +220,7 @@ class LogSniffers:
             yield from ((name, event) for event in pair.end(self._now))
 
 
-def _rtu_line() -> Line:
+def _rtu_line() -> HeardLine:
     """Return an RTU line that receives both directions, at any bit rate."""
     return RtuLine(_ANY_BITRATE, role="listener")
 

@@ -39,7 +39,7 @@ from barewire_workbench.recordings.capture import (
     modbus_payload,
 )
 from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry, Stamp
-from barewire_workbench.recordings.modbus_log.octets import find_stamp
+from barewire_workbench.recordings.modbus_log.octets import stamp_in
 
 _SUMMARY = re.compile(r"\s*\d+\s+(?P<at>\d+\.\d+)\s+\S+\s+(?:→|->|\S)")
 _EPOCH = re.compile(r"\s*(?:Epoch (?:Arrival )?Time|Arrival Time)\b.*?:\s*(?P<at>.+)")
@@ -136,8 +136,7 @@ def _stamp(text: str) -> Stamp | None:
     number = re.match(r"(\d+\.\d+) seconds", text)
     if number:
         return Stamp(float(number[1]))
-    found = find_stamp(text)
-    return None if found is None else found[0]
+    return stamp_in(text)
 
 
 def _arrays(lines: list[str]) -> Iterator[_Dump]:
@@ -305,5 +304,4 @@ def _table_stamp(text: str) -> Stamp | None:
     try:
         return Stamp(float(text))
     except ValueError:
-        found = find_stamp(text)
-        return None if found is None else found[0]
+        return stamp_in(text)

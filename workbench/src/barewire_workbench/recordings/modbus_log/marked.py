@@ -53,7 +53,7 @@ from barewire.modbus.sniffer import shapes
 from barewire.rtu.crc import crc16
 from barewire_workbench.frames.result import ProtocolName, counted
 from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry, LoggedBytes, Stamp
-from barewire_workbench.recordings.modbus_log.octets import Octets, find_stamp, split_octets
+from barewire_workbench.recordings.modbus_log.octets import Octets, find_stamp, split_octets, without_stamp
 from barewire_workbench.recordings.model import Unread
 
 _RARE = 4
@@ -235,10 +235,9 @@ def read_marked(lines: list[str]) -> FormContent:
 
 def _marked(line: str, number: int) -> list[LogEntry]:
     """Return the entries of a line, one without bytes if the direction is all that it has; none for any other line."""
-    stamp = find_stamp(line)
-    plain = line if stamp is None else line[: stamp[1]] + " " * (stamp[2] - stamp[1]) + line[stamp[2] :]
+    plain, stamp = without_stamp(line)
     plain = _NUMBER.sub(lambda found: found[0][:2] + ":" + " " * (len(found[0]) - 3), plain)
-    return [entry._replace(stamp=None if stamp is None else stamp[0]) for entry in _directed(plain, number)]
+    return [entry._replace(stamp=stamp) for entry in _directed(plain, number)]
 
 
 def _directed(plain: str, number: int) -> list[LogEntry]:

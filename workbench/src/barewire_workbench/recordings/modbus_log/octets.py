@@ -182,6 +182,25 @@ def find_stamp(text: str) -> tuple[Stamp, int, int] | None:
     return None
 
 
+def stamp_in(text: str) -> Stamp | None:
+    """Return the first time in a line."""
+    found = find_stamp(text)
+    return None if found is None else found[0]
+
+
+def without_stamp(line: str) -> tuple[str, Stamp | None]:
+    """Return a line with blanks in place of its first time, and that time.
+
+    >>> without_stamp("(12.5) 01 03")
+    ('       01 03', Stamp(seconds=12.5, day=None, of_day=False))
+    """
+    found = find_stamp(line)
+    if found is None:
+        return line, None
+    stamp, start, end = found
+    return line[:start] + " " * (end - start) + line[end:], stamp
+
+
 def _number(text: str) -> float:
     return float(text.replace(",", ".").replace(":", "."))
 

@@ -62,7 +62,7 @@ from barewire_workbench.frames.input import parse_string_literal
 from barewire_workbench.frames.result import counted
 from barewire_workbench.recordings.modbus_log.marked import frame_pdu
 from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry, Stamp
-from barewire_workbench.recordings.modbus_log.octets import find_stamp
+from barewire_workbench.recordings.modbus_log.octets import find_stamp, stamp_in
 
 _HEX_BYTES = r"(?:0x[0-9a-fA-F]{1,2}(?:\s+|$))*"
 _PYMODBUS_WORD = re.compile(r"(?P<repeated>>{5}\s*)?(?<![\w'\"])(?P<word>send|recv|SEND|RECV):")
@@ -96,7 +96,7 @@ def read_pymodbus(lines: list[str], decided: object = None) -> FormContent:
     unreadable: set[int] = set()
     for number, line in enumerate(lines, start=1):
         words = list(_PYMODBUS_WORD.finditer(line)) if any(text in line for text in _PYMODBUS_WORD_ENDS) else []
-        stamp = find_stamp(line[: words[0].start()]) if words else None
+        stamp = stamp_in(line[: words[0].start()]) if words else None
         for word, following in zip_longest(words, words[1:]):
             text = line[word.end() : None if following is None else following.start()]
             found = _PYMODBUS_BYTES.match(text)
@@ -107,20 +107,19 @@ def read_pymodbus(lines: list[str], decided: object = None) -> FormContent:
             data = bytes(int(token, 16) for token in found["bytes"].split())
             is_sent = word["word"].lower() == "send"
             if data or not is_sent:
-                entry = LogEntry(number, data, is_sent, stamp=None if stamp is None else stamp[0])
+                entry = LogEntry(number, data, is_sent, stamp=stamp)
                 (repeated if word["repeated"] else entries).append(entry)
         if words:
             continue
         if "Processing:" in line and (found := _PYMODBUS_PROCESSING.search(line)) and found["bytes"]:
             known.add(number)
-            stamp = find_stamp(line[: found.start()])
+            stamp = stamp_in(line[: found.start()])
             data = bytes(int(token, 16) for token in found["bytes"].split())
             if processed and len(data) > len(last := processed[-1].data or b"") and data.startswith(last):
                 processed.pop()  # the same bytes, and more
-            processed.append(LogEntry(number, data, False, False, None if stamp is None else stamp[0]))
+            processed.append(LogEntry(number, data, False, False, stamp))
         elif "esponse" in line and _PYMODBUS_SILENT.search(line):
-            stamp = find_stamp(line)
-            silent.append(LogEntry(number, b"", False, False, None if stamp is None else stamp[0]))
+            silent.append(LogEntry(number, b"", False, False, stamp_in(line)))
             known.add(number)
         elif _PYMODBUS_OTHER.search(line):
             known.add(number)
@@ -174,10 +173,10 @@ def read_libmodbus(lines: list[str], decided: object = None) -> FormContent:
             rows += [(found, False) for found in _LIBMODBUS_RECEIVED.finditer(line)]
             if rows:
                 rows.sort(key=lambda row: row[0].start())
-                stamp = find_stamp(line[: rows[0][0].start()])
+                stamp = stamp_in(line[: rows[0][0].start()])
                 for found, sent in rows:
                     data = bytes.fromhex(found[0].translate(_NO_BRACKETS))
-                    entries.append(LogEntry(number, data, sent, stamp=None if stamp is None else stamp[0]))
+                    entries.append(LogEntry(number, data, sent, stamp=stamp))
                 known.add(number)
                 continue
         if "Waiting for a" in line:
@@ -221,10 +220,10 @@ def read_minimalmodbus(lines: list[str]) -> FormContent:
             continue
         if data is None and found["string"]:  # a string without escapes: a frame of ASCII
             data = found["string"].lstrip("b")[1:-1].encode("latin-1", "replace")
-        stamp = find_stamp(line[: found.start()])
+        stamp = stamp_in(line[: found.start()])
         is_asked = not found["word"].startswith("Response")
         if data or not is_asked:
-            entries.append(LogEntry(number, data, is_asked, is_asked, None if stamp is None else stamp[0]))
+            entries.append(LogEntry(number, data, is_asked, is_asked, stamp))
     return FormContent(entries, known)
 
 
@@ -257,10 +256,8 @@ def read_syscalls(lines: list[str], decided: object = None) -> FormContent:
             continue
         if data is None:
             data = found["string"][1:-1].encode("latin-1", "replace")
-        stamp = find_stamp(found["before"])
-        sent = found["call"] in _WRITES
-        at = None if stamp is None else stamp[0]
-        entries.append(LogEntry(number, data[: int(found["size"])], sent, stamp=at, connection=found["number"]))
+        sent, stamp = found["call"] in _WRITES, stamp_in(found["before"])
+        entries.append(LogEntry(number, data[: int(found["size"])], sent, stamp=stamp, connection=found["number"]))
     names = dict(decided) if isinstance(decided, dict) else {}
     others = (entry for entry in entries if entry.connection not in names)
     carrying = {entry.connection for entry in others if _is_frame(entry.data or b"")}
@@ -294,34 +291,46 @@ def read_bytewise(lines: list[str]) -> FormContent:
     known: set[int] = set()
     stamp: Stamp | None = None
     for number, line in enumerate(lines, start=1):
+        plain = line.strip()
         if found := _INTERCEPTTY.fullmatch(line):
-            sent, data = found["mark"] == ">", bytes.fromhex(found["byte"])
-            time = _INTERCEPTTY_TIME.match(line)
-            at = None if time is None else Stamp(60 * (60 * int(time[1]) + int(time[2])) + float(time[3]), None, True)
-            last = entries[-1] if entries else None
-            if last is not None and last.sent is sent and (at is None or at == last.stamp) and number - 1 in known:
-                entries[-1] = last._replace(data=(last.data or b"") + data)
-            else:
-                entries.append(LogEntry(number, data, sent, stamp=at))
+            _add_interceptty(entries, found, number, follows=number - 1 in known)
             known.add(number)
         elif found := _SLSNIF.match(line):
-            bytes_found = [piece["byte"] for piece in _SLSNIF_BYTE.finditer(found["bytes"])]
-            if not bytes_found:
-                continue
-            base = 10 if len(bytes_found[0]) == 3 else 16
-            data = bytes(int(byte, base) & 0xFF for byte in bytes_found)
-            if found["word"].strip():
-                entries.append(LogEntry(number, data, found["word"] == "Host  ", stamp=stamp))
-            elif entries:
-                entries[-1] = entries[-1]._replace(data=(entries[-1].data or b"") + data)
-            known.add(number)
-            stamp = None
-        elif found := next((found for form in _SALEAE if (found := form.fullmatch(line.strip()))), None):
+            if _add_slsnif(entries, found, number, stamp):
+                known.add(number)
+                stamp = None
+        elif found := _SALEAE[0].fullmatch(plain) or _SALEAE[1].fullmatch(plain):
             entries.append(LogEntry(number, bytes.fromhex(found["byte"]), stamp=Stamp(float(found["at"]))))
             known.add(number)
-        elif line.startswith("Total bytes transmitted:") or _SALEAE_HEAD.fullmatch(line.strip()):
+        elif line.startswith("Total bytes transmitted:") or _SALEAE_HEAD.fullmatch(plain):
             known.add(number)
-        elif line.strip() and (at_found := find_stamp(line)) and not line[at_found[2] :].strip(" 0123456789"):
-            stamp = at_found[0]  # the line above those of slsnif
+        elif plain and (above := find_stamp(line)) and not line[above[2] :].strip(" 0123456789"):
+            stamp = above[0]  # the line above those of slsnif
             known.update({number} if number < len(lines) and _SLSNIF.match(lines[number]) else ())
     return FormContent(entries, known)
+
+
+def _add_interceptty(entries: list[LogEntry], found: re.Match[str], number: int, *, follows: bool) -> None:
+    """Add a byte to the last entry if that is of the same direction and time, and in the line before."""
+    sent, data = found["mark"] == ">", bytes.fromhex(found["byte"])
+    time = _INTERCEPTTY_TIME.match(found[0])
+    at = None if time is None else Stamp(60 * (60 * int(time[1]) + int(time[2])) + float(time[3]), None, True)
+    last = entries[-1] if entries else None
+    if last is not None and follows and last.sent is sent and at in (None, last.stamp):
+        entries[-1] = last._replace(data=(last.data or b"") + data)
+    else:
+        entries.append(LogEntry(number, data, sent, stamp=at))
+
+
+def _add_slsnif(entries: list[LogEntry], found: re.Match[str], number: int, stamp: Stamp | None) -> bool:
+    """Add the bytes of a line; one without a word goes on with the entry above. Return whether it has bytes."""
+    digits = [piece["byte"] for piece in _SLSNIF_BYTE.finditer(found["bytes"])]
+    if not digits:
+        return False
+    base = 10 if len(digits[0]) == 3 else 16
+    data = bytes(int(byte, base) & 0xFF for byte in digits)
+    if found["word"].strip():
+        entries.append(LogEntry(number, data, found["word"] == "Host  ", stamp=stamp))
+    elif entries:
+        entries[-1] = entries[-1]._replace(data=(entries[-1].data or b"") + data)
+    return True

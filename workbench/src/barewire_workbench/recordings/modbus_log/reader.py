@@ -6,7 +6,7 @@
 
 Each form reads the lines that it knows. The lines of a form with words of its own (pymodbus, libmodbus ...) belong to
 it; where two of these read different bytes in one line, nothing is guessed: that is an error. The remaining lines with
-a direction are read by `marked`, those with a time and bytes only by `bytelog`. What is left becomes an `Unread`, or,
+a direction are read by `marked`, those with a time and bytes only by `parse_log`. What is left becomes an `Unread`, or,
 in a log of bytes only, an error with its line.
 """
 
@@ -50,6 +50,7 @@ from barewire_workbench.recordings.modbus_log.octets import (
     find_stamp,
     parse_log,
     split_octets,
+    without_stamp,
 )
 from barewire_workbench.recordings.modbus_log.programs import (
     read_bytewise,
@@ -194,7 +195,7 @@ _FRAME = re.compile(r"FRAME=[^;]*")
 _COLOURS = re.compile(r"\x1b\[[0-9;]{0,20}[mK]")
 """What sets the colours of a terminal."""
 _TIME_OF_DAY = re.compile(r"\s*[(\[]?\d{1,2}:\d{2}:\d")
-"""Hours, minutes and seconds, as `bytelog` reads them: they begin again at midnight."""
+"""Hours, minutes and seconds, as `parse_log` reads them: they begin again at midnight."""
 _ASCII = bytes(range(0x80))
 _BLANKS_MAX = 200
 _BLANKS = re.compile(rf"\s{{{_BLANKS_MAX},}}")
@@ -496,12 +497,11 @@ class _LogReader:
         for number, line in enumerate(lines, start=1):
             octets = None
             if len(line) <= _LONGEST_LINE:
-                stamp = find_stamp(line)
-                plain = line if stamp is None else line[: stamp[1]] + " " * (stamp[2] - stamp[1]) + line[stamp[2] :]
+                plain, stamp = without_stamp(line)
                 field = _FRAME.search(plain)
                 octets = split_octets(plain[: field.end()] if field else plain)
             if octets is not None and len(octets.data or octets.decimal or b"") >= _SHORTEST:
-                entries.append(LogEntry(number, octets.data, None, None, stamp and stamp[0], octets.decimal))
+                entries.append(LogEntry(number, octets.data, None, None, stamp, octets.decimal))
                 prefixes.add(bool(octets.before.strip(" \t:,;|-[]()")))
             elif line.strip():
                 left.append((number, line))
