@@ -114,6 +114,16 @@ def test_a_response_without_its_request() -> None:
     assert second.request == asked
 
 
+def test_a_response_behind_the_window_has_no_request_and_is_not_late() -> None:
+    """No next request was sent. A log whose times are whole seconds has many such responses."""
+    for at in (2.0, 2.5):
+        listener = sniffer()
+        events = listener.feed(encode(1, unhex(READ)), 1.0) + silence(listener, 2.5)
+        events += listener.feed(encode(1, unhex(VALUES)), at)
+        assert names(events) == ["RequestSeen", "ResponseMissing", "ResponseSeen"]
+        assert (events[2].request, events[2].late) == (None, False)  # type: ignore[union-attr]
+
+
 def test_a_response_of_another_length_is_not_paired() -> None:
     events = feed_frames(sniffer(), [(1.0, 1, READ), (1.1, 1, "03 02 0017")])
     assert names(events) == ["RequestSeen", "ResponseMissing", "ResponseSeen"]

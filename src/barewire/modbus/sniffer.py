@@ -319,7 +319,8 @@ class Sniffer:
         """Report a response that does not answer the open request."""
         message = readable(decode_response, pdu)
         late, single = self._late, self._single
-        if late is not None and now <= late.at + self._window and answers(late, unit, pdu):
+        # Before the end of its window a request is given up only for the next one.
+        if late is not None and now < late.at + self._window and answers(late, unit, pdu):
             self._late = None
             return [ResponseSeen(unit, pdu, now, message, late, late=True)]
         # An exception response to a write that is still an ambiguous frame.

@@ -336,6 +336,15 @@ def test_two_requests_at_once_prove_two_masters_only_if_both_are_answered(
     assert [found.finding.code for found in findings] == codes
 
 
+def test_equal_times_prove_nothing_about_two_masters_or_a_wrong_echo() -> None:
+    """A log whose times are whole seconds: the client may have given up the first request in between."""
+    rows = [(1.0, unit, pdu) for _, unit, pdu in (*TWO_UNITS, (0, 1, ANSWER_1), (0, 2, ANSWER_2))]
+    findings, _ = diagnosed(log_of(OTHER + frames(*rows), "times"))
+    assert [found.finding.code for found in findings] == ["no-answer", "late-answer"]
+    writes = frames((1.0, 1, "06 0001 0003"), (1.0, 1, "06 0001 0004"))
+    assert [verdict.code for verdict in diagnosed(log_of(OTHER + writes, "times"))[1]] == ["open"]
+
+
 ECHOES = {
     "06 value": ("06 0001 0003", "06 0001 0004", "value 4 where 3 was asked"),
     "06 address": ("06 0001 0003", "06 0002 0003", "address 2 where 1 was asked"),

@@ -71,7 +71,8 @@ _AT_ONCE = 0.02
 _SECOND_ANSWER = 0.05
 """Seconds from a response to that of another device with the same address."""
 _NO_TIME_OUT = 0.05
-"""Seconds: no client gives up a response sooner, and sends its next request. MinimalModbus waits so long."""
+"""Seconds: no client gives up a response sooner, and sends its next request. MinimalModbus waits so long. Equal times
+prove nothing: in some logs they are whole seconds."""
 _KEPT = 64
 """Requests and damaged responses that are remembered by their times."""
 _NO_TARGET = (b"\x0a", b"\x0b")
@@ -322,7 +323,7 @@ class LineDiagnosis:
         response = ResponseSeen(event.unit, event.pdu, event.at, request=request)
         findings = exchange_findings(self.protocol, request, response, "wrong-answer")
         counts = self.counts.unit(event.unit)
-        if findings and self._timed and event.at - first.at < _NO_TIME_OUT:
+        if findings and self._timed and 0 < event.at - first.at < _NO_TIME_OUT:
             counts.requests += 1
             counts.wrong += 1
             yield self._located(event, findings[0])
@@ -517,7 +518,7 @@ class LineDiagnosis:
         if (request.unit, request.at) in self._spoiled or self._listens(request):
             return
         is_next_request = request.transaction is None and not isinstance(following, ResponseSeen)
-        if is_next_request and self._timed and event.at - request.at < _NO_TIME_OUT:
+        if is_next_request and self._timed and 0 < event.at - request.at < _NO_TIME_OUT:
             self._overlap = Overlap(event, line)
             return
         yield from self._unanswered(event, following, line)
