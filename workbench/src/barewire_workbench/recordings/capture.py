@@ -167,23 +167,29 @@ def _read_pcapng(head: bytes, read: Callable[[int], bytes]) -> Iterator[Packet]:
         if block_type == _INTERFACE and len(body) >= 8:
             interfaces.append(_interface(body, order, len(interfaces)))
         elif block_type in (_ENHANCED, _OLD) and len(body) >= 20:
-            number, high, low, captured, _ = struct.unpack_from(f"{order}5I", body)
-            options = dict(_options(body[20 + captured + -captured % 4 :], order))
-            dropped = int.from_bytes(options.get(_DROPPED, b""), "little" if order == "<" else "big")
-            if block_type == _OLD:
-                number, dropped = struct.unpack_from(f"{order}HH", body)
-                dropped = 0 if dropped == 0xFFFF else dropped  # not known
-            if number >= len(interfaces):
-                text = f"a packet of interface {number} at byte {position}, but the file has {len(interfaces)}"
-                raise DecodeError("value", block[:16], 8, text)
-            link, unit, name, start = interfaces[number]
-            yield Packet(start + ((high << 32) + low) / unit, body[20 : 20 + captured], link, name, dropped)
+            yield _packet(block, order, interfaces, position, is_old=block_type == _OLD)
         elif block_type == _SIMPLE and len(body) >= 4 and interfaces:
             yield Packet(0.0, body[4 : 4 + struct.unpack_from(f"{order}I", body)[0]], interfaces[0].link)
         elif position == 0 and block_type != _SECTION:
             raise DecodeError("value", head, 0, "neither a pcapng nor a pcap file")
         position += size
         head = read(_BLOCK)
+
+
+def _packet(block: bytes, order: str, interfaces: list[_Interface], position: int, *, is_old: bool) -> Packet:
+    """Return the packet of a block. In an old block the number of the interface has two bytes, two more the losses."""
+    body = block[8:-4]
+    number, high, low, captured, _ = struct.unpack_from(f"{order}5I", body)
+    options = dict(_options(body[20 + captured + -captured % 4 :], order))
+    dropped = int.from_bytes(options.get(_DROPPED, b""), "little" if order == "<" else "big")
+    if is_old:
+        number, dropped = struct.unpack_from(f"{order}HH", body)
+        dropped = 0 if dropped == 0xFFFF else dropped  # not known
+    if number >= len(interfaces):
+        text = f"a packet of interface {number} at byte {position}, but the file has {len(interfaces)}"
+        raise DecodeError("value", block[:16], 8, text)
+    link, unit, name, start = interfaces[number]
+    return Packet(start + ((high << 32) + low) / unit, body[20 : 20 + captured], link, name, dropped)
 
 
 class _Interface(NamedTuple):

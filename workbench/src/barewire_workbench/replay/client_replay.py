@@ -123,21 +123,7 @@ class ClientReplay:
 
     def _transfers(self, items: Sequence[RecordedItem]) -> Iterator[_Transfer]:
         """Yield the transfers on the channel with all their frames; count those that are not whole."""
-        monitor, frames, reports = CanMonitor(), list[_ChannelFrame](), list[SdoTransferReport]()
-        first, now, losses = items[0].at if items else 0.0, -1.0, list[float]()
-        for place, item in enumerate(items):
-            if isinstance(item, Unread):
-                continue
-            # Each item has a time of its own, so that a time of the monitor leads back to one frame.
-            now = max(item.at - first if self.timed else place * _STEP, nextafter(now, inf))
-            if isinstance(item, Dropped):
-                losses.append(now)
-                reports += self._of_channel(monitor.feed(item, now))
-            elif isinstance(item.frame, CanFrame):
-                if item.frame.key in ((0x600 + self.node, False), (0x580 + self.node, False)) and not item.frame.remote:
-                    frames.append(_ChannelFrame(now, item, item.frame))
-                reports += self._of_channel(monitor.feed(item.frame, now))
-        reports += self._of_channel(monitor.end(now))
+        frames, reports, losses = self._channel(items)
         times = [frame.at for frame in frames]
         begun: dict[int, SdoTransferReport] = {}  # place of the first frame -> the transfer
         for report in reports:
@@ -154,6 +140,27 @@ class ClientReplay:
             else:
                 is_cut = report.outcome in ("cut", "unanswered", "left") and following == len(frames)
                 yield _Transfer(frames[start:end], report, is_cut)
+
+    def _channel(
+        self, items: Sequence[RecordedItem]
+    ) -> tuple[list[_ChannelFrame], list[SdoTransferReport], list[float]]:
+        """Return the frames of the channel, the transfers that the monitor sees in them, and when frames were lost."""
+        monitor, frames, reports = CanMonitor(), list[_ChannelFrame](), list[SdoTransferReport]()
+        first, now, losses = items[0].at if items else 0.0, -1.0, list[float]()
+        for place, item in enumerate(items):
+            if isinstance(item, Unread):
+                continue
+            # Each item has a time of its own, so that a time of the monitor leads back to one frame.
+            now = max(item.at - first if self.timed else place * _STEP, nextafter(now, inf))
+            if isinstance(item, Dropped):
+                losses.append(now)
+                reports += self._of_channel(monitor.feed(item, now))
+            elif isinstance(item.frame, CanFrame):
+                if item.frame.key in ((0x600 + self.node, False), (0x580 + self.node, False)) and not item.frame.remote:
+                    frames.append(_ChannelFrame(now, item, item.frame))
+                reports += self._of_channel(monitor.feed(item.frame, now))
+        reports += self._of_channel(monitor.end(now))
+        return frames, reports, losses
 
     def _of_channel(self, events: Sequence[object]) -> list[SdoTransferReport]:
         reports = [event for event in events if isinstance(event, SdoTransferReport)]

@@ -335,10 +335,7 @@ def split_octets(line: str) -> Octets | None:
 
 def _split(line: str) -> Octets | None:
     """Split a line that has nothing but punctuation, or a count in brackets, behind its bytes."""
-    literal = None
-    if "'" in line or '"' in line:
-        for literal in _LITERAL.finditer(line):  # noqa: B007 - the last one, as below
-            pass
+    literal = _last_match(_LITERAL, line) if "'" in line or '"' in line else None
     if literal is not None and _END.match(line, literal.end()):
         return _of_literal(line, literal)
     best: re.Match[str] | None = None
@@ -353,18 +350,27 @@ def _split(line: str) -> Octets | None:
     for needed, form in _FORMS:
         if needed and needed[0] not in end and needed[-1] not in end:
             continue
-        found = None
-        for found in form.finditer(line, start):  # noqa: B007 - the last one: a search with an end would take quadratic time
-            pass
+        found = _last_match(form, line, start)
         if found is not None and _END.match(line, found.end()) and (best is None or found.start() < best.start()):
-            best = found
-    if best is None:
-        return None
-    before = line[: best.start()]
-    kind, text = next((kind, text) for kind, text in best.groupdict().items() if text is not None)
+            best = found  # the form that reads the most of the line
+    return None if best is None else _of_form(line, best)
+
+
+def _last_match(form: re.Pattern[str], line: str, start: int = 0) -> re.Match[str] | None:
+    """Return the last match; a search for one that ends at the end of the line would take quadratic time."""
+    match = None
+    for match in form.finditer(line, start):  # noqa: B007 - the last one
+        pass
+    return match
+
+
+def _of_form(line: str, found: re.Match[str]) -> Octets | None:
+    """Return the bytes of a match of one of the forms."""
+    before = line[: found.start()]
+    kind, text = next((kind, text) for kind, text in found.groupdict().items() if text is not None)
     if kind == "ascii":
         return Octets(before, text.encode() + b"\r\n")
-    tokens = [found[1] for found in _TOKEN.finditer(text)]
+    tokens = [token[1] for token in _TOKEN.finditer(text)]
     decimal = _decimal(tokens, text)
     if kind == "decimal":
         return None if decimal is None else Octets(before, None, decimal)

@@ -88,50 +88,67 @@ def read_pymodbus(lines: list[str], decided: object = None) -> FormContent:
     >>> read_pymodbus(["DEBUG:pymodbus:recv: 0x1 0x83 0x2 0xc0 0xf1 extra data:"]).entries[0].data.hex(" ")
     '01 83 02 c0 f1'
     """
-    entries: list[LogEntry] = []
-    repeated: list[LogEntry] = []
-    processed: list[LogEntry] = []
-    silent: list[LogEntry] = []
-    known: set[int] = set()
-    unreadable: set[int] = set()
+    log = _PymodbusLog()
     for number, line in enumerate(lines, start=1):
         words = list(_PYMODBUS_WORD.finditer(line)) if any(text in line for text in _PYMODBUS_WORD_ENDS) else []
-        stamp = stamp_in(line[: words[0].start()]) if words else None
+        if words:
+            log.add_words(number, line, words)
+        else:
+            log.add_other(number, line)
+    return log.content(decided)
+
+
+class _PymodbusLog:
+    """The entries of a log of pymodbus, by the kind of their lines: one kind counts, the others repeat it."""
+
+    def __init__(self) -> None:
+        self.logged: list[LogEntry] = []
+        self.processed: list[LogEntry] = []
+        self.repeated: list[LogEntry] = []
+        self.silent: list[LogEntry] = []
+        self.known: set[int] = set()
+        self.unreadable: set[int] = set()
+
+    def add_words(self, number: int, line: str, words: list[re.Match[str]]) -> None:
+        """Take a line with send and recv, each with the bytes behind it."""
+        stamp = stamp_in(line[: words[0].start()])
         for word, following in zip_longest(words, words[1:]):
             text = line[word.end() : None if following is None else following.start()]
             found = _PYMODBUS_BYTES.match(text)
             if found is None:
-                unreadable.add(number)
+                self.unreadable.add(number)
                 continue
-            known.add(number)
+            self.known.add(number)
             data = bytes(int(token, 16) for token in found["bytes"].split())
             is_sent = word["word"].lower() == "send"
             if data or not is_sent:
-                entry = LogEntry(number, data, is_sent, stamp=stamp)
-                (repeated if word["repeated"] else entries).append(entry)
-        if words:
-            continue
+                entries = self.repeated if word["repeated"] else self.logged
+                entries.append(LogEntry(number, data, is_sent, stamp=stamp))
+
+    def add_other(self, number: int, line: str) -> None:
+        """Take any other line: one that shows what was received so far, or that nothing was."""
         if "Processing:" in line and (found := _PYMODBUS_PROCESSING.search(line)) and found["bytes"]:
-            known.add(number)
-            stamp = stamp_in(line[: found.start()])
             data = bytes(int(token, 16) for token in found["bytes"].split())
-            if processed and len(data) > len(last := processed[-1].data or b"") and data.startswith(last):
-                processed.pop()  # the same bytes, and more
-            processed.append(LogEntry(number, data, False, False, stamp))
+            before = self.processed[-1].data or b"" if self.processed else b""
+            if before and len(data) > len(before) and data.startswith(before):
+                self.processed.pop()  # the same bytes, and more
+            self.processed.append(LogEntry(number, data, False, False, stamp_in(line[: found.start()])))
         elif "esponse" in line and _PYMODBUS_SILENT.search(line):
-            silent.append(LogEntry(number, b"", False, False, stamp_in(line)))
-            known.add(number)
-        elif _PYMODBUS_OTHER.search(line):
-            known.add(number)
-    kinds = {"logged": entries, "processed": processed, "repeated": repeated}
-    first = next((kind for kind, found in kinds.items() if found), None)
-    counted_kind = first if decided is None or first == "logged" else str(decided)
-    if counted_kind is None:
-        return FormContent([], set())
-    found_entries = kinds[counted_kind]
-    notes = _not_counted(repeated, found_entries) if counted_kind != "repeated" else ()
-    ordered = sorted([*found_entries, *silent], key=lambda entry: entry.line)
-    return FormContent(ordered, known, notes, unreadable, counted_kind)
+            self.silent.append(LogEntry(number, b"", False, False, stamp_in(line)))
+        elif not _PYMODBUS_OTHER.search(line):
+            return
+        self.known.add(number)
+
+    def content(self, decided: object) -> FormContent:
+        """Return the entries that count: those with send and recv if there are some."""
+        kinds = {"logged": self.logged, "processed": self.processed, "repeated": self.repeated}
+        first = next((kind for kind, entries in kinds.items() if entries), None)
+        kind = first if decided is None or first == "logged" else str(decided)
+        if kind is None:
+            return FormContent([], set())
+        notes = _not_counted(self.repeated, kinds[kind]) if kind != "repeated" else ()
+        entries = sorted([*kinds[kind], *self.silent], key=lambda entry: entry.line)
+        return FormContent(entries, self.known, notes, self.unreadable, kind)
 
 
 def _not_counted(repeated: list[LogEntry], entries: list[LogEntry]) -> tuple[tuple[int, str], ...]:
@@ -168,17 +185,17 @@ def read_libmodbus(lines: list[str], decided: object = None) -> FormContent:
     known: set[int] = set()
     client = decided if isinstance(decided, bool) else None
     for number, line in enumerate(lines, start=1):
-        if "[" in line or "<" in line:
-            rows = [(found, True) for found in _LIBMODBUS_SENT.finditer(line)]
-            rows += [(found, False) for found in _LIBMODBUS_RECEIVED.finditer(line)]
-            if rows:
-                rows.sort(key=lambda row: row[0].start())
-                stamp = stamp_in(line[: rows[0][0].start()])
-                for found, sent in rows:
-                    data = bytes.fromhex(found[0].translate(_NO_BRACKETS))
-                    entries.append(LogEntry(number, data, sent, stamp=stamp))
-                known.add(number)
-                continue
+        rows = (
+            [*_LIBMODBUS_SENT.finditer(line), *_LIBMODBUS_RECEIVED.finditer(line)] if "[" in line or "<" in line else []
+        )
+        if rows:
+            rows.sort(key=re.Match.start)
+            stamp = stamp_in(line[: rows[0].start()])
+            for row in rows:
+                data = bytes.fromhex(row[0].translate(_NO_BRACKETS))
+                entries.append(LogEntry(number, data, row.re is _LIBMODBUS_SENT, stamp=stamp))
+            known.add(number)
+            continue
         if "Waiting for a" in line:
             client = next((is_client for text, is_client in _LIBMODBUS_WAITS.items() if text in line), client)
         if _LIBMODBUS_SILENT.search(line):

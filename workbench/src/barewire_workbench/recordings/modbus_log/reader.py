@@ -334,27 +334,14 @@ class _LogReader:
 
     def _read_forms(self, lines: list[str]) -> tuple[str, FormContent]:
         """Return the names and the common content of all forms that the lines have."""
-        short = [
-            line
-            if len(line) < _BLANKS_MAX
-            else _BLANKS.sub(" " * _BLANKS_MAX, line)
-            if len(line) <= _LONGEST_LINE
-            else ""
-            for line in lines
-        ]
+        short = [_bounded(line) for line in lines]
         states, self._states = self._states, {}
         by_place: dict[tuple[int, int], LogEntry] = {}
         owners: dict[int, str] = {}
         known: set[int] = set()
         unreadable: set[int] = set()
         notes: list[tuple[int, str]] = []
-        contents = []
-        if states is None:
-            contents = [(name, read_packets(lines, self._ports)) for name, read_packets in _OF_PACKETS.items()]
-        for name, read in FORMS.items():
-            if states is None or name in states:
-                contents.append((name, read(short, states and states[name])))
-        for name, content in contents:
+        for name, content in self._own_words(lines, short, states):
             for place, entry in enumerate(content.entries):
                 owner = owners.setdefault(entry.line, name)
                 if owner == name:
@@ -382,6 +369,17 @@ class _LogReader:
         names = [name for name in (*_OF_PACKETS, *FORMS, *_GENERAL) if name in owners.values()]
         entries = [by_place[place] for place in sorted(by_place)]
         return " and ".join(names), FormContent(entries, known, tuple(notes), unreadable)
+
+    def _own_words(
+        self, lines: list[str], short: list[str], states: dict[str, object] | None
+    ) -> Iterator[tuple[str, FormContent]]:
+        """Yield what each form with words of its own reads; of a later part only those that the first part has."""
+        if states is None:
+            for name, read_packets in _OF_PACKETS.items():
+                yield name, read_packets(lines, self._ports)
+        for name, read in FORMS.items():
+            if states is None or name in states:
+                yield name, read(short, states and states[name])
 
     def _decided(self, form: str, content: FormContent, lines: list[str]) -> ModbusLog:
         """Return the log with everything decided that its frames prove."""
@@ -512,6 +510,13 @@ class _LogReader:
         log = self._assembled("bytes", entries, left)
         self._is_prefixed = True
         return log
+
+
+def _bounded(line: str) -> str:
+    """Return a line for the patterns of the forms, some of which take quadratic time for thousands of blanks."""
+    if len(line) < _BLANKS_MAX:
+        return line
+    return _BLANKS.sub(" " * _BLANKS_MAX, line) if len(line) <= _LONGEST_LINE else ""
 
 
 def _is_by_lines(form: str, lines: list[str]) -> bool:
