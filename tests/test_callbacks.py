@@ -19,7 +19,7 @@ from barewire.canopen import (
     ObjectDictionary,
 )
 from barewire.errors import EncodeError
-from barewire.io.canopen.methods.nmt import NetworkNmtMethods
+from barewire.io.canopen.nmt import NetworkNmtMethods
 from barewire.modbus import Functions, Table
 from tests.helpers import refused
 

@@ -151,7 +151,7 @@ def test_the_canopen_client_loads_what_carries_an_object_and_no_other_service() 
 
 def test_a_canopen_method_loads_its_file_when_it_is_called() -> None:
     found = files(
-        loaded("from barewire.io.canopen.methods.sync_time import SyncMethods as Sync; Sync.events.__wrapped__(None)"),
+        loaded("from barewire.io.canopen.bus_methods import SyncMethods as Sync; Sync.events.__wrapped__(None)"),
         "barewire.canopen",
     )
     assert "sync" in found

@@ -10,11 +10,10 @@ import pytest
 import barewire
 import barewire.modbus
 from barewire.canopen.lss import master as lss_master
-from barewire.io.canopen.methods.lss import LssMethods
-from barewire.io.canopen.methods.nmt import NodeNmtMethods
-from barewire.io.canopen.methods.operations import Methods
-from barewire.io.canopen.methods.sdo import SdoMethods
-from barewire.io.canopen.methods.sync_time import SyncMethods
+from barewire.io.canopen.bus_methods import LssMethods, SyncMethods
+from barewire.io.canopen.nmt import NodeNmtMethods
+from barewire.io.canopen.objects import SdoMethods
+from barewire.io.canopen.operations import Methods
 from barewire.io.drive import DriveClient
 
 CLIENTS: list[Any] = [barewire.ModbusClient, barewire.AsyncModbusClient]

@@ -155,7 +155,7 @@ class Bus:
 
 
 def plainly(plain: PlainExchange[Any]) -> Conversation[CanFrame, Any]:
-    """Return a conversation that does what the client of a bus does with a plain exchange (`io.canopen.fast_path`)."""
+    """Return a conversation that does what the client of a bus does with a plain exchange (`io.canopen.client`)."""
     request = plain.begin()
     if request is None:
         return (yield from plain.whole())

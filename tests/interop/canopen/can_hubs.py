@@ -83,7 +83,7 @@ def run_slcan(count: int) -> None:
 
 def run_socketcand() -> None:
     """Run our socketcand hub until the standard input ends."""
-    from barewire.io.canopen.socketcand import SocketcandHub
+    from barewire.io.server.can import SocketcandHub
 
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]

@@ -15,7 +15,7 @@ from barewire import CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, standard_objects
 from barewire.errors import NoAnswer, PortError
 from barewire.io import BusDown, BusUp, FramesLost
-from barewire.io.canopen.bus.event_stream import Stream
+from barewire.io.canopen.bus.subscriber import Stream
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.interfaces import can_port
 from barewire.io.ports.can.socketcan import SocketCanPort

@@ -146,7 +146,7 @@ def test_emcy_sync_and_time(kind: str, thing: tuple[str, LocalNode]) -> None:
             await get(client.time.send(1709210096.789))
             assert (await get(times.get(30.0))).stamp.unix == 1709210096.789
             other.stop()
-            other._subscriber.bus.close()  # type: ignore[attr-defined]
+            other._subscriber.bus.close()
 
     run_with(calls, kind, url)
 

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 
 from barewire.canopen.gateway.own_node import gateway_node
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.canopen.gateway_server import CanopenGateway, serve_gateway
+from barewire.io.server.gateway import CanopenGateway, serve_gateway
 from tests.io.canopen.test_gateway_server import TextClient, play
 
 

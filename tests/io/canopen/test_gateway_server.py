@@ -16,7 +16,7 @@ from barewire.canopen import CanFrame, ErrorFrame
 from barewire.devices.sim import simulator
 from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.canopen.gateway_server import GATEWAY_CONNECTIONS, UNREAD_LIMIT, CanopenGateway, serve_gateway
+from barewire.io.server.gateway import GATEWAY_CONNECTIONS, UNREAD_LIMIT, CanopenGateway, serve_gateway
 from tests.helpers import refused
 
 

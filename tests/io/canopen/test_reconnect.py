@@ -17,14 +17,13 @@ from barewire import CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, ErrorFrame, NmtCommand, NmtState
 from barewire.errors import NoAnswer, PortError
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.canopen.bus.event_stream import FrameListener, Stream
-from barewire.io.canopen.bus.reconnect import LASTED, Reopening
+from barewire.io.canopen.bus.port import LASTED, Reopening
 from barewire.io.canopen.bus.shared_bus import CanBus
-from barewire.io.canopen.bus.subscriber import BusDown, BusUp
-from barewire.io.canopen.socketcand import SocketcandHub
+from barewire.io.canopen.bus.subscriber import BusDown, BusUp, FrameListener, Stream
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.connections import BackOff
 from barewire.io.ports.can.python_can import GARBLED_LIMIT, CanPort
+from barewire.io.server.can import SocketcandHub
 from tests.helpers import free_port
 from tests.io.canopen.memory_bus import MemoryPort, device
 
@@ -211,7 +210,7 @@ def test_a_port_that_fails_at_once_does_not_end_the_growth_of_the_pauses(monkeyp
             now += timeout or 0.0
             return False
 
-    monkeypatch.setattr("barewire.io.canopen.bus.reconnect.time.monotonic", lambda: now)
+    monkeypatch.setattr("barewire.io.canopen.bus.port.time.monotonic", lambda: now)
     reopening = Reopening(dial, Stop())
     reopening.back_off = BackOff(lambda: 0.5)
     opened = reopening.reopen(MemoryPort(), "unplugged")

@@ -13,9 +13,8 @@ from barewire.canopen import CanFrame, ErrorFrame, FdFrame, upload
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.bus.async_bus import AsyncStream, AsyncSubscriber
-from barewire.io.canopen.bus.event_stream import FrameListener, Stream
 from barewire.io.canopen.bus.shared_bus import CanBus
-from barewire.io.canopen.bus.subscriber import FramesLost, Subscriber
+from barewire.io.canopen.bus.subscriber import FrameListener, FramesLost, Stream, Subscriber
 from tests.io.canopen.memory_bus import MemoryPort, device, memory_bus
 
 BUS_OFF = ErrorFrame(0x40, bytes(8))

@@ -12,10 +12,10 @@ import pytest
 from barewire.canopen import CanFrame
 from barewire.canopen.frame import ErrorFrame
 from barewire.errors import PortError
-from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.python_can import CanPort
 from barewire.io.ports.can.socketcand import read_hub_answer
+from barewire.io.server.can import SocketcandHub
 from tests.helpers import free_port, refused
 
 

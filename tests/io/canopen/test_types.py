@@ -14,10 +14,10 @@ from barewire.codecs import Value
 from barewire.devices.drive import DriveStatus
 from barewire.devices.parameter import Reading
 from barewire.io.canopen.bus.async_bus import AsyncRunning, AsyncStream
-from barewire.io.canopen.bus.event_stream import Stream
 from barewire.io.canopen.bus.node_runner import Running
-from barewire.io.canopen.methods.operations import AsyncBusRunner, BlockingBusRunner
+from barewire.io.canopen.bus.subscriber import Stream
 from barewire.io.canopen.node import AsyncDeviceNode, DeviceNode, EdsNode, Node, ObjectReading
+from barewire.io.canopen.operations import AsyncBusRunner, BlockingBusRunner
 from barewire.io.machine import AsyncMachineClient, MachineClient
 
 FRAME = CanFrame(0x80)

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from barewire.canopen import CanFrame, SdoServer
-from barewire.io.canopen import fast_path
-from barewire.io.canopen.bus import async_bus, direct_port, loop_reader, receiving, shared_bus, subscriber
+from barewire.io.canopen import client
+from barewire.io.canopen.bus import async_bus, direct_port, shared_bus, subscriber
 from barewire.io.engine import blocking
 from tests.canopen.sdo.sdo_bus import Store
 from tests.model.virtual_loop import VirtualLoop, VirtualSelector
@@ -152,7 +152,7 @@ class VirtualCan:
     def set_clocks(self, patch: pytest.MonkeyPatch) -> None:
         """Let barewire use the time of this bus."""
         clock = SimpleNamespace(monotonic=lambda: self.now, time=lambda: self.now)
-        for module in (fast_path, direct_port, loop_reader, receiving, shared_bus, subscriber, async_bus):
+        for module in (client, direct_port, shared_bus, subscriber, async_bus):
             patch.setattr(module, "time", clock)
         patch.setattr(blocking.run, "__defaults__", (clock.monotonic, None))
 

@@ -16,7 +16,7 @@ import pytest
 import barewire
 from barewire.canopen import CanFrame, CyclicProducer, SyncProducer
 from barewire.errors import EncodeError, PortError
-from barewire.io.canopen.methods.cyclic import KernelCycle
+from barewire.io.canopen.bus_methods import KernelCycle
 from barewire.io.ports.can.bcm import BroadcastManager, NoBroadcastManager, delete_message, setup_message
 from tests.helpers import refused
 
@@ -234,4 +234,4 @@ def test_only_cyclic_producers_import_the_broadcast_manager() -> None:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").endswith("ports.can.bcm"):
                 users.add(file.relative_to(home).as_posix())
-    assert users == {"io/canopen/methods/cyclic.py"}
+    assert users == {"io/canopen/bus_methods.py"}

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from barewire.canopen import CanFrame
-from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.python_can import CanPort
 from barewire.io.ports.pty import PseudoTerminal
+from barewire.io.server.can import SocketcandHub
 from barewire.rtu import encode
 from tests.helpers import free_port, unhex
 from tests.workbench.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, run_command

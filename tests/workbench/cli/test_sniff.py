@@ -18,10 +18,10 @@ from barewire.canopen import CanFrame
 from barewire.canopen.eds import parse, to_dcf
 from barewire.devices import load
 from barewire.errors import PortError
-from barewire.io.canopen.socketcand import SocketcandHub
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.python_can import CanPort
 from barewire.io.ports.pty import PseudoTerminal
+from barewire.io.server.can import SocketcandHub
 from barewire.rtu import encode as rtu_frame
 from barewire_workbench.recordings.capture import read_packets
 from tests.helpers import free_port, unhex

@@ -11,37 +11,36 @@ concurrently. If a task is cancelled, its transfer is aborted, and late response
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import contextlib
+from collections.abc import AsyncIterator, Callable
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.canopen import CanFrame
+from barewire.canopen.channel_locks import ChannelLock, LockKeys
 from barewire.canopen.sdo.channel import Channel
+from barewire.canopen.sdo.plain import NOT_PLAIN, PlainExchange
 from barewire.conversation import Conversation, Heard
 from barewire.errors import BarewireError, PortError
-from barewire.io.canopen.async_fast_path import AsyncFastPath
 from barewire.io.canopen.bus.async_bus import (
+    AsyncChannelSubscriber,
     AsyncRunning,
     AsyncStream,
     AsyncSubscriber,
-    channels_locked,
     open_in_thread,
-    wait_until_open,
 )
-from barewire.io.canopen.bus.event_stream import Listener
-from barewire.io.canopen.bus.subscriber import Key
-from barewire.io.canopen.client_base import ClientBase
-from barewire.io.canopen.methods.operations import (
+from barewire.io.canopen.bus.shared_bus import CanBus
+from barewire.io.canopen.client_base import ClientBase, KnownChannel
+from barewire.io.canopen.node import AsyncDeviceNode
+from barewire.io.canopen.operations import (
     AnyOperation,
     AsyncBusRunner,
     BackgroundTask,
     BusOperation,
     Subscription,
-    checked_conversation,
-    checked_listener,
+    whole_transfer,
 )
-from barewire.io.canopen.node import AsyncDeviceNode
 from barewire.io.endpoint import check_timeout
-from barewire.io.engine.asyncio import run
+from barewire.io.engine.asyncio import abandon, run
 
 if TYPE_CHECKING:
     from barewire.devices.device import Device
@@ -62,7 +61,6 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
         self._receiving = asyncio.Lock()
         self._connecting = asyncio.Lock()
         self._everything: AsyncSubscriber | None = None
-        self._fast_path = AsyncFastPath(self.carry_out, self._run)
         if self._endpoint is None:
             self._bus = self._new_bus(lazy=True)
 
@@ -88,18 +86,8 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
     async def close(self) -> None:
         """Close the streams and background tasks of this client, and the bus unless it is shared."""
         self._stop_running()
-        self._fast_path.close()
         if self.owns_bus and self._bus is not None:
             await asyncio.to_thread(self._bus.close)  # it waits until the reader thread of the bus has ended
-
-    async def run(self, conversation: Conversation[CanFrame, T]) -> T:
-        """Carry out any conversation. It locks all channels of the bus, because those that it uses are unknown."""
-        return await self.open_and_carry_out(lambda: BusOperation(checked_conversation(conversation), None, None))
-
-    def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> AsyncStream[E]:
-        """Return a stream of the events of any machine that listens. `receives` are the (identifier, extended) of its
-        frames, None for all."""
-        return self.subscribe(Subscription(checked_listener(machine), receives))
 
     async def receive(self, timeout: float | None = None) -> CanFrame | None:
         """Return the next frame on the bus, or None after `timeout` seconds. The first call begins to collect frames.
@@ -131,7 +119,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
             self._check_open()
         bus = self._bus or self.bus
         if not isinstance(operation, BusOperation):
-            return await self._fast_path.exchange(bus, operation)
+            return await self._exchange(bus, operation)
         await wait_until_open(bus, self.timeout if operation.timeout is None else operation.timeout)
         async with channels_locked(bus, operation.locks):
             with AsyncSubscriber(bus, operation.receives) as subscriber:
@@ -172,3 +160,121 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
         running = AsyncRunning(self.bus, task.machine, task.receives)
         self._running.add(running)
         return running
+
+    # The fast path, see `client_base`
+
+    async def _exchange(self, bus: CanBus, plain: PlainExchange[T]) -> T:
+        """Carry out an exchange, or the transfer that it turns out to be."""
+        known = self._known.get(plain.channel) or self._remember(plain.channel)
+        lock, task = known.lock, asyncio.current_task()
+        if bus.failure is not None or lock.granted:
+            return await self.carry_out(whole_transfer(plain))
+        try:
+            if bus.lock_if_free(lock, task):
+                return await self._exchange_locked(bus, known, plain)
+        finally:
+            try:
+                if lock.granted and lock.owner is task:
+                    bus.release_lock(lock)
+            finally:  # an exception may have come before it was released
+                if lock.granted and lock.owner is task:
+                    bus.release_lock(lock)
+        return await self.carry_out(whole_transfer(plain))
+
+    async def _exchange_locked(self, bus: CanBus, known: KnownChannel, plain: PlainExchange[T]) -> T:
+        channel = plain.channel
+        try:
+            port = self._subscriber(bus, known)
+            port.clear()
+            request = plain.begin()
+            sent_at = None if request is None else _send(bus, port, plain, request)
+            if sent_at is None:
+                return await self._run(channel, plain.whole(), port)
+            try:
+                frame = await port.receive_until(sent_at + plain.timeout)
+            except BaseException as error:
+                rest = plain.rest(sent_at)
+                next(rest)
+                abandon(rest, port, error)
+                raise
+            if frame is None:
+                return await self._run(channel, plain.rest(sent_at), port)
+            result = plain.answer_in(frame)
+            if result is not NOT_PLAIN:
+                return result
+            rest = plain.rest(sent_at)
+            next(rest)
+            return await self._run(channel, rest, port, Heard(frame, port.loop.time()))
+        finally:
+            try:
+                if channel.busy:
+                    plain.be_interrupted(asyncio.get_running_loop().time())
+            finally:
+                if channel.busy:
+                    plain.be_interrupted(asyncio.get_running_loop().time())
+
+    def _subscriber(self, bus: CanBus, known: KnownChannel) -> AsyncChannelSubscriber:
+        subscriber: AsyncChannelSubscriber | None = known.subscriber
+        if subscriber is None or subscriber.has_failed or subscriber.loop is not asyncio.get_running_loop():
+            known.close()
+            subscriber = known.subscriber = AsyncChannelSubscriber(bus, known.keys)
+        return subscriber
+
+
+def _send(bus: CanBus, port: AsyncChannelSubscriber, plain: PlainExchange[T], request: CanFrame) -> float | None:
+    """Send a request, and return when; None, after ending the exchange, if a frame waits to be read first, or if there
+    is no room. Raises PortError."""
+    try:
+        waits = bus.loop_reader is not None and bus.has_frames is not None and bus.has_frames()
+        if not waits and bus.try_send(request, port):
+            return port.loop.time()
+    except PortError:
+        plain.cancel()
+        raise  # after any other exception the request may have been sent: see `PlainExchange.be_interrupted`
+    plain.cancel()
+    return None
+
+
+async def wait_until_open(bus: CanBus, timeout: float) -> None:
+    """If the bus is being opened again, wait for it, `timeout` seconds at most."""
+    if bus.failure is None:
+        return
+    loop, is_open = asyncio.get_running_loop(), asyncio.Event()
+
+    def wake() -> None:
+        with contextlib.suppress(RuntimeError):
+            loop.call_soon_threadsafe(is_open.set)
+
+    if not bus.when_open(wake):
+        try:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(is_open.wait(), timeout)
+        finally:
+            bus.cancel_wake(wake)
+
+
+@contextlib.asynccontextmanager
+async def channels_locked(bus: CanBus, keys: LockKeys | None) -> AsyncIterator[None]:
+    """Wait until these channels are free, and hold their locks. None means the whole bus."""
+    loop = asyncio.get_running_loop()
+    waiter: asyncio.Future[None] = loop.create_future()
+
+    def grant() -> None:
+        if not waiter.done():
+            waiter.set_result(None)
+
+    def wake() -> None:
+        with contextlib.suppress(RuntimeError):
+            loop.call_soon_threadsafe(grant)
+
+    lock = ChannelLock(keys, asyncio.current_task(), wake)
+    try:
+        bus.request_lock(lock)
+        if not lock.granted:
+            await waiter
+        yield
+    finally:
+        try:
+            bus.release_lock(lock)
+        finally:  # an exception may have come before it was released; a second time has no effect
+            bus.release_lock(lock)

@@ -16,33 +16,32 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from barewire.canopen import CanFrame
 from barewire.canopen.channel_locks import ChannelLock, LockKeys
 from barewire.canopen.sdo.channel import Channel
+from barewire.canopen.sdo.plain import NOT_PLAIN, PlainExchange
 from barewire.conversation import Conversation, Heard
 from barewire.errors import BarewireError, PortError
 from barewire.io.canopen.bus.direct_port import DirectPort
-from barewire.io.canopen.bus.event_stream import Listener, Stream
 from barewire.io.canopen.bus.node_runner import Running
 from barewire.io.canopen.bus.shared_bus import CanBus
-from barewire.io.canopen.bus.subscriber import Key, Subscriber
-from barewire.io.canopen.client_base import ClientBase
-from barewire.io.canopen.fast_path import FastPath
-from barewire.io.canopen.methods.operations import (
+from barewire.io.canopen.bus.subscriber import ChannelSubscriber, Stream, Subscriber
+from barewire.io.canopen.client_base import ClientBase, KnownChannel
+from barewire.io.canopen.node import DeviceNode
+from barewire.io.canopen.operations import (
     AnyOperation,
     BackgroundTask,
     BlockingBusRunner,
     BusOperation,
     Subscription,
-    checked_conversation,
-    checked_listener,
+    whole_transfer,
 )
-from barewire.io.canopen.node import DeviceNode
 from barewire.io.endpoint import check_timeout
-from barewire.io.engine.blocking import run
+from barewire.io.engine.blocking import abandon, run
 
 if TYPE_CHECKING:
     from barewire.devices.device import Device
@@ -67,7 +66,6 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
     def _prepare(self) -> None:
         self._receiving = threading.Lock()
         self._everything: Subscriber | None = None
-        self._fast_path = FastPath(self.carry_out, self._run)
         self._bus = self._new_bus(lazy=True)
 
     def _device_node(self, number: int, device: Device, **settings: Any) -> DeviceNode:
@@ -83,18 +81,8 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
     def close(self) -> None:
         """Close the streams and background tasks of this client, and the bus unless it is shared."""
         self._stop_running()
-        self._fast_path.close()
         if self.owns_bus:
             self.bus.close()
-
-    def run(self, conversation: Conversation[CanFrame, T]) -> T:
-        """Carry out any conversation. It locks all channels of the bus, because those that it uses are unknown."""
-        return self.carry_out(BusOperation(checked_conversation(conversation), None, None))
-
-    def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> Stream[E]:
-        """Return a stream of the events of any machine that listens. `receives` are the (identifier, extended) of its
-        frames, None for all."""
-        return self.subscribe(Subscription(checked_listener(machine), receives))
 
     def receive(self, timeout: float | None = None) -> CanFrame | None:
         """Return the next frame on the bus, or None after `timeout` seconds. The first call begins to collect frames.
@@ -124,7 +112,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
             self._check_open()
         bus = self._bus or self.bus
         if not isinstance(operation, BusOperation):
-            return self._fast_path.exchange(bus, operation)
+            return self._exchange(bus, operation)
         patience = self.timeout if operation.timeout is None else operation.timeout
         bus.wait_until_open(patience)
         receives = operation.receives
@@ -163,6 +151,87 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
         running = Running(self.bus, task.machine, task.receives)
         self._running.add(running)
         return running
+
+    # The fast path, see `client_base`
+
+    def _exchange(self, bus: CanBus, plain: PlainExchange[T]) -> T:
+        """Carry out an exchange, or the transfer that it turns out to be."""
+        known = self._known.get(plain.channel) or self._remember(plain.channel)
+        lock, thread = known.lock, threading.get_ident()
+        if bus.failure is not None or lock.granted:
+            return self.carry_out(whole_transfer(plain))
+        try:
+            if bus.lock_if_free(lock, thread):
+                return self._exchange_locked(bus, known, plain)
+        finally:
+            try:
+                if lock.granted and lock.owner == thread:
+                    bus.release_lock(lock)
+            finally:  # an exception may have come before it was released
+                if lock.granted and lock.owner == thread:
+                    bus.release_lock(lock)
+        return self.carry_out(whole_transfer(plain))
+
+    def _exchange_locked(self, bus: CanBus, known: KnownChannel, plain: PlainExchange[T]) -> T:
+        try:
+            port = known.direct
+            if port is None:
+                port = known.direct = DirectPort(bus, bus.reading, known.keys)
+            try:
+                if bus.begin_direct(port, plain.timeout):
+                    return self._exchange_on(port, plain)
+            finally:
+                try:
+                    port.close()
+                finally:  # an exception may have come before it was closed
+                    port.close()
+            return self._exchange_on(self._subscriber(bus, known), plain)
+        finally:
+            try:
+                if plain.channel.busy:
+                    plain.be_interrupted(time.monotonic())
+            finally:
+                if plain.channel.busy:
+                    plain.be_interrupted(time.monotonic())
+
+    def _exchange_on(self, port: DirectPort | ChannelSubscriber, plain: PlainExchange[T]) -> T:
+        request = plain.begin()
+        if request is None:
+            return self._run(plain.channel, plain.whole(), port)
+        try:
+            frame = port.exchange(request, plain.timeout)
+        except BaseException as error:
+            self._abandon(port, plain, error)
+            raise
+        sent_at = port.sent_at
+        if sent_at is None:
+            plain.cancel()
+            return self._run(plain.channel, plain.whole(), port)
+        if frame is None:
+            return self._run(plain.channel, plain.rest(sent_at), port)
+        result = plain.answer_in(frame)
+        if result is not NOT_PLAIN:
+            return result
+        rest = plain.rest(sent_at)
+        next(rest)
+        return self._run(plain.channel, rest, port, Heard(frame, time.monotonic()))
+
+    @staticmethod
+    def _abandon(port: DirectPort | ChannelSubscriber, plain: PlainExchange[T], error: BaseException) -> None:
+        """End an exchange that `error` interrupted as its conversation does."""
+        if port.sent_at is None:
+            plain.cancel()
+            return
+        rest = plain.rest(port.sent_at)
+        next(rest)
+        abandon(rest, port, error)
+
+    def _subscriber(self, bus: CanBus, known: KnownChannel) -> ChannelSubscriber:
+        subscriber: ChannelSubscriber | None = known.subscriber
+        if subscriber is None or subscriber.has_failed:
+            known.close()
+            subscriber = known.subscriber = ChannelSubscriber(bus, known.keys)
+        return subscriber
 
 
 @contextlib.contextmanager

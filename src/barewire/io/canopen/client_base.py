@@ -4,7 +4,15 @@ bus.node(5, ...)                          one node: `node`
 bus.nmt, bus.lss, bus.sync, bus.time      groups of methods: `methods`
 bus.scan(), bus.emergencies(), bus.frames(), bus.pdos(...), bus.send(frame), bus.host(device)
 
-`client` and `async_client` add what waits: they carry out operations, and receive single frames.
+`client` and `async_client` add what waits: they carry out operations, and receive single frames. Both have a fast path
+for expedited SDO transfers, without running a conversation where nothing irregular happens:
+
+        plain.begin()             -> the request     None                                     -> the whole conversation
+        send it, and wait         -> a frame         not sent: another one waits to be read   -> the whole conversation
+        plain.answer_in(frame)    -> the result      no frame, or any other; an error, Ctrl-C -> the rest of it
+
+Nearly every access of a master takes this path, in a third of the time. What frames mean is decided in
+`canopen.sdo.plain`; here are the channels that a client remembers for it.
 """
 
 from __future__ import annotations
@@ -17,27 +25,31 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast, overload
 from weakref import WeakSet
 
 from barewire import canopen
+from barewire.canopen.channel_locks import ChannelLock
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
-from barewire.conversation import DEFAULT_TIMEOUT
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import EncodeError, NoAnswer, PortError, shown
-from barewire.io.canopen.bus.event_stream import FrameListener
 from barewire.io.canopen.bus.node_runner import Speaker, checked_machine, stop_all
-from barewire.io.canopen.bus.receiving import check_port
+from barewire.io.canopen.bus.port import check_port
 from barewire.io.canopen.bus.shared_bus import CanBus
-from barewire.io.canopen.bus.subscriber import Key, check_key
-from barewire.io.canopen.methods.nmt import ERROR_CONTROL, NetworkNmtMethods
-from barewire.io.canopen.methods.operations import (
+from barewire.io.canopen.bus.subscriber import FrameListener, Key, Listener, check_key
+from barewire.io.canopen.nmt import NetworkNmtMethods
+from barewire.io.canopen.node import DcfNode, EdsNode, Node, check_node_id, dcf_node, dictionary_of
+from barewire.io.canopen.operations import (
+    ERROR_CONTROL,
     BackgroundTask,
     BusOperation,
     Methods,
     R,
     Subscription,
     background,
+    checked_conversation,
+    checked_listener,
     operation,
+    sdo_keys,
     send_frame,
     subscription,
 )
-from barewire.io.canopen.node import EdsNode, Node, check_node_id, dictionary_of
 from barewire.io.endpoint import check_timeout
 from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
@@ -51,16 +63,36 @@ if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.canopen.sdo.channel import Channel
     from barewire.devices.device import Device
-    from barewire.io.canopen.bus.receiving import WatchFrames
-    from barewire.io.canopen.dcf_node import DcfNode
-    from barewire.io.canopen.methods.cyclic import SentBy
-    from barewire.io.canopen.methods.lss import LssMethods
-    from barewire.io.canopen.methods.sync_time import SyncMethods, TimeMethods
+    from barewire.io.canopen.bus.direct_port import DirectPort
+    from barewire.io.canopen.bus.shared_bus import WatchFrames
+    from barewire.io.canopen.bus_methods import LssMethods, SentBy, SyncMethods, TimeMethods
     from barewire.io.endpoint import Endpoint
 
 _NODES = range(1, 128)
+_CHANNELS_MAX = 256
+"""Channels that are remembered. A bus has 127 nodes, but a program can make any number of further channels."""
 
 D = TypeVar("D", bound=Node[Any])
+T = TypeVar("T")
+E = TypeVar("E")
+
+
+class KnownChannel:
+    """What a client remembers of a channel for its fast path."""
+
+    __slots__ = ("direct", "keys", "lock", "subscriber")
+
+    def __init__(self, channel: Channel) -> None:
+        locks, self.keys = sdo_keys(channel)
+        self.lock = ChannelLock(locks, None, lambda: None)  # nobody waits for it: it is taken if it is free
+        self.subscriber: Any = None
+        """It stays on the bus between exchanges; of the kind that the client has."""
+        self.direct: DirectPort | None = None
+
+    def close(self) -> None:
+        """Take the subscriber off the bus."""
+        if self.subscriber is not None:
+            self.subscriber.close()
 
 
 class ClientBase(Methods[R], ABC, Generic[R, D]):
@@ -105,6 +137,7 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         self.timeout = DEFAULT_TIMEOUT if timeout is None else timeout
         self.dialect = _dialect(dialect)
         self._running: WeakSet[Any] = WeakSet()  # the subscribers, streams and background tasks of this client
+        self._known: dict[Channel, KnownChannel] = {}
         self._closed = False
         self.nmt: NetworkNmtMethods[R] = NetworkNmtMethods(runner)
         """NMT of all nodes."""
@@ -172,6 +205,16 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         if self._log is not None:
             self._log.flush()
         stop_all(self._running)
+        for known in list(self._known.values()):
+            known.close()
+
+    def _remember(self, channel: Channel) -> KnownChannel:
+        if len(self._known) >= _CHANNELS_MAX:
+            for other, known in list(self._known.items()):
+                if not known.lock.granted:
+                    self._known.pop(other, None)
+                    known.close()
+        return self._known.setdefault(channel, KnownChannel(channel))
 
     @overload
     def node(
@@ -240,8 +283,6 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
             found = _canopen_device(device)
             return self._device_node(self._number(number, found), found, **settings)
         if dcf is not None:
-            from barewire.io.canopen.dcf_node import dcf_node
-
             return dcf_node(self.runner, self.node_id if number is None else number, dcf, **settings)
         node_id = self._number(number)
         if eds is not None:
@@ -263,23 +304,34 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
     @cached_property
     def lss(self) -> LssMethods[R]:
         """The LSS master of the bus."""
-        from barewire.io.canopen.methods.lss import LssMethods
+        from barewire.io.canopen.bus_methods import LssMethods
 
         return LssMethods(self.runner)
 
     @cached_property
     def sync(self) -> SyncMethods[R]:
         """SYNC messages."""
-        from barewire.io.canopen.methods.sync_time import SyncMethods
+        from barewire.io.canopen.bus_methods import SyncMethods
 
         return SyncMethods(self.runner)
 
     @cached_property
     def time(self) -> TimeMethods[R]:
         """TIME messages."""
-        from barewire.io.canopen.methods.sync_time import TimeMethods
+        from barewire.io.canopen.bus_methods import TimeMethods
 
         return TimeMethods(self.runner)
+
+    @operation
+    def run(self, conversation: Conversation[CanFrame, T]) -> BusOperation[T]:
+        """Carry out any conversation. It locks all channels of the bus, because those that it uses are unknown."""
+        return BusOperation(checked_conversation(conversation), None, None)
+
+    @subscription
+    def watch(self, machine: Listener[E], receives: frozenset[Key] | None = None) -> Subscription[E]:
+        """Return a stream of the events of any machine that listens. `receives` are the (identifier, extended) of its
+        frames, None for all."""
+        return Subscription(checked_listener(machine), receives)
 
     @operation
     def send(self, frame: canopen.CanFrame) -> BusOperation[None]:
@@ -326,7 +378,7 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
     @subscription
     def pdos(self, *pdos: RemotePdo) -> Subscription[PdoReceived]:
         """Return a stream of the values of these PDOs, of any nodes."""
-        from barewire.io.canopen.methods.pdo import pdo_subscription
+        from barewire.io.canopen.objects import pdo_subscription
 
         return pdo_subscription(*pdos)
 
@@ -351,7 +403,7 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         checked_machine(machine)
         if by == "python":
             return BackgroundTask(machine, receives)
-        from barewire.io.canopen.methods.cyclic import cyclic_frames, cyclic_task
+        from barewire.io.canopen.bus_methods import cyclic_frames, cyclic_task
 
         return cyclic_task(self.runner.bus, cyclic_frames(machine), by)
 

@@ -3,7 +3,7 @@
     bus.node(5)                        node.sdo, node.nmt, node.pdo, node.emergencies()
     bus.node(5, device="az3")          also values with units by name, and node.drive       (`io.named_values`)
     bus.node(5, eds="drive.eds")       also values by the names of an EDS, by index, by (index, sub-index)
-    bus.node(5, dcf="pump.dcf")        also the configuration of a DCF (`dcf_node`)
+    bus.node(5, dcf="pump.dcf")        also node.diff() and node.configure(), with the configuration of a DCF
 
 A `Node` holds no connection: there may be any number for the same node.
 """
@@ -20,8 +20,9 @@ from barewire._html import html_table
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.errors import DecodeError, EncodeError, Refused, shown
 from barewire.io.canopen.bus.subscriber import Key, check_key
-from barewire.io.canopen.methods.nmt import NodeNmtMethods
-from barewire.io.canopen.methods.operations import (
+from barewire.io.canopen.nmt import NodeNmtMethods
+from barewire.io.canopen.objects import SdoMethods, read_by_name, write_by_name
+from barewire.io.canopen.operations import (
     AnyOperation,
     AsyncBusRunner,
     BlockingBusRunner,
@@ -33,12 +34,13 @@ from barewire.io.canopen.methods.operations import (
     sdo_transfer,
     subscription,
 )
-from barewire.io.canopen.methods.sdo import SdoMethods, read_by_name, write_by_name
 from barewire.io.named_values import AsyncNamedValues, CanopenNames, NamedValues
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from barewire.canopen.configuration.configure import ConfigurationResult, ConfigureProgress
+    from barewire.canopen.configuration.settings import DeviceConfiguration, Difference
     from barewire.canopen.eds.eds_file import Eds
     from barewire.canopen.object_dictionary import Entry, ObjectDictionary, ObjectRef
     from barewire.canopen.sdo.channel import Channel
@@ -47,7 +49,7 @@ if TYPE_CHECKING:
     from barewire.conversation import Conversation
     from barewire.devices.device import Device
     from barewire.devices.parameter import Reading
-    from barewire.io.canopen.methods.pdo import PdoMethods
+    from barewire.io.canopen.objects import PdoMethods
 
 _NAMED = {"read", "read_all", "write", "drive"}
 _OF_DCF = {"configure", "diff"}
@@ -90,7 +92,7 @@ class Node(Methods[R]):
     @cached_property
     def pdo(self) -> PdoMethods[R]:
         """The process data of the node, with the names of its device or EDS."""
-        from barewire.io.canopen.methods.pdo import PdoMethods
+        from barewire.io.canopen.objects import PdoMethods
 
         return PdoMethods(self.sdo, self._objects)
 
@@ -192,6 +194,88 @@ class EdsNode(Node[R]):
         return write_by_name(self.channel, self.objects, place, value, block, wait)
 
 
+class Differences(list["Difference"]):
+    """The differences between a device and its configuration, in the order of the objects. A notebook shows them as a
+    table."""
+
+    def _repr_html_(self) -> str:
+        from barewire.canopen.configuration.settings import object_text, value_text
+
+        rows = (
+            (object_text(entry), reason if present is None else value_text(entry, present), value_text(entry, wanted))
+            for entry, present, wanted, reason in self
+        )
+        return html_table(("object", "device", "configuration"), rows)
+
+
+class DcfNode(EdsNode[R]):
+    """A node with the configuration of a DCF; its objects have names and types too."""
+
+    def __init__(
+        self,
+        runner: R,
+        number: int,
+        objects: ObjectDictionary,
+        configuration: DeviceConfiguration,
+        *,
+        timeout: float,
+        dialect: SdoDialect,
+    ) -> None:
+        super().__init__(runner, number, objects, timeout=timeout, dialect=dialect)
+        self.configuration = configuration
+
+    @operation
+    def diff(
+        self, *, timeout: float | None = None, progress: ConfigureProgress | None = None
+    ) -> BusOperation[Differences]:
+        """Read the objects of the DCF, and return those whose values differ: identity, settings, 1020h.
+
+        progress    called as progress(done, total, step) before each object is read
+        timeout     seconds that each response may take; by default the node's
+
+        Nothing is written. Write-only objects are always listed. Raises SdoAbort, NoAnswer, PortError.
+        """
+        from barewire.canopen.configuration.configure import compare_device
+
+        wait = self.timeout if timeout is None else timeout
+        comparing = compare_device(self.channel, self.configuration, timeout=wait, progress=progress)
+        return sdo_transfer(self.channel, _differences(comparing), wait)
+
+    @operation
+    def configure(
+        self,
+        *,
+        store: bool = False,
+        dry_run: bool = False,
+        timeout: float | None = None,
+        progress: ConfigureProgress | None = None,
+    ) -> BusOperation[ConfigurationResult]:
+        """Write the values that differ, read them back, and write the date of the DCF to 1020h.
+
+        store       then store all parameters by 1010h:01; otherwise the next reset of the device loses them
+        dry_run     write nothing, and return what would be written
+        progress    called as progress(done, total, step) before each step
+        timeout     seconds that each response may take; by default the node's
+
+        PDOs that change are off meanwhile. The node should be pre-operational: `nmt.pre_operational()`. Raises
+        ConfigurationFailed for a device of another type, one without an object of the DCF, or a value that is not the
+        written one; SdoAbort for a value that the device refuses; NoAnswer, PortError.
+        """
+        from barewire.canopen.configuration.configure import configure_device
+
+        wait = self.timeout if timeout is None else timeout
+        configuring = configure_device(
+            self.channel, self.configuration, store=store, dry_run=dry_run, timeout=wait, progress=progress
+        )
+        return sdo_transfer(self.channel, configuring, wait)
+
+
+def _differences(
+    comparing: Conversation[canopen.CanFrame, list[Difference]],
+) -> Conversation[canopen.CanFrame, Differences]:
+    return Differences((yield from comparing))
+
+
 class DeviceNode(Node[BlockingBusRunner], CanopenNames, NamedValues):
     """A node that is a described device."""
 
@@ -270,3 +354,15 @@ def parsed_eds(eds: str | Path | Eds, what: str = "eds") -> Eds:
     if not described.objects:
         raise EncodeError(f"{what} {shown(str(eds))}: the file describes no object", what)
     return described
+
+
+def dcf_node(runner: R, number: int | None, dcf: str | Path | Eds, **settings: Any) -> DcfNode[R]:
+    """Return the node of a DCF. Its number is by default that of the file.
+
+    Raises EncodeError for a file that cannot be read, that has no node-ID while none is given, or that is an EDS.
+    """
+    from barewire.canopen.configuration.settings import device_configuration
+
+    parsed = parsed_eds(dcf, "dcf")
+    configuration = device_configuration(parsed, None if number is None else check_node_id(number))
+    return DcfNode(runner, configuration.node, parsed.dictionary(configuration.node), configuration, **settings)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from barewire.canopen.configuration.settings import Difference
     from barewire.canopen.eds import Eds
     from barewire.canopen.object_dictionary import ObjectDictionary
-    from barewire.io.canopen.dcf_node import DcfNode
-    from barewire.io.canopen.methods.operations import BlockingBusRunner
+    from barewire.io.canopen.node import DcfNode
+    from barewire.io.canopen.operations import BlockingBusRunner
 
 
 @click.group("canopen", cls=CommandGroup)

@@ -20,7 +20,7 @@ from barewire.devices.request_checks import parse_value
 from barewire.devices.sim import MachineUnits, Simulator, recorded_units, simulator
 from barewire.devices.sim.recorded import is_recorded
 from barewire.errors import shown
-from barewire.io.canopen.bus.receiving import inside_one_process
+from barewire.io.canopen.bus.port import inside_one_process
 from barewire.io.endpoint import Endpoint
 from barewire.io.fault_injection.faults import LATE, Fault, faults_at, faults_on_can, parse_faults
 from barewire.io.server.base import ThreadedServer

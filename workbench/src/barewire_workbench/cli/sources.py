@@ -17,7 +17,7 @@ from typing import BinaryIO, Self, cast
 import click
 
 from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
-from barewire.io.canopen.bus.capture import listen_can
+from barewire.io.canopen.bus.port import listen_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.network import reason
 from barewire.modbus.sniffer import WINDOW

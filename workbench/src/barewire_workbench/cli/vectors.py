@@ -194,7 +194,7 @@ def _live(endpoint: str) -> AbstractContextManager[Ask]:
 
     parsed = Endpoint.parse(endpoint)
     if parsed.scheme in _LIVE_KINDS:
-        from barewire.io.canopen.bus.receiving import inside_one_process
+        from barewire.io.canopen.bus.port import inside_one_process
         from barewire_workbench.live.canopen_conformance import LiveDevice
 
         if remark := inside_one_process(parsed.place):

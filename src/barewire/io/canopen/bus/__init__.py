@@ -2,13 +2,10 @@
 
 The files, in reading order:
 
-    subscriber      receives frames of a shared bus for one thread or task
+    port            how a port is read, and opened again after it failed; listening to a live bus
+    subscriber      who receives frames: subscribers, and streams of the events of a machine that listens
     direct_port     reads the bus for one conversation, while nobody else listens
-    reconnect       opens a port again that failed
-    receiving       who reads the port of a bus, and where its frames go
-    shared_bus      CanBus: one reader, many subscribers; the locks of SDO channels
-    event_stream    streams: the events of a machine that listens
+    shared_bus      CanBus: who reads, where frames go, the locks of SDO channels
     node_runner     runs machines that also send, each in a thread
-    async_bus       subscribers, streams and running machines for asyncio
-    capture         the frames of a live bus
+    async_bus       a reader, subscribers, streams and running machines for asyncio
 """

@@ -15,40 +15,16 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Sequence
 
 from barewire.canopen.frame import CanFrame
 from barewire.errors import BarewireError, PortError
-from barewire.io.canopen.bus.subscriber import SUBSCRIBER_ROOM, BusItem, FrameBus, Key, Subscriber, send_each
+from barewire.io.canopen.bus.subscriber import SUBSCRIBER_ROOM, FrameBus, Key, Subscriber, send_each
 
 _SLICE = 0.05
 """Seconds of one read, after which it is checked whether the bus was closed, or a second listener came."""
 _BACKLOG = 0.1
 """Seconds that reading the waiting frames of others may take at most: a busy bus is never silent."""
-
-
-class ReadableBus(FrameBus, Protocol):
-    """The operations of a bus that a `DirectPort` uses; those of `CanBus` are described there."""
-
-    failure: str | None
-
-    @property
-    def has_reader(self) -> bool: ...
-
-    def read_now(self, timeout: float, /) -> BusItem | None: ...
-
-    def take(self, item: BusItem, /) -> bool: ...
-
-    def subscribe_instead(self, keys: frozenset[Key] | None, /) -> Subscriber: ...
-
-    def fail_directly(self, why: str, /) -> None: ...
-
-    def end_direct(self, direct: DirectPort, /) -> None: ...
-
-    def wait_until_open(self, timeout: float, /) -> None: ...
-
-    has_frames: Callable[[], bool] | None
 
 
 class DirectPort:
@@ -58,7 +34,7 @@ class DirectPort:
 
     node = False
 
-    def __init__(self, bus: ReadableBus, reading: threading.Lock, keys: frozenset[Key] | None) -> None:
+    def __init__(self, bus: FrameBus, reading: threading.Lock, keys: frozenset[Key] | None) -> None:
         """`reading`: the lock of whoever reads; this port holds it only inside `receive`, since between two calls the
         caller's functions may take long."""
         self.inbox: deque[CanFrame] = deque(maxlen=SUBSCRIBER_ROOM)

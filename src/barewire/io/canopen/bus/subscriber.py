@@ -1,9 +1,22 @@
-"""A subscriber: a port on a shared bus for one thread or task, with the frames that it receives.
+"""Who receives the frames of a shared bus: subscribers, for one thread each, and streams of events.
 
         put -->  [ frame | frame | frame | ... room ]  --> pull       one thread or task takes them
                                               12 lost                 counted, and reported as FramesLost
 
-A bounded queue. Its consumer is woken only while it waits, so a burst of frames wakes it once.
+A bounded queue. Its consumer is woken only while it waits, so a burst of frames wakes it once. A stream feeds a machine
+with them, and its events are taken one by one:
+
+    with bus.emergencies() as stream:
+        for event in stream:
+            match event:
+                case EmcyEvent(): ...           an event of the machine
+                case FramesLost(frames): ...    so many frames were lost, because they were not taken in time
+                case ErrorFrame(): ...          a report of the CAN controller
+                case BusDown(why): ...          the port failed, and is being opened again
+                case BusUp(after): ...          it is open again
+
+The machine is fed in the thread or task that takes the events: no callback runs in the reader of the bus. Frames keep
+the time at which they arrived, so only events of silence change if they are taken late.
 """
 
 from __future__ import annotations
@@ -11,17 +24,25 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, Self, TypeAlias, TypeVar
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import BarewireError, EncodeError, PortError, shown
+from barewire.io.endpoint import check_timeout
+from barewire.io.ports.base import Port
 
 if TYPE_CHECKING:
     from asyncio import AbstractEventLoop
 
+E_co = TypeVar("E_co", covariant=True)
+E = TypeVar("E")
+
 SUBSCRIBER_ROOM = 4096
 """Frames that a subscriber holds: 32 blocks of an SDO transfer, or a third of a second of a full bus."""
+STREAM_ROOM = 1024
+"""Frames that a stream holds until they are taken."""
 LONGEST_PULL = 86400.0
 """Seconds of the longest single wait."""
 
@@ -74,20 +95,40 @@ class Arrived(NamedTuple):
 
 
 class FrameBus(Protocol):
-    """The operations of a bus that a subscriber uses."""
+    """The operations of `CanBus` that subscribers, and those who read it by themselves, use. It describes them."""
 
     name: str
+    port: Port[CanFrame]
     subscribers: set[Subscriber]
+    failure: str | None
+    has_frames: Callable[[], bool] | None
+    reading: threading.Lock
+
+    @property
+    def has_reader(self) -> bool: ...
+
+    @property
+    def loop_reader(self) -> object: ...
 
     def add(self, subscriber: Subscriber, /) -> None: ...
 
     def remove(self, subscriber: Subscriber, /) -> None: ...
+
+    def subscribe_instead(self, keys: frozenset[Key] | None, /) -> Subscriber: ...
 
     def send(self, frame: CanFrame, sender: Any = None, /) -> None: ...
 
     def try_send(self, frame: CanFrame, sender: Any = None, /, *, again: bool = False) -> bool: ...
 
     def try_send_all(self, frames: Sequence[CanFrame], sender: Any = None, /) -> int: ...
+
+    def read_now(self, timeout: float, /) -> BusItem | None: ...
+
+    def take(self, item: BusItem, /) -> bool: ...
+
+    def deliver(self, item: BusItem, at: float, /) -> bool: ...
+
+    def report_losses(self) -> None: ...
 
     def read_in_loop(self, loop: AbstractEventLoop, /) -> bool: ...
 
@@ -96,6 +137,14 @@ class FrameBus(Protocol):
     def reads_alone(self, subscriber: Subscriber, /) -> bool: ...
 
     def read_alone(self, subscriber: Subscriber, timeout: float, /) -> CanFrame | None: ...
+
+    def fail_directly(self, why: str, /) -> None: ...
+
+    def end_direct(self, direct: Any, /) -> None: ...
+
+    def wait_until_open(self, timeout: float, /) -> None: ...
+
+    def close(self) -> None: ...
 
 
 def send_each(bus: FrameBus, frames: Sequence[CanFrame], sender: object) -> None:
@@ -258,6 +307,58 @@ class Subscriber:
         self.fail("this was closed")
 
 
+class ChannelSubscriber(Subscriber):
+    """The subscriber of one SDO channel for one thread at a time, which stays on the bus between exchanges."""
+
+    def __init__(self, bus: FrameBus, keys: frozenset[Key]) -> None:
+        self._frames: SimpleQueue[BusItem | None] = SimpleQueue()
+        self.sent_at: float | None = None
+        """When `exchange` sent the request; None: it did not."""
+        super().__init__(bus, keys)
+
+    def put(self, item: BusItem, at: float) -> None:
+        """Add a frame, or count it as lost."""
+        if self._frames.qsize() < self.room:
+            self._frames.put(item)
+        else:
+            self.lost += 1
+
+    def fail(self, why: str) -> None:
+        """Let `receive` raise PortError(why) after the frames in the queue."""
+        self._why = self._why or why
+        self._frames.put(None)
+
+    def fail_in_child(self, why: str) -> None:
+        """The same in a forked process: a thread of the parent may hold the lock of the queue."""
+        self._frames = SimpleQueue()
+        self.fail(why)
+
+    def exchange(self, request: CanFrame, timeout: float) -> CanFrame | None:
+        """Send a request, and return the first frame after it, or None after `timeout` seconds. Raises PortError."""
+        self.sent_at = None
+        while not self._frames.empty() and self._why is None:
+            self._frames.get()
+        if self._why is not None:
+            raise PortError(self._why)
+        self.sent_at = time.monotonic()  # before it is sent: an exception may come between
+        try:
+            self.bus.send(request, self)
+        except PortError:
+            self.sent_at = None
+            raise
+        return self.receive(timeout)
+
+    def receive(self, timeout: float) -> CanFrame | None:
+        """Return the next frame, or None after `timeout` seconds. Raises PortError."""
+        try:
+            item = self._frames.get(timeout=min(timeout, LONGEST_PULL))
+        except Empty:
+            item = None
+        if item is None and self._why is not None:
+            raise PortError(self._why)
+        return item  # type: ignore[return-value]  # without reports only frames
+
+
 class SubscriberTable:
     """The subscribers of a bus, by the identifiers that they receive."""
 
@@ -302,3 +403,110 @@ class SubscriberTable:
         for subscriber in self._of_all:
             if subscriber is not sender:
                 subscriber.put(frame, at)
+
+
+Report: TypeAlias = FramesLost | ErrorFrame | FdFrame | BusDown | BusUp
+
+
+class Listener(Protocol[E_co]):
+    """A machine that listens."""
+
+    @property
+    def deadline(self) -> float | None: ...
+
+    def feed(self, frame: CanFrame | None, now: float) -> Iterable[E_co]: ...
+
+
+class FrameListener:
+    """The machine whose events are the frames themselves."""
+
+    deadline = None
+
+    def feed(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
+        """Return the frame."""
+        return [] if frame is None else [frame]
+
+
+class StreamBase(Generic[E]):
+    """The base class of streams: a machine, its events that were not taken yet, and a subscriber."""
+
+    def __init__(self, machine: Listener[E], subscriber: Subscriber) -> None:
+        self.machine = machine
+        self._ready: deque[E | Report] = deque()
+        self._subscriber = subscriber
+        self._open = True
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {type(self.machine).__name__} on {self._subscriber.bus.name}>"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def lost(self) -> int:
+        """The number of frames that were lost here."""
+        return self._subscriber.lost
+
+    def close(self) -> None:
+        """Receive no more."""
+        self._open = False
+        self._subscriber.close()
+
+    def _wait_until(self, until: float) -> float:
+        """Return when the machine has to be fed again, at the latest `until`."""
+        deadline = self.machine.deadline
+        return until if deadline is None else min(until, deadline)
+
+    def _feed(self, arrived: Arrived | None, now: float) -> None:
+        """Feed the machine with a frame, or with the time if nothing arrived."""
+        if arrived is None:
+            self._ready.extend(self.machine.feed(None, now))
+        elif isinstance(arrived.item, CanFrame):
+            self._ready.extend(self.machine.feed(arrived.item, arrived.at))
+        else:
+            self._ready.append(arrived.item)
+
+
+class Stream(StreamBase[E]):
+    """The events of a machine that listens on a bus, for one thread. Iteration ends when the stream is closed."""
+
+    def __init__(
+        self, bus: FrameBus, machine: Listener[E], keys: Iterable[Key] | None, *, room: int = STREAM_ROOM
+    ) -> None:
+        is_plain = isinstance(machine, FrameListener)  # frames without time, which are the events
+        super().__init__(machine, Subscriber(bus, keys, room=room, reports=True, alone=is_plain))
+        self._read_alone = bus.read_alone if is_plain else None
+
+    def get(self, timeout: float | None = None) -> E | Report | None:
+        """Return the next event, or None after `timeout` seconds. Without a time-out it waits for ever.
+
+        Raises PortError if the bus is closed.
+        """
+        is_number = timeout is None or (timeout.__class__ is float and timeout >= 0.0)
+        if is_number and self._read_alone is not None and not self._ready:
+            frame = self._read_alone(self._subscriber, LONGEST_PULL if timeout is None else timeout)
+            if frame is not None:
+                return frame  # type: ignore[return-value]
+        check_timeout(timeout)
+        clock = time.monotonic
+        until = float("inf") if timeout is None else clock() + timeout
+        while not self._ready:
+            now = clock()
+            self._feed(self._subscriber.pull(self._wait_until(until) - now), clock())
+            if not self._ready and clock() >= until:
+                return None
+        return self._ready.popleft()
+
+    def __iter__(self) -> Iterator[E | Report]:
+        while True:
+            try:
+                event = self.get()
+            except PortError:
+                if self._open:
+                    raise
+                return
+            assert event is not None
+            yield event

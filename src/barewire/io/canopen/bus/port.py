@@ -1,7 +1,7 @@
-"""Opens the port of a CAN bus again after it failed, with pauses that grow.
+"""The port of a CAN bus: how it is read, how it is opened again after it failed, and how a live bus is listened to.
 
         port fails                     conversations raise PortError, streams get BusDown(why)
-        closed, pause, opened ...      0.125 s, 0.25 s ... 30 s, each a little different (`engine.backoff`)
+        closed, pause, opened ...      0.125 s, 0.25 s ... 30 s, each a little different (`engine.connections`)
         one receive without error      streams get BusUp(seconds); new requests are sent
 
 A bus has frames without requests, so unlike a Modbus connection its port is not opened by the next request but at once.
@@ -14,14 +14,14 @@ from __future__ import annotations
 import random
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TypeAlias
 
-from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import EncodeError, PortError, shown
 from barewire.io.canopen.bus.subscriber import BusItem, FramesLost
-from barewire.io.endpoint import PAUSES
+from barewire.io.endpoint import PAUSES, Endpoint
 from barewire.io.engine.connections import BackOff
 from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
@@ -33,6 +33,20 @@ LASTED = 5.0
 """Seconds after which a port that was opened resets the pauses."""
 _FIRST_RECEIVE = 0.05
 """Seconds of the first receive, which fails if the interface is down although it could be opened."""
+_CHECK_INTERVAL = 0.1
+"""Seconds between two checks of `listen_can` whether to stop."""
+
+
+def inside_one_process(place: str) -> str:
+    """Return a remark on a bus that other processes cannot reach; an empty text for any other bus."""
+    interface = place.partition("/")[0]
+    return f"can://{interface} is inside one process" if interface in ("memory", "virtual") else ""
+
+
+def check_port(port: object, expected: str) -> None:
+    """Raise EncodeError for an object that is not a port."""
+    if isinstance(port, type) or not (hasattr(port, "send") and hasattr(port, "receive")):
+        raise EncodeError(f"{shown(port)}: expected {expected}")
 
 
 def receiver(port: Port[CanFrame]) -> Callable[[float], BusItem | None]:
@@ -118,39 +132,26 @@ class Reopening:
             return port, first
 
 
-class AwaitedBus:
-    """A bus for which others wait while it is being opened again. `failure` is why it is not open."""
+def listen_can(
+    endpoint: Endpoint, stop: threading.Event, *, seconds: float | None = None
+) -> Iterator[tuple[float, AnyFrame | None]]:
+    """Yield the frames of a live bus with their times, in seconds since 1970; every 0.1 s without a frame a time and
+    None. The port is read and never written to.
 
-    def __init__(self) -> None:
-        self.failure: str | None = None
-        self._has_ended = False  # failed or closed, and not opened again
-        self._waiting: set[Callable[[], None]] = set()
-        self._changing = threading.RLock()
+    A CAN controller acknowledges the frames that it receives, unless it is in listen-only mode. That makes a difference
+    on a bus with a single other node. Interfaces that have this mode have an option for it in python-can.
 
-    def _wake(self) -> None:
-        with self._changing:
-            waiting, self._waiting = self._waiting, set()
-        for wake in waiting:
-            wake()
+    Raises PortError for a bus that cannot be opened, or fails.
+    """
+    from barewire.io.ports.can.interfaces import can_port
 
-    def when_open(self, wake: Callable[[], None]) -> bool:
-        """Return whether the bus is open, or has ended. If it is neither, `wake` is called when it is."""
-        with self._changing:
-            if self.failure is None or self._has_ended:
-                return True
-            self._waiting.add(wake)
-            return False
-
-    def cancel_wake(self, wake: Callable[[], None]) -> None:
-        """Cancel the `wake` of a call of `when_open`."""
-        with self._changing:
-            self._waiting.discard(wake)
-
-    def wait_until_open(self, timeout: float) -> None:
-        """If the bus is being opened again, wait for it, `timeout` seconds at most."""
-        if self.failure is None:
-            return
-        is_open = threading.Event()
-        if not self.when_open(is_open.set):
-            is_open.wait(timeout)
-            self.cancel_wake(is_open.set)
+    port = can_port(endpoint, stamps=True)
+    start = time.time() - time.monotonic()
+    until = float("inf") if seconds is None else time.monotonic() + seconds
+    try:
+        while not stop.is_set() and (now := time.monotonic()) < until:
+            frame = port.receive_any(min(_CHECK_INTERVAL, until - now))
+            at = None if frame is None else getattr(port, "received_at", None)
+            yield start + time.monotonic() if at is None else at, frame
+    finally:
+        port.close()

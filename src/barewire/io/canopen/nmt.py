@@ -18,8 +18,8 @@ from barewire._callbacks import check_callbacks
 from barewire.canopen import NmtCommand
 from barewire.canopen.cob_ids import check_node, check_node_ids
 from barewire.io.canopen.bus.node_runner import CallbackAdapter
-from barewire.io.canopen.methods.cyclic import SentBy, cyclic_task
-from barewire.io.canopen.methods.operations import (
+from barewire.io.canopen.operations import (
+    ERROR_CONTROL,
     NO_LOCKS,
     BackgroundTask,
     BusOperation,
@@ -35,9 +35,7 @@ from barewire.io.canopen.methods.operations import (
 if TYPE_CHECKING:
     from barewire.canopen import CanFrame
     from barewire.conversation import Conversation
-
-ERROR_CONTROL = frozenset((0x700 + node, False) for node in range(1, 128))
-"""The identifiers of heartbeats, boot-up messages and guarding responses."""
+    from barewire.io.canopen.bus_methods import SentBy
 
 _RESPONSES = frozenset((0x580 + node, False) for node in range(1, 128))
 _BOOTING = ERROR_CONTROL | _RESPONSES | {(0x600 + node, False) for node in range(1, 128)}
@@ -232,6 +230,8 @@ class NetworkNmtMethods(NmtMethods[R]):
         by="kernel": the kernel sends it if the bus is can://socketcan. Then it shows that the program has not ended,
         but not that it works: a program that hangs has a heartbeat too. `by_kernel` of the result is whether it does.
         """
+        from barewire.io.canopen.bus_methods import cyclic_task
+
         heartbeat = canopen.NodeState(check_node(node), state).encode()
         return cyclic_task(self.runner.bus, canopen.CyclicProducer(period, heartbeat), by)
 

@@ -29,8 +29,8 @@ from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.bus.async_bus import AsyncRunning, AsyncSubscriber
 from barewire.io.canopen.bus.node_runner import Action
 from barewire.io.canopen.bus.subscriber import LONGEST_PULL, FramesLost
-from barewire.io.canopen.methods.lss import LSS_LOCK, LSS_RECEIVES
-from barewire.io.canopen.methods.operations import NO_FRAMES, NO_LOCKS, BusOperation, sdo_transfer
+from barewire.io.canopen.bus_methods import LSS_LOCK, LSS_RECEIVES
+from barewire.io.canopen.operations import NO_FRAMES, NO_LOCKS, BusOperation, sdo_transfer
 from barewire.io.log import PortLog
 from barewire.io.ports.network import place_of, reason
 

@@ -43,10 +43,9 @@ from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.canopen.sdo.plain import PlainExchange
 from barewire.conversation import Conversation, Send
 from barewire.errors import EncodeError, shown
-from barewire.io.canopen.bus.event_stream import Listener, Stream
 from barewire.io.canopen.bus.node_runner import Running, Speaker
 from barewire.io.canopen.bus.shared_bus import CanBus
-from barewire.io.canopen.bus.subscriber import Key
+from barewire.io.canopen.bus.subscriber import Key, Listener, Stream
 from barewire.io.endpoint import check_timeout
 from barewire.io.engine.methods import called_on_class, documented
 
@@ -63,6 +62,8 @@ NO_LOCKS: LockKeys = frozenset()
 """The locks of an operation that does not disturb others."""
 NO_FRAMES: frozenset[Key] = frozenset()
 """The identifiers of an operation that receives no frame."""
+ERROR_CONTROL: frozenset[Key] = frozenset((0x700 + node, False) for node in range(1, 128))
+"""The identifiers of heartbeats, boot-up messages and guarding responses."""
 
 
 class BusOperation(NamedTuple, Generic[T]):

@@ -1,16 +1,23 @@
-"""`node.sdo`: the objects of a node, by index and sub-index.   [CiA 301, SDO]
+"""`node.sdo` and `node.pdo`: the objects of a node, by index and sub-index, and its process data.   [CiA 301, SDO, PDO]
 
     node.sdo.upload(0x6041)                            b"7\\x06": the bytes, little-endian
     node.sdo.download(0x60FF, 0, (1500).to_bytes(4, "little"))
     node.sdo.read_object(objects, "speed")             1500: the value, in the type that a dictionary gives it
     node.sdo.over(node.sdo.find_channel(2))            the same methods, on another SDO server of the node
 
-The time-out is that of the node where a call gives none. A download is never repeated.
+    rpdo = node.pdo.remote("RPDO", 1)                  the PDO as it is configured in the node, with names
+    node.pdo.send(rpdo, {"controlword": 15})
+    node.pdo.receive(tpdo1, tpdo2)                     a stream of named values
+    node.pdo.read_config("TPDO", 1)                    PdoConfig('TPDO', 1, (0x60410010,), type=1, cob_id=0x185)
+    node.pdo.write_config(PdoConfig("TPDO", 1, (0x60410010,), type=1))              in the safe order
+
+The time-out is that of the node where a call gives none. A download is never repeated. The names of PDOs are those of
+the device or the EDS of the node, or of `objects`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from barewire import canopen
@@ -20,15 +27,31 @@ from barewire.canopen.sdo.client import encoded_value, find_channel, read_object
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.canopen.sdo.plain import PlainDownload, PlainUpload, plain_read
 from barewire.canopen.sdo.stream import LIMIT
-from barewire.errors import EncodeError
-from barewire.io.canopen.methods.operations import AnyOperation, BusOperation, Methods, R, operation, sdo_transfer
+from barewire.errors import EncodeError, shown
+from barewire.io.canopen.operations import (
+    AnyOperation,
+    BusOperation,
+    Methods,
+    R,
+    Subscription,
+    operation,
+    sdo_transfer,
+    send_frame,
+    subscription,
+)
 
 if TYPE_CHECKING:
+    from barewire.canopen import PdoConfig, PdoConfigPolicy, PdoReceived, RemotePdo
     from barewire.canopen.object_dictionary import ObjectDictionary, ObjectRef
+    from barewire.canopen.pdo.config import PdoDirection
     from barewire.canopen.sdo.channel import Channel
     from barewire.canopen.sdo.client import BlockMode
     from barewire.canopen.sdo.stream import SdoProgress
     from barewire.codecs import Value
+    from barewire.devices.device import Device
+
+
+_TYPES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4, "f32": 4}
 
 
 class SdoMethods(Methods[R]):
@@ -188,3 +211,85 @@ def checked_dictionary(objects: object) -> ObjectDictionary:
             f"{objects!r} is not an ObjectDictionary; a described device is read by name: bus.node(5, device=...).read"
         )
     return objects
+
+
+def objects_of(names: ObjectDictionary | Device | None) -> ObjectDictionary | None:
+    """Return the names and types for the objects in a PDO: a dictionary, or one made from a description."""
+    if names is None or isinstance(names, canopen.ObjectDictionary):
+        return names
+    entries: dict[tuple[int, int], canopen.Entry] = {}
+    for parameter in names.parameters:
+        place = parameter.object
+        if place is not None and place.bit is None and parameter.type in _TYPES:
+            entry = canopen.Entry(place.index, place.sub, parameter.name, parameter.type)
+            entries.setdefault((place.index, place.sub), entry)
+    return canopen.ObjectDictionary(entries.values())
+
+
+class PdoMethods(Methods[R]):
+    """The process data of one node. `objects` has the names, where a call gives no others."""
+
+    def __init__(self, sdo: SdoMethods[R], objects: ObjectDictionary | Device | None = None) -> None:
+        super().__init__(sdo.runner)
+        self._sdo = sdo
+        self._objects = objects
+
+    @operation
+    def read_config(
+        self, direction: PdoDirection, number: int, *, timeout: float | None = None
+    ) -> BusOperation[PdoConfig]:
+        """Read the configuration of one PDO from its records."""
+        channel, wait = self._sdo.channel, self._wait(timeout)
+        return sdo_transfer(channel, canopen.read_pdo(channel, direction, number, timeout=wait), wait)
+
+    @operation
+    def write_config(
+        self, pdo: PdoConfig, *, policy: PdoConfigPolicy | None = None, timeout: float | None = None
+    ) -> BusOperation[None]:
+        """Configure a PDO in the safe order: off, the mapping, the times, on. The node should be pre-operational."""
+        if not isinstance(pdo, canopen.PdoConfig):
+            raise EncodeError(f"{shown(pdo)}: expected a PdoConfig")
+        channel, wait, policy = self._sdo.channel, self._wait(timeout), policy or canopen.PdoConfigPolicy()
+        writing = canopen.write_pdo(channel, pdo, policy=policy, timeout=wait)
+        return sdo_transfer(channel, writing, wait)
+
+    @operation
+    def remote(
+        self,
+        direction: PdoDirection,
+        number: int,
+        *,
+        objects: ObjectDictionary | Device | None = None,
+        timeout: float | None = None,
+    ) -> BusOperation[RemotePdo]:
+        """Read the configuration of one PDO, and return the PDO with names for its objects."""
+        channel, wait, names = self._sdo.channel, self._wait(timeout), objects_of(objects or self._objects)
+        return sdo_transfer(channel, canopen.remote_pdo(channel, direction, number, names, timeout=wait), wait)
+
+    @operation
+    def send(self, pdo: RemotePdo, values: Mapping[str, Value]) -> BusOperation[None]:
+        """Send an RPDO with these values by name. An object without a value is sent as 0."""
+        if not isinstance(values, Mapping):
+            raise EncodeError(f"{shown(values)}: expected a mapping of names to values")
+        return send_frame(_checked(pdo).encode(values))
+
+    @subscription
+    def receive(self, *pdos: RemotePdo) -> Subscription[PdoReceived]:
+        """Return a stream of the values of these PDOs, which may be those of several nodes."""
+        return pdo_subscription(*pdos)
+
+    def _wait(self, timeout: float | None) -> float:
+        return self._sdo.timeout if timeout is None else timeout
+
+
+def pdo_subscription(*pdos: RemotePdo) -> Subscription[PdoReceived]:
+    """Return the subscription to the values of these PDOs."""
+    listener = canopen.PdoConsumer(map(_checked, pdos))
+    return Subscription(listener, frozenset(listener.sources))
+
+
+def _checked(pdo: RemotePdo) -> RemotePdo:
+    """Return the PDO. Raises EncodeError for any other object."""
+    if not isinstance(pdo, canopen.RemotePdo):
+        raise EncodeError(f'{shown(pdo)}: expected a RemotePdo, such as node.pdo.remote("TPDO", 1) returns')
+    return pdo
