@@ -30,7 +30,7 @@ from barewire.io.canopen.bus.direct_port import DirectPort
 from barewire.io.canopen.bus.node_runner import Running
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import ChannelSubscriber, Stream, Subscriber
-from barewire.io.canopen.client_base import ClientBase, KnownChannel
+from barewire.io.canopen.client_base import ClientBase, KnownChannel, listening
 from barewire.io.canopen.node import DeviceNode
 from barewire.io.canopen.operations import (
     AnyOperation,
@@ -201,7 +201,11 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
         try:
             frame = port.exchange(request, plain.timeout)
         except BaseException as error:
-            self._abandon(port, plain, error)
+            # End the exchange as its conversation does.
+            if port.sent_at is None:
+                plain.cancel()
+            else:
+                abandon(listening(plain, port.sent_at), port, error)
             raise
         sent_at = port.sent_at
         if sent_at is None:
@@ -212,19 +216,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
         result = plain.answer_in(frame)
         if result is not NOT_PLAIN:
             return result
-        rest = plain.rest(sent_at)
-        next(rest)
-        return self._run(plain.channel, rest, port, Heard(frame, time.monotonic()))
-
-    @staticmethod
-    def _abandon(port: DirectPort | ChannelSubscriber, plain: PlainExchange[T], error: BaseException) -> None:
-        """End an exchange that `error` interrupted as its conversation does."""
-        if port.sent_at is None:
-            plain.cancel()
-            return
-        rest = plain.rest(port.sent_at)
-        next(rest)
-        abandon(rest, port, error)
+        return self._run(plain.channel, listening(plain, sent_at), port, Heard(frame, time.monotonic()))
 
     def _subscriber(self, bus: CanBus, known: KnownChannel) -> ChannelSubscriber:
         subscriber: ChannelSubscriber | None = known.subscriber

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from barewire.canopen.eds.eds_file import Eds
     from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.canopen.sdo.channel import Channel
+    from barewire.canopen.sdo.plain import PlainExchange
     from barewire.devices.device import Device
     from barewire.io.canopen.bus.direct_port import DirectPort
     from barewire.io.canopen.bus.shared_bus import WatchFrames
@@ -406,6 +407,13 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         from barewire.io.canopen.bus_methods import cyclic_frames, cyclic_task
 
         return cyclic_task(self.runner.bus, cyclic_frames(machine), by)
+
+
+def listening(plain: PlainExchange[T], sent_at: float) -> Conversation[CanFrame, T]:
+    """Return the conversation of an exchange whose request was sent, advanced to the point where it listens."""
+    rest = plain.rest(sent_at)
+    next(rest)
+    return rest
 
 
 def _canopen_device(device: str | Path | Device) -> Device:

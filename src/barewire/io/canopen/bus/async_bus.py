@@ -16,18 +16,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
-from typing import Self, TypeVar
+from typing import TypeVar
 
 from barewire.canopen.frame import CanFrame
 from barewire.errors import PortError
-from barewire.io.canopen.bus.node_runner import (
-    Action,
-    NodeDriver,
-    NodeStatistics,
-    Speaker,
-    check_node_is_free,
-    ended_text,
-)
+from barewire.io.canopen.bus.node_runner import Action, NodeStatistics, RunningMachine, Speaker
 from barewire.io.canopen.bus.subscriber import (
     LONGEST_PULL,
     STREAM_ROOM,
@@ -418,11 +411,8 @@ class AsyncStream(StreamBase[E]):
             yield event
 
 
-class AsyncRunning:
-    """A machine in an asyncio task, until it is stopped or the bus is closed.
-
-    `do` changes the machine and sends the resulting frames at once. `statistics` counts frames.
-    """
+class AsyncRunning(RunningMachine):
+    """A machine in an asyncio task. `do` changes the machine and sends the resulting frames at once."""
 
     def __init__(
         self,
@@ -432,35 +422,19 @@ class AsyncRunning:
         statistics: NodeStatistics | None = None,
         log: PortLog | None = None,
     ) -> None:
-        self.machine = machine
-        self.statistics = NodeStatistics() if statistics is None else statistics
-        self._log = PortLog("barewire.canopen.client", f"can://{bus.name}") if log is None else log
-        self._driver = NodeDriver(machine, self.statistics, self._log)
-        check_node_is_free(bus, machine)
+        super().__init__(bus, machine, statistics, log)
         self._subscriber = AsyncSubscriber(bus, keys, node=True, reports=True)
         self._subscriber.machine = machine
-        self.failure: BaseException | None = None
-        """The error that ended the machine: it could not be started."""
-        self.by_kernel: bool = getattr(machine, "by_kernel", False)
-        """Whether the kernel sends the frames of the machine."""
         self._task = asyncio.create_task(self._run())
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
 
     async def _run(self) -> None:
         try:
             await self._serve()
         except Exception as error:
-            self.failure = error
-            self._log.error("ended", ended_text(self.machine, error), error)
+            self._ended(error)
             raise
         finally:
-            self._driver.release()
-            self._log.flush()
+            self._release()
 
     async def _serve(self) -> None:
         driver, clock = self._driver, time.monotonic
@@ -473,9 +447,10 @@ class AsyncRunning:
                     arrived = await self._subscriber.pull_async(driver.wait(clock()))
                 except PortError:
                     return
-                self.statistics.count(None if arrived is None else arrived.item)
-                frames = driver.feed(None if arrived is None else arrived.item, clock())
-                await asyncio.sleep(0)
+                item = None if arrived is None else arrived.item
+                self.statistics.count(item)
+                frames = driver.feed(item, clock())
+                await asyncio.sleep(0)  # a machine that is always due must not keep other tasks waiting
 
     async def _send(self, frame: CanFrame) -> None:
         try:
@@ -490,8 +465,7 @@ class AsyncRunning:
 
         Raises what the action raises, and PortError if the machine has ended.
         """
-        if self.failure is not None:
-            raise PortError(f"{self._log.place}: {ended_text(self.machine, self.failure)}")
+        self._check_running()
         now = time.monotonic()
         for frame in [*(action(now) or ()), *self._driver.feed(None, now)]:
             await self._send(frame)

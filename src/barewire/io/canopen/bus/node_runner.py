@@ -253,29 +253,22 @@ Action = Callable[[float], Iterable[CanFrame] | None]
 """Changes a machine at the given time; the frames that it returns are sent."""
 
 
-class Running:
-    """A machine in a thread of its own, until it is stopped or the bus is closed.
+class RunningMachine:
+    """A machine on a bus, until it is stopped or the bus is closed. `statistics` counts frames, also those that could
+    not be sent; the machine continues."""
 
-    `do` changes the machine from another thread, and sends the resulting frames at once. A change without `do` takes
-    effect within 0.1 s. `statistics` counts frames, also those that could not be sent; the machine continues.
-    """
-
-    def __init__(self, bus: FrameBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
+    def __init__(
+        self, bus: FrameBus, machine: Speaker, statistics: NodeStatistics | None = None, log: PortLog | None = None
+    ) -> None:
         self.machine = machine
-        self.statistics = NodeStatistics()
-        self._log = PortLog("barewire.canopen.client", f"can://{bus.name}")
+        self.statistics = NodeStatistics() if statistics is None else statistics
+        self._log = PortLog("barewire.canopen.client", f"can://{bus.name}") if log is None else log
         self._driver = NodeDriver(machine, self.statistics, self._log)
-        self._sending = threading.RLock()  # frames are sent in the order in which they were made
         check_node_is_free(bus, machine)
-        self._subscriber = Subscriber(bus, keys, node=True, reports=True)
-        self._subscriber.machine = machine
         self.failure: BaseException | None = None
         """The error that ended the machine: it could not be started."""
         self.by_kernel: bool = getattr(machine, "by_kernel", False)
         """Whether the kernel sends the frames of the machine."""
-        self._is_ending = False
-        self._thread = threading.Thread(target=self._run, name=f"{type(machine).__name__} on {bus.name}", daemon=True)
-        self._thread.start()
 
     def __enter__(self) -> Self:
         return self
@@ -283,16 +276,47 @@ class Running:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
+    def stop(self) -> None:
+        """Stop the machine: it sends no further frame."""
+        raise NotImplementedError
+
+    def _ended(self, error: BaseException) -> None:
+        self.failure = error
+        self._log.error("ended", ended_text(self.machine, error), error)
+
+    def _release(self) -> None:
+        self._driver.release()
+        self._log.flush()
+
+    def _check_running(self) -> None:
+        if self.failure is not None:
+            raise PortError(f"{self._log.place}: {ended_text(self.machine, self.failure)}")
+
+
+class Running(RunningMachine):
+    """A machine in a thread of its own.
+
+    `do` changes the machine from another thread, and sends the resulting frames at once. A change without `do` takes
+    effect within 0.1 s.
+    """
+
+    def __init__(self, bus: FrameBus, machine: Speaker, keys: Iterable[Key] | None) -> None:
+        super().__init__(bus, machine)
+        self._sending = threading.RLock()  # frames are sent in the order in which they were made
+        self._subscriber = Subscriber(bus, keys, node=True, reports=True)
+        self._subscriber.machine = machine
+        self._is_ending = False
+        self._thread = threading.Thread(target=self._run, name=f"{type(machine).__name__} on {bus.name}", daemon=True)
+        self._thread.start()
+
     def _run(self) -> None:
         try:
             self._serve()
         except BaseException as error:
-            self.failure = error
-            self._log.error("ended", ended_text(self.machine, error), error)
+            self._ended(error)
             raise
         finally:
-            self._driver.release()
-            self._log.flush()
+            self._release()
 
     def _serve(self) -> None:
         machine, driver, clock = self.machine, self._driver, time.monotonic
@@ -308,10 +332,11 @@ class Running:
                     return
                 if self._is_ending:
                     return
-                self.statistics.count(None if arrived is None else arrived.item)
+                item = None if arrived is None else arrived.item
+                self.statistics.count(item)
                 with self._sending:
                     with exclusive(machine):
-                        frames = driver.feed(None if arrived is None else arrived.item, clock())
+                        frames = driver.feed(item, clock())
                     self._send(frames)
 
     def _send(self, frames: Iterable[CanFrame]) -> None:
@@ -327,13 +352,12 @@ class Running:
 
         Raises what the action raises, and PortError if the machine has ended.
         """
-        if self.failure is not None:
-            raise PortError(f"{self._log.place}: {ended_text(self.machine, self.failure)}")
+        self._check_running()
         with self._sending:
             with exclusive(self.machine):
                 now = time.monotonic()
                 frames = [*(action(now) or ()), *self._driver.feed(None, now)]
-            self._send(frames)
+            self._send(frames)  # without the lock of the machine: sending may wait for room
 
     def stop(self) -> None:
         """Stop the machine: it sends no further frame. Returns when the thread has ended. Frames that the machine has
