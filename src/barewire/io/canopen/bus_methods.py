@@ -62,12 +62,12 @@ def _lss(make: Callable[P, Conversation[CanFrame, T]]) -> operation[P, T]:
         return BusOperation(make(*args, **kwargs), LSS_LOCK, LSS_RECEIVES)
 
     functools.update_wrapper(method, make)
-    made = operation(method)
+    decorated = operation(method)
     # `make` has no `self`. Without one in the signature, `help` and `inspect` would drop its first parameter.
-    shown = inspect.signature(cast("Callable[..., T]", made))
+    shown = inspect.signature(cast("Callable[..., T]", decorated))
     itself = inspect.Parameter("self", inspect.Parameter.POSITIONAL_ONLY)
-    vars(made)["__signature__"] = shown.replace(parameters=[itself, *shown.parameters.values()])
-    return made
+    vars(decorated)["__signature__"] = shown.replace(parameters=[itself, *shown.parameters.values()])
+    return decorated
 
 
 class LssMethods(Methods[R]):

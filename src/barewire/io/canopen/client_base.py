@@ -212,7 +212,7 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
     def _remember(self, channel: Channel) -> KnownChannel:
         if len(self._known) >= _CHANNELS_MAX:
             for other, known in list(self._known.items()):
-                if not known.lock.granted:
+                if not known.lock.granted:  # not in use
                     self._known.pop(other, None)
                     known.close()
         return self._known.setdefault(channel, KnownChannel(channel))
@@ -277,12 +277,13 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
             "timeout": self.timeout if timeout is None else timeout,
             "dialect": self.dialect if dialect is None else _dialect(dialect),
         }
-        given = [name for name, one in (("device=", device), ("eds=", eds), ("dcf=", dcf)) if one is not None]
+        sources = {"device=": device, "eds=": eds, "dcf=": dcf}
+        given = [name for name, source in sources.items() if source is not None]
         if len(given) > 1:
             raise EncodeError(f"node: expected {' or '.join(given)}, not both")
         if device is not None:
-            found = _canopen_device(device)
-            return self._device_node(self._number(number, found), found, **settings)
+            description = _canopen_device(device)
+            return self._device_node(self._number(number, description), description, **settings)
         if dcf is not None:
             return dcf_node(self.runner, self.node_id if number is None else number, dcf, **settings)
         node_id = self._number(number)
@@ -356,8 +357,8 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         progress    called with each node-ID, before it is asked, and the result so far
         """
         if not isinstance(nodes, Collection) or isinstance(nodes, (str, bytes)):
-            one = f"; one node is scan([{nodes}])" if isinstance(nodes, int) else ""
-            raise EncodeError(f"scan({shown(nodes)}): expected several node-IDs{one}")
+            hint = f"; one node is scan([{nodes}])" if isinstance(nodes, int) else ""
+            raise EncodeError(f"scan({shown(nodes)}): expected several node-IDs{hint}")
         locks = frozenset(("SDO", 0x580 + check_node_id(node), False) for node in nodes)
         survey = canopen.scan(nodes, listen=listen, timeout=timeout, progress=progress, channels=self.channel)
         return BusOperation(survey, locks, None)
@@ -419,10 +420,10 @@ def listening(plain: PlainExchange[T], sent_at: float) -> Conversation[CanFrame,
 def _canopen_device(device: str | Path | Device) -> Device:
     from barewire.io.named_values import described
 
-    found = described(device)
-    if found.canopen is None:
-        raise EncodeError(f"{found.name} has no CANopen", "device")
-    return found
+    description = described(device)
+    if description.canopen is None:
+        raise EncodeError(f"{description.name} has no CANopen", "device")
+    return description
 
 
 def _dialect(dialect: str | SdoDialect | None) -> SdoDialect:

@@ -268,7 +268,7 @@ def units_in_words(units: Iterable[int]) -> str:
     >>> units_in_words([1]), units_in_words([7, 1]), units_in_words(range(1, 100))
     ('unit 1', 'units 1, 7', '99 units')
     """
-    found = sorted(units)
-    if len(found) > 16:
-        return f"{len(found)} units"
-    return f"unit{'' if len(found) == 1 else 's'} {', '.join(map(str, found)) or 'none'}"
+    addresses = sorted(units)
+    if len(addresses) > 16:
+        return f"{len(addresses)} units"
+    return f"unit{'' if len(addresses) == 1 else 's'} {', '.join(map(str, addresses)) or 'none'}"

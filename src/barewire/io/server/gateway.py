@@ -143,8 +143,8 @@ class CanopenGateway:
         own, lines = self.own, list[str]()
 
         def act(now: float) -> list[CanFrame]:
-            found, frames = own.carry_out(answer, now)
-            lines.extend(found)
+            answer_lines, frames = own.carry_out(answer, now)
+            lines.extend(answer_lines)
             return frames
 
         await self._running.do(act)

@@ -185,9 +185,9 @@ class Acceptor:
         self._listener = listener
         self._connections = connections
         self._is_ready = readiness(listener)
-        left = _free_descriptors(listener)
-        if left is not None:
-            connections.lower_limit(left - min(_RESERVE, left // 4), f"{left} file descriptors are left")
+        free = _free_descriptors(listener)
+        if free is not None:
+            connections.lower_limit(free - min(_RESERVE, free // 4), f"{free} file descriptors are left")
 
     def accept(self, *accepted: tuple[socket.socket, Any]) -> list[tuple[socket.socket, Any]]:
         """Accept the clients that wait, `BATCH` with those `accepted` already. Raises OSError if it is none."""

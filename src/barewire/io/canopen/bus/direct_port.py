@@ -120,6 +120,8 @@ class DirectPort:
         until = clock() + timeout
         give_up = until + _BACKLOG
         why = None
+        # Whoever holds the lock is the reader thread, which was started for another listener: then this becomes a
+        # subscriber, too.
         if self._reading.acquire(blocking=False):
             try:
                 while not bus.has_reader:
@@ -144,8 +146,8 @@ class DirectPort:
                         timeout = 0.0
             finally:
                 self._reading.release()
-        left = max(0.0, until - clock())
-        return self._next_of(self._hand_over(), left) if why is None else self._survive(why, left)
+        remaining = max(0.0, until - clock())
+        return self._next_of(self._hand_over(), remaining) if why is None else self._survive(why, remaining)
 
     def _is_quiet(self) -> bool:
         """Return whether a read, which costs more than this question, would be in vain."""

@@ -372,9 +372,9 @@ class Running(RunningMachine):
 
 def stop_all(tasks: Iterable[Any]) -> None:
     """Stop machines, and close other users of a bus. All threads are told to end before the first one is waited for."""
-    listed = list(tasks)
-    for task in listed:
+    running = list(tasks)  # a weak set may change meanwhile
+    for task in running:
         if isinstance(task, Running):
             task._is_ending = True  # nothing else: with many threads at work, each lock would wait for all of them
-    for task in listed:
+    for task in running:
         task.close()

@@ -124,11 +124,11 @@ class CanBus(SubscriberTable):
         end_after_fork(self)
 
     def _new_locks(self) -> None:
-        # Where two are held, they were taken in this order: reading, changing, sending.
-        self.reading = threading.Lock()  # held by the only thread that reads the port
-        self._changing = threading.RLock()  # of what readers and subscribers there are, and of `failure`
-        self._sending = threading.Lock()  # one frame is sent at a time
-        self._locking = threading.Lock()  # of the channels and the queue for their locks
+        # `reading` is taken before `_changing` where both are held; the others are held alone.
+        self.reading = threading.Lock()  # by the only thread that reads the port
+        self._changing = threading.RLock()  # while readers, subscribers or `failure` change
+        self._sending = threading.Lock()  # while a frame is sent
+        self._locking = threading.Lock()  # while the channels, or the queue for their locks, change
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name}>"
