@@ -3,8 +3,7 @@
 A signal handler, Ctrl-C and a lack of memory raise anywhere. Here an exception is raised before each line of barewire
 that a transfer executes, at its first and at its last execution (`tests.interrupts`), in virtual time. Then three
 further transfers are made with a server that answers late and in order; of the blocking client from another thread,
-which would hang if a lock were kept. `make test` raises at every eighth of these lines, `make proof` at each.
-"""
+which would hang if a lock were kept. `make test` raises at every eighth of these lines, `make proof` at each."""
 
 from __future__ import annotations
 
@@ -277,3 +276,28 @@ class TwiceWaking:
 def test_a_thread_that_waits_for_a_channel_may_be_woken_twice() -> None:
     with channels_locked(TwiceWaking(), None):  # type: ignore[arg-type]
         pass
+
+
+# A response that comes after a scan has ended -------------------------------------------------------------------------
+
+DEVICE_TYPE = 0x1000
+
+
+@pytest.mark.parametrize("end", ["its time is over", "its progress function raises"])
+@pytest.mark.parametrize("delay", [0.15, 0.35, 0.5])
+def test_a_late_device_type(delay: float, end: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    can = VirtualCan(NumberedStore(4))
+    can.set_clocks(monkeypatch)
+
+    def progress(node: int, _: object) -> None:
+        if node == 6 and end != "its time is over":
+            raise KeyboardInterrupt
+
+    with CanopenClient(can, node=5, timeout=0.3) as client:
+        can.delay(delay)
+        if end == "its time is over":
+            assert list(client.scan([5], timeout=0.1, progress=progress).nodes) == []
+        else:
+            with pytest.raises(KeyboardInterrupt):
+                client.scan([5, 6], timeout=0.1, progress=progress)
+        assert client.node().sdo.upload(DEVICE_TYPE) == value_of(DEVICE_TYPE, 2, 4)

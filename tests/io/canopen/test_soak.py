@@ -1,12 +1,15 @@
 """A hundred thousand reads of one node, by three threads and by fifty tasks: not one wrong value.
 
-So many in `make proof`, a tenth of them in `make test`.
-"""
+So many in `make proof`, a tenth of them in `make test`."""
 
 from __future__ import annotations
 
 import asyncio
+import re
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -84,3 +87,20 @@ def test_threads_on_the_virtual_bus_of_python_can() -> None:
         with CanopenClient(url) as client:
             assert by_threads(client, 3, 500) == [500] * 3
         assert asyncio.run(main()) == [20] * 50
+
+
+# `make plant`, with few nodes for a short time ------------------------------------------------------------------------
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.mark.long
+def test_the_nodes_of_a_plant_boot_run_and_are_counted() -> None:
+    command = [sys.executable, "-m", "bench.plant", "--nodes", "5", "--seconds", "0.5", "--rate", "20"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.startswith("5 nodes booted and configured from their DCFs")
+    found = re.search(r"(\d+) of (\d+) TPDOs received, 0 nodes lost, 0 frames lost", run.stdout)
+    assert found is not None, run.stdout
+    assert found[1] == found[2] != "0"
+    assert not int(found[1]) % 5
