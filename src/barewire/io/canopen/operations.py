@@ -100,8 +100,8 @@ class BackgroundTask(NamedTuple):
     receives: frozenset[Key] | None
 
 
-class BlockingBusRunner(Protocol):
-    """The part of the blocking client that methods use."""
+class BusRunner(Protocol):
+    """The part of a client that methods use."""
 
     timeout: float
     dialect: SdoDialect
@@ -109,28 +109,21 @@ class BlockingBusRunner(Protocol):
     @property
     def bus(self) -> CanBus: ...
 
+
+class BlockingBusRunner(BusRunner, Protocol):
+    """The part of the blocking client that methods use."""
+
     def carry_out(self, operation: AnyOperation[T], /) -> T: ...
-
     def subscribe(self, subscription: Subscription[E], /) -> Stream[E]: ...
-
     def start_task(self, task: BackgroundTask, /) -> Running: ...
 
 
-class AsyncBusRunner(Protocol):
+class AsyncBusRunner(BusRunner, Protocol):
     """The part of the asyncio client that methods use."""
 
-    timeout: float
-    dialect: SdoDialect
-
-    @property
-    def bus(self) -> CanBus: ...
-
     async def carry_out(self, operation: AnyOperation[T], /) -> T: ...
-
     async def open_and_carry_out(self, make: Callable[[], AnyOperation[T]], /) -> T: ...
-
     def subscribe(self, subscription: Subscription[E], /) -> AsyncStream[E]: ...
-
     def start_task(self, task: BackgroundTask, /) -> AsyncRunning: ...
 
 
@@ -210,25 +203,20 @@ else:
 
     def subscription(make):
         """Return the method that passes the subscription to the runner."""
-
-        @functools.wraps(make)
-        def method(self, *args, **kwargs):
-            if not isinstance(self, Methods):
-                raise called_on_class(make)
-            return self.runner.subscribe(make(self, *args, **kwargs))
-
-        return documented(method, make, ("Stream", "AsyncStream"))
+        return documented(_passed_on(make, lambda runner: runner.subscribe), make, ("Stream", "AsyncStream"))
 
     def background(make):
         """Return the method that passes the background task to the runner."""
+        return documented(_passed_on(make, lambda runner: runner.start_task), make, ("Running", "AsyncRunning"))
 
+    def _passed_on(make, receiver):
         @functools.wraps(make)
         def method(self, *args, **kwargs):
             if not isinstance(self, Methods):
                 raise called_on_class(make)
-            return self.runner.start_task(make(self, *args, **kwargs))
+            return receiver(self.runner)(make(self, *args, **kwargs))
 
-        return documented(method, make, ("Running", "AsyncRunning"))
+        return method
 
 
 def send_frame(frame: CanFrame) -> BusOperation[None]:

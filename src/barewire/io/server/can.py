@@ -93,7 +93,11 @@ class _CanopenServerBase:
         self.url = str(endpoint)
         self.dial: Callable[[], Port[CanFrame]] = lambda: can_port(endpoint)
         if faults is not None:
-            self.dial = _with_faults(self.dial, faults, fault_seed, fault_delay, on_fault)
+            from barewire.io.fault_injection.faults import faults_on_can
+            from barewire.io.fault_injection.ports import FaultyPort
+
+            model = faults_on_can(faults, seed=fault_seed, delay=fault_delay, on_fault=on_fault)
+            self.dial = lambda: FaultyPort(can_port(endpoint), model)
         self._hub: SocketcandHub | None = None
         self.statistics = NodeStatistics()
         """Counters of frames, and the latest errors in the code of the device."""
@@ -220,21 +224,6 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
             self.statistics.sent += 1
             if self._watch is not None:
                 self._watch("sent", frame)
-
-
-def _with_faults(
-    dial: Callable[[], Port[CanFrame]],
-    faults: GivenFaults,
-    seed: int | None,
-    delay: float | None,
-    on_fault: Callable[[str], None] | None,
-) -> Callable[[], Port[CanFrame]]:
-    """Return a `dial` that opens the same port with these faults in its frames."""
-    from barewire.io.fault_injection.faults import faults_on_can
-    from barewire.io.fault_injection.ports import FaultyPort
-
-    model = faults_on_can(faults, seed=seed, delay=delay, on_fault=on_fault)
-    return lambda: FaultyPort(dial(), model)
 
 
 class AsyncCanopenServer(_CanopenServerBase, AsyncServer):
