@@ -101,11 +101,11 @@ def world(request: pytest.FixtureRequest) -> World:
     return WORLDS[request.param]
 
 
-def run(world: World, port: Any, calls: Calls) -> None:
+def run(world: World, port: Any, calls: Calls, watch: Any = None) -> None:
     """Make the calls, which get the client and the port, with the client of a world."""
 
     async def with_client() -> None:
-        with CanBus(port, lazy=world.lazy) as bus:
+        with CanBus(port, lazy=world.lazy, watch=watch) as bus:
             if world.client == "asyncio":
                 async with AsyncCanopenClient(bus, node=5, timeout=5.0) as client:
                     await calls(client, port)
@@ -200,9 +200,7 @@ def test_whatever_is_irregular_ends_as_in_the_conversation(world: World, verb: s
     frames += [good] if second == "good" else []
     outcomes: list[object] = []
 
-    async def calls(client: Any, port: Any, progress: Any) -> None:
-        sent = list[CanFrame]()
-        client.bus._watch = partial(note_sent, sent)
+    async def calls(client: Any, port: Any, progress: Any, sent: list[CanFrame]) -> None:
         timeout = 0.08 if second == "nothing" else 5.0
         sdo = client.node(timeout=0.3 if first == "segments" else timeout).sdo  # the second segment never comes
         read, write = partial(sdo.upload, 0x1000), partial(sdo.download, 0x1000, 0, b"\x0f\x00")
@@ -212,7 +210,9 @@ def test_whatever_is_irregular_ends_as_in_the_conversation(world: World, verb: s
         outcomes.append((result, sent, counted))
 
     for progress in (None, ignore):
-        run(world, world.port({READ: frames, WRITE: frames}), partial(calls, progress=progress))
+        sent = list[CanFrame]()
+        calls_so = partial(calls, progress=progress, sent=sent)
+        run(world, world.port({READ: frames, WRITE: frames}), calls_so, partial(note_sent, sent))
     assert outcomes[0] == outcomes[1]
 
 
@@ -301,8 +301,8 @@ def direct(request: pytest.FixtureRequest) -> bool:
 
 
 @contextmanager
-def client_on(port: KeepingPort, *, direct: bool) -> Iterator[CanopenClient]:
-    with CanBus(port, lazy=direct) as bus, CanopenClient(bus, node=5, timeout=5.0) as client:
+def client_on(port: KeepingPort, *, direct: bool, watch: Any = None) -> Iterator[CanopenClient]:
+    with CanBus(port, lazy=direct, watch=watch) as bus, CanopenClient(bus, node=5, timeout=5.0) as client:
         yield client
 
 
@@ -334,8 +334,7 @@ ABORT = CanFrame.parse("605#8000100000000008")
 
 def test_an_interrupt_sends_an_abort_and_the_late_answer_is_discarded(direct: bool) -> None:
     port, sent = KeepingPort(), list[CanFrame]()
-    with client_on(port, direct=direct) as client:
-        client.bus._watch = partial(note_sent, sent)
+    with client_on(port, direct=direct, watch=partial(note_sent, sent)) as client:
 
         def interrupt(*arguments: object) -> None:
             raise KeyboardInterrupt
@@ -357,15 +356,14 @@ def test_an_interrupt_sends_an_abort_and_the_late_answer_is_discarded(direct: bo
 
 @pytest.mark.parametrize("name", [name for name in WORLDS if WORLDS[name].client == "asyncio"])
 def test_a_cancelled_task_sends_an_abort_and_the_late_answer_is_discarded(name: str) -> None:
+    sent, was_sent = list[CanFrame](), asyncio.Event()
+
+    def watch(way: str, frame: CanFrame) -> None:
+        if way == "sent":
+            sent.append(frame)
+            was_sent.set()
+
     async def calls(client: Any, port: Any) -> None:
-        sent, was_sent = list[CanFrame](), asyncio.Event()
-
-        def watch(way: str, frame: CanFrame) -> None:
-            if way == "sent":
-                sent.append(frame)
-                was_sent.set()
-
-        client.bus._watch = watch
         task = asyncio.create_task(client.node().sdo.upload(0x1000))
         await was_sent.wait()
         await asyncio.sleep(0)
@@ -378,7 +376,7 @@ def test_a_cancelled_task_sends_an_abort_and_the_late_answer_is_discarded(name: 
         port.arrive(CanFrame.parse("585#4300100000000000"))
         assert await client.node().sdo.upload(0x1000) == VALUE.data[4:]
 
-    run(WORLDS[name], WORLDS[name].port(), calls)
+    run(WORLDS[name], WORLDS[name].port(), calls, watch)
 
 
 # Several at a time ----------------------------------------------------------------------------------------------------
@@ -394,18 +392,16 @@ def test_a_frame_that_another_client_sent_meanwhile_does_not_stay_for_the_next_e
 
 
 def test_an_exchange_inside_another_one_is_an_error(direct: bool) -> None:
-    port = KeepingPort({READ: [VALUE]})
-    with client_on(port, direct=direct) as client:
-        errors: list[BarewireError | None] = []
+    errors: list[BarewireError | None] = []
 
-        def watch(way: str, frame: CanFrame) -> None:
-            if way == "sent" and not errors:
-                errors.append(None)
-                with pytest.raises(BarewireError) as caught:
-                    client.node().sdo.upload(0x1000)
-                errors.append(caught.value)
+    def watch(way: str, frame: CanFrame) -> None:
+        if way == "sent" and not errors:
+            errors.append(None)
+            with pytest.raises(BarewireError) as caught:
+                client.node().sdo.upload(0x1000)
+            errors.append(caught.value)
 
-        client.bus._watch = watch
+    with client_on(KeepingPort({READ: [VALUE]}), direct=direct, watch=watch) as client:
         assert client.node().sdo.upload(0x1000) == VALUE.data[4:]
         assert "begun inside another one" in str(errors[1])
 

@@ -263,26 +263,24 @@ class _Connection:
             if len(partial) > MAX_LINE:
                 partial = b""
                 if not skipping:
-                    skipping = True
-                    await self._answer(b"#", too_long=True)
+                    skipping = True  # until the end of this line comes
+                    self.write([error_line(0, GatewayCode.OUT_OF_MEMORY, f"a line of more than {MAX_LINE} bytes")])
+                    await self._writer.drain()
             if not chunk:
                 if partial and not skipping:
                     await self._answer(partial)
                 return
 
-    async def _answer(self, line: bytes, *, too_long: bool = False) -> None:
-        if too_long:
-            self.write([error_line(0, GatewayCode.OUT_OF_MEMORY, f"a line of more than {MAX_LINE} bytes")])
+    async def _answer(self, line: bytes) -> None:
+        self._gateway.statistics.commands += bool(line.strip())
+        text = line.decode("utf-8", "replace")
+        if self._session.target(text) == "own":
+            answer = await self._gateway.answer_own(self._session.answer(text))
         else:
-            self._gateway.statistics.commands += bool(line.strip())
-            text = line.decode("utf-8", "replace")
-            if self._session.target(text) == "own":
-                answer = await self._gateway.answer_own(self._session.answer(text))
-            else:
-                answer = await self._client.carry_out(self._operation(text))
-            self.write(["\n".join(answer)])  # an empty line or a comment gets an empty line
-            self._feed_notices(None, time.monotonic())
-            self._subscriber.wake()  # the deadline of the other task may have changed
+            answer = await self._client.carry_out(self._operation(text))
+        self.write(["\n".join(answer)])  # an empty line or a comment gets an empty line
+        self._feed_notices(None, time.monotonic())
+        self._subscriber.wake()  # the deadline of the other task may have changed
         await self._writer.drain()
 
     def _operation(self, text: str) -> BusOperation[list[str]]:

@@ -203,6 +203,8 @@ class CanBus(SubscriberTable):
     def add(self, subscriber: Subscriber) -> None:
         """Add a subscriber. Raises PortError if the bus failed and the subscriber cannot wait for it."""
         listens = subscriber.reports or subscriber.keys != _NO_KEYS
+        # What waits in the port came before the new listener, which must not take it for an answer. A loop that reads
+        # leaves nothing there; but a stream, and who receives all frames, would see what it has not read yet.
         if listens and self._reader is None and (self.loop_reader is None or subscriber.reports or not subscriber.keys):
             self._discard_old()
         with self._changing:
@@ -459,7 +461,7 @@ class CanBus(SubscriberTable):
         if sender is None or sender.node:
             self.monitor.feed(frame, at)
         if self._direct is None or self._direct is sender:
-            self.put(frame, at, sender)
+            self.put(frame, at, sender)  # the usual case, without a lock
             return
         with self._changing:  # `_direct` may become a subscriber now
             direct = self._direct
@@ -514,7 +516,7 @@ class CanBus(SubscriberTable):
         opened = self._reopening.reopen(self.port, why)
         if opened is None:
             return False
-        with self._sending:
+        with self._sending:  # who sends uses the port and its `try_send` together
             self.port, first = opened
             self._receive, self._try_send = receiver(self.port), getattr(self.port, "try_send", None)
             self.has_frames = getattr(self.port, "has_frames", None)
@@ -563,10 +565,11 @@ class CanBus(SubscriberTable):
         """End the reader thread and close the port."""
         if self._is_inherited:
             return
-        self._closed = True
+        self._closed = True  # before `_fail`, which then does not log a failure
         if self._reopening is not None:
             self._reopening.stop.set()
         alone = self._alone
+        # Subscribers are told first, so that whoever reads ends its read; the port is closed when nobody reads it.
         self._fail(f"{self.name}: the bus was closed")
         if alone is not None and self._watch is None and self.reading.acquire(timeout=1.0):
             self.reading.release()  # the thread that read for itself has noticed the end

@@ -200,7 +200,7 @@ class Subscriber:
             if not self._waiting:
                 return
             self._waiting = False
-        self._wake()
+        self._wake()  # without the lock, which the consumer takes at once
 
     def fail(self, why: str) -> None:
         """End the queue: after its items, `take` raises PortError(why)."""
@@ -258,7 +258,7 @@ class Subscriber:
         arrived = self.take(wait=timeout > 0)
         if arrived is not None or timeout <= 0:
             return arrived
-        self._woken.acquire(timeout=min(timeout, LONGEST_PULL))
+        self._woken.acquire(timeout=min(timeout, LONGEST_PULL))  # without end is `inf`, which a lock does not take
         return self.take()
 
     def receive(self, timeout: float) -> CanFrame | None:
