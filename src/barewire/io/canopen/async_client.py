@@ -34,9 +34,7 @@ from barewire.io.canopen.node import AsyncDeviceNode
 from barewire.io.canopen.operations import (
     AnyOperation,
     AsyncBusRunner,
-    BackgroundTask,
     BusOperation,
-    Subscription,
     whole_transfer,
 )
 from barewire.io.endpoint import check_timeout
@@ -56,6 +54,8 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
     request does; a stream, and a machine in the background, need an open bus. `watch` is called in the event
     loop if that reads the bus, on SocketCAN without other listeners; else in the reader thread.
     """
+
+    _stream_type, _running_type = AsyncStream, AsyncRunning
 
     def _prepare(self) -> None:
         self._receiving = asyncio.Lock()
@@ -146,20 +146,6 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
         if self._bus is None:
             await self.open()
         return await self.carry_out(make())
-
-    def subscribe(self, subscription: Subscription[E]) -> AsyncStream[E]:
-        """Return a stream of the events of a subscription."""
-        self._check_open()
-        stream = AsyncStream(self.bus, subscription.machine, subscription.receives)
-        self._running.add(stream)
-        return stream
-
-    def start_task(self, task: BackgroundTask) -> AsyncRunning:
-        """Run the machine of a background task in an asyncio task."""
-        self._check_open()
-        running = AsyncRunning(self.bus, task.machine, task.receives)
-        self._running.add(running)
-        return running
 
     # The fast path, see `client_base`
 

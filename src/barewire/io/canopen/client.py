@@ -34,10 +34,8 @@ from barewire.io.canopen.client_base import ClientBase, KnownChannel, listening
 from barewire.io.canopen.node import DeviceNode
 from barewire.io.canopen.operations import (
     AnyOperation,
-    BackgroundTask,
     BlockingBusRunner,
     BusOperation,
-    Subscription,
     whole_transfer,
 )
 from barewire.io.endpoint import check_timeout
@@ -62,6 +60,8 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
 
     Raises EncodeError for a wrong URL or option, PortError for a bus that cannot be opened.
     """
+
+    _stream_type, _running_type = Stream, Running
 
     def _prepare(self) -> None:
         self._receiving = threading.Lock()
@@ -137,20 +137,6 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
             except BarewireError as error:
                 port.note_losses(error)
                 raise
-
-    def subscribe(self, subscription: Subscription[E]) -> Stream[E]:
-        """Return a stream of the events of a subscription."""
-        self._check_open()
-        stream = Stream(self.bus, subscription.machine, subscription.receives)
-        self._running.add(stream)
-        return stream
-
-    def start_task(self, task: BackgroundTask) -> Running:
-        """Run the machine of a background task in a thread of its own."""
-        self._check_open()
-        running = Running(self.bus, task.machine, task.receives)
-        self._running.add(running)
-        return running
 
     # The fast path, see `client_base`
 

@@ -102,6 +102,10 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
     R is the runner of its methods, which is the client itself; D is the type of its nodes that are described devices.
     """
 
+    _stream_type: Any
+    """`Stream`, or `AsyncStream`; `_running_type` is `Running`, or `AsyncRunning`."""
+    _running_type: Any
+
     def __init__(
         self,
         bus: str | CanBus | Port[CanFrame],
@@ -216,6 +220,20 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
                     self._known.pop(other, None)
                     known.close()
         return self._known.setdefault(channel, KnownChannel(channel))
+
+    def subscribe(self, subscription: Subscription[E], /) -> Any:
+        """Return a stream of the events of a subscription."""
+        self._check_open()
+        stream = self._stream_type(self.bus, subscription.machine, subscription.receives)
+        self._running.add(stream)
+        return stream
+
+    def start_task(self, task: BackgroundTask, /) -> Any:
+        """Run the machine of a background task in a thread, or in an asyncio task, of its own."""
+        self._check_open()
+        running = self._running_type(self.bus, task.machine, task.receives)
+        self._running.add(running)
+        return running
 
     @overload
     def node(

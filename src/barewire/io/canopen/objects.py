@@ -51,7 +51,8 @@ if TYPE_CHECKING:
     from barewire.devices.device import Device
 
 
-_TYPES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4, "f32": 4}
+_TYPES = ("u8", "i8", "u16", "i16", "u32", "i32", "f32")
+"""The types that an object in a PDO can have."""
 
 
 class SdoMethods(Methods[R]):
