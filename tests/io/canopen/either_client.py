@@ -21,15 +21,15 @@ async def get(given: Any) -> Any:
     return await given if inspect.isawaitable(given) else given
 
 
-def run_with(calls: Calls, kind: str, url: str) -> None:
-    """Make the calls with one of the two clients."""
+def run_with(calls: Calls, kind: str, bus: Any, **options: Any) -> None:
+    """Make the calls with one of the two clients: of a URL, a bus, or a port."""
 
     async def with_asyncio() -> None:
-        async with AsyncCanopenClient(url) as client:
+        async with AsyncCanopenClient(bus, **options) as client:
             await calls(client)
 
     async def blocking() -> None:
-        with CanopenClient(url) as client:
+        with CanopenClient(bus, **options) as client:
             await calls(client)
 
     asyncio.run(with_asyncio() if kind == "asyncio" else blocking())

@@ -22,7 +22,7 @@ from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import ChannelSubscriber
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.socketcan import SocketCanPort
-from tests.io.canopen.either_client import get
+from tests.io.canopen.either_client import get, run_with
 from tests.io.canopen.test_direct import KeepingPort
 
 READ, WRITE = CanFrame.parse("605#4000100000000000"), CanFrame.parse("605#2B0010000F000000")
@@ -104,16 +104,8 @@ def world(request: pytest.FixtureRequest) -> World:
 def run(world: World, port: Any, calls: Calls, watch: Any = None) -> None:
     """Make the calls, which get the client and the port, with the client of a world."""
 
-    async def with_client() -> None:
-        with CanBus(port, lazy=world.lazy, watch=watch) as bus:
-            if world.client == "asyncio":
-                async with AsyncCanopenClient(bus, node=5, timeout=5.0) as client:
-                    await calls(client, port)
-            else:
-                with CanopenClient(bus, node=5, timeout=5.0) as blocking:
-                    await calls(blocking, port)
-
-    asyncio.run(with_client())
+    with CanBus(port, lazy=world.lazy, watch=watch) as bus:
+        run_with(lambda client: calls(client, port), world.client, bus, node=5, timeout=5.0)
 
 
 def ignore(done: int, size: int | None) -> None:

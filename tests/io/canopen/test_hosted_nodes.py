@@ -1,4 +1,4 @@
-"""Local nodes on a bus: `do`, reports of the controller; wrong arguments of clients and nodes."""
+"""Local nodes on a bus: `do`, reports of the controller, and which nodes may run there."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from barewire import AsyncCanopenClient, AsyncCanopenServer, CanopenClient, CanopenServer
+from barewire import AsyncCanopenClient, CanopenClient, CanopenServer
 from barewire.canopen import (
     CanFrame,
     Entry,
@@ -25,11 +25,10 @@ from barewire.canopen import (
 )
 from barewire.canopen.communication_objects import standard_objects
 from barewire.canopen.emcy import EmcyEvent
-from barewire.devices import load
 from barewire.devices.sim import simulator
-from barewire.errors import EncodeError, PortError
+from barewire.errors import EncodeError
 from barewire.io.canopen.bus.shared_bus import CanBus
-from tests.helpers import refused
+from tests.io.canopen.either_client import KINDS, get, run_with
 from tests.io.canopen.memory_bus import MemoryPort, device
 
 pytest.importorskip("can")
@@ -62,34 +61,24 @@ def test_do_on_a_served_node_sends_frames_at_once() -> None:
             assert getattr(received, "values", None) == {"temperature": 217}
 
 
-def test_do_on_a_node_hosted_by_a_client_sends_frames_at_once() -> None:
+@KINDS
+def test_do_on_a_node_hosted_by_a_client_sends_frames_at_once(kind: str) -> None:
     node = thermometer()
-    url = "can://virtual/with?node=5"
-    with CanopenClient(url) as other, CanopenClient(url) as client, client.host(node) as running:
-        other.node().nmt.send_confirmed(NmtCommand.START, ask_every=0.05)
-        pdo = other.node().pdo.remote("TPDO", 1, objects=node.objects)
-        with other.pdos(pdo) as values, other.emergencies() as wrong:
-            running.do(lambda now: node.objects.set(0x6000, 0, 216))
-            assert getattr(values.get(timeout=PATIENCE), "values", None) == {"temperature": 216}
-            node.objects["temperature"] = 217
-            assert getattr(values.get(timeout=PATIENCE), "values", None) == {"temperature": 217}
-            running.do(lambda now: node.error(0x4210, now))
-            assert wrong.get(timeout=PATIENCE) is not None
+    url = f"can://virtual/hosted-{kind}?node=5"
 
+    async def calls(client: Any) -> None:
+        with client.host(node) as running, CanopenClient(url) as other:
+            await get(client.node().nmt.send_confirmed(NmtCommand.START, ask_every=0.05))
+            pdo = await get(client.node().pdo.remote("TPDO", 1, objects=node.objects))
+            with client.pdos(pdo) as values, other.emergencies() as wrong:
+                await get(running.do(lambda now: node.objects.set(0x6000, 0, 216)))
+                assert getattr(await get(values.get(timeout=PATIENCE)), "values", None) == {"temperature": 216}
+                node.objects["temperature"] = 217
+                assert getattr(await get(values.get(timeout=PATIENCE)), "values", None) == {"temperature": 217}
+                await get(running.do(lambda now: node.error(0x4210, now)))
+                assert wrong.get(timeout=PATIENCE) is not None
 
-def test_do_on_a_node_hosted_by_an_asyncio_client_sends_frames_at_once() -> None:
-    async def main() -> None:
-        node = thermometer()
-        async with AsyncCanopenClient("can://virtual/task?node=5") as client:
-            with client.host(node) as running:
-                await client.node().nmt.send_confirmed(NmtCommand.START, ask_every=0.05)
-                with client.pdos(await client.node().pdo.remote("TPDO", 1, objects=node.objects)) as values:
-                    await running.do(lambda now: node.objects.set(0x6000, 0, 216))
-                    assert getattr(await values.get(timeout=PATIENCE), "values", None) == {"temperature": 216}
-                    node.objects["temperature"] = 217
-                    assert getattr(await values.get(timeout=PATIENCE), "values", None) == {"temperature": 217}
-
-    asyncio.run(main())
+    run_with(calls, kind, url)
 
 
 def test_a_served_node_that_was_bus_off_follows_1029h_and_sends_8140h() -> None:
@@ -178,131 +167,6 @@ def test_a_node_in_the_url_must_be_that_of_the_device() -> None:
             CanopenServer("can://virtual/other?node=5", device=node)
     CanopenServer("can://virtual/other?node=7", device=device(7)).close()
     CanopenServer("can://virtual/other?node=7", device=device(None)).close()
-
-
-def test_wrong_arguments_give_an_error_that_names_the_right_method() -> None:
-    az3, objects = load("az3"), thermometer().objects
-    with CanopenClient(CanBus(MemoryPort()), node=5) as client:
-        node, described, by_eds = client.node(), client.node(device="az3"), client.node(eds=objects)
-        mistakes: dict[str, Callable[[], object]] = {
-            "24641 is not the name of a parameter of az3; by index it is node.sdo.upload": lambda: described.read(
-                0x6041
-            ),  # type: ignore[call-overload]
-            "5 is not the name": lambda: described.write({5: 1}),  # type: ignore[dict-item]
-            r"write\('STATUS WORD'\): expected a value": lambda: described.write("STATUS WORD"),  # type: ignore[call-overload]
-            r"read\(\): expected a name": lambda: described.read(),  # type: ignore[call-overload]
-            r"read_all\('STATUS WORD'\): expected several": lambda: described.read_all("STATUS WORD"),
-            "'pressure'": lambda: by_eds.read("pressure"),
-            "is not an ObjectDictionary; a described": lambda: node.sdo.read_object(az3, "STATUS WORD"),  # type: ignore[arg-type]
-            r"1500 is not bytes: .* \(1500\).to_bytes": lambda: node.sdo.download(0x60FF, 0, 1500),  # type: ignore[arg-type]
-            "NMT command 'start': expected one of NmtCommand.START": lambda: node.nmt.send_confirmed("start"),  # type: ignore[arg-type]
-            "node 128: expected a number in 1..127": lambda: client.node(128),
-            "node '5': expected a number": lambda: client.node("5"),  # type: ignore[call-overload]
-            "device= or eds=, not both": lambda: client.node(5, device="az3", eds=objects),  # type: ignore[call-overload]
-            "csd-mt has no CANopen": lambda: client.node(5, device="csd-mt"),
-            "eds 'missing.eds': No such file": lambda: client.node(5, eds="missing.eds"),
-            "SDO dialect 'french': expected one of": lambda: client.node(5, dialect="french"),
-        }
-        for text, mistake in mistakes.items():
-            with pytest.raises(EncodeError, match=text):
-                mistake()
-        with pytest.raises(LookupError, match="'STATUS WRD'; did you mean 'STATUS WORD'"):
-            described.read("STATUS WRD")
-        with pytest.raises(AttributeError, match=r"'read' needs names: bus.node\(5, device=...\)"):
-            node.read("STATUS WORD")  # type: ignore[attr-defined]
-        with pytest.raises(AttributeError, match=r"'drive' needs names: bus.node\(5, device=...\)$"):
-            node.drive  # type: ignore[attr-defined]  # noqa: B018
-        client.bus.close()
-
-
-def test_a_client_refuses_wrong_urls_and_options() -> None:
-    kinds: list[Callable[..., object]] = [CanopenClient, AsyncCanopenClient]
-    mistakes: dict[str, tuple[object, dict[str, object]]] = {
-        "CANopen needs can://INTERFACE/CHANNEL": ("tcp://127.0.0.1", {}),
-        "node 200: expected 1..127": ("can://virtual/x?node=200", {}),
-        "node 0: expected 1..127": ("can://virtual/x", {"node": 0}),
-        "timeout='-1'": ("can://virtual/x", {"timeout": -1}),
-        "SDO dialect 'french': expected one of": ("can://virtual/x?dialect=french", {}),
-        "5: expected a URL such as": (5, {}),
-        "bitrate: an option of a bus that is opened by its URL": (MemoryPort(), {"bitrate": 5}),
-    }
-    for kind in kinds:
-        for text, (bus, options) in mistakes.items():
-            with pytest.raises(EncodeError, match=text):
-                kind(bus, **options)
-
-
-def test_an_option_that_the_interface_does_not_have_is_refused() -> None:
-    wrong: list[dict[str, Any]] = [{"timout": 3}, {"speed": 500_000}]
-    for option in wrong:
-        for client in (CanopenClient, AsyncCanopenClient):
-            with pytest.raises(EncodeError, match=r"unknown option '(timout|speed)', expected bitrate, "):
-                client("can://virtual/options", **option)
-    for server in (CanopenServer, AsyncCanopenServer):
-        with refused(
-            EncodeError, "endpoint 'can://virtual/options?timout=3': unknown option 'timout', expected bitrate, "
-        ):
-            server("can://virtual/options", device=device(), timout=3)
-    with pytest.raises(EncodeError, match="unknown option 'timout'"):
-        CanopenServer("can://virtual/options?timout=3", device=device())
-    CanopenClient("can://virtual/options", rx_queue_size=5, timeout=3).close()
-
-
-def test_an_unknown_option_suggests_the_nearest() -> None:
-    for url, suggestion in {
-        "can://virtual/x?timout=3": "; did you mean 'timeout'",
-        "can://virtual/x?unit=3": "; did you mean 'node'",
-        "can://virtual/x?baudrate=9600": "; did you mean 'bitrate'",
-        "can://udp_multicast/239.74.163.2?prt=3": "; did you mean 'port'",
-    }.items():
-        with refused(EncodeError, f"endpoint '{url}") as caught:
-            CanopenClient(url)
-        assert suggestion in str(caught.value)
-
-
-def test_an_unknown_interface_is_refused_with_the_known_ones() -> None:
-    text = "endpoint 'can://udpmulticast/x.*': unknown interface 'udpmulticast', expected "
-    with pytest.raises(EncodeError, match=text) as caught:
-        CanopenClient("can://udpmulticast/x")
-    assert "slcan, socketcan, socketcand" in str(caught.value)
-    assert "; did you mean 'udp_multicast'" in str(caught.value)
-
-
-def test_a_missing_serial_device_of_slcan_is_reported_once() -> None:
-    with pytest.raises(PortError, match=r"^can://slcan/dev/tty-nowhere: no such file or directory$"):
-        CanopenClient("can://slcan/dev/tty-nowhere")
-
-
-def test_a_closed_client_refuses_every_call() -> None:
-    closed = "the client was closed"
-    with CanBus(MemoryPort()) as bus:
-        client = CanopenClient(bus)
-        client.close()
-        calls: list[Callable[[], object]] = [
-            lambda: client.node(5),
-            client.__enter__,
-            lambda: client.send(CanFrame(0x80)),
-            client.frames,
-            lambda: client.host(device()),
-            lambda: client.receive(0.01),
-        ]
-        for call in calls:
-            with pytest.raises(PortError, match=closed):
-                call()
-        client.close()
-        CanopenClient(bus).node(5)  # the bus itself is open
-
-    async def main() -> None:
-        waiting = AsyncCanopenClient("can://virtual/closed")
-        await waiting.close()
-        with pytest.raises(PortError, match=closed):
-            waiting.node(5)
-        with pytest.raises(PortError, match=closed):
-            await waiting.__aenter__()
-        with pytest.raises(PortError, match=closed):
-            await waiting.receive(0.01)
-
-    asyncio.run(main())
 
 
 def test_methods_have_the_name_and_the_parameters_of_their_definition() -> None:

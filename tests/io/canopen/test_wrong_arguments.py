@@ -8,14 +8,16 @@ from typing import Any
 
 import pytest
 
-from barewire import CanopenClient
+from barewire import AsyncCanopenClient, AsyncCanopenServer, CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, Entry, ObjectDictionary, PdoConfig, RemotePdo
+from barewire.devices import load
 from barewire.errors import EncodeError, PortError
-from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.canopen.bus.shared_bus import CanBus
 from tests.helpers import refused
+from tests.io.canopen.either_client import KINDS, get, run_with
 from tests.io.canopen.memory_bus import MemoryPort, device
 
+pytest.importorskip("can")
 NAN = float("nan")
 
 RPDO = RemotePdo.of(5, PdoConfig("RPDO", 1, (0x60400010,)))
@@ -64,6 +66,25 @@ TEXTS: list[tuple[Callable[[Any], Any], str]] = [
     (lambda c: c.node(5).sdo.upload(0x2100, progress=3), "upload: progress = 3: expected a function"),
     (lambda c: c.run(3), "3: expected a conversation, such as upload(5, 0x1000)"),
     (lambda c: c.watch(3), "3: expected a machine with feed and deadline"),
+    (
+        lambda c: c.node(device="az3").read(0x6041),
+        "24641 is not the name of a parameter of az3; by index it is node.sdo.up",
+    ),
+    (lambda c: c.node(device="az3").write({5: 1}), "5 is not the name"),
+    (lambda c: c.node(device="az3").write("STATUS WORD"), "write('STATUS WORD'): expected a value"),
+    (lambda c: c.node(device="az3").read(), "read(): expected a name"),
+    (lambda c: c.node(device="az3").read_all("STATUS WORD"), "read_all('STATUS WORD'): expected several"),
+    (lambda c: c.node(eds=OBJECTS).read("pressure"), "'pressure'"),
+    (lambda c: c.node().sdo.read_object(load("az3"), "DC BUS"), "is not an ObjectDictionary; a described"),
+    (lambda c: c.node().sdo.download(0x60FF, 0, 1500), "1500 is not bytes: "),
+    (lambda c: c.node().sdo.download(0x60FF, 0, 1500), " (1500).to_bytes"),
+    (lambda c: c.node().nmt.send_confirmed("start"), "NMT command 'start': expected one of NmtCommand.START"),
+    (lambda c: c.node(128), "node 128: expected a number in 1..127"),
+    (lambda c: c.node("5"), "node '5': expected a number"),
+    (lambda c: c.node(5, device="az3", eds=OBJECTS), "device= or eds=, not both"),
+    (lambda c: c.node(5, device="csd-mt"), "csd-mt has no CANopen"),
+    (lambda c: c.node(5, eds="missing.eds"), "eds 'missing.eds': No such file"),
+    (lambda c: c.node(5, dialect="french"), "SDO dialect 'french': expected one of"),
 ]
 
 CASES: dict[str, Callable[[Any], Any]] = {
@@ -95,34 +116,21 @@ CASES: dict[str, Callable[[Any], Any]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("kind", ["blocking", "asyncio"])
+@KINDS
 def test_a_wrong_argument_raises_encode_error_and_sends_nothing(kind: str, case: str) -> None:
     port = MemoryPort()
 
-    def blocking(bus: CanBus) -> None:
-        with CanopenClient(bus, node=6, timeout=30.0) as client, client.host(device(6)):
-            client.node().sdo.upload(0x1000)
+    async def calls(client: Any) -> None:
+        with client.host(device(6)):
+            await get(client.node().sdo.upload(0x1000))
             port.sent.clear()
             with pytest.raises(EncodeError):
-                CASES[case](client)
+                await get(CASES[case](client))
             assert not port.sent
-            assert client.node().sdo.upload(0x6041) == b"\x37\x06"
-
-    async def with_asyncio(bus: CanBus) -> None:
-        async with AsyncCanopenClient(bus, node=6, timeout=30.0) as client:
-            with client.host(device(6)):
-                await client.node().sdo.upload(0x1000)
-                port.sent.clear()
-                with pytest.raises(EncodeError):
-                    await CASES[case](client)
-                assert not port.sent
-                assert await client.node().sdo.upload(0x6041) == b"\x37\x06"
+            assert await get(client.node().sdo.upload(0x6041)) == b"\x37\x06"
 
     with CanBus(port) as bus:
-        if kind == "blocking":
-            blocking(bus)
-        else:
-            asyncio.run(with_asyncio(bus))
+        run_with(calls, kind, bus, node=6, timeout=30.0)
 
 
 def test_an_object_that_is_not_a_port_is_refused() -> None:
@@ -131,7 +139,7 @@ def test_an_object_that_is_not_a_port_is_refused() -> None:
             CanBus(wrong)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("kind", ["blocking", "asyncio"])
+@KINDS
 def test_a_port_of_the_application_whose_send_fails_is_a_port_error_with_its_cause(kind: str) -> None:
     cause = OSError(5, "input/output error")
 
@@ -141,16 +149,11 @@ def test_a_port_of_the_application_whose_send_fails_is_a_port_error_with_its_cau
         def send(self, item: CanFrame) -> None:
             raise cause
 
-    async def with_asyncio() -> None:
-        async with AsyncCanopenClient(Broken(), node=6) as client:
-            await client.node().sdo.upload(0x1000)
-
-    def blocking() -> None:
-        with CanopenClient(Broken(), node=6) as client:
-            client.node().sdo.upload(0x1000)
+    async def calls(client: Any) -> None:
+        await get(client.node().sdo.upload(0x1000))
 
     with pytest.raises(PortError, match=r"^mine: input/output error$") as caught:
-        blocking() if kind == "blocking" else asyncio.run(with_asyncio())
+        run_with(calls, kind, Broken(), node=6)
     assert caught.value.__cause__ is cause
 
 
@@ -167,3 +170,107 @@ def test_a_wrong_time_out_of_a_client_is_refused() -> None:
 def test_the_error_of_a_wrong_argument_says_what_was_expected(case: Callable[[Any], Any], text: str) -> None:
     with CanBus(MemoryPort()) as bus, CanopenClient(bus, node=6, timeout=30.0) as client, refused(EncodeError, text):
         case(client)
+
+
+def test_a_name_that_is_not_known_or_has_no_description() -> None:
+    with CanBus(MemoryPort()) as bus, CanopenClient(bus, node=5) as client:
+        node = client.node()
+        with pytest.raises(LookupError, match="'STATUS WRD'; did you mean 'STATUS WORD'"):
+            client.node(device="az3").read("STATUS WRD")
+        with pytest.raises(AttributeError, match=r"'read' needs names: bus.node\(5, device=...\)"):
+            node.read("STATUS WORD")  # type: ignore[attr-defined]
+        with pytest.raises(AttributeError, match=r"'drive' needs names: bus.node\(5, device=...\)$"):
+            node.drive  # type: ignore[attr-defined]  # noqa: B018
+
+
+# URLs, options, and clients that are closed ---------------------------------------------------------------------------
+
+
+def test_a_client_refuses_wrong_urls_and_options() -> None:
+    kinds: list[Callable[..., object]] = [CanopenClient, AsyncCanopenClient]
+    mistakes: dict[str, tuple[object, dict[str, object]]] = {
+        "CANopen needs can://INTERFACE/CHANNEL": ("tcp://127.0.0.1", {}),
+        "node 200: expected 1..127": ("can://virtual/x?node=200", {}),
+        "node 0: expected 1..127": ("can://virtual/x", {"node": 0}),
+        "timeout='-1'": ("can://virtual/x", {"timeout": -1}),
+        "SDO dialect 'french': expected one of": ("can://virtual/x?dialect=french", {}),
+        "5: expected a URL such as": (5, {}),
+        "bitrate: an option of a bus that is opened by its URL": (MemoryPort(), {"bitrate": 5}),
+    }
+    for kind in kinds:
+        for text, (bus, options) in mistakes.items():
+            with pytest.raises(EncodeError, match=text):
+                kind(bus, **options)
+
+
+def test_an_option_that_the_interface_does_not_have_is_refused() -> None:
+    wrong: list[dict[str, Any]] = [{"timout": 3}, {"speed": 500_000}]
+    for option in wrong:
+        for client in (CanopenClient, AsyncCanopenClient):
+            with pytest.raises(EncodeError, match=r"unknown option '(timout|speed)', expected bitrate, "):
+                client("can://virtual/options", **option)
+    for server in (CanopenServer, AsyncCanopenServer):
+        with refused(
+            EncodeError, "endpoint 'can://virtual/options?timout=3': unknown option 'timout', expected bitrate, "
+        ):
+            server("can://virtual/options", device=device(), timout=3)
+    with pytest.raises(EncodeError, match="unknown option 'timout'"):
+        CanopenServer("can://virtual/options?timout=3", device=device())
+    CanopenClient("can://virtual/options", rx_queue_size=5, timeout=3).close()
+
+
+def test_an_unknown_option_suggests_the_nearest() -> None:
+    for url, suggestion in {
+        "can://virtual/x?timout=3": "; did you mean 'timeout'",
+        "can://virtual/x?unit=3": "; did you mean 'node'",
+        "can://virtual/x?baudrate=9600": "; did you mean 'bitrate'",
+        "can://udp_multicast/239.74.163.2?prt=3": "; did you mean 'port'",
+    }.items():
+        with refused(EncodeError, f"endpoint '{url}") as caught:
+            CanopenClient(url)
+        assert suggestion in str(caught.value)
+
+
+def test_an_unknown_interface_is_refused_with_the_known_ones() -> None:
+    text = "endpoint 'can://udpmulticast/x.*': unknown interface 'udpmulticast', expected "
+    with pytest.raises(EncodeError, match=text) as caught:
+        CanopenClient("can://udpmulticast/x")
+    assert "slcan, socketcan, socketcand" in str(caught.value)
+    assert "; did you mean 'udp_multicast'" in str(caught.value)
+
+
+def test_a_missing_serial_device_of_slcan_is_reported_once() -> None:
+    with pytest.raises(PortError, match=r"^can://slcan/dev/tty-nowhere: no such file or directory$"):
+        CanopenClient("can://slcan/dev/tty-nowhere")
+
+
+def test_a_closed_client_refuses_every_call() -> None:
+    closed = "the client was closed"
+    with CanBus(MemoryPort()) as bus:
+        client = CanopenClient(bus)
+        client.close()
+        calls: list[Callable[[], object]] = [
+            lambda: client.node(5),
+            client.__enter__,
+            lambda: client.send(CanFrame(0x80)),
+            client.frames,
+            lambda: client.host(device()),
+            lambda: client.receive(0.01),
+        ]
+        for call in calls:
+            with pytest.raises(PortError, match=closed):
+                call()
+        client.close()
+        CanopenClient(bus).node(5)  # the bus itself is open
+
+    async def main() -> None:
+        waiting = AsyncCanopenClient("can://virtual/closed")
+        await waiting.close()
+        with pytest.raises(PortError, match=closed):
+            waiting.node(5)
+        with pytest.raises(PortError, match=closed):
+            await waiting.__aenter__()
+        with pytest.raises(PortError, match=closed):
+            await waiting.receive(0.01)
+
+    asyncio.run(main())
