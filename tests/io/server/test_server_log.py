@@ -31,39 +31,50 @@ def no_sensor(address: int, quantity: int) -> Sequence[int]:
 FAILING = Functions(read_input_registers=no_sensor, read_holding_registers=lambda address, quantity: [0] * quantity)
 
 
-def check(caplog: pytest.LogCaptureFixture, statistics: Any) -> None:
-    (record,) = caplog.records
-    assert (record.name, record.levelno) == (LOGGER, logging.ERROR)
-    message = record.getMessage()
-    request = "unit 7: ReadInputRegisters(address=3, quantity=2)"
-    assert message.partition(": ")[2] == f"{request}: its code failed, exception 04: ValueError: no sensor"
-    assert record.exc_info is not None
-    assert record.exc_info[0] is ValueError
-    assert "no_sensor" in caplog.text  # the function, from the traceback
-    assert statistics.failures == ["ValueError: no sensor"]
-    assert (statistics.requests, statistics.exceptions) == (2, 1)
+WAYS = ["thread", "asyncio"]
 
 
-@pytest.mark.parametrize("url", THREADED)
-def test_a_threaded_server_logs_an_error_of_a_unit_and_keeps_it(url: str, caplog: pytest.LogCaptureFixture) -> None:
-    with barewire.ModbusServer(url, {7: FAILING}) as server, barewire.ModbusClient(server.url, unit=7) as client:
+@contextmanager
+def serving(way: str, url: str, units: Any = None, **options: Any) -> Iterator[Any]:
+    """A server, by default with unit 1, in a thread or in an event loop in a thread. It is closed at the end."""
+    units = units or {1: Table()}
+    if way == "thread":
+        with barewire.ModbusServer(url, units, **options) as server:
+            yield server
+        return
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever, daemon=True)
+    thread.start()
+    other = barewire.AsyncModbusServer(url, units, **options)
+    asyncio.run_coroutine_threadsafe(other.start(), loop).result(30)
+    try:
+        yield other
+    finally:
+        asyncio.run_coroutine_threadsafe(other.close(), loop).result(30)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(30)
+        loop.close()
+
+
+@pytest.mark.parametrize(
+    ("way", "url"), [*(("thread", url) for url in THREADED), *(("asyncio", url) for url in THREADED[:3])]
+)
+def test_a_server_logs_an_error_of_a_unit_and_keeps_it(way: str, url: str, caplog: pytest.LogCaptureFixture) -> None:
+    with serving(way, url, {7: FAILING}) as server, barewire.ModbusClient(server.url, unit=7, timeout=30) as client:
         client.read_holding_registers(0, 1)
         with pytest.raises(ModbusException):
             client.read_input_registers(3, 2)
-        check(caplog, server.statistics)
-
-
-@pytest.mark.parametrize("url", THREADED[:3])
-def test_an_asyncio_server_logs_an_error_of_a_unit_and_keeps_it(url: str, caplog: pytest.LogCaptureFixture) -> None:
-    async def run() -> Any:
-        server = barewire.AsyncModbusServer(url, {7: FAILING})
-        async with server, barewire.AsyncModbusClient(server.url, unit=7) as client:
-            await client.read_holding_registers(0, 1)
-            with pytest.raises(ModbusException):
-                await client.read_input_registers(3, 2)
-            return server.statistics
-
-    check(caplog, asyncio.run(run()))
+        (record,) = caplog.records
+        assert (record.name, record.levelno) == (LOGGER, logging.ERROR)
+        message = record.getMessage()
+        request = "unit 7: ReadInputRegisters(address=3, quantity=2)"
+        assert message.partition(": ")[2] == f"{request}: its code failed, exception 04: ValueError: no sensor"
+        assert record.exc_info is not None
+        assert record.exc_info[0] is ValueError
+        assert "no_sensor" in caplog.text  # the function, from the traceback
+        statistics = server.statistics
+        assert statistics.failures == ["ValueError: no sensor"]
+        assert (statistics.requests, statistics.exceptions) == (2, 1)
 
 
 def test_all_connections_of_a_server_count_in_the_same_statistics() -> None:
@@ -111,29 +122,7 @@ def test_a_log_that_fails_and_an_error_without_text_do_not_stop_the_server(monke
 
 # Connections, refusals, bytes: the lines, and the counters that add up ------------------------------------------------
 
-WAYS = ["thread", "asyncio"]
 READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
-
-
-@contextmanager
-def serving(way: str, url: str, **options: Any) -> Iterator[Any]:
-    """A server with unit 1, in a thread or in an event loop in a thread. It is closed at the end."""
-    if way == "thread":
-        with barewire.ModbusServer(url, {1: Table()}, **options) as server:
-            yield server
-        return
-    loop = asyncio.new_event_loop()
-    thread = threading.Thread(target=loop.run_forever, daemon=True)
-    thread.start()
-    other = barewire.AsyncModbusServer(url, {1: Table()}, **options)
-    asyncio.run_coroutine_threadsafe(other.start(), loop).result(30)
-    try:
-        yield other
-    finally:
-        asyncio.run_coroutine_threadsafe(other.close(), loop).result(30)
-        loop.call_soon_threadsafe(loop.stop)
-        thread.join(30)
-        loop.close()
 
 
 def until(condition: Callable[[], bool]) -> None:
