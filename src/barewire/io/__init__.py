@@ -4,11 +4,11 @@
     engine/            carries out a conversation or an exchange: blocking, asyncio, and the fast path
     ports/             TCP, UDP, TLS, serial ports, pseudo-terminals, CAN buses
     modbus/            ModbusClient, AsyncModbusClient, listening in
-    canopen/           CanopenClient, AsyncCanopenClient, shared buses, captures, the gateway of CiA 309-3
+    canopen/           CanopenClient, AsyncCanopenClient, shared buses, nodes that run on them
     log                what is logged, and the limit of lines
     machine            a machine by name, on Modbus or CANopen; `named_values`: its values; `drive`: its motion
     fault_injection/   faults in the answers of a server
-    server/            ModbusServer, AsyncModbusServer, CanopenServer; connection limits
+    server/            ModbusServer, AsyncModbusServer, CanopenServer; their limits; the gateway of CiA 309-3
 
 `barewire` itself exports the clients, servers and machines; this package exports the rest.
 """

@@ -14,6 +14,7 @@ from barewire.canopen import CanFrame, ErrorFrame
 from barewire.errors import NoAnswer, PortError
 from barewire.io import CanBus
 from barewire.io.server.gateway import GATEWAY_CONNECTIONS, serve_gateway
+from tests.helpers import PATIENCE
 
 LOGGERS = {name: f"barewire.canopen.{name}" for name in ("bus", "server", "client", "gateway")}
 
@@ -57,12 +58,12 @@ def test_a_server_and_a_client_on_a_bus(log: pytest.LogCaptureFixture) -> None:
     url = "can://virtual/log-client"
     with (
         barewire.CanopenServer(f"{url}?node=5", device="az3") as server,
-        barewire.CanopenClient(url, timeout=0.2) as client,
+        barewire.CanopenClient(url, timeout=PATIENCE) as client,
     ):
         client.node(5).sdo.upload(0x1000)
         assert (server.statistics.received, server.statistics.unsent) == (1, 0)
         with pytest.raises(NoAnswer) as caught:
-            client.node(9).sdo.upload(0x1000)
+            client.node(9, timeout=0.2).sdo.upload(0x1000)
     assert server.statistics.sent >= 2  # the boot-up and the response
     assert lines(log, "server") == [f"INFO {url}: serving", f"INFO {url}: closed"]
     assert lines(log, "bus") == [f"INFO {url}: opened", f"INFO {url}: closed"]
@@ -75,11 +76,11 @@ def test_an_asyncio_server_and_client(log: pytest.LogCaptureFixture) -> None:
     async def main() -> tuple[barewire.AsyncCanopenServer, str]:
         async with (
             barewire.AsyncCanopenServer(f"{url}?node=5", device="az3") as server,
-            barewire.AsyncCanopenClient(url, timeout=0.2) as client,
+            barewire.AsyncCanopenClient(url, timeout=PATIENCE) as client,
         ):
             await client.node(5).sdo.upload(0x1000)
             with pytest.raises(NoAnswer) as caught:
-                await client.node(9).sdo.upload(0x1000)
+                await client.node(9, timeout=0.2).sdo.upload(0x1000)
             async with asyncio.timeout(10):
                 while server.statistics.received < 3:  # the abort to node 9 may still be on its way
                     await asyncio.sleep(0.01)
@@ -95,7 +96,7 @@ def test_an_asyncio_server_and_client(log: pytest.LogCaptureFixture) -> None:
 def test_all_frames_at_level_debug(log: pytest.LogCaptureFixture) -> None:
     url = "can://virtual/log-frames"
     log.set_level(logging.DEBUG, LOGGERS["bus"])
-    with barewire.CanopenServer(f"{url}?node=5", device="az3"), barewire.CanopenClient(url) as client:
+    with barewire.CanopenServer(f"{url}?node=5", device="az3"), barewire.CanopenClient(url, timeout=PATIENCE) as client:
         client.node(5).sdo.upload(0x1000)
     found = lines(log, "bus")
     for direction in ("sent", "received"):  # each by one of the two

@@ -274,7 +274,7 @@ def test_a_served_node_goes_on_after_a_restart_of_the_socketcand_server() -> Non
                 received = b""
                 while not received and time.monotonic() < deadline:
                     with suppress(NoAnswer):  # the node may not be back yet
-                        received = client.node(timeout=0.1).sdo.upload(0x2001)
+                        received = client.node(timeout=1.0).sdo.upload(0x2001)
                 assert received == b"\x07"  # it has not been switched off
         assert host.failure is None
     finally:

@@ -387,6 +387,6 @@ def test_what_a_port_of_the_user_receives_is_checked(item: Any, text: str) -> No
         def close(self) -> None:
             pass
 
-    with CanopenClient(OwnPort(), node=5, timeout=1) as client, pytest.raises(PortError, match=text) as caught:
+    with CanopenClient(OwnPort(), node=5, timeout=30) as client, pytest.raises(PortError, match=text) as caught:
         client.node().sdo.upload(0x1000)
     assert "OwnPort.receive returned" in str(caught.value)
