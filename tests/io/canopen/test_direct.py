@@ -12,7 +12,7 @@ import pytest
 from barewire import CanopenClient
 from barewire.canopen import CanFrame, ErrorFrame
 from barewire.conversation import Conversation, Listen, Send
-from barewire.errors import NoAnswer, PortError
+from barewire.errors import PortError
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import BusDown, BusItem, BusUp, FramesLost, Subscriber
 
@@ -198,12 +198,6 @@ def test_many_threads_with_one_client_each_get_their_answers() -> None:
     assert not wrong
 
 
-def test_no_answer_says_what_was_on_the_bus() -> None:
-    port = KeepingPort({CanFrame.parse("605#4000100000000000"): [CanFrame.parse("706#05")]})
-    with client_on(port) as client, pytest.raises(NoAnswer, match=r"1 frame on the bus meanwhile"):
-        client.node().sdo.upload(0x1000, timeout=0.02)
-
-
 def test_reports_of_the_controller_are_recorded() -> None:
     port = KeepingPort(ANSWER)
     with client_on(port) as client:
@@ -220,17 +214,6 @@ def test_a_bus_that_failed_while_nobody_read_is_opened_again_by_the_next_request
         old.arrive(PortError("the interface is down"))
         assert client.node().sdo.upload(0x1000) == bytes.fromhex("92010200")
         assert (old.closed, bool(readers())) == (True, True)
-
-
-def test_a_bus_that_fails_during_a_request_raises_and_is_opened_again() -> None:
-    old, new = KeepingPort({next(iter(ANSWER)): [PortError("the interface is down")]}), KeepingPort(ANSWER)  # type: ignore[list-item]
-    with CanBus(old, dial=lambda: new, pauses=(0.001, 0.001), lazy=True) as bus:
-        client = CanopenClient(bus, node=5, timeout=30.0)
-        with pytest.raises(PortError, match="the interface is down"):
-            client.node().sdo.upload(0x1000)
-        bus.wait_until_open(30.0)
-        client.channel().quiet_until = None
-        assert client.node().sdo.upload(0x1000) == bytes.fromhex("92010200")
 
 
 def test_closing_the_client_ends_a_request_of_another_thread() -> None:

@@ -15,7 +15,7 @@ import pytest
 
 from barewire import AsyncCanopenClient, CanopenClient
 from barewire.canopen import CanFrame, EmcyConsumer
-from barewire.errors import NoAnswer, PortError
+from barewire.errors import PortError
 from barewire.io.canopen.bus.async_bus import AsyncSubscriber
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import BusDown, BusUp, FramesLost, Subscriber
@@ -363,21 +363,6 @@ def test_frames_are_sent_without_a_thread(wire: Wire) -> None:
 
     asyncio.run(awaited())
     assert wire.other.recv(16) == raw(0x80, b"")
-
-
-def test_no_answer_says_what_was_on_the_bus(wire: Wire) -> None:
-    async def main() -> None:
-        async with AsyncCanopenClient(wire.port) as client:
-
-            def disturb() -> None:
-                wire.other.recv(16)
-                wire.arrive(CanFrame(0x706, b"\x05"))
-
-            asyncio.get_running_loop().add_reader(wire.other, disturb)
-            with pytest.raises(NoAnswer, match="1 frame on the bus meanwhile"):
-                await client.node(5).sdo.upload(0x1000, timeout=0.05)
-
-    asyncio.run(main())
 
 
 def test_a_function_that_watches_and_fails_ends_the_bus(wire: Wire) -> None:
