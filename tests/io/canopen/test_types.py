@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import assert_type
 
 from barewire import AsyncCanopenClient, AsyncCanopenServer, CanopenClient, CanopenServer, connect, connect_async
-from barewire.canopen import CanFrame, Channel, LssAddress, NodeState, PdoConfig, RemotePdo
+from barewire.canopen import CanFrame, Channel, EmcyConsumer, LssAddress, NodeState, PdoConfig, RemotePdo, upload
 from barewire.canopen.emcy import EmcyEvent
 from barewire.canopen.nmt.error_control import HeartbeatEvent
 from barewire.canopen.pdo.remote import PdoReceived
@@ -32,6 +32,8 @@ def of_the_blocking_client(bus: CanopenClient, tpdo: RemotePdo) -> None:
     assert_type(bus.lss.fastscan(), LssAddress | None)
     assert_type(bus.emergencies(), Stream[EmcyEvent])
     assert_type(bus.nmt.heartbeats({5: 1.0}), Stream[HeartbeatEvent])
+    assert_type(bus.run(upload(5, 0x1000)), bytes)
+    assert_type(bus.watch(EmcyConsumer()), Stream[EmcyEvent])
     assert_type(bus.sync.start(1.0), Running)
     node = bus.node(5)
     assert_type(node.sdo.upload(0x6041), bytes)
@@ -60,6 +62,8 @@ async def of_the_asyncio_client(bus: AsyncCanopenClient, tpdo: RemotePdo) -> Non
     assert_type(await bus.lss.fastscan(), LssAddress | None)
     assert_type(bus.emergencies(), AsyncStream[EmcyEvent])
     assert_type(bus.nmt.heartbeats({5: 1.0}), AsyncStream[HeartbeatEvent])
+    assert_type(await bus.run(upload(5, 0x1000)), bytes)
+    assert_type(bus.watch(EmcyConsumer()), AsyncStream[EmcyEvent])
     assert_type(bus.sync.start(1.0), AsyncRunning)
     node = bus.node(5)
     assert_type(await node.sdo.upload(0x6041), bytes)
