@@ -29,7 +29,7 @@ from barewire.io.canopen.bus.async_bus import (
     open_in_thread,
 )
 from barewire.io.canopen.bus.shared_bus import CanBus
-from barewire.io.canopen.client_base import ClientBase, KnownChannel, listening
+from barewire.io.canopen.client_base import ClientBase, KnownChannel, rest_of
 from barewire.io.canopen.node import AsyncDeviceNode
 from barewire.io.canopen.operations import (
     AnyOperation,
@@ -179,14 +179,14 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
             try:
                 frame = await port.receive_until(sent_at + plain.timeout)
             except BaseException as error:
-                abandon(listening(plain, sent_at), port, error)
+                abandon(rest_of(plain, sent_at), port, error)
                 raise
             if frame is None:
                 return await self._run(channel, plain.rest(sent_at), port)
             result = plain.answer_in(frame)
             if result is not NOT_PLAIN:
                 return result
-            return await self._run(channel, listening(plain, sent_at), port, Heard(frame, port.loop.time()))
+            return await self._run(channel, rest_of(plain, sent_at), port, Heard(frame, port.loop.time()))
         finally:
             try:
                 if channel.busy:

@@ -30,7 +30,7 @@ from barewire.io.canopen.bus.direct_port import DirectPort
 from barewire.io.canopen.bus.node_runner import Running
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import ChannelSubscriber, Stream, Subscriber
-from barewire.io.canopen.client_base import ClientBase, KnownChannel, listening
+from barewire.io.canopen.client_base import ClientBase, KnownChannel, rest_of
 from barewire.io.canopen.node import DeviceNode
 from barewire.io.canopen.operations import (
     AnyOperation,
@@ -191,7 +191,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
             if port.sent_at is None:
                 plain.cancel()
             else:
-                abandon(listening(plain, port.sent_at), port, error)
+                abandon(rest_of(plain, port.sent_at), port, error)
             raise
         sent_at = port.sent_at
         if sent_at is None:
@@ -202,7 +202,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
         result = plain.answer_in(frame)
         if result is not NOT_PLAIN:
             return result
-        return self._run(plain.channel, listening(plain, sent_at), port, Heard(frame, time.monotonic()))
+        return self._run(plain.channel, rest_of(plain, sent_at), port, Heard(frame, time.monotonic()))
 
     def _subscriber(self, bus: CanBus, known: KnownChannel) -> ChannelSubscriber:
         subscriber: ChannelSubscriber | None = known.subscriber

@@ -428,7 +428,7 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         return cyclic_task(self.runner.bus, cyclic_frames(machine), by)
 
 
-def listening(plain: PlainExchange[T], sent_at: float) -> Conversation[CanFrame, T]:
+def rest_of(plain: PlainExchange[T], sent_at: float) -> Conversation[CanFrame, T]:
     """Return the conversation of an exchange whose request was sent, advanced to the point where it listens."""
     rest = plain.rest(sent_at)
     next(rest)
