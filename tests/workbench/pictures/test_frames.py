@@ -14,7 +14,7 @@ from barewire.errors import EncodeError
 from barewire_workbench import Explanation, explain, explain_text
 from barewire_workbench.frames.findings import Finding
 from barewire_workbench.frames.modbus import explain_ascii, explain_rtu, explain_tcp
-from barewire_workbench.pictures.drawing import COLOURS, TEXT_ON, contrast, text_lines, xml_text
+from barewire_workbench.pictures.drawing import COLOURS, TEXT_ON, text_lines, xml_text
 from barewire_workbench.pictures.fields import FieldsPicture, byte_boxes
 from barewire_workbench.pictures.levels import (
     CHARACTERS_DRAWN,
@@ -26,7 +26,7 @@ from barewire_workbench.pictures.levels import (
 )
 from barewire_workbench.pictures.picture import as_html, as_svg, page_style, rendered
 from barewire_workbench.wire import CharacterFormat, can_bits
-from tests.workbench.pictures.checks import assert_self_contained, check, html_texts, svg_texts
+from tests.workbench.pictures.checks import assert_self_contained, check, contrast, html_texts, svg_texts
 
 READ = bytes.fromhex("01 03 00 00 00 02 C4 0B")
 FRAMES = [

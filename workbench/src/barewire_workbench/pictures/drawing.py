@@ -118,22 +118,6 @@ def painted(rules: str, scope: str, place: int) -> str:
     return re.sub(r"@(\w+)", lambda role: COLOURS[role[1]][place], rules.replace("{s}", scope)).strip()
 
 
-def contrast(text: str, background: str) -> float:
-    """Return the contrast of two colours, 1 to 21.   [WCAG 2.1, contrast ratio]
-
-    >>> round(contrast("#000000", "#ffffff"))
-    21
-    """
-    lighter, darker = sorted((_luminance(text), _luminance(background)), reverse=True)
-    return (lighter + 0.05) / (darker + 0.05)
-
-
-def _luminance(colour: str) -> float:
-    channels = [int(colour[place : place + 2], 16) / 255 for place in (1, 3, 5)]
-    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in channels)
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
-
-
 # Elements -----------------------------------------------------------------------------------------------------------
 
 

@@ -295,30 +295,23 @@ def _step(row: CaseFields, device: Placeholders) -> NodeStep:
 
 
 def _transfer(row: CaseFields, device: Placeholders) -> list[NodeStep]:
-    s, kind = Sdo(device.subject.node), row["transfer"]
+    s = Sdo(device.subject.node)
     if row["of"] == "text":
         place, (_, value) = device.fill("<text.index/2>00"), device.subject.text_object
     else:
         place, value = device.fill(row["of"]), bytes.fromhex(device.fill(row["value"]))
-    if kind == "upload":
-        return upload_steps(s, place, value, row.get("segments"))
-    if kind == "download":
-        return download_steps(s, place, value, row.get("segments"), size=row.get("size"))
-    if kind == "block upload":
-        return block_upload_steps(
-            s,
-            place,
-            value,
-            crc=row.get("crc", True),
-            blksize=row.get("blksize", 20),
-            until=row.get("until", "done"),
-        )
-    if kind == "block segments":
-        (request,) = map(device.fill, row["send"])
-        return [block_step(s, request, value, row.get("from", 1), row.get("to", 127))]
-    if kind != "block download":
-        raise EncodeError(
-            f"transfer {shown(kind)}: expected upload, download, block upload, block segments or block download",
-            "transfer",
-        )
-    return block_download_steps(s, place, value)
+    match row["transfer"]:
+        case "upload":
+            return upload_steps(s, place, value, row.get("segments"))
+        case "download":
+            return download_steps(s, place, value, row.get("segments"), size=row.get("size"))
+        case "block upload":
+            options = {name: row[name] for name in ("crc", "blksize", "until") if name in row}
+            return block_upload_steps(s, place, value, **options)
+        case "block segments":
+            (request,) = map(device.fill, row["send"])
+            return [block_step(s, request, value, row.get("from", 1), row.get("to", 127))]
+        case "block download":
+            return block_download_steps(s, place, value)
+    expected = "upload, download, block upload, block segments or block download"
+    raise EncodeError(f"transfer {shown(row['transfer'])}: expected {expected}", "transfer")
