@@ -126,18 +126,18 @@ class PortLog:
                 self._forget(now)
                 if len(self._kinds) >= _KINDS:
                     kind = _OTHERS
-            found = self._kinds.get(kind)
+            counted = self._kinds.get(kind)
             more = ""
-            if found is None or now - found.since >= INTERVAL:
-                if found is not None:
-                    more = self._more(found, now)
+            if counted is None or now - counted.since >= INTERVAL:
+                if counted is not None:
+                    more = self._more(counted, now)
                     del self._kinds[kind]  # it goes to the end: the kinds are in the order of their times
-                found = self._kinds[kind] = _Kind(now)
-            if found.written >= LINES:
-                found.left_out += 1
-                found.level, found.text = level, text
+                counted = self._kinds[kind] = _Kind(now)
+            if counted.written >= LINES:
+                counted.left_out += 1
+                counted.level, counted.text = level, text
                 return
-            found.written += 1
+            counted.written += 1
             self._write(level, text, more, error)
 
     @staticmethod
@@ -176,10 +176,10 @@ def watch_both(
     """Return one function that calls both, or the one that there is."""
     if first is None or second is None:
         return first or second
-    one, other = first, second
+    show_first, show_second = first, second
 
     def both(direction: Any, item: Any) -> None:
-        one(direction, item)
-        other(direction, item)
+        show_first(direction, item)
+        show_second(direction, item)
 
     return both

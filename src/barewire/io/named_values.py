@@ -67,13 +67,13 @@ class _Names(ABC):
     def _names(self, names: Iterable[Any] | None) -> list[str]:
         if isinstance(names, str):
             raise EncodeError(f"read_all({names!r}): expected several names; one is read(name)")
-        found = self.readable if names is None else list(names)
-        for name in found:
+        wanted = self.readable if names is None else list(names)
+        for name in wanted:
             if not isinstance(name, str):
                 by_index = self.device.canopen is not None and isinstance(name, (int, tuple))
                 hint = "by index it is node.sdo.upload" if by_index else "expected a text"
                 raise EncodeError(f"{shown(name)} is not the name of a parameter of {self.device.name}; {hint}")
-        return found
+        return wanted
 
     def _values(self, name: Any, value: Value | None) -> Mapping[str, Value]:
         if isinstance(name, Mapping):

@@ -153,6 +153,7 @@ class RtuLine:
 
         The caller must check that the PDU has the length that its count announces: otherwise only a silence ends it.
         """
+        # In strict mode only a silence ends a frame [MB-SERIAL 2.5.1.1].
         if self._held or self.strict or not SHORTEST <= len(data) <= LONGEST:
             return None
         if data[0] != self._unit or crc16(data):
@@ -272,7 +273,7 @@ class RtuLine:
 
         `may_wait`: return None also if the bytes are a frame, but a longer one that begins with them is more likely.
         """
-        here, pdu = len(self._held), bytes(self._held[at + 1 : at + LONGEST])
+        held, pdu = len(self._held), bytes(self._held[at + 1 : at + LONGEST])
         if not pdu:
             return None, self._removed + at + 2
         due, counted = _NEVER, False
@@ -285,7 +286,7 @@ class RtuLine:
             end = at + size + _ENVELOPE
             if end - at > LONGEST:
                 continue
-            if end > here:
+            if end > held:
                 # The end has not arrived, or more bytes are needed to know the count.
                 due = min(due, self._removed + (end if size <= len(pdu) else at + 1 + size))
             elif self._removed + end > self._hunted and end - at >= SHORTEST and crc16(self._held[at:end]) == 0:
@@ -356,8 +357,8 @@ class RtuLine:
         """
         if self.role != "listener":
             return []
-        here, due = self._removed + len(self._held), []
-        while self._places and self._places[0][0] <= here:
+        received, due = self._removed + len(self._held), []
+        while self._places and self._places[0][0] <= received:
             due.append(heappop(self._places)[1])
         due.sort()
         for index, number in enumerate(due):
@@ -365,11 +366,11 @@ class RtuLine:
                 for unchecked in due[index + 1 :]:
                     heappush(self._places, (0, unchecked))
                 return self._found(number, end)
-        for number in range(max(self._unchecked, self._removed + 1), here - SHORTEST + 1):
+        for number in range(max(self._unchecked, self._removed + 1), received - SHORTEST + 1):
             self._unchecked = number + 1
             if (end := self._check_place(number)) is not None:
                 return self._found(number, end)
-        self._hunted = here
+        self._hunted = received
         return []
 
     def _check_place(self, number: int) -> int | None:

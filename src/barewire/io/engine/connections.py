@@ -64,6 +64,7 @@ class BackOff:
 
     def failed(self, now: float, why: str) -> None:
         """Record a failed attempt. The pause doubles, up to `longest`, and varies by half of `jitter` up or down."""
+        # 32 doublings are beyond every longest pause; a float has no more than 1023 of them.
         pause = min(self._first * 2.0 ** min(self._failures, 32), self._longest)
         self._failures += 1
         self._not_before = now + pause * (1.0 + self._jitter * (self._random() - 0.5))

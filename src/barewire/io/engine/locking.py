@@ -61,9 +61,9 @@ def exclusive(thing: object) -> AbstractContextManager[Any]:
     attributes = getattr(owner, "__dict__", None)
     if not isinstance(attributes, dict):
         return _shared_lock
-    found: AbstractContextManager[Any] | None = attributes.get(_LOCK)
+    lock: AbstractContextManager[Any] | None = attributes.get(_LOCK)
     # `setdefault` is one step of the interpreter, so two threads at the same time get the same lock.
-    return attributes.setdefault(_LOCK, _MachineLock()) if found is None else found
+    return attributes.setdefault(_LOCK, _MachineLock()) if lock is None else lock
 
 
 class SharedUnit:

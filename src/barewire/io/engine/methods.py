@@ -90,10 +90,10 @@ def documented(method: Callable[..., Any], make: Callable[..., Any], streams: tu
     # `help` takes the signature from `__wrapped__`, and a definition may have uses of its own: a copy gets the result.
     while hasattr(make, "__wrapped__"):
         make = make.__wrapped__
-    shown = FunctionType(make.__code__, make.__globals__, make.__name__, make.__defaults__, make.__closure__)
-    shown.__kwdefaults__ = make.__kwdefaults__
-    shown.__annotations__ = method.__annotations__ = {**make.__annotations__, "return": result}
-    vars(method)["__wrapped__"] = shown
+    definition = FunctionType(make.__code__, make.__globals__, make.__name__, make.__defaults__, make.__closure__)
+    definition.__kwdefaults__ = make.__kwdefaults__
+    definition.__annotations__ = method.__annotations__ = {**make.__annotations__, "return": result}
+    vars(method)["__wrapped__"] = definition
     if make.__doc__ is not None:  # with -OO there is none
         method.__doc__ = f"{make.__doc__.rstrip()}\n\n{_INDENT}{returns}\n{_INDENT}"
     return method

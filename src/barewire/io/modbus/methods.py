@@ -252,13 +252,13 @@ class ModbusMethods:
         """
         if not names:
             raise EncodeError("read: expected names of parameters; every one is connect(device, url).read_all()")
-        found = _described(device)
-        plan = found.read_plans.get(names)
+        description = _described(device)
+        plan = description.read_plans.get(names)
         if plan is None:
             from barewire.devices.modbus_access import read_plan
 
-            plan = read_plan(found, names)
-        return self.unit_for(unit, found), plan.requests, plan.notes, plan.readings
+            plan = read_plan(description, names)
+        return self.unit_for(unit, description), plan.requests, plan.notes, plan.readings
 
     @bus_conversation
     def write(
@@ -271,9 +271,9 @@ class ModbusMethods:
         """
         from barewire.devices.modbus_access import write_modbus
 
-        found = _described(device)
-        address = self.unit_for(unit, found)
-        return (lambda bus: write_modbus(bus, address, found, values, timeout=self.timeout, force=force)), address
+        description = _described(device)
+        address = self.unit_for(unit, description)
+        return (lambda bus: write_modbus(bus, address, description, values, timeout=self.timeout, force=force)), address
 
     @bus_conversation
     def broadcast(self, request: Request[Any], *, turnaround: float = 0.1) -> BusConversation[None]:

@@ -345,9 +345,9 @@ class Mailbox:
         """Return bytes that were received already, or None. Raises PortError if there are none and the connection has
         ended."""
         if self.chunks:
-            taken = self.chunks.popleft()
-            self._waiting -= len(taken)
-            return taken
+            data = self.chunks.popleft()
+            self._waiting -= len(data)
+            return data
         if self.lost is not None:
             raise PortError(f"{self.name}: {self.lost}")
         return None

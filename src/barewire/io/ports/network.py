@@ -60,13 +60,13 @@ class TcpPort:
     def send(self, item: bytes) -> None:
         """Send bytes. The system nearly always takes them at once."""
         try:
-            taken = self._socket.send(item, _DONT_WAIT)
+            sent = self._socket.send(item, _DONT_WAIT)
         except BlockingIOError:
-            taken = 0
+            sent = 0
         except OSError as error:
             raise PortError(f"{self.name}: {self._why(error)}") from None
-        if taken < len(item):
-            self._send_slowly(item[taken:])
+        if sent < len(item):
+            self._send_slowly(item[sent:])
 
     def _send_slowly(self, rest: bytes) -> None:
         """Send the rest to a peer that does not read. Raises PortError after `CONNECT_TIMEOUT` seconds."""

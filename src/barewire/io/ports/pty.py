@@ -64,12 +64,12 @@ class PseudoTerminal:
             time.sleep(self._pace.duration(len(item)))
         self.sent_at = time.monotonic()
         try:
-            left = memoryview(item)
-            while left:
+            unsent = memoryview(item)
+            while unsent:
                 # The buffer of the system is finite: bytes that are not read at the other end are lost.
                 if not select.select([], [self._ours], [], 1.0)[1]:
                     break
-                left = left[os.write(self._ours, left) :]
+                unsent = unsent[os.write(self._ours, unsent) :]
         except OSError as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
 
@@ -161,9 +161,9 @@ def check_not_foreign(path: str) -> None:
         if state.st_ctime > link.st_mtime + _SAME_TIME and stat.S_IMODE(state.st_mode) in _NEW_MODES:
             import shlex
 
-            made = f"{terminal} was made after this link, by another program"
+            cause = f"{terminal} was made after this link, by another program"
             raise PortError(
-                f"{path}: left over from a program that has ended: {made}; remove the link: rm {shlex.quote(path)}"
+                f"{path}: left over from a program that has ended: {cause}; remove the link: rm {shlex.quote(path)}"
             )
     process = _process_in(path) if is_pseudo_terminal(path) else None
     if process is not None:

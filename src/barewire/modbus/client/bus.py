@@ -411,8 +411,10 @@ class Bus:
         unit_state = self.state.units[unit]
         now = yield from self.wait_until_idle(timeout)
         if now < unit_state.dead_until:
-            left = unit_state.dead_until - now
-            raise NoAnswer(f"unit {unit} left {unit_state.silent} requests unanswered: asked again in {left:.1f} s")
+            remaining = unit_state.dead_until - now
+            raise NoAnswer(
+                f"unit {unit} left {unit_state.silent} requests unanswered: asked again in {remaining:.1f} s"
+            )
         while now < unit_state.free_at:
             heard = yield Listen(unit_state.free_at)
             now = self._pass_over(heard)

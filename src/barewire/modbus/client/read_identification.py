@@ -65,12 +65,12 @@ def _read_all(bus: Bus, unit: int, read_code: int, timeout: float) -> Conversati
     objects: dict[int, bytes] = {}
     first = 0
     while True:
-        answer = yield from bus.ask(unit, ReadDeviceIdentification(read_code, first), timeout=timeout)
-        objects.update(answer.objects)
-        if not answer.more_follows:
-            return DeviceIdentification(answer.conformity, objects)
-        last = max([first, *(number for number, _ in answer.objects)])
-        if answer.next_object <= last:
-            text = f"after object {first:02X}h the next one given is {answer.next_object:02X}h: that would never end"
-            raise DecodeError("value", answer.encode(), 5, text)
-        first = answer.next_object
+        response = yield from bus.ask(unit, ReadDeviceIdentification(read_code, first), timeout=timeout)
+        objects.update(response.objects)
+        if not response.more_follows:
+            return DeviceIdentification(response.conformity, objects)
+        latest = max([first, *(number for number, _ in response.objects)])
+        if response.next_object <= latest:
+            text = f"after object {first:02X}h the next one given is {response.next_object:02X}h: that would never end"
+            raise DecodeError("value", response.encode(), 5, text)
+        first = response.next_object

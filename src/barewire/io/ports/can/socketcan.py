@@ -370,10 +370,10 @@ def _wrong(endpoint: Endpoint, key: str, expected: str) -> EncodeError:
 
 def flag(endpoint: Endpoint, key: str, default: bool = False) -> bool:
     """Return an option that is true or false."""
-    found = {"1": True, "true": True, "0": False, "false": False}.get(endpoint.options.get(key, str(default)).lower())
-    if found is None:
+    value = {"1": True, "true": True, "0": False, "false": False}.get(endpoint.options.get(key, str(default)).lower())
+    if value is None:
         raise _wrong(endpoint, key, "0 or 1")
-    return found
+    return value
 
 
 def filters_of(endpoint: Endpoint) -> bytes:

@@ -97,10 +97,10 @@ def read_hub_answer(connection: socket.socket) -> bytes:
     until = monotonic() + HANDSHAKE_TIMEOUT
     answer = b""
     while not answer.endswith(b">") and len(answer) < _LONGEST_MESSAGE:
-        left = until - monotonic()
-        if left <= 0.0:
+        remaining = until - monotonic()
+        if remaining <= 0.0:
             raise TimeoutError("timed out")
-        connection.settimeout(left)
+        connection.settimeout(remaining)
         byte = connection.recv(1)
         if not byte:
             break
