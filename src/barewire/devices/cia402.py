@@ -135,30 +135,13 @@ TRANSITIONS: tuple[Transition, ...] = (
     Transition(16, _S.QUICK_STOP_ACTIVE, _S.OPERATION_ENABLED, DriveCommand.ENABLE_OPERATION),
 )
 
-# Goal -> state on the way -> the command for the next step.
-_STEPS: dict[State, dict[State, DriveCommand]] = {
-    _S.SWITCH_ON_DISABLED: {
-        _S.READY_TO_SWITCH_ON: DriveCommand.DISABLE_VOLTAGE,
-        _S.SWITCHED_ON: DriveCommand.DISABLE_VOLTAGE,
-        _S.OPERATION_ENABLED: DriveCommand.DISABLE_VOLTAGE,
-    },
-    _S.READY_TO_SWITCH_ON: {
-        _S.SWITCH_ON_DISABLED: DriveCommand.SHUTDOWN,
-        _S.SWITCHED_ON: DriveCommand.SHUTDOWN,
-        _S.OPERATION_ENABLED: DriveCommand.SHUTDOWN,
-    },
-    _S.SWITCHED_ON: {
-        _S.SWITCH_ON_DISABLED: DriveCommand.SHUTDOWN,
-        _S.READY_TO_SWITCH_ON: DriveCommand.SWITCH_ON,
-        _S.OPERATION_ENABLED: DriveCommand.SWITCH_ON,
-    },
-    _S.OPERATION_ENABLED: {
-        _S.SWITCH_ON_DISABLED: DriveCommand.SHUTDOWN,
-        _S.READY_TO_SWITCH_ON: DriveCommand.SWITCH_ON,
-        _S.SWITCHED_ON: DriveCommand.ENABLE_OPERATION,
-    },
-    _S.QUICK_STOP_ACTIVE: {_S.OPERATION_ENABLED: DriveCommand.QUICK_STOP},
+_LADDER: dict[State, DriveCommand] = {
+    _S.SWITCH_ON_DISABLED: DriveCommand.DISABLE_VOLTAGE,
+    _S.READY_TO_SWITCH_ON: DriveCommand.SHUTDOWN,
+    _S.SWITCHED_ON: DriveCommand.SWITCH_ON,
+    _S.OPERATION_ENABLED: DriveCommand.ENABLE_OPERATION,
 }
+"""The states from current off to enabled, and the command to each: upwards it takes one step, downwards all at once."""
 
 
 def state_of(status_word: int) -> State:
@@ -240,17 +223,20 @@ def next_control_word(state: State, goal: State, *, stays_in_quick_stop: bool = 
 
     Raises EncodeError for a goal that no command reaches: a fault, or a quick stop of a drive that is not enabled.
     """
-    steps = _STEPS.get(goal)
-    if steps is None:
-        wanted = ", ".join(possible.value for possible in _STEPS)
-        raise EncodeError(f"no control word leads to {goal.value!r}: expected one of {wanted}", "goal")
+    goals = (*_LADDER, State.QUICK_STOP_ACTIVE)
+    if goal not in goals:
+        expected = ", ".join(possible.value for possible in goals)
+        raise EncodeError(f"no control word leads to {goal.value!r}: expected one of {expected}", "goal")
     if state is goal or state in (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE):
         return None
-    if goal is State.QUICK_STOP_ACTIVE and state not in steps:
-        raise EncodeError(f"a quick stop needs an enabled drive, this one is {state.value!r}", "goal")
+    if goal is State.QUICK_STOP_ACTIVE:
+        if state is not State.OPERATION_ENABLED:
+            raise EncodeError(f"a quick stop needs an enabled drive, this one is {state.value!r}", "goal")
+        return int(DriveCommand.QUICK_STOP)
     if state is State.FAULT:
         return int(DriveCommand.FAULT_RESET)
     if state is State.QUICK_STOP_ACTIVE:
         resumes = stays_in_quick_stop and goal is State.OPERATION_ENABLED
         return int(DriveCommand.ENABLE_OPERATION if resumes else DriveCommand.DISABLE_VOLTAGE)
-    return int(steps[state])
+    rungs = list(_LADDER)
+    return int(_LADDER[rungs[min(rungs.index(state) + 1, rungs.index(goal))]])
