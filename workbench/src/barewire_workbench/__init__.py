@@ -30,8 +30,6 @@ A name loads its file when it is first used.
 
 from typing import TYPE_CHECKING
 
-from barewire._lazy import lazy
-
 if TYPE_CHECKING:
     from barewire_workbench.api import (
         explain as explain,
@@ -49,11 +47,22 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-__getattr__, __dir__, __all__ = lazy(
-    __name__,
-    {
-        "api": "explain explain_text explain_exchange",
-        "frames.result": "Explanation ExplainedField Problem ProtocolName FrameRole",
-        "frames.findings": "Finding DiagnosisCode",
-    },
-)
+try:
+    from barewire._lazy import lazy
+except ModuleNotFoundError as error:
+    if error.name != "barewire":
+        raise
+
+    # Installed without the stack: the command, in `cli`, says so in one line, and any other use with this error.
+    def __getattr__(name: str) -> object:
+        raise ModuleNotFoundError(f"barewire-workbench needs barewire {__version__}", name="barewire")
+
+else:
+    __getattr__, __dir__, __all__ = lazy(
+        __name__,
+        {
+            "api": "explain explain_text explain_exchange",
+            "frames.result": "Explanation ExplainedField Problem ProtocolName FrameRole",
+            "frames.findings": "Finding DiagnosisCode",
+        },
+    )

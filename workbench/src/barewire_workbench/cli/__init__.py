@@ -35,16 +35,24 @@ import os
 import signal
 import sys
 
+from barewire_workbench import __version__
+
 
 def main() -> None:
-    """Run the command. Without click or rich, print one line that says how to get them."""
+    """Run the command. Without the stack, click or rich, print one line that says how to get them."""
     _end_at_interrupt(True)
     try:
         import click  # noqa: F401
         import rich  # noqa: F401
-    except ModuleNotFoundError:
-        print("barewire: the command needs click and rich: pip install 'barewire[cli]'", file=sys.stderr)
+
+        import barewire
+    except ModuleNotFoundError as error:
+        needed = f"barewire {__version__}" if error.name == "barewire" else "click and rich"
+        print(f"barewire: the command needs {needed}: pip install 'barewire[cli]=={__version__}'", file=sys.stderr)
         sys.exit(1)
+    if barewire.__version__ != __version__:  # pip refuses that, unless it is told otherwise
+        both = f"barewire {barewire.__version__} and barewire-workbench {__version__}"
+        print(f"barewire: installed are {both}: the command needs one version of both", file=sys.stderr)
     from barewire_workbench.cli.app import run_command_line
 
     status = run_command_line(sys.argv[1:], loaded=lambda: _end_at_interrupt(False))
