@@ -60,7 +60,7 @@ WORKBENCH: dict[str, set[str]] = {
     "live": {"conform", "vectors"},
     "__init__": {"api", "frames"},
 }
-OFFERED = {"explain", "explain_exchange", "explain_text", "Explanation", "FrameRole"}  # by the door of the workbench
+OFFERED = {"explain", "explain_exchange", "explain_text", "Explanation", "FrameRole", "__version__"}  # by its door
 WORKBENCH["cli"] = OFFERED | set(WORKBENCH) - {"__init__"}
 
 ALLOWED = {f"barewire.{room}": {f"barewire.{other}" for other in below} for room, below in STACK.items()}

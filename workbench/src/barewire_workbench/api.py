@@ -109,8 +109,8 @@ def explain_exchange(
         values = float_values(floats, pdu)
     elif device is not None and pdu:
         values, known = expected_values(device, pdu), addresses_of_table(device, pdu)
-    found = diagnose_exchange(framing, sent, answered, values, known)
-    diagnosis = (*found, *explanation.diagnosis)
+    findings = diagnose_exchange(framing, sent, answered, values, known)
+    diagnosis = (*findings, *explanation.diagnosis)
     return replace(explanation, diagnosis=diagnosis or tuple(cannot_answer(framing, sent, answered)))
 
 
@@ -129,8 +129,8 @@ def _typed_ascii(text: str, characters: bytes, role: FrameRole | None) -> Explan
             codes = parse_hex(text)
         except DecodeError:
             codes = b""
-        found = with_diagnosis(explain_ascii(codes, role, typed=True), codes, role)
-        explanation = found if found.diagnosis else explanation
+        of_codes = with_diagnosis(explain_ascii(codes, role, typed=True), codes, role)
+        explanation = of_codes if of_codes.diagnosis else explanation
     return _with_hint(explanation, text, role)
 
 

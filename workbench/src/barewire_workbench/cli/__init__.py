@@ -34,6 +34,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from importlib import import_module
 
 from barewire_workbench import __version__
 
@@ -42,16 +43,16 @@ def main() -> None:
     """Run the command. Without the stack, click or rich, print one line that says how to get them."""
     _end_at_interrupt(True)
     try:
-        import click  # noqa: F401
-        import rich  # noqa: F401
+        from barewire import __version__ as stack
 
-        import barewire
+        for name in ("click", "rich"):
+            import_module(name)
     except ModuleNotFoundError as error:
         needed = f"barewire {__version__}" if error.name == "barewire" else "click and rich"
         print(f"barewire: the command needs {needed}: pip install 'barewire[cli]=={__version__}'", file=sys.stderr)
         sys.exit(1)
-    if barewire.__version__ != __version__:  # pip refuses that, unless it is told otherwise
-        both = f"barewire {barewire.__version__} and barewire-workbench {__version__}"
+    if stack != __version__:  # pip refuses that, unless it is told otherwise
+        both = f"barewire {stack} and barewire-workbench {__version__}"
         print(f"barewire: installed are {both}: the command needs one version of both", file=sys.stderr)
     from barewire_workbench.cli.app import run_command_line
 

@@ -56,14 +56,14 @@ def devices_command(name: str | None, words: tuple[str, ...], is_long: bool, out
 
 def _selected(device: Device, text: str) -> list[Parameter]:
     """Return the parameters with this text in their name, group or place. Raises UnknownName if there is none."""
-    found = [
+    parameters = [
         parameter
         for parameter in device.parameters
         if any(fold(text) in fold(field) for field in (parameter.name, parameter.group, *parameter.places))
     ]
-    if text and not found:
+    if text and not parameters:
         raise UnknownName(f"{device.name} has no parameter with {shown(text)} in its name, group or place")
-    return found
+    return parameters
 
 
 def _print_list_as_json() -> None:

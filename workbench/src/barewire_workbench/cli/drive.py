@@ -269,13 +269,13 @@ def _progress_output(output: Output) -> Iterator[Callable[[DriveProgress], None]
 
 def _line_per_change(start: float) -> Callable[[DriveProgress], None]:
     """Return a function that prints a line for each new state and condition, with the seconds since the start."""
-    last: tuple[str, str] | None = None
+    shown: tuple[str, str] | None = None
 
     def show_progress(progress: DriveProgress) -> None:
-        nonlocal last
+        nonlocal shown
         status, waiting_for = progress.status, progress.waiting_for
-        if waiting_for and last != (status.state_name, waiting_for):
-            last = (status.state_name, waiting_for)
+        if waiting_for and shown != (status.state_name, waiting_for):
+            shown = (status.state_name, waiting_for)
             goal = "" if waiting_for == repr(status.state_name) else f", waiting for {waiting_for}"
             text = f"{progress.action}: {status.state_name}{goal}{_values(status)}"
             print(f"{status.now - start:7.3f} s  {text}", flush=True)

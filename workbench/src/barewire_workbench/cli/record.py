@@ -134,8 +134,8 @@ def _summary(line: RecordedLine) -> Iterator[str]:
 
 
 def _request_text(request: RecordedRequest) -> str:
-    last = request.address + request.quantity - 1
-    place = f"{request.table}:{request.address}{f'-{last}' if last > request.address else ''}"
+    end = request.address + request.quantity - 1
+    place = f"{request.table}:{request.address}{f'-{end}' if end > request.address else ''}"
     if not request.table:
         what = f"function {request.function:02X}"
     else:

@@ -201,12 +201,12 @@ def next_poll(number: int, period: float, elapsed: float) -> int:
 
 def polls(poller: Poller, period: float, count: int | None) -> Iterator[Poll]:
     """Poll `count` times, or without end; yield each poll at its time."""
-    start, number, made = time.monotonic(), 0, 0
-    while count is None or made < count:
+    start, number, polled = time.monotonic(), 0, 0
+    while count is None or polled < count:
         time.sleep(max(0.0, start + number * period - time.monotonic()))
         utc = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         yield poller.poll(time.monotonic() - start)._replace(utc=utc)
-        made += 1
+        polled += 1
         number = next_poll(number, period, time.monotonic() - start)
 
 
@@ -221,16 +221,16 @@ def _plotted(plot: str | None, title: str, parameters: list[Parameter]) -> Itera
         return
     from barewire_workbench.cli.plot import PlotSamples, draw_plot
 
-    kept = PlotSamples()
+    samples = PlotSamples()
     try:
-        yield lambda poll: kept.add(poll.time, _values(poll, parameters))
+        yield lambda poll: samples.add(poll.time, _values(poll, parameters))
     finally:
-        if kept.samples:
-            draw_plot(plot, title, parameters, kept.samples)
+        if samples.samples:
+            draw_plot(plot, title, parameters, samples.samples)
         else:
             note(f"--plot {plot}: no value was read, nothing is drawn")
-        if kept.every > 1:
-            note(f"--plot {plot}: one poll in {kept.every} is drawn")
+        if samples.every > 1:
+            note(f"--plot {plot}: one poll in {samples.every} is drawn")
 
 
 def _values(poll: Poll, parameters: list[Parameter]) -> list[Value]:

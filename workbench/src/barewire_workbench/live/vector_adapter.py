@@ -204,9 +204,9 @@ class VectorAdapter:
                 process.wait(_END_TIMEOUT)
         status = process.poll()  # None: it still runs, and the signal that ends it is ours
         self._release(process)
-        last = self._complaints[-1] if self._complaints else ""
+        complaint = self._complaints[-1] if self._complaints else ""
         ended = "" if status is None else f" ({_status_text(status)})"
-        raise AdapterFailure(text + ended + (f": {last}" if last else ""))
+        raise AdapterFailure(text + ended + (f": {complaint}" if complaint else ""))
 
 
 def _status_text(status: int) -> str:

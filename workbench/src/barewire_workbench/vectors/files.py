@@ -48,10 +48,10 @@ class Vectors(NamedTuple):
 
     def damage(self, case: Case) -> str:
         """Return what is wrong with a case that is not as it was published; nothing if it is."""
-        wanted, found = self.digests.get(case.get("id", "")), digest(case)
-        if wanted == found:
+        published, present = self.digests.get(case.get("id", "")), digest(case)
+        if published == present:
             return ""
-        return f"the case has been changed: its digest is {found}, index.json has {wanted or 'no such id'}"
+        return f"the case has been changed: its digest is {present}, index.json has {published or 'no such id'}"
 
     def questions(self, file: VectorFile, case: Case) -> tuple[Question, ...]:
         """Return the questions of one case."""
@@ -103,10 +103,10 @@ def _loaded(root: Traversable) -> Vectors:
             f"folder {root}: no vectors there, kinds.json or index.json cannot be read: {error}"
         ) from None
     rows = {kind: operations(kinds, kind) for kind in kinds}
-    found = tuple(_read(root, rows))
-    if missing := digests.keys() - {case.get("id") for file in found for case in file.cases}:
+    files = tuple(_read(root, rows))
+    if missing := digests.keys() - {case.get("id") for file in files for case in file.cases}:
         raise EncodeError(f"folder {root}: {len(missing)} cases of index.json are in no file, such as {min(missing)}")
-    return Vectors(found, rows, digests)
+    return Vectors(files, rows, digests)
 
 
 def _here() -> Traversable:

@@ -109,36 +109,36 @@ def malformed(answer: Answer) -> str:
     return f"an answer needs is, refused or not_offered: {json.dumps(answer, ensure_ascii=False)[:_SHOWN]}"
 
 
-def differences(question: Question, found: Mapping[str, Any]) -> list[str]:
+def differences(question: Question, answered: Mapping[str, Any]) -> list[str]:
     """Return each field that differs from the expected one, as a sentence about the first place where it does."""
     return [
-        _difference(name, wanted, found.get(name, _MISSING), question)
+        _difference(name, wanted, answered.get(name, _MISSING), question)
         for name, wanted in question.expected.items()
-        if not _as_expected(name, wanted, found.get(name), question)
+        if not _as_expected(name, wanted, answered.get(name), question)
     ]
 
 
-def _difference(path: str, wanted: Any, found: Any, question: Question) -> str:
+def _difference(path: str, wanted: Any, answered: Any, question: Question) -> str:
     """Return what differs: `talk[1].say is ["585#02"], expected ["585#01"]`."""
-    if isinstance(wanted, dict) and isinstance(found, dict):
+    if isinstance(wanted, dict) and isinstance(answered, dict):
         for name, value in wanted.items():
-            if not _equal(value, found.get(name), question.given, question):
-                return _difference(f"{path}.{name}", value, found.get(name, _MISSING), question)
-    if isinstance(found, list) and isinstance(wanted, list) and any(_is_deep(item) for item in wanted):
-        sizes = [f"{path} has {len(found)} items, expected {len(wanted)}"] if len(found) != len(wanted) else []
-        for place, (value, item) in enumerate(zip(wanted, found)):
+            if not _equal(value, answered.get(name), question.given, question):
+                return _difference(f"{path}.{name}", value, answered.get(name, _MISSING), question)
+    if isinstance(answered, list) and isinstance(wanted, list) and any(_is_deep(item) for item in wanted):
+        sizes = [f"{path} has {len(answered)} items, expected {len(wanted)}"] if len(answered) != len(wanted) else []
+        for place, (value, item) in enumerate(zip(wanted, answered)):
             if not _equal(value, item, question.given, question):
                 return "; ".join([*sizes, _difference(f"{path}[{place}]", value, item, question)])
         if sizes:
             return sizes[0]
-    if question.kind == "device-conformance" and wanted is None and isinstance(found, str):
-        return found  # it is a whole sentence
-    if isinstance(wanted, str) and isinstance(found, str) and min(len(wanted), len(found)) > _LONG:
-        shorter = min(len(wanted), len(found))
-        place = next((place for place in range(shorter) if wanted[place] != found[place]), shorter)
+    if question.kind == "device-conformance" and wanted is None and isinstance(answered, str):
+        return answered  # it is a whole sentence
+    if isinstance(wanted, str) and isinstance(answered, str) and min(len(wanted), len(answered)) > _LONG:
+        shorter = min(len(wanted), len(answered))
+        place = next((place for place in range(shorter) if wanted[place] != answered[place]), shorter)
         where = f"byte {place // 3}" if _HEX.fullmatch(wanted) and wanted[2] == " " else f"character {place}"
-        return f"{path} is {_around(found, place)}, expected {_around(wanted, place)}, different from {where} on"
-    is_what = "is missing" if found is _MISSING else f"is {_shown(found)}"
+        return f"{path} is {_around(answered, place)}, expected {_around(wanted, place)}, different from {where} on"
+    is_what = "is missing" if answered is _MISSING else f"is {_shown(answered)}"
     return f"{path} {is_what}, expected {_shown(wanted)}"
 
 
@@ -153,13 +153,13 @@ def _is_deep(item: Any) -> bool:
     return isinstance(item, dict) and "one_of" not in item
 
 
-def _of_other_form(expected: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+def _of_other_form(expected: Mapping[str, Any], answered: Mapping[str, Any]) -> str:
     """Return what makes an answer one that no case has: a field that is missing, or of another type of JSON."""
     for name, value in expected.items():
-        if name not in found:
+        if name not in answered:
             return f"the answer has no {name}"
-        if found[name] is not None and type(found[name]) is not type(value):
-            return f"{name} is {_shown(found[name])}, expected {_NAMES[type(value)]}"
+        if answered[name] is not None and type(answered[name]) is not type(value):
+            return f"{name} is {_shown(answered[name])}, expected {_NAMES[type(value)]}"
     return ""
 
 
@@ -172,57 +172,57 @@ def _refusal(question: Question, answer: Answer) -> Verdict:
     return PASSED
 
 
-def _excluded(wanted: Any, found: Any) -> Any:
+def _excluded(wanted: Any, answered: Any) -> Any:
     """Return an answer that `never` excludes, None if there is none."""
     if isinstance(wanted, dict) and "one_of" in wanted:
-        return found if found in wanted.get("never", ()) else None
+        return answered if answered in wanted.get("never", ()) else None
     pairs: Iterable[tuple[Any, Any]] = ()
-    if isinstance(wanted, dict) and isinstance(found, dict):
-        pairs = ((value, found.get(name)) for name, value in wanted.items())
-    elif isinstance(wanted, list) and isinstance(found, list):
-        pairs = zip(wanted, found)
+    if isinstance(wanted, dict) and isinstance(answered, dict):
+        pairs = ((value, answered.get(name)) for name, value in wanted.items())
+    elif isinstance(wanted, list) and isinstance(answered, list):
+        pairs = zip(wanted, answered)
     return next((wrong for pair in pairs if (wrong := _excluded(*pair)) is not None), None)
 
 
 # Equality ---------------------------------------------------------------------------------------------------------
 
 
-def _as_expected(name: str, wanted: Any, found: Any, question: Question) -> bool:
+def _as_expected(name: str, wanted: Any, answered: Any, question: Question) -> bool:
     """Whether a field of an answer is as expected. Of server-conformance, one of several sequences is."""
     if question.kind == "server-conformance" and name == "answers":
-        is_row = isinstance(found, list) and all(isinstance(text, str) for text in found)
-        return is_row and fitting(map(tuple, wanted), found) is not None
-    return _equal(wanted, found, question.given, question)
+        is_row = isinstance(answered, list) and all(isinstance(text, str) for text in answered)
+        return is_row and fitting(map(tuple, wanted), answered) is not None
+    return _equal(wanted, answered, question.given, question)
 
 
-def _equal(wanted: Any, found: Any, around: Mapping[str, Any], question: Question) -> bool:
+def _equal(wanted: Any, answered: Any, around: Mapping[str, Any], question: Question) -> bool:
     """Whether a field is as expected. `around` are the fields beside it in the question, for the type of a number."""
     if isinstance(wanted, dict):
         if "one_of" in wanted:
-            return any(_equal(one, found, around, question) for one in wanted["one_of"])
+            return any(_equal(alternative, answered, around, question) for alternative in wanted["one_of"])
         if wanted.keys() == {"from", "to"}:
-            return type(found) is int and wanted["from"] <= found <= wanted["to"]
-        return isinstance(found, dict) and all(
-            _padded(name, value, found.get(name), question) or _equal(value, found.get(name), around, question)
+            return type(answered) is int and wanted["from"] <= answered <= wanted["to"]
+        return isinstance(answered, dict) and all(
+            _padded(name, value, answered.get(name), question) or _equal(value, answered.get(name), around, question)
             for name, value in wanted.items()
         )
     if isinstance(wanted, list):
         rows = question.given.get("entries", ()) if question.kind == "pdo" else ()
-        if question.kind in _UNORDERED and isinstance(found, list):
-            wanted, found = _by_identifier(wanted), _by_identifier(found)
+        if question.kind in _UNORDERED and isinstance(answered, list):
+            wanted, answered = _by_identifier(wanted), _by_identifier(answered)
         return (
-            isinstance(found, list)
-            and len(found) == len(wanted)
+            isinstance(answered, list)
+            and len(answered) == len(wanted)
             and all(
                 _equal(value, item, rows[place] if place < len(rows) else around, question)
-                for place, (value, item) in enumerate(zip(wanted, found))
+                for place, (value, item) in enumerate(zip(wanted, answered))
             )
         )
-    if isinstance(wanted, str) and isinstance(found, str):
+    if isinstance(wanted, str) and isinstance(answered, str):
         if question.kind == "device" and ".." in wanted:
-            return re.fullmatch(wanted.replace("..", "[0-9A-F]{2}"), found) is not None
-        return wanted == found or _same_digits(wanted, found) or _same_number(wanted, found, _type_of(around))
-    return type(wanted) is type(found) and bool(wanted == found)
+            return re.fullmatch(wanted.replace("..", "[0-9A-F]{2}"), answered) is not None
+        return wanted == answered or _same_digits(wanted, answered) or _same_number(wanted, answered, _type_of(around))
+    return type(wanted) is type(answered) and bool(wanted == answered)
 
 
 def _by_identifier(items: list[Any]) -> list[Any]:
@@ -234,8 +234,8 @@ def _by_identifier(items: list[Any]) -> list[Any]:
     return [items[place] for place in places]
 
 
-def _same_digits(wanted: str, found: str) -> bool:
-    both = [text.replace(" ", "").upper() for text in (wanted, found)]
+def _same_digits(wanted: str, answered: str) -> bool:
+    both = [text.replace(" ", "").upper() for text in (wanted, answered)]
     return both[0] == both[1] and _HEX.fullmatch(wanted) is not None
 
 
@@ -245,12 +245,12 @@ def _type_of(fields: Mapping[str, Any]) -> str:
     return kind if isinstance(kind, str) else ""
 
 
-def _same_number(wanted: str, found: str, kind: str) -> bool:
+def _same_number(wanted: str, answered: str, kind: str) -> bool:
     """Whether two texts are the same number: of floating point the nearest ones of that type, others exactly."""
     try:
         if not kind.startswith("f"):
-            return kind.startswith(("u", "i", "b")) and Decimal(wanted) == Decimal(found)
-        numbers = [float(wanted), float(found)]
+            return kind.startswith(("u", "i", "b")) and Decimal(wanted) == Decimal(answered)
+        numbers = [float(wanted), float(answered)]
         return all(map(math.isnan, numbers)) or len({_nearest(number, kind) for number in numbers}) == 1
     except (ValueError, OverflowError, InvalidOperation):
         return False
@@ -260,11 +260,11 @@ def _nearest(number: float, kind: str) -> bytes:
     return struct.pack(">f" if kind == "f32" else ">d", number)
 
 
-def _padded(name: str, wanted: Any, found: Any, question: Question) -> bool:
+def _padded(name: str, wanted: Any, answered: Any, question: Question) -> bool:
     """Whether bits are those expected, with up to seven more that are zero: a response decoded without its request."""
     if name != "bits" or question.kind != "pdu" or question.given.get("side") != "response":
         return False
-    both = [text.replace(" ", "") for text in (wanted, found) if isinstance(text, str)]
+    both = [text.replace(" ", "") for text in (wanted, answered) if isinstance(text, str)]
     return (
         len(both) == 2
         and both[1].startswith(both[0])

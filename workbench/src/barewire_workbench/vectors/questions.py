@@ -75,8 +75,8 @@ def questions(kind: str, case: Case, of_kind: tuple[Operation, ...]) -> Iterator
         # An invalid case asks for the direction of `fails`, or for both in a comparison.
         if do not in case.get("do", (do,)) or case.get("fails", "compare") not in ("compare", do):
             continue
-        made = _MADE[kind](do, case) if kind in _MADE else [case]
-        for number, fields in enumerate(made):
+        rows = _MADE[kind](do, case) if kind in _MADE else [case]
+        for number, fields in enumerate(rows):
             question = _question(operation, fields)
             if question is not None:
                 yield Question(case, kind, do, *question, number)

@@ -77,17 +77,17 @@ def run_cases(vectors: Vectors, ask: Ask, *, exact: bool = False) -> Iterator[Ch
     """Yield each case with its verdict, in the order of the files."""
     for file in vectors.files:
         for case in file.cases:
-            asked = tuple((question, _judged(question, ask, exact)) for question in vectors.questions(file, case))
+            judged = tuple((question, _judged(question, ask, exact)) for question in vectors.questions(file, case))
             verdicts = [
                 verdict if verdict.state == "passed" else Verdict(verdict.state, f"{question.do}: {verdict.text}")
-                for question, verdict in asked
+                for question, verdict in judged
             ]
             verdict = verdict_of_case(verdicts, compares=case.get("fails") == "compare")
-            if not asked:
+            if not judged:
                 verdict = Verdict("failed", "the case asks no question: its kind or kinds.json has been changed")
             if damage := vectors.damage(case):
                 verdict = Verdict("failed", damage)
-            yield CheckedCase(file, case, verdict, asked)
+            yield CheckedCase(file, case, verdict, judged)
 
 
 def _judged(question: Question, ask: Ask, exact: bool) -> Verdict:
