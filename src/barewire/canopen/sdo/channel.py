@@ -43,6 +43,7 @@ from barewire.canopen.nmt.messages import NmtState, NodeState
 from barewire.canopen.nmt.node_monitor import NodeMonitor, TrafficMark
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.messages import (
+    ABORT,
     Abort,
     ExpeditedUpload,
     InitiateUpload,
@@ -127,7 +128,6 @@ _COUNTERS = tuple(field.name for field in fields(ChannelCounters) if field.name 
 _BACKLOG = 0.1
 """Seconds that reading the waiting frames may take at most."""
 _PAST = float("-inf")
-_ABORT = b"\x80"
 _PROBE = InitiateUpload(0, 0).encode()
 _LAST_FRAMES = b"\x80\xa1"  # the commands of a client that no response follows: an abort, the end of a block upload
 _ENDING = (Abort, ExpeditedUpload)
@@ -458,7 +458,7 @@ class _Waits:
         if response is None:
             return None
         channel.counters.late += 1
-        if response[:1] != _ABORT:  # an abort may also respond to an earlier frame of the other client
+        if not response or response[0] != ABORT:  # an abort may also respond to an earlier frame of the other client
             self.rival = _PAST
         named = _named_response(response)
         if named is None:

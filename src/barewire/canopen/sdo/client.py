@@ -49,6 +49,7 @@ from barewire.canopen.sdo.block_transfer import BURST, FRAME, BlockReceiver, Blo
 from barewire.canopen.sdo.channel import SERVER_1, SERVERS_MAX, Channel, channel_to
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.canopen.sdo.messages import (
+    ABORT,
     BLOCK_MAX,
     BLOCK_UPLOAD_RESPONSES,
     RECEIVER_MESSAGES,
@@ -71,7 +72,7 @@ from barewire.canopen.sdo.messages import (
     StartBlockUpload,
 )
 from barewire.canopen.sdo.stream import LIMIT, Incoming, Outgoing, SdoProgress
-from barewire.canopen.sdo.transfer import ABORT, ClientTransfer
+from barewire.canopen.sdo.transfer import ClientTransfer
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen
 from barewire.errors import DecodeError, EncodeError
 

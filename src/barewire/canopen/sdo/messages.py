@@ -72,6 +72,8 @@ from barewire.errors import DecodeError, EncodeError
 OBJECT_LAYOUT = Layout("<BHB", "command", "index", "sub", tail="data")
 SIZE_FIELD = Layout("<I", "size")
 _CODE_FIELD = Layout("<I", "code")
+ABORT = 0x80
+"""The command byte of an abort, in every state of a transfer."""
 BLOCK_MAX = 127
 """The most segments in a block."""
 LAST = 0x80

@@ -47,6 +47,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.block_transfer import BURST, BlockReceiver, BlockSender, check_blksize
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.messages import (
+    ABORT,
     BLOCK_MAX,
     LAST,
     OBJECT_LAYOUT,
@@ -445,7 +446,7 @@ class SdoServer:
     def _receive(self, data: bytes, now: float) -> list[bytes]:
         if self._stray and self._is_stray(data, now):
             return []
-        if data[0] == Abort.pattern.value:
+        if data[0] == ABORT:
             self.counters.aborts_received += 1
             self._transfer = None
             return []

@@ -44,13 +44,12 @@ from typing import TypeVar
 from barewire.canopen.abort_codes import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.channel import OUT_OF_STEP, Channel, OtherClient
-from barewire.canopen.sdo.messages import Abort, M, SdoMessage
-from barewire.conversation import Conversation, Heard, Listen, Send, SendAll
+from barewire.canopen.sdo.messages import ABORT, Abort, M, SdoMessage
+from barewire.conversation import Conversation, Heard, Listen, SendAll
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 
 _Result = TypeVar("_Result")
 
-ABORT = 0x80
 _NO_OBJECT = (0, 0)
 
 
@@ -165,14 +164,11 @@ class ClientTransfer:
 
     def _abort(self, code: AbortCode) -> Conversation[CanFrame, None]:
         if self.until is not None:
-            yield self.send(Abort(self.index, self.sub, code).encode())
+            yield self.channel.send(Abort(self.index, self.sub, code).encode())
 
     def _explain(self) -> str:
         text = f"node {self.channel.node} did not answer the {self.verb} of {self} within {self.timeout:g} s"
         return f"{text}: {self.channel.explain(self.now)}"
-
-    def send(self, data: bytes) -> Send[CanFrame]:
-        return self.channel.send(data)
 
     def send_all(self, every: Iterable[bytes]) -> SendAll[CanFrame]:
         """Send many frames, such as the segments of a block."""
@@ -185,7 +181,7 @@ class ClientTransfer:
         """Send a request; its time-out starts when it is sent. It is pending before: an exception may come between."""
         self.until = self.now + self.timeout
         self.pending = True
-        sent: Heard[CanFrame] = yield self.send(data)
+        sent: Heard[CanFrame] = yield self.channel.send(data)
         self.now = sent.now
         self.until = sent.now + self.timeout
 
