@@ -95,14 +95,14 @@ class LineCounts:
 
     def verdicts(self) -> list[LineVerdict]:
         """Return the verdicts that the numbers show, those that explain most first."""
-        found = [*self._readings(), *self._direction(), *self._two_masters(), *self._addresses()]
-        if not found and not self.frames and self.bursts:
-            found.append(self._no_frames())
+        verdicts = [*self._readings(), *self._direction(), *self._two_masters(), *self._addresses()]
+        if not verdicts and not self.frames and self.bursts:
+            verdicts.append(self._no_frames())
         damaged = self.bursts - self.first_lost - self.last_lost
-        explained = {verdict.code for verdict in found} - {"dead-unit", "no-answers", "echo", "two-masters"}
+        explained = {verdict.code for verdict in verdicts} - {"dead-unit", "no-answers", "echo", "two-masters"}
         if not explained and damaged >= PROVES and damaged >= _SHARE * self.frames:
-            found.append(self._disturbed(damaged))
-        return [*found, *self._silence()]
+            verdicts.append(self._disturbed(damaged))
+        return [*verdicts, *self._silence()]
 
     def seen(self) -> str:
         """Return the counts in words."""
@@ -115,7 +115,7 @@ class LineCounts:
     # Frames that are not read as they were sent
 
     def _readings(self) -> list[LineVerdict]:
-        found = []
+        verdicts = []
         most = max(self.codes[code] for code in _LEVELS)
         for code, (verdict, text) in _READINGS.items():
             number = self.codes[code]
@@ -125,8 +125,8 @@ class LineCounts:
             if alone or (number >= PROVES and number >= _SHARE * (self.frames + self.bursts)):
                 evidence = f"{number} of {counted(self.bursts, 'damaged piece')} are good frames then"
                 evidence += f"; {counted(self.frames, 'frame')} read as they were sent"
-                found.append(LineVerdict(verdict, text, evidence, _OTHER.get(verdict, "")))
-        return found
+                verdicts.append(LineVerdict(verdict, text, evidence, _OTHER.get(verdict, "")))
+        return verdicts
 
     def _no_frames(self) -> LineVerdict:
         other = "another baud rate or parity, exchanged wires A and B, or another protocol"
@@ -136,26 +136,26 @@ class LineCounts:
     # The direction of the line
 
     def _direction(self) -> list[LineVerdict]:
-        found = []
+        verdicts = []
         noisy = self.before_responses + self.before_requests
         if noisy >= PROVES and noisy >= 2 * _SHARE * self.frames:
-            found.append(self._no_bias())
+            verdicts.append(self._no_bias())
         if self.first_lost >= PROVES and self.first_lost >= _SHARE * self.responses:
             evidence = (
                 f"{self.first_lost} of {counted(self.first_lost + self.responses, 'response')} lack their first bytes"
             )
             text = "the responses begin before the line is free: the turnaround is too short"
-            found.append(LineVerdict("turnaround", text, evidence, _OTHER["turnaround"]))
+            verdicts.append(LineVerdict("turnaround", text, evidence, _OTHER["turnaround"]))
         if self.last_lost >= PROVES and self.last_lost >= _SHARE * self.responses:
             evidence = (
                 f"{self.last_lost} of {counted(self.last_lost + self.responses, 'response')} lack their last bytes"
             )
             text = "a transmitter is switched off before its last byte is sent"
-            found.append(LineVerdict("turnaround", text, evidence, "a reader that stops too early"))
+            verdicts.append(LineVerdict("turnaround", text, evidence, "a reader that stops too early"))
         if self.echoes >= PROVES and 4 * self.echoes >= self.requests - self.echoes:
             evidence = f"{self.echoes} of {counted(self.requests - self.echoes, 'request')} were received again at once"
-            found.append(LineVerdict("echo", "the transceiver receives what it sends", evidence, _OTHER["echo"]))
-        return found
+            verdicts.append(LineVerdict("echo", "the transceiver receives what it sends", evidence, _OTHER["echo"]))
+        return verdicts
 
     def _no_bias(self) -> LineVerdict:
         size = "1 byte" if self.longest_noise == 1 else f"up to {self.longest_noise} bytes"
@@ -178,14 +178,14 @@ class LineCounts:
         return [LineVerdict("two-masters", "two masters use the line", evidence, _OTHER["two-masters"])]
 
     def _addresses(self) -> list[LineVerdict]:
-        found = []
+        verdicts = []
         for number, unit in self.units.items():
             others = sum(other.answered for place, other in self.units.items() if place != number)
             others_damaged = sum(other.damaged for place, other in self.units.items() if place != number)
             text = f"two devices answer as unit {number}"
             if unit.twice >= PROVES:
                 evidence = f"{unit.twice} of {counted(unit.requests, 'request')} to it were answered twice"
-                found.append(LineVerdict("two-units", text, evidence, "a repeater that sends frames again"))
+                verdicts.append(LineVerdict("two-units", text, evidence, "a repeater that sends frames again"))
             elif unit.too_long >= PROVES and 2 * unit.too_long >= unit.damaged and not others_damaged:
                 evidence = (
                     f"{unit.too_long} of {counted(unit.requests, 'response')} are damaged and longer than a response"
@@ -193,8 +193,8 @@ class LineCounts:
                 if others:
                     evidence += f"; {others} responses of other units are good"
                 other = "one device with noise behind its responses"
-                found.append(LineVerdict("two-units", text, evidence, other))
-        return found
+                verdicts.append(LineVerdict("two-units", text, evidence, other))
+        return verdicts
 
     def _silence(self) -> list[LineVerdict]:
         dead = {
@@ -207,17 +207,17 @@ class LineCounts:
             requests = sum(unit.missing + unit.halves for unit in dead.values())
             evidence = f"{counted(requests, 'request')} to unit {', '.join(map(str, sorted(dead)))}, and no response"
             return [LineVerdict("no-answers", "no unit answers", evidence, _OTHER["no-answers"])]
-        found = []
+        verdicts = []
         for number, unit in dead.items():
             asked = unit.missing + unit.halves
             evidence = f"0 of {counted(asked, 'request')} answered; others answered {answered}"
-            found.append(LineVerdict("dead-unit", f"unit {number} does not answer", evidence, _OTHER["dead-unit"]))
+            verdicts.append(LineVerdict("dead-unit", f"unit {number} does not answer", evidence, _OTHER["dead-unit"]))
         for number, unit in self.units.items():
             if unit.answered and unit.streak >= PROVES:
                 evidence = f"the last {unit.streak} of {counted(unit.requests, 'request')} have no answer"
-                found.append(LineVerdict("dead-unit", f"unit {number} fell silent", evidence, _OTHER["dead-unit"]))
+                verdicts.append(LineVerdict("dead-unit", f"unit {number} fell silent", evidence, _OTHER["dead-unit"]))
                 dead[number] = unit
-        return [*found, *self._lost(dead)]
+        return [*verdicts, *self._lost(dead)]
 
     def _lost(self, dead: Container[int]) -> list[LineVerdict]:
         """Responses that are missing now and then. One that came late is not lost."""

@@ -161,7 +161,7 @@ class LineDiagnosis:
         for place, event in enumerate(waiting):
             following = waiting[place + 1] if place + 1 < len(waiting) else None
             located += self._event(event, following)
-        return [self._log_finding(*one) for one in located]
+        return [self._log_finding(*finding) for finding in located]
 
     def flush(self) -> list[LogFinding]:
         """Decide about noise that no frame followed, and about requests of which no more will come."""

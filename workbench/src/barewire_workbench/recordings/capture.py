@@ -1,6 +1,4 @@
-"""Capture files, and the frames of CAN and Modbus in their packets. Bytes to packets and back, without file access.
-
-**Capture files: reads pcapng and pcap, writes pcapng. Bytes to packets and back, without file access**
+"""Capture files: reads pcapng and pcap, writes pcapng; the frames of CAN and Modbus in packets. No file access.
 
     | type 4 | length 4 | body, padded to 4 | length 4 |       a block; the section header determines the byte order
     section header 0A0D0D0A     interface 1: link type, units of time     packet 6, 3, 2: interface, time, length, bytes

@@ -17,7 +17,7 @@ one before. A transfer whose beginning is not in the recording, or with a gap th
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from math import inf, nextafter
@@ -42,7 +42,7 @@ from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire_workbench.monitor.events import SdoTransferReport
 from barewire_workbench.monitor.monitor import CanMonitor
 from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread
-from barewire_workbench.replay.played import Played, PlayedOutcome
+from barewire_workbench.replay.played import Comparer, Played, PlayedOutcome
 
 _STEP = 0.001
 _PIECE = 889  # a block of 127 segments
@@ -92,14 +92,14 @@ class ClientReplay:
         self.node = check_node(node)
         self.timeout = timeout
         self.timed = timed
-        self.counts: Counter[PlayedOutcome] = Counter()
+        self._comparer = Comparer()
+        self.counts = self._comparer.counts
         self.transfers = 0
         """The transfers that the client made."""
         self.received = 0
         """The recorded responses that it received."""
         self.left_out = 0
         """The transfers that are not whole in the recording, or begin with a request that the client does not send."""
-        self._known: set[tuple[object, ...]] = set()
 
     def play(self, items: Sequence[RecordedItem]) -> Iterator[Played]:
         """Make the recorded transfers, one after the other, and yield the comparison of each request."""
@@ -111,13 +111,8 @@ class ClientReplay:
             self.transfers += 1
             differs = False
             for played in self._compare(conversation, transfer):
-                self.counts[played.outcome] += 1
-                if played.outcome != "same":
-                    same = (played.outcome, played.recorded, played.sent)
-                    played = played._replace(repeated=differs or same in self._known)
-                    self._known.add(same)
-                    differs = True
-                yield played
+                yield self._comparer.note(played, follows=differs)
+                differs = differs or played.outcome != "same"
 
     # The recorded transfers
 

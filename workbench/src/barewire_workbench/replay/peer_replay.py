@@ -19,7 +19,7 @@ passes, up to 10 s, until it does.
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple, Protocol
@@ -30,7 +30,7 @@ from barewire.canopen.nmt.messages import NmtCommand, NmtState
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.errors import BarewireError
 from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread
-from barewire_workbench.replay.played import Played, PlayedOutcome, RecordedValue, played_kind
+from barewire_workbench.replay.played import Comparer, Played, PlayedOutcome, RecordedValue, played_kind
 
 COUNTERPART_WINDOW = 1.0
 """Seconds between a recorded frame and that of the device."""
@@ -89,7 +89,8 @@ class PeerReplay:
         self.node = check_node(node)
         self.window = window
         self.timed = timed
-        self.counts: Counter[PlayedOutcome] = Counter()
+        self._comparer = Comparer()
+        self.counts = self._comparer.counts
         self.received = 0
         """The frames that the device received."""
         self.not_received = 0
@@ -109,7 +110,6 @@ class PeerReplay:
         self._waiting: deque[tuple[float, tuple[int, bool]]] = deque()  # since when, and where, in order
         self._played: list[Played] = []
         self._differs = False  # the SDO transfer under way has a difference: the rest of it follows from that
-        self._known: set[tuple[object, ...]] = set()
         self._keys: frozenset[tuple[int, bool]] = frozenset()
         self._changes = -1
 
@@ -365,17 +365,9 @@ class PeerReplay:
         self._note(Played(recorded.at, outcome, kind, recorded.frame, sent, request, recorded.line))
 
     def _note(self, played: Played) -> None:
-        """Add a comparison. Process data differs all the time: a difference of the same PDO counts as the same."""
-        self.counts[played.outcome] += 1
-        if played.outcome != "same":
-            frame = played.recorded or played.sent
-            assert frame is not None
-            frames = (frame.key,) if played.kind == "pdo" else (played.recorded, played.sent)
-            same = (played.outcome, *frames)
-            played = played._replace(repeated=same in self._known or (played.kind == "sdo" and self._differs))
-            self._known.add(same)
-            self._differs = self._differs or played.kind == "sdo"
-        self._played.append(played)
+        is_sdo = played.kind == "sdo"
+        self._played.append(self._comparer.note(played, follows=is_sdo and self._differs))
+        self._differs = self._differs or (is_sdo and played.outcome != "same")
 
     def _forget(self) -> None:
         """Drop what waits: the recorder lost frames."""

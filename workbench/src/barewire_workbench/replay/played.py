@@ -19,6 +19,7 @@ communication objects (1000h to 1FFFh) except the identity: 1000h, 1008h to 100A
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -57,6 +58,27 @@ class Played(NamedTuple):
             parts += [f"the {self.sender} sends {_in_words(self.sent)}"] if self.sent is not None else []
             parts += [f"after {_in_words(self.request)}"] if self.request is not None else []
         return "; ".join(parts)
+
+
+class Comparer:
+    """Counts the outcomes, and marks the differences that were reported before."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[PlayedOutcome] = Counter()
+        self._known: set[tuple[object, ...]] = set()
+
+    def note(self, played: Played, *, follows: bool) -> Played:
+        """Return the comparison with its mark. `follows`: an earlier frame of the same transfer differs."""
+        self.counts[played.outcome] += 1
+        frame = played.recorded or played.sent
+        if played.outcome == "same" or frame is None:
+            return played
+        # Process data differs all the time: a difference of the same PDO counts as the same.
+        frames = (frame.key,) if played.kind == "pdo" else (played.recorded, played.sent)
+        difference = (played.outcome, *frames)
+        repeated = follows or difference in self._known
+        self._known.add(difference)
+        return played._replace(repeated=repeated)
 
 
 def _in_words(frame: CanFrame) -> str:

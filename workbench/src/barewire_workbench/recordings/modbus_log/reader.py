@@ -1,13 +1,10 @@
 """The one place where the form of a recording of Modbus is recognised: `read_modbus_log`.
 
-**Modbus in the packets of a capture: TCP segments in their order, RTU frames in datagrams**
-
-**The one place where the form of a recording of Modbus is recognised: `read_modbus_log`**
-
-Each form reads the lines that it knows. The lines of a form with words of its own (pymodbus, libmodbus ...) belong to
-it; where two of these read different bytes in one line, nothing is guessed: that is an error. The remaining lines with
-a direction are read by `marked`, those with a time and bytes only by `parse_log`. What is left becomes an `Unread`, or,
-in a log of bytes only, an error with its line.
+A capture has TCP segments, which are put in order, and RTU frames in datagrams. Of a text, each form reads the lines
+that it knows. The lines of a form with words of its own (pymodbus, libmodbus ...) belong to it; where two of these read
+different bytes in one line, nothing is guessed: that is an error. The remaining lines with a direction are read by
+`marked`, those with a time and bytes only by `parse_log`. What is left becomes an `Unread`, or, in a log of bytes only,
+an error with its line.
 """
 
 from __future__ import annotations
