@@ -10,8 +10,7 @@ import click
 import pytest
 
 from barewire_workbench.cli.app import COMMANDS, barewire_command, run_command_line
-from tests.workbench.cli.wrong_pictures import WRONG_PICTURES
-from tests.workbench.cli.wrong_steps import LONG_STEPS, WRONG_STEPS
+from tests.workbench.cli.wrong_steps import LONG_STEPS, WRONG_PICTURES, WRONG_STEPS
 
 TCP = "tcp://127.0.0.1:1"  # nothing listens there: a command that connects fails with exit status 1
 CAN = "can://socketcand/127.0.0.1:1/can0?node=5"
