@@ -58,7 +58,7 @@ def explain(protocol: str, data: bytes | AnyFrame, role: str | None = None) -> E
 
 
 def explain_text(protocol: str, text: str, role: str | None = None) -> Explanation:
-    """Explain a frame that was typed or pasted; `frames.input` and `recordings.can_text` show the forms.
+    """Explain a frame that was typed or pasted; `frames.input` and `recordings.candump` show the forms.
 
     >>> explain_text("can", "can0  705   [1]  05").verdict
     'valid: error control from node 5: operational'
