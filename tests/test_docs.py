@@ -204,6 +204,36 @@ def test_links_of_a_page_lead_to_files(file: Path) -> None:
     assert not gone, "\n" + "\n".join(gone)
 
 
+MAPS = [ROOT / "ARCHITECTURE.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs" / "explanation").glob("*.md"))]
+TREE = [
+    f"/{named(file)}"
+    for top in ("src", "workbench", "tests", "tools", "bench", "docs", "vectors", ".ci")
+    for file in (ROOT / top).rglob("*")
+    if "node_modules" not in file.parts
+]
+
+
+@pytest.mark.parametrize("file", MAPS, ids=named)
+def test_files_named_on_a_map_exist(file: Path) -> None:
+    """Each `room/file.py` of a page that leads through the code is the end of a path."""
+    paths = re.findall(r"`([\w./-]+\.(?:py|toml|json))`", file.read_text(encoding="utf-8"))
+    assert not [path for path in paths if not any(entry.endswith(f"/{path}") for entry in TREE)]
+
+
+SCRIPTS = ["Makefile", "pyproject.toml", ".ci/run", "tests/pyodide/run"]
+BUILT = ("/build", ".egg-info")
+"""What `make clean` removes."""
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_paths_in_a_script_exist(script: str) -> None:
+    text = (ROOT / script).read_text(encoding="utf-8")
+    # The braces of a shell: tests/workbench/{frames,steps} are two paths.
+    text = re.sub(r"([\w./-]+/)\{([\w,]+)\}", lambda m: " ".join(m[1] + name for name in m[2].split(",")), text)
+    paths = re.findall(r"(?<![\w./{}])(?:src|workbench|tests|tools|bench|docs|vectors|\.ci)/[\w./*-]+", text)
+    assert not [path for path in paths if not path.endswith(BUILT) and not any(ROOT.glob(path.rstrip("/.")))]
+
+
 # The functions above ---------------------------------------------------------------------------------------------
 
 GOOD_PAGE = """\
