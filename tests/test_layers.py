@@ -8,6 +8,7 @@ WORKBENCH and give the reason in docs/explanation/decisions.md.
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -149,6 +150,18 @@ def test_every_import_is_allowed() -> None:
         if len(path.parts) > 1:
             found += broken_rules(file.read_text(encoding="utf-8"), path.as_posix())
     assert not found, "\n".join(found)
+
+
+def test_a_package_names_each_of_its_files() -> None:
+    """The docstring of a package is the reading order of its files."""
+    missing = []
+    for module, file in rooms.files().items():
+        if file.name != "__init__.py":
+            continue
+        order = set(re.findall(r"\w+", ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""))
+        inside = {name.rpartition(".")[2] for name in rooms.files() if name.rpartition(".")[0] == module}
+        missing += [f"{module}: {name}" for name in inside - order if not name.startswith("_")]
+    assert not missing
 
 
 HEAVY = [

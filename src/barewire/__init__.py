@@ -17,6 +17,7 @@
 
 The options of a URL and keyword arguments are the same options. Behind this door, in the order to read them:
 
+    barewire.errors, barewire.conversation         the errors; requests and time-outs without a clock
     barewire.codecs     values and bytes: orders, floats, text
     barewire.modbus     Modbus messages, the client's and the server's side of a line
     barewire.rtu, barewire.ascii, barewire.tcp     the three kinds of frame that carry a Modbus message

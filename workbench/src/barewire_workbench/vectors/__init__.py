@@ -8,6 +8,7 @@
     files       the files, in a folder or in the installed package
     questions   case -> questions, by vectors/kinds.json
     judge       question and answer -> verdict
+    run         cases -> their verdicts, by any implementation that answers
     answers/    the answers of barewire itself, a function for each kind
 
 An implementation in any language answers the same questions as lines of JSON: `barewire vectors check --adapter`.
