@@ -14,11 +14,11 @@ import pytest
 from barewire import ModbusServer
 from barewire.errors import REASONS
 from barewire.modbus import Table
-from tools.rooms import HOUSES
+from tools import rooms
 
 pytestmark = pytest.mark.long
 
-SRC = HOUSES["barewire"]
+SRC = rooms.HOUSES["barewire"]
 
 DOOR = {"barewire", "barewire._lazy"}
 ENVELOPE = {*DOOR, "barewire.errors", "barewire.modbus", "barewire.modbus.adu"}
@@ -29,7 +29,7 @@ HEAVY = {"asyncio", "dataclasses", "inspect", "ast", "ssl", "socket", "logging",
 
 def loaded(statement: str) -> set[str]:
     """Return the modules that a statement adds. With `-I -S` nothing of the environment is loaded before it."""
-    look = f"import sys; sys.path[:0] = {[*map(str, HOUSES.values())]}; there = set(sys.modules); {statement}; "
+    look = f"import sys; sys.path[:0] = {[*map(str, rooms.HOUSES.values())]}; there = set(sys.modules); {statement}; "
     look += "print(*(set(sys.modules) - there))"
     run = subprocess.run([sys.executable, "-I", "-S", "-c", look], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
@@ -69,6 +69,12 @@ OTHER_ROOMS = ("barewire.canopen", "barewire.devices", "barewire_workbench", "ba
 def files(found: set[str], room: str) -> set[str]:
     """Return the files of a room among the modules."""
     return {name.removeprefix(f"{room}.") for name in found if name.startswith(f"{room}.")}
+
+
+def check_not_loaded(found: set[str], room: str, *names: str) -> None:
+    """Assert that these files of a room exist, and that none of them was loaded. A file that has moved never is."""
+    assert {f"{room}.{name}" for name in names} <= set(rooms.files())
+    assert not set(names) & found
 
 
 def test_the_blocking_tcp_client_loads_no_loop_no_devices_and_no_other_bus() -> None:
@@ -144,9 +150,9 @@ def test_the_canopen_client_loads_what_carries_an_object_and_no_other_service() 
     sdo, others = files(found, "barewire.canopen.sdo"), files(found, "barewire.canopen")
     assert sdo >= SDO
     assert "server" not in sdo
-    rooms = {name.partition(".")[0] for name in others}
-    assert not rooms & {"eds", "gateway", "device", "object_dictionary", "emcy", "sync", "time_stamp", "pdo"}
-    assert not others & {"bus_scan", "nmt.error_control", "nmt.master"}
+    services = ("eds", "gateway", "device", "object_dictionary", "emcy", "sync", "time_stamp", "pdo")
+    check_not_loaded({name.partition(".")[0] for name in others}, "barewire.canopen", *services)
+    check_not_loaded(others, "barewire.canopen", "bus_scan", "nmt.error_control", "nmt.master")
 
 
 def test_a_canopen_method_loads_its_file_when_it_is_called() -> None:
@@ -155,7 +161,7 @@ def test_a_canopen_method_loads_its_file_when_it_is_called() -> None:
         "barewire.canopen",
     )
     assert "sync" in found
-    assert not found & {"bus_scan", "emcy.message", "nmt.error_control"}
+    check_not_loaded(found, "barewire.canopen", "bus_scan", "emcy", "nmt.error_control")
 
 
 def test_a_line_loads_the_messages_of_a_function_when_its_code_comes() -> None:
@@ -183,7 +189,7 @@ def test_a_client_or_server_loads_no_other() -> None:
     }.items():
         room, _, what = f"barewire.{name}".rpartition(".")
         found = files(loaded(f"from {room} import {what}"), "barewire.io")
-        assert not found & set(others), name
+        check_not_loaded(found, "barewire.io", *others)
 
 
 def test_a_method_loads_the_file_of_its_message_only() -> None:
