@@ -40,16 +40,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from math import inf, isfinite, pi
-from typing import TYPE_CHECKING
 
 from barewire.devices.cia402 import HALT, NEW_SET_POINT, State, Transition
 from barewire.devices.sim.cia402_axis import CURRENT_ON, POSITION, TORQUE, VELOCITY, Cia402Axis
 from barewire.devices.sim.store import MachineClock, MachineStore
 from barewire.devices.sim.trajectory import Trajectory, wrapped
-
-if TYPE_CHECKING:
-    pass
-
 
 CAPTURES = 7
 _TENTHS_OF_MS = 1e-4

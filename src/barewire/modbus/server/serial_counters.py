@@ -154,7 +154,7 @@ class SerialCounters:
 
         Raises ModbusException 01 for other requests, for reserved sub-functions, and for Change ASCII Input Delimiter
         (08/03) on a line other than ASCII; 03 for a delimiter that would begin a message, or has more than seven bits.
-        The line itself recognises 08/03 and changes its delimiter (`ascii.delimiter`).
+        The line itself recognises 08/03 and changes its delimiter (`ascii.line`).
         """
         match request:
             case GetCommEventCounter():

@@ -1,7 +1,7 @@
 """The results of diagnosing a log: findings with their place and time, and verdicts on the line or bus.
 
         LogFinding     one place of the log: time, line, unit or node, and a `Finding` with its proof
-        LineVerdict        the whole log: what is wrong with the line, the numbers that show it, what else it may be
+        LineVerdict    the whole log: what is wrong with the line, the numbers that show it, what else it may be
 
 A verdict is given if the numbers show it, and several are given if several are shown. Where there are findings and no
 cause that explains them is shown, the verdict says so.

@@ -11,7 +11,7 @@
                0000   01 03 00 00 00 0a c5 cd    ........     tshark -x, Wireshark
                0000000 01 03 00 00 00 0a c5 cd                od -t x1 (its offsets are octal)
 
-Raises DecodeError with the character that cannot be read, and its place. For CAN frames see `recordings.can_text`.
+Raises DecodeError with the character that cannot be read, and its place. For CAN frames see `recordings.candump`.
 """
 
 from __future__ import annotations
