@@ -7,7 +7,7 @@ import pytest
 from barewire.codecs import Value
 from barewire.conversation import play
 from barewire.devices import ModbusAt, ObjectAt, UnknownName, read_modbus, write_modbus
-from barewire.devices.raw_address import RAW, device_with, raw_parameter
+from barewire.devices.raw_address import RAW, device_with, expanded, raw_parameter
 from barewire.devices.request_checks import parse_value
 from barewire.errors import EncodeError
 from barewire.modbus import Bus, Server, Table
@@ -68,6 +68,13 @@ def test_objects_are_hexadecimal_in_any_form() -> None:
 def test_wrong_addresses(text: str, message: str) -> None:
     with refused(EncodeError, message):
         device_with("raw", [text])
+
+
+def test_a_negative_address_is_no_range() -> None:
+    with refused(EncodeError, "'-5' is not a number in 0..65535"):
+        device_with("raw", expanded(["holding:-5"]))
+    with refused(EncodeError, "'-5' is not a number in 0..65535"):
+        expanded(["holding:-5-3"])
 
 
 @pytest.mark.parametrize(

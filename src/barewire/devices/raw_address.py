@@ -76,10 +76,10 @@ def expanded(names: Iterable[str]) -> tuple[str, ...]:
 def _spread(text: str) -> Iterable[str]:
     table, _, rest = text.strip().partition(":")
     addresses, colon, form = rest.partition(":")
-    low, dash, high = addresses.partition("-")
-    if not dash or table not in TABLE_NAMES:
+    if not _is_range(addresses) or table not in TABLE_NAMES:
         return (text,)
-    start, end = (_number(text, digits, 0xFFFF) for digits in (low, high))
+    low, _, high = addresses.rpartition("-")
+    start, end = _number(text, low, 0xFFFF), _number(text, high, 0xFFFF)
     if end < start:
         raise EncodeError(f"{text!r}: {addresses!r}: expected the lower address first")
     type_name = form.partition(":")[0]
@@ -87,10 +87,15 @@ def _spread(text: str) -> Iterable[str]:
         expected = "expected a type with a size of its own, such as u32"
         raise EncodeError(f"{text!r}: type {type_name!r} in a range: {expected}")
     place = raw_parameter(f"{table}:{start}{colon}{form}").modbus
-    size, count = place.words if place is not None else 1, end - start + 1
+    size = 1 if place is None else place.words
+    count = end - start + 1
     if count % size:
         raise EncodeError(f"{text!r}: {addresses!r} has {count} registers, a {type_name} has {size}")
     return [f"{table}:{address}{colon}{form}" for address in range(start, end + 1, size)]
+
+
+def _is_range(addresses: str) -> bool:
+    return "-" in addresses.strip()[1:]  # at the beginning it is the sign of a negative number, which is refused as one
 
 
 def is_raw_address(text: str) -> bool:
@@ -109,7 +114,7 @@ def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
     if table not in TABLE_NAMES or not (rest and len(parts) <= 3):
         hint = suggest(table, (*TABLE_NAMES, "object"))
         raise EncodeError(f"{shown(text)} is not an address: expected {_FORM}{hint}")
-    if "-" in parts[0].strip()[1:]:  # not the sign of a negative number, which is refused as one
+    if _is_range(parts[0]):
         raise EncodeError(f"{text!r}: a range of addresses can only be read: give one address for each value")
     address, is_bit = _number(text, parts[0], 0xFFFF), table in ("coil", "discrete")
     type_name, words = _type_and_words(text, parts[1] if len(parts) > 1 else "bool" if is_bit else "u16")
@@ -130,7 +135,7 @@ def _type_and_words(text: str, type_name: str) -> tuple[str, int]:
     of_text = re.fullmatch(r"text(\d*)", type_name)
     if of_text is None:
         return type_name, 1 if _type(text, type_name) == "bool" else max(1, codec(type_name).size // 2)
-    words = int(of_text[1][:9] or 0)  # more digits are too many registers in any case
+    words = int(of_text[1][:9] or 0)  # more digits are too many registers anyway, and `int` refuses thousands of them
     if not 1 <= words <= _REGISTERS_MAX:
         expected = f"expected text1..text{_REGISTERS_MAX}, text in that number of registers"
         raise EncodeError(f"{shown(text)}: type {shown(type_name)}: {expected}")
@@ -152,7 +157,7 @@ def _number(text: str, digits: str, most: int, base: int = 10) -> int:
     elif plain.startswith("0x"):
         plain, base = plain[2:], 16
     try:
-        number = int(plain, base) if plain.isalnum() else -1
+        number = int(plain, base) if plain.isalnum() else -1  # `int` alone accepts 1_000, +5 and blanks
     except ValueError:
         number = -1
     if not 0 <= number <= most:

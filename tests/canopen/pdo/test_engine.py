@@ -45,6 +45,16 @@ def test_type_252_is_sampled_at_sync() -> None:
     assert feed(device, "185#R2") == ["185#0100"]
 
 
+def test_a_value_that_does_not_fit_is_counted_when_it_is_sent() -> None:
+    """The engine also samples to find out whether data changed; only a frame with zeros in place of a value counts."""
+    objects = ObjectDictionary([Entry(0x6043, 0, "measured", "u8", "ro", on_read=lambda: 300)])
+    device = LocalNode(5, objects, [PdoConfig("TPDO", 1, (0x60430008,), type=254)])
+    device.start(0.0)
+    assert feed(device, "000#0105") == ["185#00"]
+    for _ in range(3):
+        assert (device.deadline, device.pdo.refused) == (None, 1)
+
+
 @pytest.mark.parametrize("type_", [0, 1, 255])
 def test_any_tpdo_is_sent_on_request_unless_bit_30_forbids_it(type_: int) -> None:
     device = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=type_))

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from barewire.codecs import Value
 from barewire.devices.description.load import load
 from barewire.devices.sim import Simulator, simulator
+from barewire.devices.sim.store import Declined
 from barewire.modbus.messages import coils as bits, registers
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus
 from tests.devices.sim.bench import Bench
@@ -62,6 +64,13 @@ type = "bool"
 coil = 3
 object = 0x2001
 object_bit = 4
+access = "rw"
+[[parameter]]
+name = "Motor"
+type = "bool"
+coil = 4
+object = 0x2001
+object_bit = 5
 access = "rw"
 [[parameter]]
 name = "Button"
@@ -130,6 +139,17 @@ def test_the_canopen_adapter_reads_and_writes_the_same_store(bench: Bench) -> No
     assert bench.download(0x2001, 0, b"\x00\x00") == 0
     assert bench.read("Lamp") is False
     assert bench.upload(0x2002) == 0x0602_0000
+
+
+def test_a_word_of_bits_is_written_completely_or_not_at_all(bench: Bench) -> None:
+    def decline(value: Value) -> None:
+        if value:
+            raise Declined("state", "there is no motor")
+
+    bench.machine.store.veto("Motor", decline)
+    bench.frames()
+    assert bench.download(0x2001, 0, b"\x30\x00") == 0x0800_0022
+    assert bench.upload(0x2001) == b"\x00\x00"
 
 
 def test_power_off_restores_the_defaults_and_boots_the_node(bench: Bench) -> None:

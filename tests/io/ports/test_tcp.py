@@ -10,8 +10,9 @@ from collections.abc import Iterator
 import pytest
 
 from barewire.errors import PortError
+from barewire.io.endpoint import Endpoint
 from barewire.io.ports.async_links import Mailbox
-from barewire.io.ports.network import TcpPort
+from barewire.io.ports.network import TcpPort, UdpPort, listening_socket
 from tests.io.peers import peer
 
 SOON, LONG = 0.05, 30.0
@@ -148,3 +149,16 @@ def test_data_before_the_end_of_a_connection_is_received_first() -> None:
             await box.receive(LONG)
 
     asyncio.run(main())
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "udp"])
+def test_an_address_of_ipv6_is_named_as_in_its_url(scheme: str) -> None:
+    listener, url = listening_socket(Endpoint.parse(f"{scheme}://[::1]:0"))
+    with listener:
+        place = url.removeprefix(f"{scheme}://")
+        with pytest.raises(PortError) as taken:
+            listening_socket(Endpoint.parse(url))
+        assert str(taken.value).startswith(f"{place}: ")
+        port = (TcpPort if scheme == "tcp" else UdpPort)("::1", listener.getsockname()[1])
+        assert port.name == place
+        port.close()

@@ -12,7 +12,7 @@ from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, ObjectDicti
 from barewire.devices.sim import simulator
 from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread
 from barewire_workbench.replay.peer_replay import PeerReplay
-from barewire_workbench.replay.played import PLAYED_KINDS, Played, nodes_of, values_of
+from barewire_workbench.replay.played import PLAYED_KINDS, Played, nodes_of, played_kind, values_of
 from tests.workbench.monitor.recorded_run import DRIVE, PLAIN, plain, recorded
 
 
@@ -147,6 +147,11 @@ def test_the_log_says_who_sends_a_frame() -> None:
 def test_an_answer_recorded_before_its_request_belongs_to_it() -> None:
     lines = ("0 705#00", "0.5 585#4B006000D7000000", "0.5 605#4000600000000000", "0.6 605#4001600000000000")
     assert outcomes(items_of(*lines, "0.601 585#4B01600020030000")) == []
+
+
+def test_a_tpdo_with_the_identifier_of_an_rpdo_is_a_pdo() -> None:
+    """Two devices exchange process data without a master if one sends with the identifier that the other receives."""
+    assert played_kind(CanFrame.parse("206#01")) == "pdo"
 
 
 def test_the_rest_of_a_transfer_that_differs_is_marked() -> None:

@@ -25,7 +25,7 @@ from barewire.codecs import Value
 
 _STORE, _RESTORE = 0x1010, 0x1011
 _SDO_CHANNELS = range(0x1200, 0x1300)
-_SAVE, _LOAD = 0x6576_6173, 0x6461_6F6C
+_SAVE, _LOAD = (int.from_bytes(word, "little") for word in (b"save", b"load"))
 _ON_COMMAND = 1
 _AREAS = {1: (0x1000, 0x9FFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF)}
 _MANUFACTURER = (0x2000, 0x5FFF)
@@ -50,33 +50,38 @@ class StoredParameters:
     def __init__(self, objects: ObjectDictionary) -> None:
         self.objects = objects
         self.values: dict[ObjectAddress, Value] = {}
-        for index, signature, act in ((_STORE, _SAVE, self._save), (_RESTORE, _LOAD, self._load)):
+        for index, signature, command in ((_STORE, _SAVE, self._save), (_RESTORE, _LOAD, self._load)):
             for sub in objects.subs(index):
                 entry = objects.entry(index, sub)
                 if sub and entry.type == "u32" and entry.on_write is None and entry.on_read is None:
                     objects.replace(replace(entry, on_read=lambda: _ON_COMMAND))
-                    validate_writes(objects, index, sub, partial(self._command, index, sub, signature, act))
+                    validate_writes(objects, index, sub, partial(self._carry_out, index, sub, signature, command))
 
     @staticmethod
-    def _command(index: int, sub: int, signature: int, act: Callable[[int, int], None], word: int) -> None:
+    def _carry_out(index: int, sub: int, signature: int, command: Callable[[int, int], None], word: int) -> None:
         if word != signature:
             raise SdoAbort(AbortCode.NOT_STORED, index, sub)
-        act(*_AREAS.get(sub, _MANUFACTURER))
+        command(*_AREAS.get(sub, _MANUFACTURER))
 
     def _save(self, first: int, last: int) -> None:
         for entry in self.objects:
-            computed = entry.on_read is not None or entry.index in (_STORE, _RESTORE)
-            if first <= entry.index <= last and entry.access == "rw" and not computed:
-                address = entry.index, entry.sub
-                value = self.objects.get(*address)
-                if entry.index in _SDO_CHANNELS and entry.type == "u32" and CobEntry.unpack(int(value)).bit30:
-                    continue
-                if value == self.objects.default(*address):  # a reset restores it without being stored
-                    self.values.pop(address, None)
-                else:
-                    self.values[address] = value
+            if not first <= entry.index <= last or entry.access != "rw":
+                continue
+            if entry.on_read is not None or entry.index in (_STORE, _RESTORE):
+                continue  # the application computes it, or it is a command: there is no value to store
+            address = entry.index, entry.sub
+            value = self.objects.get(*address)
+            # A channel that a master assigned for a time (bit 30) ends with the reset.   [CiA 301, 1200h]
+            if entry.index in _SDO_CHANNELS and entry.type == "u32" and CobEntry.unpack(int(value)).bit30:
+                continue
+            # A default is not stored: after the reset it is there anyway, and a default COB-ID follows a new node-ID.
+            if value == self.objects.default(*address):
+                self.values.pop(address, None)
+            else:
+                self.values[address] = value
 
     def _load(self, first: int, last: int) -> None:
+        # The objects keep their present values until the reset.   [CiA 301, 1011h]
         self.values = {address: value for address, value in self.values.items() if not first <= address[0] <= last}
 
     def restore(self, first: int, last: int) -> None:

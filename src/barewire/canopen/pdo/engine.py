@@ -58,7 +58,7 @@ class ActivePdo:
         self.cob = CobEntry.unpack(number(config.communication, 1))
         self.key = (self.cob.identifier, self.cob.extended)
         self.type = number(config.communication, 2)
-        self.inhibit = number(config.communication, 3) / 10_000
+        self.inhibit = number(config.communication, 3) / 10_000  # the object counts in 100 us, the timer in ms
         self.event_timer = number(config.communication, 5) / 1000
         self._start = number(config.communication, 6)
         count = number(config.map, 0)
@@ -99,21 +99,23 @@ class ActivePdo:
         if self.mpdo_producer is not None and self.mpdo_producer.next() is None:
             return None
         if self.sent_at is None:
-            return float("-inf")
+            return float("-inf")  # the first one is sent as soon as the device is operational
         if self.mpdo_producer is not None or self.sample() != self.sent:
             return self.sent_at + self.inhibit
+        # An event timer that is shorter than the inhibit time must not break it.
         return self.sent_at + max(self.event_timer, self.inhibit) if self.event_timer else None
 
     def next_data(self) -> bytes:
         """Return the data of the frame to be sent now."""
         if self.mpdo_producer is None:
-            return self.sample()
+            return self.sample(to_send=True)
         data = self.mpdo_producer.next() or b""
         self.mpdo_producer.sent(data)
         return data
 
-    def sample(self) -> bytes:
-        """Return the present data of a TPDO. If a value does not fit its bits, count it in `refused` and send zeros."""
+    def sample(self, *, to_send: bool = False) -> bytes:
+        """Return the present data of a TPDO; zeros if a value does not fit its bits or cannot be read, which `refused`
+        counts if the data is to be sent, and not only compared."""
         try:
             values: dict[str, Value] = {
                 mapped.name: self.objects.get(mapped.index, mapped.sub)
@@ -122,12 +124,12 @@ class ActivePdo:
             }
             return self.mapping.pack(values)
         except BarewireError as error:
-            self._refused += 1
+            self._refused += to_send
             if isinstance(error, EncodeError):
-                self._find_misfit()
+                self._report_misfit()
             return bytes(self.mapping.size)
 
-    def _find_misfit(self) -> None:
+    def _report_misfit(self) -> None:
         # Read one by one, so that the dictionary reports the value of the application that does not fit.
         for mapped in self.mapping.entries:
             if not mapped.is_dummy:
@@ -149,7 +151,7 @@ class ActivePdo:
     def is_due_at_sync(self, counter: int | None) -> bool:
         """Count a SYNC. Return whether this synchronous TPDO is sent at it."""
         if self._waits_for_start and counter is not None and counter != self._start:
-            return False
+            return False  # a SYNC without counter starts it too   [CiA 301, SYNC start value]
         self._waits_for_start = False
         if self.type == 0:
             return self.sample() != self.sent
@@ -208,13 +210,16 @@ class PdoEngine:
     def active(self) -> tuple[ActivePdo, ...]:
         """All PDOs as configured now, in the order of `pdos`. A value that an RPDO stores may change the configuration,
         so this is a copy."""
+        self._follow_records()
+        return tuple(self._active.values())
+
+    def _follow_records(self) -> None:
         if self._pdos_changed:
             self._active = {
                 config: self._active.get(config) or ActivePdo(config, self.objects, self.node) for config in self.pdos
             }
             self._pdos_changed = False
             self._receives = self._identifiers()
-        return tuple(self._active.values())
 
     @property
     def receives(self) -> frozenset[tuple[int, bool]] | None:
@@ -222,8 +227,7 @@ class PdoEngine:
         None: any, because an RPDO may change the configuration. It is the same object until a record is written."""
         if not self._running:
             return _NOTHING
-        if self._pdos_changed:
-            _ = self.active
+        self._follow_records()
         return self._receives
 
     def _identifiers(self) -> frozenset[tuple[int, bool]] | None:
@@ -266,16 +270,15 @@ class PdoEngine:
                 frames += self._sync(frame, now)
             else:
                 frames += self._receive(frame, now)
+        # After the frame, because what it stored may be what a TPDO sends, or its configuration.
         for pdo in self.active:
-            if not pdo.is_on:
-                continue
-            due = pdo.due
+            due = pdo.due if pdo.is_on else None
             if due is None or now < due:
                 continue
             if pdo.is_tpdo:
                 frames.append(self._send(pdo, now))
             else:
-                pdo.received_at = None
+                pdo.received_at = None  # the timer runs again from the next reception, so that this is reported once
                 index = pdo.config.communication.to_bytes(2, "little")
                 frames += self.errors.error(_MISSED, now, source=pdo.config.number, info=index)
         return frames
@@ -332,12 +335,17 @@ class PdoEngine:
     def _check_length(self, pdo: ActivePdo, length: int, size: int, now: float) -> list[CanFrame]:
         """Report an RPDO of wrong length, and clear the errors that no longer apply."""
         source = pdo.config.number
-        wrong = _TOO_SHORT if length < size else _TOO_LONG if length > size else 0
-        frames = self.errors.error(wrong, now, source=source, info=bytes([length, size])) if wrong else []
-        for code in (_TOO_SHORT, _TOO_LONG, _MISSED):
-            # An RPDO that is too short is ignored, so one that was missed is still missing.
-            if code != wrong and not (code == _MISSED and wrong == _TOO_SHORT):
-                frames += self.errors.error_gone(code, now, source=source)
+        frames: list[CanFrame] = []
+        if length < size:
+            frames += self.errors.error(_TOO_SHORT, now, source=source, info=bytes([length, size]))
+            resolved = [_TOO_LONG]  # it is ignored, so one that was missed is still missing
+        elif length > size:
+            frames += self.errors.error(_TOO_LONG, now, source=source, info=bytes([length, size]))
+            resolved = [_TOO_SHORT, _MISSED]
+        else:
+            resolved = [_TOO_SHORT, _TOO_LONG, _MISSED]
+        for code in resolved:
+            frames += self.errors.error_gone(code, now, source=source)
         return frames
 
     def _sync(self, frame: CanFrame, now: float) -> list[CanFrame]:
@@ -356,7 +364,7 @@ class PdoEngine:
             if not pdo.is_tpdo or not pdo.is_on:
                 continue
             if pdo.type == RTR_AT_SYNC:
-                pdo.sent = pdo.sample()
+                pdo.sent = pdo.sample(to_send=True)  # at the next remote request
             elif pdo.on_sync and pdo.is_due_at_sync(counter):
                 frames.append(self._send(pdo, now))
         return frames
@@ -367,7 +375,7 @@ class PdoEngine:
             if not pdo.is_tpdo or not pdo.is_on or pdo.cob.bit30 or frame.key != pdo.key:
                 continue
             if pdo.mpdo_producer is not None:
-                continue
+                continue  # its frames are for one object each: there is nothing that a request could ask for
             if pdo.type != RTR_AT_SYNC:
                 frames.append(self._send(pdo, now))
             elif pdo.sent is not None:

@@ -16,9 +16,9 @@ composed of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.device.device import LocalNode
@@ -69,7 +69,7 @@ class CanopenAdapter:
         return f"<{type(self).__name__} of {self.machine!r}, node {self.node.node}>"
 
     def _add_missing_records(self) -> None:
-        """Add described sub-indices of PDO records that the node does not create: the compatibility entry, 04."""
+        # Described sub-indices of PDO records that the node does not create: the compatibility entry, 04.
         for cell in self.machine.store:
             place = cell.parameter.object
             if place is None or place.index not in _PDO_RECORDS or (place.index, 0) not in self.objects:
@@ -89,11 +89,10 @@ class CanopenAdapter:
             return None
         if self._boots_at is not None:
             return self._boots_at
-        # A heartbeat time that was written over Modbus takes effect at the next feed: that is due at once.
+        # A heartbeat time that was written over Modbus takes effect at the next feed, which is due at once.
         return self.machine.clock.now if self._pending or self._heartbeat_changed() else self.node.deadline
 
     def _heartbeat_changed(self) -> bool:
-        """Return whether the heartbeat time was written through the other adapter."""
         place = (0x1017, 0)
         return place in self.objects and int(self.objects.get(*place)) / 1000 != self.node.heartbeat.period
 
@@ -106,6 +105,7 @@ class CanopenAdapter:
         self.bitrate = bitrate
         if node != self.node.node:
             self.node.renumber(node)
+            # The default COB-IDs are now those of the new node-ID; saved ones are kept.
             self.node.stored.restore(_PDO_RECORDS.start, _PDO_RECORDS.stop - 1)
 
     def save_records(self) -> None:
@@ -186,15 +186,13 @@ class CanopenAdapter:
 
 def _pdo(described: DevicePdo, node: int) -> PdoConfig:
     """Return the factory setting of a PDO: the COB-ID of the description plus the node-ID."""
-    number = (described.cob_id >> 8) - (described.cob_id & 0x80 == 0)
     mapping = tuple(index << 16 | sub << 8 | bits for index, sub, bits in described.map)
-    pdo = PdoConfig(
-        "TPDO" if described.cob_id & 0x80 else "RPDO",
-        number,
-        mapping,
-        type=described.transmission,
-    )
-    # A COB-ID of the predefined connection set follows the node-ID.
+    # TPDO1 180h, RPDO1 200h, TPDO2 280h, RPDO2 300h ...: those of TPDOs have bit 7.
+    if described.cob_id & 0x80:
+        pdo = PdoConfig("TPDO", described.cob_id >> 8, mapping, type=described.transmission)
+    else:
+        pdo = PdoConfig("RPDO", (described.cob_id >> 8) - 1, mapping, type=described.transmission)
+    # Without `cob_id` a PDO has the predefined COB-ID, which follows the node-ID; only another one is given.
     cob_id = described.cob_id + node
     return pdo if pdo.cob_entry(node).pack() == cob_id else replace(pdo, cob_id=cob_id)
 
@@ -206,7 +204,7 @@ def _entries(machine: SimulatedMachine) -> list[Entry]:
     for cell in machine.store:
         place = cell.parameter.object
         if place is None or place.index in _PDO_RECORDS:
-            continue
+            continue  # `LocalNode` makes the records of its PDOs
         if place.bit is not None:
             bits.setdefault((place.index, place.sub), []).append(cell)
         else:
@@ -229,10 +227,11 @@ def _entry(cell: Cell) -> Entry:
 
     def write(raw: Value) -> None:
         value = cell.free.from_raw(raw)
-        _abort_if_declined(partial(cell.check, value), place.index, place.sub)
+        with _declined_as_abort(place.index, place.sub):
+            cell.check(value)
         cell.put(value)
 
-    def limit(value: int | float | None, side: int) -> float | None:
+    def raw_limit(value: int | float | None, side: int) -> float | None:
         if value is None or parameter.type == "text":
             return None
         return float(parameter.limit(value, side) / parameter.scale)
@@ -243,8 +242,8 @@ def _entry(cell: Cell) -> Entry:
         parameter.name,
         "string" if parameter.type == "text" else parameter.object_type,
         parameter.access,
-        minimum=limit(parameter.minimum, -1),
-        maximum=limit(parameter.maximum, 1),
+        minimum=raw_limit(parameter.minimum, -1),
+        maximum=raw_limit(parameter.maximum, 1),
         on_read=read,
         on_write=write,
     )
@@ -261,18 +260,20 @@ def _composed(index: int, sub: int, cells: list[Cell]) -> Entry:
         return word
 
     def write(word: Value) -> None:
-        for cell, bit in places:
-            if cell.parameter.writable:
-                on = get_bit(int(word), bit)
-                _abort_if_declined(partial(cell.check, on), index, sub)
-                cell.put(on)
+        bits = [(cell, get_bit(int(word), bit)) for cell, bit in places if cell.parameter.writable]
+        with _declined_as_abort(index, sub):
+            for cell, on in bits:
+                cell.check(on)
+        for cell, on in bits:  # all or none: no bit is stored before all are checked
+            cell.put(on)
 
     access: ObjectAccess = "rw" if any(cell.parameter.writable for cell in cells) else "ro"
     return Entry(index, sub, f"{index:04X}h", "u16", access, on_read=read, on_write=write)
 
 
-def _abort_if_declined(check: Callable[[], None], index: int, sub: int) -> None:
+@contextmanager
+def _declined_as_abort(index: int, sub: int) -> Iterator[None]:
     try:
-        check()
+        yield
     except Declined as declined:
         raise SdoAbort(_ABORT_CODES[declined.reason], index, sub) from declined

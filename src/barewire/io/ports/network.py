@@ -39,11 +39,12 @@ class TcpPort:
     """A connection to a server. Small frames are sent at once (TCP_NODELAY), dead peers are detected (SO_KEEPALIVE)."""
 
     def __init__(self, host: str, port: int, *, timeout: float = CONNECT_TIMEOUT) -> None:
-        self.name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        self.name = place_of(host, port)
         self._socket = self._connect(host, port, timeout)
         self._socket.setblocking(False)
         self._is_ready = readiness(self._socket)
-        self._waited = self._limit = 0.0
+        self._latest_timeout = 0.0
+        self._system_timeout = 0.0  # the time-out that the system applies to `recv`; 0: none, and `poll` waits
 
     def _connect(self, host: str, port: int, timeout: float) -> socket.socket:
         try:
@@ -81,32 +82,33 @@ class TcpPort:
     def receive(self, timeout: float) -> bytes | None:
         """Return received bytes, or None after `timeout` seconds. Raises PortError after the peer closed."""
         try:
-            if timeout == self._limit and timeout:
+            if timeout == self._system_timeout and timeout:
                 data = self._socket.recv(CHUNK)
             else:
-                if timeout and timeout == self._waited:
-                    self._keep(timeout)
-                self._waited = timeout or self._waited
+                if timeout and timeout == self._latest_timeout:  # a client that waits the same for each response
+                    self._give_to_system(timeout)
+                self._latest_timeout = timeout or self._latest_timeout
                 if not self._is_ready(timeout):
                     return None
                 data = self._socket.recv(CHUNK, _DONT_WAIT)
         except BlockingIOError:
-            return None  # nothing within the limit, or less than `poll` reported
+            return None  # the system's time-out, or `poll` reported bytes that were no good: a wrong checksum
         except (OSError, ValueError) as error:
             raise PortError(f"{self.name}: {self._why(error)}") from None
         if not data:
             raise PortError(f"{self.name}: the other side closed the connection")
         return data
 
-    def _keep(self, timeout: float) -> None:
-        """Give the system the same time-out as before, so that waiting is one call instead of two from now on."""
+    def _give_to_system(self, timeout: float) -> None:
+        """Set this time-out as that of the socket itself, so that waiting is one call instead of two from now on."""
+        # Below a millisecond it could be rounded to 0, which the system takes for "no time-out".
         if not _DONT_WAIT or not 1e-3 <= timeout < LONGEST_WAIT:
             return
-        with contextlib.suppress(OSError):  # on systems with another form of time
-            limit = struct.pack("@ll", int(timeout), int(timeout % 1.0 * 1e6))
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
+        with contextlib.suppress(OSError):  # on systems with another `struct timeval`
+            timeval = struct.pack("@ll", int(timeout), int(timeout % 1.0 * 1e6))
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeval)
             self._socket.setblocking(True)
-            self._limit = timeout
+            self._system_timeout = timeout
 
     def _why(self, error: Exception) -> str:
         return "the port was closed" if self._socket.fileno() < 0 else reason(error)
@@ -120,7 +122,7 @@ class UdpPort:
     """Datagrams to one server, and only from it."""
 
     def __init__(self, host: str, port: int) -> None:
-        self.name = f"{host}:{port}"
+        self.name = place_of(host, port)
         try:
             family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             self._socket = socket.socket(family, kind, protocol)
@@ -179,13 +181,13 @@ def listening_socket(endpoint: Endpoint) -> tuple[socket.socket, str]:
         else:
             listener = socket.create_server((host, port), family=family, backlog=CONNECTIONS)
     except OSError as error:
-        raise PortError(f"{host}:{port}: {reason(error)}") from None
+        raise PortError(f"{place_of(host, port)}: {reason(error)}") from None
     return listener, str(endpoint._replace(place=place_of(host, listener.getsockname()[1])))
 
 
 def is_own_address(own: Any, sender: Any) -> bool:
-    """Return whether `sender` is the address of the socket that is bound to `own`: the same, or if it is bound to all
-    hosts of this machine, one of them with the same port."""
+    """Return whether `sender` is the address of the socket that is bound to `own`. One that is bound to all addresses
+    of this machine has each of them, with its port."""
     if sender[1] != own[1] or own[0] not in ("0.0.0.0", "::"):
         return bool(sender[:2] == own[:2])
     with socket.socket(socket.AF_INET6 if ":" in own[0] else socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -203,10 +205,11 @@ def place_of(host: str, port: int) -> str:
 
 def set_socket_options(connection: socket.socket) -> None:
     """Send small frames at once, and end connections whose peer does not acknowledge."""
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    if hasattr(socket, "TCP_USER_TIMEOUT"):
-        with contextlib.suppress(OSError):
+    # Some systems refuse options once the peer has left. That is not an error here: the next read reports it.
+    with contextlib.suppress(OSError):
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNACKNOWLEDGED)
 
 
@@ -219,10 +222,9 @@ def reason(error: Exception) -> str:
     if isinstance(error, ValueError):
         return "the port was closed"  # a descriptor of -1: another thread closed it meanwhile
     text = (error.strerror if isinstance(error, OSError) else "") or str(error) or type(error).__name__
+    # asyncio writes the address into the text, in words that change between versions: the system's own text instead.
     if isinstance(error, ConnectionError) or "while attempting to bind" in text:
-        text = (
-            os.strerror(error.errno) if isinstance(error, OSError) and error.errno else text
-        )  # Python adds the address
-    elif text.startswith("could not bind on any address"):
-        text = os.strerror(errno.EADDRNOTAVAIL)  # asyncio from 3.13 on
+        text = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else text
+    elif text.startswith("could not bind on any address"):  # from 3.13 on, without a number
+        text = os.strerror(errno.EADDRNOTAVAIL)
     return text[:1].lower() + text[1:]

@@ -158,7 +158,7 @@ class _Connection(UnitsConnection, asyncio.BufferedProtocol):
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         host, port = (transport.get_extra_info("peername") or ("?", 0))[:2]
-        self.peer = f"{host}:{port}"
+        self.peer = place_of(host, port)
         self._watch = self._shared.log.watch(self.peer)
         self._stream_server.connected(self)
         if self._tls is not None:
@@ -331,7 +331,7 @@ class DatagramServer(UnitsServer, asyncio.DatagramProtocol):
         try:
             await loop.create_datagram_endpoint(lambda: self, **address)
         except OSError as error:
-            raise PortError(f"{host}:{port}: {reason(error)}") from None
+            raise PortError(f"{place_of(host, port)}: {reason(error)}") from None
         self.url = str(self.endpoint._replace(place=place_of(host, self._address[1])))
         self.log.serving(self.url, self.units)
         self._watch = self.log.watch()

@@ -42,7 +42,7 @@ from barewire.io.engine.locking import CanopenNode, SharedNode
 from barewire.io.log import PortLog
 from barewire.io.ports.base import Port
 from barewire.io.ports.can.interfaces import can_endpoint, can_port
-from barewire.io.ports.network import reason
+from barewire.io.ports.network import place_of, reason
 from barewire.io.server.base import AsyncServer, ThreadedServer
 
 if TYPE_CHECKING:
@@ -351,7 +351,7 @@ class SocketcandHub:
             self._server = self._loop.run_until_complete(asyncio.start_server(self._client, host, port))
         except OSError as error:
             self._loop.close()
-            raise PortError(f"{host}:{port}: {reason(error)}") from None
+            raise PortError(f"{place_of(host, port)}: {reason(error)}") from None
         self._thread = threading.Thread(target=self._loop.run_forever, name="socketcand", daemon=True)
         self._thread.start()
 

@@ -102,7 +102,7 @@ class CanopenGateway:
             await self.close()
             if not isinstance(error, OSError):
                 raise
-            raise PortError(f"{host}:{port}: {reason(error)}") from None
+            raise PortError(f"{place_of(host, port)}: {reason(error)}") from None
         if self.own is not None:
             self._running = _OwnNode(self.client.bus, self.own.device, None)
         self.log.place = place_of(host, self.port)

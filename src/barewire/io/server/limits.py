@@ -25,7 +25,6 @@ answered with itself, is answered `COPIES` times and then refused once, if it co
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import os
 import socket
@@ -91,11 +90,12 @@ class ConnectionTable(Generic[C]):
         self.closed: deque[str] = deque(maxlen=16)
         """Why the server closed connections: the latest reasons, one line each."""
         self.limit = endpoint.integer("connections", CONNECTIONS)
-        self._lowered = self.log.warning if "connections" in endpoint.options else self.log.info
+        # A limit that the user set and the system lowers deserves a warning; that of the default does not.
+        self._log_lowered = self.log.warning if "connections" in endpoint.options else self.log.info
         self.idle_timeout = endpoint.seconds("idle", 0.0)
         """Seconds without a request after which a connection is closed; 0 for never."""
         self._ends: dict[C, End] = {}  # why the server is closing a connection
-        self._none_older = -inf  # no connection sent its last request before this time
+        self._oldest_request = -inf  # no connection sent its last request before this time
 
     def __len__(self) -> int:
         return len(self.open)
@@ -110,8 +110,9 @@ class ConnectionTable(Generic[C]):
 
     def lower_limit(self, limit: int, why: str) -> None:
         """Lower the limit, if it is higher, to what the system allows."""
-        if (limit := max(1, limit)) < self.limit:
-            self._lowered("limit", f"at most {limit} connections instead of {self.limit}: {why}")
+        limit = max(1, limit)
+        if limit < self.limit:
+            self._log_lowered("limit", f"at most {limit} connections instead of {self.limit}: {why}")
             self.limit = limit
 
     def add(self, connection: C, now: float) -> None:
@@ -168,17 +169,18 @@ class ConnectionTable(Generic[C]):
         """Close the connections that were silent too long. Return when to call this again, None if it is not needed."""
         if not self.idle_timeout or not self.open:
             return None
-        if now >= self._none_older + self.idle_timeout:
+        if now >= self._oldest_request + self.idle_timeout:
             for connection, received_at in list(self.open.items()):
+                # Closing one may end others, which are then in the list, but not in the table any more.
                 if received_at + self.idle_timeout <= now and connection in self.open:
                     self.close(connection, f"silent for {self.idle_timeout:g} s", "idle")
-            self._none_older = min(self.open.values(), default=-inf)
-        return self._none_older + self.idle_timeout if self.open else None
+            self._oldest_request = min(self.open.values(), default=-inf)
+        return self._oldest_request + self.idle_timeout if self.open else None
 
 
 class Acceptor:
     """Accepts the clients of one listener. Its constructor lowers the limit of `connections` if the process has fewer
-    descriptors left: without one the system accepts no client for whom another connection could be closed."""
+    descriptors left: the client above the limit needs one too, since it is accepted before another is closed for it."""
 
     def __init__(self, listener: socket.socket, connections: ConnectionTable[Any]) -> None:
         listener.setblocking(False)
@@ -200,14 +202,13 @@ class Acceptor:
                 raise
         for connection, _ in batch:
             connection.setblocking(False)
-            with contextlib.suppress(OSError):  # the client has left already
-                set_socket_options(connection)
+            set_socket_options(connection)
         return batch
 
     def failed(self, error: OSError) -> float:
         """Make room if `accept` found none. Return the seconds to wait before it is tried again."""
         if isinstance(error, (BlockingIOError, InterruptedError, ConnectionError)):
-            return 0.0
+            return 0.0  # no client waits, or it has left again
         why = f"there was no room for another connection: {reason(error)}"
         if error.errno not in _FULL:
             self._connections.log.warning("accept", f"a connection was not accepted: {reason(error)}")
@@ -252,7 +253,7 @@ class DatagramLimits:
             self._received.clear()
             self._until = now + 1.0
         if host not in self._received and len(self._received) >= _SENDERS:
-            host = ""
+            host = ""  # the limit that all further hosts share: forged addresses cannot fill the memory
         count = self._received[host] = self._received.get(host, 0) + 1
         return count > RATE
 
@@ -261,13 +262,15 @@ class DatagramLimits:
         if self._is_own(sender):
             return True
         count, latest = self._copies.get((data, sender), (0, now))
-        if count < COPIES and now < latest + _PAUSE:
+        is_quick = now < latest + _PAUSE
+        if is_quick and count < COPIES:
             return False
-        self._copies.pop((data, sender), None)
-        return count >= COPIES and now < latest + _PAUSE
+        self._copies.pop((data, sender), None)  # counted anew: after a pause, or because refusing one ends the round
+        return is_quick
 
     def answered_with_itself(self, data: bytes, sender: Any, now: float) -> None:
         """Record that the answer to this datagram equals it."""
+        # Removed and added again, so that the first in the table is the one that was not repeated for longest.
         count, _ = self._copies.pop((data, sender), (0, now))
         if len(self._copies) >= _SENDERS:
             del self._copies[next(iter(self._copies))]

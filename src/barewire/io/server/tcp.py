@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from barewire.io.ports.network import CHUNK, listening_socket
+from barewire.io.ports.network import CHUNK, listening_socket, place_of
 from barewire.io.server.base import POLL_INTERVAL, ends_program
 from barewire.io.server.limits import Acceptor, End
 from barewire.io.server.units import UnitsConnection, UnitsServer
@@ -100,7 +100,7 @@ class _Connection(UnitsConnection):
         self, service: TcpService, selector: selectors.BaseSelector, connection: socket.socket, address: tuple[str, int]
     ) -> None:
         super().__init__(service)
-        self.peer = f"{address[0]}:{address[1]}"
+        self.peer = place_of(address[0], address[1])
         self._watch = service.log.watch(self.peer)
         self._socket = connection
         self._selector = selector

@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from barewire.canopen.cob_ids import classify
+from barewire.canopen.cob_ids import PDO_SERVICES, ServiceName, classify
 from barewire.canopen.frame import CanFrame
 from barewire_workbench.frames.can import explain_can
 from barewire_workbench.monitor.events import SdoTransferReport
@@ -44,11 +44,10 @@ class Played(NamedTuple):
     kind: str
     recorded: CanFrame | None
     sent: CanFrame | None
-    request: CanFrame | None  # the SDO request, or else the last frame that the device received before
+    request: CanFrame | None  # of an SDO answer; else the last frame that `sender` received before
     line: int
     repeated: bool = False  # the same difference was reported before, or one earlier in the same SDO transfer
-    sender: Literal["device", "client"] = "device"
-    """What the recording was played against. `request` is then the last frame that this side received before."""
+    sender: Literal["device", "client"] = "device"  # what the recording was played against
 
     @property
     def text(self) -> str:
@@ -73,9 +72,9 @@ class Comparer:
         frame = played.recorded or played.sent
         if played.outcome == "same" or frame is None:
             return played
-        # Process data differs all the time: a difference of the same PDO counts as the same.
-        frames = (frame.key,) if played.kind == "pdo" else (played.recorded, played.sent)
-        difference = (played.outcome, *frames)
+        difference: tuple[object, ...] = (played.outcome, played.recorded, played.sent)
+        if played.kind == "pdo":  # process data differs all the time: each PDO is reported once
+            difference = (played.outcome, frame.key)
         repeated = follows or difference in self._known
         self._known.add(difference)
         return played._replace(repeated=repeated)
@@ -91,13 +90,25 @@ def _in_words(frame: CanFrame) -> str:
     return f"{frame} ({verdict.removeprefix('valid: ')})"
 
 
+_KINDS: dict[ServiceName, str] = {
+    "SDO answer": "sdo",
+    "error control": "node",
+    "EMCY": "emcy",
+    "SYNC": "sync",
+    "TIME": "time",
+    "LSS answer": "lss",
+    **dict.fromkeys(PDO_SERVICES.values(), "pdo"),
+}
+
+
 def played_kind(frame: CanFrame) -> str:
-    """Return the kind of a frame of a device: an identifier outside the predefined connection set is of a PDO."""
-    found = classify(frame)
-    name = "PDO" if found is None else found[0].name
-    kinds = {"SDO": "sdo", "TPDO": "pdo", "PDO": "pdo", "error": "node", "EMCY": "emcy", "SYNC": "sync"}
-    kinds |= {"TIME": "time", "LSS": "lss"}
-    return kinds.get(name.split()[0].rstrip("1234"), "other")
+    """Return the kind of a frame of a device. An identifier outside the predefined connection set is of a PDO, and so
+    is that of an RPDO: a device sends with it to another one directly."""
+    classified = classify(frame)
+    if classified is None:
+        return "pdo"
+    service, _ = classified
+    return _KINDS.get(service.name, "other")
 
 
 def nodes_of(items: Sequence[RecordedItem]) -> list[int]:
@@ -106,15 +117,20 @@ def nodes_of(items: Sequence[RecordedItem]) -> list[int]:
     >>> nodes_of([Recorded(0.0, "", CanFrame.parse("705#05")), Recorded(0.1, "", CanFrame.parse("589#80"))])
     [9]
     """
-    found: dict[str, set[int]] = {"SDO answer": set(), "error control": set()}
+    nodes: dict[str, set[int]] = {"SDO answer": set(), "error control": set()}
     for item in items:
         if isinstance(item, Recorded) and isinstance(item.frame, CanFrame) and not item.frame.remote and not item.sent:
-            service = classify(item.frame)
-            if service is not None and service[0].name in found:
-                found[service[0].name].add(service[1])
-    return sorted(found["SDO answer"] or found["error control"])
+            classified = classify(item.frame)
+            if classified is None:
+                continue
+            service, node = classified
+            if service.name in nodes:
+                nodes[service.name].add(node)
+    return sorted(nodes["SDO answer"] or nodes["error control"])
 
 
+_UPLOAD_REQUESTS = (0x40, 0xA0)
+"""The first byte of "initiate upload" and "initiate block upload", apart from bits 2 to 4."""
 _IDENTITY = (0x1000, 0x1008, 0x1009, 0x100A, 0x1018)
 
 
@@ -138,17 +154,18 @@ def values_of(items: Sequence[RecordedItem], node: int) -> dict[int, RecordedVal
     >>> values_of([Recorded(0.0, "", CanFrame.parse(text)) for text in texts], 5)
     {0: RecordedValue(index=24576, sub=0, data=b'\\xd7\\x00')}
     """
-    monitor, written = CanMonitor(), set[tuple[int | None, int | None]]()
-    found: dict[int, RecordedValue] = {}
-    requested = 0
+    monitor = CanMonitor()
+    written: set[tuple[int | None, int | None]] = set()
+    values: dict[int, RecordedValue] = {}
+    request_place = 0
     for place, item in enumerate(items):
         if isinstance(item, Recorded) and isinstance(item.frame, CanFrame):
             frame = item.frame
-            if frame.key == (0x600 + node, False) and frame.data[:1] and frame.data[0] & 0xE3 in (0x40, 0xA0):
-                requested = place
+            if frame.key == (0x600 + node, False) and frame.data and frame.data[0] & 0xE3 in _UPLOAD_REQUESTS:
+                request_place = place  # the transfer is reported only at its last frame
             events = monitor.feed(frame, item.at)
         elif isinstance(item, Dropped):
-            events = monitor.feed(item, item.at)
+            events = monitor.feed(item, item.at)  # the transfer that it interrupts must not be reported as done
         else:
             continue
         for event in events:
@@ -158,5 +175,5 @@ def values_of(items: Sequence[RecordedItem], node: int) -> dict[int, RecordedVal
             if event.direction == "download":
                 written.add(address)
             elif event.data is not None and address not in written and _is_own_value(event.index):
-                found[requested] = RecordedValue(event.index or 0, event.sub or 0, event.data)
-    return found
+                values[request_place] = RecordedValue(event.index or 0, event.sub or 0, event.data)
+    return values

@@ -20,6 +20,7 @@ from barewire.io.endpoint import CAN_OPTIONS, Endpoint, unknown_option
 _ROOM = 4096
 """Frames that a port holds until they are received; further ones are lost, and counted."""
 
+# Reentrant, since `send` holds it while it calls the callback of a receiver, which may send an answer.
 _lock = threading.RLock()
 _buses: dict[str, list[MemoryPort]] = {}
 
@@ -49,8 +50,8 @@ class MemoryPort:
     def send(self, item: CanFrame) -> None:
         """Hand the frame to all other ports of the bus. Raises PortError if this port is closed."""
         self._check_open()
-        with _lock:
-            for port in tuple(_buses.get(self.name, ())):
+        with _lock:  # until the last port has the frame: otherwise two senders could be heard in different orders
+            for port in tuple(_buses.get(self.name, ())):  # a copy: a callback may open or close a port
                 if port is not self:
                     port._put(item)
 
@@ -62,14 +63,14 @@ class MemoryPort:
             self._frames.append(item)
             self._arrived.notify()
             call = self._call
-        if call is not None:
+        if call is not None:  # without `_arrived`, because the callback may receive
             call()
 
     def receive(self, timeout: float) -> CanFrame | None:
         """Return the next frame, or None after `timeout` seconds. Raises PortError if this port is closed."""
         with self._arrived:
             if not self._frames and timeout > 0.0 and not self._is_closed:
-                self._arrived.wait(min(timeout, threading.TIMEOUT_MAX))
+                self._arrived.wait(min(timeout, threading.TIMEOUT_MAX))  # which raises for a longer one
             if self._frames:
                 return self._frames.popleft()
         self._check_open()
@@ -83,7 +84,7 @@ class MemoryPort:
         with self._arrived:
             self._call = call
             has_frames = bool(self._frames)
-        if call is not None and has_frames:
+        if call is not None and has_frames:  # they arrived before there was a callback: no further one may ever come
             call()
 
     def _check_open(self) -> None:
