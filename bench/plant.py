@@ -43,7 +43,6 @@ from barewire.canopen import (
 )
 from barewire.canopen.cob_ids import SYNC_KEY
 from barewire.devices import load
-from barewire.devices.description.export_eds import export
 from barewire.io.canopen.bus.node_runner import Running
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import FramesLost
@@ -51,6 +50,7 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.ports.base import Port
 from barewire.io.ports.can.interfaces import can_port
 from barewire.io.ports.can.socketcan import SocketCanPort
+from barewire_workbench.eds.export import export
 
 HEARTBEAT = 500
 """Milliseconds between two heartbeats of a node."""

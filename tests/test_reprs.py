@@ -26,7 +26,6 @@ from barewire.canopen import (
 from barewire.canopen.gateway import GatewaySession
 from barewire.codecs import Layout
 from barewire.devices import CanopenAccess, Drive, ModbusAccess, Reading, load, names
-from barewire.devices.description.export_eds import export
 from barewire.devices.drive import DriveStatus
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.io import CanBus
@@ -36,6 +35,7 @@ from barewire.modbus.sniffer import Sniffer
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import DatagramLine, FanOut, TcpLine
 from barewire_workbench import explain
+from barewire_workbench.eds.export import export
 
 ROOMS = [
     *("barewire", "barewire.modbus", "barewire.canopen", "barewire.canopen.sdo", "barewire.canopen.eds"),

@@ -11,9 +11,10 @@ from pathlib import Path
 
 from barewire.canopen import eds
 from barewire.canopen.eds.diagnostics import LINT_RULES, PARSE_RULES
+from barewire_workbench.eds.lint import lint
 from tests.canopen.eds.field_files import FIELD, LINTED
 from tests.canopen.eds.oddities import MADE
-from tests.canopen.eds.test_lint import FAULTS, FINE
+from tests.workbench.eds.test_lint import FAULTS, FINE
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "eds.md"
 _UNSEEN = {
@@ -33,7 +34,7 @@ def examples() -> dict[str, str]:
     lines_of: dict[str, list[str]] = {}
     for file in files():
         document = eds.parse(file)
-        for diagnostic in eds.lint(document):
+        for diagnostic in lint(document):
             if diagnostic.line:
                 lines_of.setdefault(diagnostic.rule, []).append(document.lines[diagnostic.line - 1].text.rstrip("\r\n"))
     best = {rule: next((line for line in _BEST if line in lines), lines[0]) for rule, lines in lines_of.items()}

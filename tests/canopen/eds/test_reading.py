@@ -12,6 +12,7 @@ from barewire.canopen import CanFrame, LocalNode, PdoConfig, eds
 from barewire.canopen.eds.diagnostics import LINT_RULES, PARSE_RULES
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.errors import EncodeError
+from barewire_workbench.eds.lint import lint
 from tests.canopen.eds import table as eds_table
 from tests.canopen.eds.field_files import FIELD, LINTED, ODDITIES, SEEN
 from tests.canopen.eds.oddities import GOOD, MADE, RECORD, Oddity
@@ -45,7 +46,7 @@ def test_an_oddity_is_reported_and_read(oddity: Oddity) -> None:
 @pytest.mark.parametrize("oddity", LINTED, ids=[oddity.name for oddity in LINTED])
 def test_an_oddity_is_reported_by_lint_only(oddity: Oddity) -> None:
     document = eds.parse(data_of(oddity))
-    findings = [f"{diagnostic.line} {diagnostic.rule}" for diagnostic in eds.lint(document)]
+    findings = [f"{diagnostic.line} {diagnostic.rule}" for diagnostic in lint(document)]
     assert set(oddity.rules) <= set(findings)
     assert not {line.split()[1] for line in oddity.rules} & {diagnostic.rule for diagnostic in document.diagnostics}
     assert document.encode() == data_of(oddity)
@@ -177,7 +178,7 @@ def check_that_nothing_raises(data: bytes) -> None:
     document = eds.parse(data)
     assert document.encode() == data
     assert document.copy().encode() == data
-    eds.lint(document)
+    lint(document)
     last = max(1, len(document.lines))
     assert all(PARSE_RULES[finding.rule] and 0 <= finding.line <= last for finding in document.diagnostics)
     objects = document.dictionary(5)

@@ -12,6 +12,7 @@ from barewire.canopen import eds
 from barewire.canopen.datatypes import TimeOfDay
 from barewire.canopen.eds.objects import RECORD as RECORD_TYPE
 from barewire.errors import EncodeError
+from barewire_workbench.eds.lint import lint
 from tests.canopen.eds.field_files import ODDITIES
 from tests.canopen.eds.oddities import COMPACT, GOOD, RECORD, typed
 from tests.helpers import modest
@@ -220,7 +221,7 @@ def test_a_composed_file_has_no_findings() -> None:
     times = {"CreationTime": "09:30AM", "CreationDate": "01-31-2026"}
     times |= {"ModificationTime": "12:59PM", "ModificationDate": "12-31-2026"}
     document = eds.compose([ramps, *basic], times, {"VendorName": "Nobody"}, comments=["hello ; you"], dummies=[5])
-    assert eds.lint(document) == ()
+    assert lint(document) == ()
     again = eds.parse(document.encode(), strict=True)
     assert [(item.name, item.type, item.default, item.low, item.pdo) for item in again.objects[0x2000].items] == [
         ("Highest sub-index", "u8", 2, None, False),

@@ -11,7 +11,7 @@ import pytest
 from barewire.canopen import eds
 from barewire.canopen.datatypes import BY_NAME
 from barewire.devices import load
-from barewire.devices.description.export_eds import export
+from barewire_workbench.eds.export import export
 
 canopen = pytest.importorskip("canopen")
 

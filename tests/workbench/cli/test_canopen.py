@@ -7,7 +7,7 @@ from pathlib import Path
 
 from barewire.canopen import concise_dcf, device_configuration, eds, encode_concise_dcf
 from barewire.devices import load
-from barewire.devices.description.export_eds import export
+from barewire_workbench.eds.export import export
 from tests.helpers import free_port
 from tests.workbench.cli.helpers import error_of, output_of, run_command, simulated_at
 

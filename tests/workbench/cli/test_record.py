@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from barewire import ModbusClient, NoAnswer
-from barewire.devices.sim import recorded_units
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import ModbusException
 from barewire.rtu import encode
+from barewire_workbench.replay.unit_replay import recorded_units
 from tests.helpers import unhex
 from tests.workbench.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, simulated
 

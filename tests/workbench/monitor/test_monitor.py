@@ -11,8 +11,8 @@ from barewire.canopen import CanFrame, ErrorFrame, FdFrame
 from barewire.canopen.eds import parse
 from barewire.canopen.frame import AnyFrame
 from barewire.devices import load
-from barewire.devices.description.export_eds import export
 from barewire.errors import EncodeError
+from barewire_workbench.eds.export import export
 from barewire_workbench.frames.can import explain_can
 from barewire_workbench.monitor import CanMonitor, KnownNode, event_line, of_device, of_dictionary
 from barewire_workbench.monitor.events import (

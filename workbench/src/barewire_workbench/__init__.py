@@ -19,6 +19,7 @@ The rooms in reading order. Only `live` and `cli` use clocks and ports; the othe
     diagnosis/   what is wrong with a frame or a recording, proved by trials
     pictures/    frames, levels, exchanges, drives and values as text, SVG and HTML
     replay/      a recording played against a device or a client, and compared; the values in it
+    eds/         EDS files checked, and written from the description of a device
     conform/     the behaviour that every server and every CANopen device must show, as data
     vectors/     the reference vectors, their questions, the judgement of answers
     live/        both batteries, and the questions of vectors, on real ports

@@ -3,7 +3,7 @@
         [1017]                                 text of a key           eds.get, eds.put
         ParameterName=Heartbeat time           described objects       eds.objects            EdsObject, EdsItem
         DataType=0x0006                        objects of a device     eds.dictionary(5)      ObjectDictionary
-        DefaultValue=1000 ; ms                 departures from CiA 306 eds.diagnostics, lint(eds)
+        DefaultValue=1000 ; ms                 departures from CiA 306 eds.diagnostics
 
 Files, in reading order:
 
@@ -11,7 +11,6 @@ Files, in reading order:
     document        bytes <-> lines, sections, keys; changes of single lines
     objects         sections -> EdsObject, EdsItem -> object dictionary
     eds_file        Eds; parse, compose and to_dcf; one key of an object, a new object
-    lint            missing parts, contradictions
 
 Files in the field break every rule. Each departure has a defined reading and a diagnostic with its line; `parse` raises
 only if `strict`. Unchanged lines are written byte for byte as they were read.
@@ -19,14 +18,12 @@ only if `strict`. Unchanged lines are written byte for byte as they were read.
 
 from barewire.canopen.eds.diagnostics import LINT_RULES, PARSE_RULES, Diagnostic, EdsError
 from barewire.canopen.eds.eds_file import Eds, add_object, compose, parse, to_dcf
-from barewire.canopen.eds.lint import lint
 from barewire.canopen.eds.objects import EdsItem, EdsObject
 from barewire.canopen.eds.value_syntax import Formula
 
 __all__ = [
     "parse",
     "Eds",
-    "lint",
     "compose",
     "to_dcf",
     "add_object",

@@ -8,7 +8,8 @@
 
 `PARSE_RULES` are checked by `parse`. Each is a departure from CiA 306 (or, as an octal number, from what the author
 probably meant). It has a defined reading, so that the file can be used; only `strict=True` makes it an error.
-`LINT_RULES` are checked by `lint`: the file can be read without doubt, but lacks keys or contradicts itself.
+`LINT_RULES` are checked by `lint` of the workbench: the file can be read without doubt, but lacks keys or contradicts
+itself.
 """
 
 from __future__ import annotations

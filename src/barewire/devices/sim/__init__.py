@@ -25,8 +25,6 @@ In reading order:
     adxl              the soft starter; adxl_motor: its motor
     az3               the servo drive; az3_motion: its units, limits, brake and measured values
     csd_mt/           the stepper drive
-    recorded          what the units of a recorded line answered, learned and kept as TOML
-    replay            units that repeat it: `recorded_units("pump.toml")`
 """
 
 from __future__ import annotations
@@ -41,7 +39,6 @@ from barewire.devices.sim.adxl import Adxl
 from barewire.devices.sim.az3 import Az3
 from barewire.devices.sim.csd_mt.machine import CsdMt
 from barewire.devices.sim.machine import MachineUnits, Simulator
-from barewire.devices.sim.replay import recorded_units
 
 _SIMULATORS: dict[str, type[Simulator]] = {"adxl": Adxl, "az3": Az3, "csd-mt": CsdMt}
 """The machines with behaviour, by the name of their description."""
@@ -93,4 +90,4 @@ def simulator(
     return machine
 
 
-__all__ = ["simulator", "recorded_units", "Simulator", "MachineUnits", "Adxl", "Az3", "CsdMt"]
+__all__ = ["simulator", "Simulator", "MachineUnits", "Adxl", "Az3", "CsdMt"]

@@ -10,11 +10,11 @@ import pytest
 from barewire.canopen import CanFrame, Entry, LocalNode, NmtState
 from barewire.conversation import play
 from barewire.devices import load
-from barewire.devices.description.export_eds import export
 from barewire.errors import NoAnswer
 from barewire_workbench.conform.canopen.battery import FLOOD, run_case
 from barewire_workbench.conform.canopen.model import NodeCase, NodeStep, Sdo, Subject
 from barewire_workbench.conform.canopen.probe import probe, second_answer
+from barewire_workbench.eds.export import export
 from barewire_workbench.live.canopen_conformance import case_names, cases
 from barewire_workbench.vectors.answers.device_conformance import plain_device
 from tests.workbench.conform.canopen.devices import (

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import click
 
-from barewire.canopen.eds import lint, parse
+from barewire.canopen.eds import parse
 from barewire.devices import load
 from barewire_workbench.cli.arguments import CommandGroup
 from barewire_workbench.cli.output import Output, check_not_overwritten, file_content, output_option, port_error
+from barewire_workbench.eds.lint import lint
 
 
 @click.group("eds", cls=CommandGroup)
@@ -22,7 +23,7 @@ def eds_command() -> None:
 @click.argument("file", required=False, type=click.Path(dir_okay=False, path_type=Path))
 def export_command(device: str, file: Path | None) -> None:
     """Write DEVICE as an EDS to FILE, or to stdout."""
-    from barewire.devices.description.export_eds import export
+    from barewire_workbench.eds.export import export
 
     if file is not None:
         check_not_overwritten("FILE", file, device)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import click
 
-from barewire.devices.sim.recorded import ANSWERS_LIMIT, READS, RecordedLine, RecordedRequest, learn_line, to_toml
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.sniff import listen
@@ -18,6 +17,7 @@ from barewire_workbench.cli.output import check_not_overwritten, port_error
 from barewire_workbench.cli.sources import Source, ports_option, protocol_option, stopped_by_interrupt
 from barewire_workbench.frames.modbus_exchanges import ExchangeLines
 from barewire_workbench.recordings.modbus_replay import SerialProtocol, replay_log
+from barewire_workbench.replay.recorded import ANSWERS_LIMIT, READS, RecordedLine, RecordedRequest, learn_line, to_toml
 
 _FOR_CAN = "`barewire sniff --write` records a bus, `barewire replay` plays the recording against a device"
 

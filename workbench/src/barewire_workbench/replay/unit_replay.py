@@ -20,7 +20,11 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from barewire.codecs import Layout
-from barewire.devices.sim.recorded import (
+from barewire.errors import EncodeError
+from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ILLEGAL_FUNCTION, ModbusException
+from barewire.modbus.messages.base import Response
+from barewire.modbus.server.server import Delayed
+from barewire_workbench.replay.recorded import (
     READS,
     WRITES,
     RecordedAnswer,
@@ -29,10 +33,6 @@ from barewire.devices.sim.recorded import (
     from_toml,
     values_in,
 )
-from barewire.errors import EncodeError
-from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ILLEGAL_FUNCTION, ModbusException
-from barewire.modbus.messages.base import Response
-from barewire.modbus.server.server import Delayed
 
 
 @dataclass(frozen=True, slots=True)

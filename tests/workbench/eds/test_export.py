@@ -6,10 +6,11 @@ import pytest
 
 from barewire.canopen import eds
 from barewire.devices import load, names
-from barewire.devices.description.export_eds import export
 from barewire.devices.device import Device
 from barewire.devices.sim import simulator
 from barewire.errors import EncodeError
+from barewire_workbench.eds.export import export
+from barewire_workbench.eds.lint import lint
 
 WITH_CANOPEN = [name for name in names() if load(name).canopen is not None]
 
@@ -17,7 +18,7 @@ WITH_CANOPEN = [name for name in names() if load(name).canopen is not None]
 @pytest.mark.parametrize("name", WITH_CANOPEN)
 def test_the_exported_eds_has_no_diagnostics(name: str) -> None:
     data = export(load(name)).encode()
-    assert eds.lint(eds.parse(data, strict=True)) == ()
+    assert lint(eds.parse(data, strict=True)) == ()
     assert data.isascii()
 
 

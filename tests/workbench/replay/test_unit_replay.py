@@ -8,8 +8,6 @@ from typing import Any
 
 import pytest
 
-from barewire.devices.sim.recorded import from_toml, learn_line, to_toml
-from barewire.devices.sim.replay import ReplayedUnit, recorded_units
 from barewire.errors import EncodeError
 from barewire.modbus import (
     Delayed,
@@ -34,6 +32,8 @@ from barewire.modbus.sniffer import RequestSeen, ResponseMissing, ResponseSeen
 from barewire.rtu import encode
 from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from barewire_workbench.recordings.modbus_replay import replay
+from barewire_workbench.replay.recorded import from_toml, learn_line, to_toml
+from barewire_workbench.replay.unit_replay import ReplayedUnit, recorded_units
 from tests.helpers import refused
 
 

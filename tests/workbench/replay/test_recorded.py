@@ -6,15 +6,6 @@ from typing import Any
 
 import pytest
 
-from barewire.devices.sim.recorded import (
-    RecordedAnswer,
-    RecordedLine,
-    RecordedRequest,
-    from_toml,
-    is_recorded,
-    learn_line,
-    to_toml,
-)
 from barewire.errors import EncodeError
 from barewire.modbus import (
     ExceptionResponse,
@@ -32,6 +23,15 @@ from barewire.modbus import (
 )
 from barewire.modbus.sniffer import Sniffer, SnifferEvent
 from barewire.rtu import RtuLine, Timing, encode
+from barewire_workbench.replay.recorded import (
+    RecordedAnswer,
+    RecordedLine,
+    RecordedRequest,
+    from_toml,
+    is_recorded,
+    learn_line,
+    to_toml,
+)
 from tests.helpers import refused
 
 Heard = tuple[float, int, Message]

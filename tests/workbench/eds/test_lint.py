@@ -6,6 +6,7 @@ import pytest
 
 from barewire.canopen import eds
 from barewire.canopen.eds.diagnostics import LINT_RULES
+from barewire_workbench.eds.lint import lint
 
 FINE = """\
 [FileInfo]
@@ -209,7 +210,7 @@ FAULTS = [
 
 
 def test_a_file_without_fault_has_no_findings() -> None:
-    assert eds.lint(eds.parse(FINE.encode())) == ()
+    assert lint(eds.parse(FINE.encode())) == ()
 
 
 @pytest.mark.parametrize(("old", "new", "place", "rule"), FAULTS)
@@ -218,7 +219,7 @@ def test_one_fault_is_found_at_its_line(old: str, new: str, place: str | int, ru
     text = FINE.replace(old, new, 1)
     lines = text.splitlines()
     line = place if isinstance(place, int) else max(number for number, shown in enumerate(lines, 1) if shown == place)
-    findings = eds.lint(eds.parse(text.encode()))
+    findings = lint(eds.parse(text.encode()))
     assert (line, rule) in [(diagnostic.line, diagnostic.rule) for diagnostic in findings]
 
 
@@ -251,7 +252,7 @@ def test_every_rule_has_a_fault() -> None:
 )
 def test_correct_variants_have_no_findings(old: str, new: str) -> None:
     assert old in FINE
-    assert eds.lint(eds.parse(FINE.replace(old, new, 1).encode())) == ()
+    assert lint(eds.parse(FINE.replace(old, new, 1).encode())) == ()
 
 
 @pytest.mark.parametrize(
@@ -259,11 +260,11 @@ def test_correct_variants_have_no_findings(old: str, new: str) -> None:
 )
 def test_a_wrong_count_is_reported_with_the_right_one(new: str, message: str) -> None:
     """The count in the message helps the reader: 528 public files had 804 of these findings."""
-    findings = eds.lint(eds.parse(FINE.replace("SubNumber=2", new, 1).encode()))
+    findings = lint(eds.parse(FINE.replace("SubNumber=2", new, 1).encode()))
     assert [str(diagnostic).split(": ")[1:3] for diagnostic in findings] == [["sub-number", message]]
 
 
 def test_lint_includes_the_diagnostics_in_the_order_of_lines() -> None:
-    findings = eds.lint(eds.parse(FINE.replace("SubNumber=2", "SubNumber=2h", 1).replace("09:30AM", "0930").encode()))
+    findings = lint(eds.parse(FINE.replace("SubNumber=2", "SubNumber=2h", 1).replace("09:30AM", "0930").encode()))
     assert [diagnostic.rule for diagnostic in findings] == ["time-form", "number-form"]
     assert str(findings[0]) == "7: time-form: CreationTime=0930: expected hh:mm with AM or PM"
