@@ -14,7 +14,8 @@ scheme          option           default           meaning
 all Modbus      unit             device's own, 1   address of the unit, 0..255
                 timeout          1                 seconds that a request waits for its response
                 gap              0                 seconds between two exchanges with a unit
-                dead_after       never             unanswered requests after which a unit is not asked for a while
+                dead_after       never             unanswered requests after which a unit is not asked for a while,
+                longest_pause    30                which doubles up to so many seconds
                 late_window      3 time-outs       seconds in which a late answer is expected
                 recovery         probe             after an unanswered request: probe the unit, or wait late_window
                 retries          0                 how often a read without a response is repeated; a write never is
@@ -50,10 +51,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from os import PathLike, fspath
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import EncodeError, shown
+
+if TYPE_CHECKING:
+    from ssl import SSLContext
 
 PSEUDO_TERMINAL = "pty"
 DEFAULT_BAUDRATE = 19200
@@ -70,7 +74,7 @@ LATENCIES = {"uart": 0.005, "usb": 0.030, "tunnel": 0.200}
 FIFO of a UART and the scheduler delay bytes for milliseconds, USB adapters for twice 16 ms, a network without limit."""
 
 _PAUSES = frozenset({"reconnect_first", "reconnect_longest"})
-_ALL = _PAUSES | {"unit", "timeout", "gap", "dead_after", "late_window", "recovery", "retries"}
+_ALL = _PAUSES | {"unit", "timeout", "gap", "dead_after", "longest_pause", "late_window", "recovery", "retries"}
 _TCP = _ALL | {"any_unit", "any_transaction", "connections", "idle"}
 _TLS = _TCP | {"cert", "key", "ca", "server_name", "roles", "client_cert"}
 _UDP = _ALL | {"any_unit", "any_transaction"}
@@ -80,7 +84,19 @@ _TUNNEL = _ALL | {"patience", "echo", "connections", "idle"}
 CAN_OPTIONS = _PAUSES | {"node", "timeout", "bitrate", "dialect"}
 """The options of a can endpoint, besides those of its interface."""
 _OF_SERVERS = frozenset({"connections", "idle", "roles", "client_cert"})
-_KEYWORDS = ("gaps", "in_flight", "lazy", "set_direction", "watch", "faults", "on_fault", "device", "eds")
+_KEYWORDS = (
+    "gaps",
+    "in_flight",
+    "lazy",
+    "set_direction",
+    "ssl_context",
+    "watch",
+    "on_lost",
+    "faults",
+    "on_fault",
+    "device",
+    "eds",
+)
 """Keyword arguments of clients and servers that a URL cannot hold; suggested in place of a misspelt one."""
 _OTHER_NAMES = {"unit": "node", "node": "unit", "baudrate": "bitrate", "bitrate": "baudrate"}
 """Options with another name in the other protocol."""
@@ -120,7 +136,7 @@ _INTEGERS: dict[str, tuple[int, int | None]] = {
     "bitrate": (1000, 1_000_000),
 }
 """Options that are whole numbers: the smallest, and the largest if there is one."""
-_SECONDS = {"timeout", "gap", "late_window", "idle", "patience"} | _PAUSES
+_SECONDS = {"timeout", "gap", "longest_pause", "late_window", "idle", "patience"} | _PAUSES
 _CHOICES = {
     "parity": ("N", "E", "O"),
     "stopbits": ("1", "1.5", "2"),
@@ -231,7 +247,7 @@ def _checked_place(url: str, scheme: str, place: str) -> str:
 class Endpoint(NamedTuple):
     """The parts of a URL. `place` is HOST:PORT, the path of a serial device, or INTERFACE/CHANNEL.
 
-    `set_direction` is a function, which a URL cannot hold: see `with_direction`.
+    `set_direction` and `ssl_context` are what a URL cannot hold: see `with_direction` and `with_context`.
 
     >>> endpoint = Endpoint.parse("rtu:///dev/ttyUSB0?baudrate=9600&unit=7")
     >>> endpoint.scheme, endpoint.place, endpoint.integer("unit", 1), endpoint.integer("baudrate", 19200)
@@ -242,6 +258,7 @@ class Endpoint(NamedTuple):
     place: str
     options: Mapping[str, str]
     set_direction: SetDirection | None = None
+    ssl_context: SSLContext | None = None
 
     @classmethod
     def parse(cls, url: str, options: Mapping[str, object] | None = None) -> Endpoint:
@@ -300,6 +317,20 @@ class Endpoint(NamedTuple):
         if self.options.get("rs485", "off") != "off":
             raise _error(str(self), "rs485= and set_direction= set the direction, give one of them", "set_direction")
         return self._replace(set_direction=set_direction)
+
+    def with_context(self, context: SSLContext | None) -> Endpoint:
+        """Return the same endpoint with TLS settings of the program, in place of those of its files. Raises EncodeError
+        if the endpoint is not TLS, or names files too."""
+        if context is None:
+            return self
+        if self.transport != "tls":
+            raise _error(str(self), "ssl_context= is for tls://", "ssl_context")
+        given = sorted(self.options.keys() & {"cert", "key", "ca"})
+        if given:
+            raise _error(
+                str(self), f"{', '.join(given)} and ssl_context= set the certificates, give one", "ssl_context"
+            )
+        return self._replace(ssl_context=context)
 
     @property
     def timeout(self) -> float:

@@ -57,10 +57,10 @@ def _described(device: str | Path | Device, url: str) -> Device:
 
 
 def _is_canopen(device: Device, url: str) -> bool:
-    is_canopen = Endpoint.parse(url).scheme == "can"
-    if (device.canopen if is_canopen else device.modbus) is None:
-        raise EncodeError(f"endpoint {url!r}: {device.name} has no {'CANopen' if is_canopen else 'Modbus'}")
-    return is_canopen
+    canopen = Endpoint.parse(url).scheme == "can"
+    if (device.canopen if canopen else device.modbus) is None:
+        raise EncodeError(f"endpoint {url!r}: {device.name} has no {'CANopen' if canopen else 'Modbus'}")
+    return canopen
 
 
 class MachineClient(NamedValues):
@@ -70,7 +70,6 @@ class MachineClient(NamedValues):
         self.device = device
         self.client: ModbusClient | CanopenClient
         self._access: _ModbusValues | DeviceNode
-        # Imported here, so that a machine on Modbus loads no module of CANopen, nor one on CANopen any of Modbus.
         if _is_canopen(device, url):
             from barewire.io.canopen.client import CanopenClient
 
@@ -108,22 +107,38 @@ class MachineClient(NamedValues):
 
 
 class AsyncMachineClient(AsyncNamedValues):
-    """A machine and its client, for asyncio."""
+    """A machine and its client, for asyncio.
 
-    def __init__(self, device: Device, url: str, **options: Any) -> None:
+    With `shared`, the client of another machine on the same line, it uses that one's connection.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        url: str,
+        *,
+        shared: AsyncModbusClient | AsyncCanopenClient | None = None,
+        **options: Any,
+    ) -> None:
         self.device = device
         self.client: AsyncModbusClient | AsyncCanopenClient
         self._access: _AsyncModbusValues | AsyncDeviceNode
+        endpoint = Endpoint.parse(url)
         if _is_canopen(device, url):
             from barewire.io.canopen.async_client import AsyncCanopenClient
 
-            self.client = AsyncCanopenClient(url, **options)
-            self._access = self.client.node(device=device)
+            self.client = shared if isinstance(shared, AsyncCanopenClient) else AsyncCanopenClient(url, **options)
+            node = endpoint.integer("node", 0) or None
+            self._access = self.client.node(node, device=device, timeout=endpoint.timeout)
         else:
             from barewire.io.modbus.async_client import AsyncModbusClient
 
-            self.client = AsyncModbusClient(url, **options)
-            self._access = _AsyncModbusValues(self.client, device)
+            client = shared if isinstance(shared, AsyncModbusClient) else AsyncModbusClient(url, **options)
+            if shared is not None:
+                assert device.modbus is not None, "`_is_canopen` has checked it"
+                client = client.at(unit=endpoint.integer("unit", device.modbus.unit), timeout=endpoint.timeout)
+            self.client = client
+            self._access = _AsyncModbusValues(client, device)
 
     def __repr__(self) -> str:
         return f"<{self.device.name} by {self.client!r}>"

@@ -55,7 +55,11 @@ if TYPE_CHECKING:
     from barewire.modbus.server.identity import Identity as Identity
     from barewire.modbus.server.serial_counters import SerialCounters as SerialCounters
     from barewire.modbus.server.server import (
+        AnyUnit as AnyUnit,
+        Caller as Caller,
         Delayed as Delayed,
+        LaterResponse as LaterResponse,
+        PduUnit as PduUnit,
         Reply as Reply,
         Server as Server,
         ServerStatistics as ServerStatistics,
@@ -77,7 +81,7 @@ __getattr__, __dir__, __all__ = lazy(
         "client.line_state": "LateReply WriteOutcomeUnknown",
         "client.fair_queue": "FairQueue Ticket",
         "client.read_identification": "DeviceIdentification read_device_identification",
-        "server.server": "Delayed Reply Server ServerStatistics Unit",
+        "server.server": "AnyUnit Caller Delayed LaterResponse PduUnit Reply Server ServerStatistics Unit",
         "server.serial_counters": "SerialCounters",
         "server.authorization": "Authorization Permission",
         "server.identity": "Identity",

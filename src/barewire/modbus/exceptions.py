@@ -60,6 +60,8 @@ class ModbusException(Refused):
     """The unit that declined, if a client raised the error."""
     address: int | None = None
     """The address in the request, if it has one."""
+    pdu: bytes | None = None
+    """The whole exception response, if it answers a `RawRequest`: some devices add bytes to it."""
 
     def __init__(self, code: int, function_code: int | None = None) -> None:
         super().__init__(code, function_code)

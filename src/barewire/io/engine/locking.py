@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from barewire.canopen import CanFrame
-    from barewire.modbus import Delayed, Response, Unit
+    from barewire.modbus import AnyUnit, Caller, Delayed, PduUnit, Response, Unit
 
 
 class CanopenNode(Protocol):
@@ -84,14 +84,27 @@ class SharedUnit:
         return getattr(self._unit, name)  # optional members of a unit, such as `diagnostics`
 
 
-class SharedUnits(Mapping[int, "Unit"]):
+class SharedPduUnit:
+    """The same for a unit that gets each request as its bytes."""
+
+    def __init__(self, unit: PduUnit) -> None:
+        self._unit = unit
+        self._lock = exclusive(unit)
+
+    def handle_pdu(self, pdu: bytes, caller: Caller) -> Any:
+        """Return the response of the unit."""
+        with self._lock:
+            return self._unit.handle_pdu(pdu, caller)
+
+
+class SharedUnits(Mapping[int, "AnyUnit"]):
     """Units by address, each as a `SharedUnit`. The mapping inside may change, as when a drive gets another address."""
 
-    def __init__(self, units: Mapping[int, Unit]) -> None:
+    def __init__(self, units: Mapping[int, AnyUnit]) -> None:
         self._units = units
-        self._shared: dict[int, tuple[Unit, SharedUnit]] = {}
+        self._shared: dict[int, tuple[AnyUnit, SharedUnit | SharedPduUnit]] = {}
 
-    def __getitem__(self, address: int) -> Unit:
+    def __getitem__(self, address: int) -> AnyUnit:
         return self._wrapped(address, self._units[address])
 
     def get(self, address: int, default: Any = None) -> Any:
@@ -99,10 +112,11 @@ class SharedUnits(Mapping[int, "Unit"]):
         unit = self._units.get(address)
         return default if unit is None else self._wrapped(address, unit)
 
-    def _wrapped(self, address: int, unit: Unit) -> Unit:
+    def _wrapped(self, address: int, unit: Any) -> AnyUnit:
         known = self._shared.get(address)
         if known is None or known[0] is not unit:
-            known = self._shared[address] = unit, SharedUnit(unit)
+            shared = SharedUnit(unit) if hasattr(unit, "handle") else SharedPduUnit(unit)
+            known = self._shared[address] = unit, shared
         return known[1]
 
     def __contains__(self, address: object) -> bool:

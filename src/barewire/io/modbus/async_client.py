@@ -18,6 +18,7 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
+from barewire._callbacks import check_callbacks
 from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError, shown
 from barewire.io.engine.asyncio import exchange, run
 from barewire.io.engine.connections import OPENED_BEFORE_FORK, end_after_fork, random_fraction
@@ -34,6 +35,7 @@ from barewire.modbus.client.fair_queue import FairQueue, Ticket
 from barewire.tcp import FanOut
 
 if TYPE_CHECKING:
+    from ssl import SSLContext
     from typing import Unpack
 
     from barewire.conversation import Conversation
@@ -89,6 +91,7 @@ class AsyncConnection(ConnectionBase):
         self.lanes = [Lane(bus), *(Lane(bus.sibling_bus(bus.line)) for _ in range(in_flight - 1))]
         bus.state.on_stray = self._log.stray
         self._link: AsyncLink | None = None
+        self._has_told_lost = False
         self._new_queue()
 
     def _new_queue(self) -> None:
@@ -131,14 +134,11 @@ class AsyncConnection(ConnectionBase):
             try:
                 place = self._queue.join(ticket)
                 lane = self.lanes[await self._turn(ticket) if place is None else place]
-                box = self._open_box(lane) or await self.open(lane, patience)
+                box = self.open_box(lane) or await self.open(lane, patience)
                 return await act(lane.bus, box)
             except BaseException as error:
                 if lane is not None:
-                    is_lost = self._is_lost_by(error, lane.bus, unit, request)
-                    # Another task may have opened the connection again meanwhile.
-                    if is_lost and box is not None and lane.box is box:
-                        self.drop(str(lane.bus.line.broken or box.lost or error))
+                    self.failed(lane, box, error, unit, request)
                 raise
             finally:
                 has_left = self._leave(ticket)
@@ -163,7 +163,16 @@ class AsyncConnection(ConnectionBase):
                     self._waiters[holder].set_result(None)
         return True
 
-    def _open_box(self, lane: Lane) -> Mailbox | None:
+    def failed(
+        self, lane: Lane, box: Mailbox | None, error: BaseException, unit: int | None, request: Request[Any] | None
+    ) -> None:
+        """Log the error of an exchange, and drop the connection if it is of no use after it."""
+        is_lost = self._is_lost_by(error, lane.bus, unit, request)
+        # Another task may have opened the connection again meanwhile.
+        if is_lost and box is not None and lane.box is box:
+            self.drop(str(lane.bus.line.broken or box.lost or error))
+
+    def open_box(self, lane: Lane) -> Mailbox | None:
         """Return the lane's mailbox if it is connected. Bytes received since the last request go to the bus first."""
         box = lane.box
         if box is None or box.lost is not None:
@@ -183,7 +192,7 @@ class AsyncConnection(ConnectionBase):
             try:
                 opening = await self._opening.acquire()
                 now = asyncio.get_running_loop().time()
-                box = self._open_box(lane)
+                box = self.open_box(lane)
                 if box is not None:
                     return box
                 self.drop("the connection was given up")
@@ -207,16 +216,20 @@ class AsyncConnection(ConnectionBase):
         wait = self.back_off.wait(asyncio.get_running_loop().time())
         return self.lanes[0].box is None and not self._closed and wait <= patience
 
+    def new_box(self, lane: Lane) -> Mailbox:
+        """Return the mailbox of a lane for a new connection."""
+        return Mailbox(self.endpoint.place)
+
     async def _connect(self, lane: Lane) -> Mailbox:
         clock = asyncio.get_running_loop().time
         watch = watch_both(self._watch, self._log.watch())
-        datagrams, any_unit = self._endpoint.is_datagram, self._endpoint.flag("any_unit")
+        datagrams, any_unit = self.endpoint.is_datagram, self.endpoint.flag("any_unit")
         fan = FanOut(len(self.lanes), datagrams=datagrams, any_unit=any_unit) if len(self.lanes) > 1 else None
-        lines = [modbus_line(self._endpoint, "client")] if fan is None else fan.lines
+        lines = [modbus_line(self.endpoint, "client")] if fan is None else fan.lines
         if fan is not None:
             fan.on_stray = self._log.foreign
         # Before the connection: a side that sends at once, with the last bytes of a TLS handshake, is heard.
-        boxes = [Mailbox(self._endpoint.place) for _ in lines]
+        boxes = [self.new_box(other) for other in self.lanes]
 
         def deliver(data: bytes) -> None:
             assert fan is not None
@@ -224,12 +237,15 @@ class AsyncConnection(ConnectionBase):
                 boxes[place].put(frame)
 
         def lose(why: str) -> None:
+            if self._link is not None and not self._has_told_lost and boxes[0] is self.lanes[0].box:
+                self._has_told_lost = True  # now, and not when the next request finds it lost
+                self._lost("" if self._closed else why)
             for box in boxes:
                 box.fail(why)
 
         receive = traced("received", deliver if fan is not None else lambda data: boxes[0].put(data), watch)
         try:
-            link = self._link = await connect(self._endpoint, receive, lose)
+            link = self._link = await connect(self.endpoint, receive, lose)
             end_after_fork(self)
         except PortError as error:
             self._not_opened(error, clock())
@@ -247,7 +263,9 @@ class AsyncConnection(ConnectionBase):
         """Close a connection that failed: tasks that wait for an answer get a PortError with `why`."""
         if self._link is not None:
             ended = next((lane.box.lost for lane in self.lanes if lane.box is not None and lane.box.lost), None)
-            self._log.lost("" if self._closed else ended or why)
+            if not self._has_told_lost:
+                self._lost("" if self._closed else ended or why)
+            self._has_told_lost = False
             with suppress(RuntimeError):  # the event loop of the connection is closed
                 self._link.close()
             self._link = None
@@ -292,13 +310,17 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         in_flight: int = 1,
         gaps: Mapping[int, float] | None = None,
         watch: Watch | None = None,
+        on_lost: Callable[[str], object] | None = None,
         set_direction: SetDirection | None = None,
+        ssl_context: SSLContext | None = None,
         lazy: bool = False,
         jitter: Callable[[], float] = random_fraction,
         **options: Unpack[ModbusOptions],
     ) -> None:
-        endpoint = self._configure(url, set_direction, {"unit": unit, "timeout": timeout, **options})
+        check_callbacks("on_lost", on_lost=on_lost)
+        endpoint = self._configure(url, set_direction, ssl_context, {"unit": unit, "timeout": timeout, **options})
         self.connection = AsyncConnection(endpoint, in_flight, jitter, bus_options(endpoint, gaps), watch)
+        self.connection.on_lost = on_lost
         self._lazy = lazy
 
     async def __aenter__(self) -> Self:
@@ -308,6 +330,12 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()
+
+    @property
+    def connected(self) -> bool:
+        """Whether the connection is open, as far as is known."""
+        box = self.connection.lanes[0].box
+        return box is not None and box.lost is None
 
     @property
     def bus(self) -> Bus:

@@ -35,6 +35,7 @@ class ModbusOptions(TypedDict, total=False):
 
     gap: float
     dead_after: int
+    longest_pause: float
     late_window: float
     recovery: Literal["probe", "wait"]
     retries: int
@@ -165,6 +166,8 @@ def bus_options(endpoint: Endpoint, gaps: Mapping[int, float] | None = None) -> 
     }
     if "late_window" in endpoint.options:
         options["late_window"] = endpoint.seconds("late_window", 0.0)
+    if "longest_pause" in endpoint.options:
+        options["longest_pause"] = endpoint.seconds("longest_pause", 0.0)
     if "dead_after" in endpoint.options:
         options["dead_after"] = endpoint.integer("dead_after", 0) or None
     return options

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
+from barewire._callbacks import check_callbacks
 from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
 from barewire.io.engine.blocking import exchange, run
 from barewire.io.engine.connections import OPENED_BEFORE_FORK, end_after_fork, random_fraction
@@ -29,6 +30,7 @@ from barewire.modbus.client.bus import Bus
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
 
 if TYPE_CHECKING:
+    from ssl import SSLContext
     from typing import Unpack
 
     from barewire.conversation import Conversation
@@ -158,7 +160,7 @@ class Connection(ConnectionBase):
             self._not_opened(error, time.monotonic())
             raise
         watch = watch_both(self._watch, self._log.watch())
-        line = modbus_line(self._endpoint, "client")
+        line = modbus_line(self.endpoint, "client")
         line.sent(time.monotonic())  # a client waits for a silence of the line before its first request
         # Before the port is there: bytes of the old connection must not stand before those of the new one.
         self.bus.continue_on(line)
@@ -183,7 +185,7 @@ class Connection(ConnectionBase):
     def drop(self, why: str) -> None:
         """Close a port that failed; the next request opens another one."""
         if self.port is not None:
-            self._log.lost(why)
+            self._lost(why)
             self.port.close()
             self.port = None
 
@@ -208,7 +210,9 @@ class ModbusClient(ModbusMethods, BlockingClient):
     timeout         seconds that a request waits for its response; by default 1
     gaps            by unit, the pause in seconds that a slow unit needs between two exchanges; by default `gap`
     watch           called as watch("sent" or "received", data) with all bytes
+    on_lost         called as on_lost(why) when the connection is lost; the next request opens another one
     set_direction   called as set_direction(sending) to set the direction of a two-wire line, for example by a GPIO pin
+    ssl_context     an `ssl.SSLContext` for tls://, in place of the files of the URL
     lazy            connect with the first request, not in the constructor
     jitter          returns numbers in 0..1 that vary the pauses between attempts to connect; by default random
     options         all other options of a URL, which they override: see `barewire.io.endpoint`
@@ -226,13 +230,17 @@ class ModbusClient(ModbusMethods, BlockingClient):
         timeout: float | None = None,
         gaps: Mapping[int, float] | None = None,
         watch: Watch | None = None,
+        on_lost: Callable[[str], object] | None = None,
         set_direction: SetDirection | None = None,
+        ssl_context: SSLContext | None = None,
         lazy: bool = False,
         jitter: Callable[[], float] = random_fraction,
         **options: Unpack[ModbusOptions],
     ) -> None:
-        endpoint = self._configure(url, set_direction, {"unit": unit, "timeout": timeout, **options})
+        check_callbacks("on_lost", on_lost=on_lost)
+        endpoint = self._configure(url, set_direction, ssl_context, {"unit": unit, "timeout": timeout, **options})
         self.connection = Connection(endpoint, jitter, bus_options(endpoint, gaps), watch)
+        self.connection.on_lost = on_lost
         if not lazy:
             self.connection.open(self.timeout)
 
@@ -241,6 +249,11 @@ class ModbusClient(ModbusMethods, BlockingClient):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    @property
+    def connected(self) -> bool:
+        """Whether the port is open, as far as is known: a lost connection shows in the next request."""
+        return self.connection.port is not None
 
     @property
     def bus(self) -> Bus:

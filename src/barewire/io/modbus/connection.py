@@ -67,10 +67,12 @@ class ConnectionBase:
     def __init__(self, endpoint: Endpoint, jitter: Callable[[], float], watch: Watch | None) -> None:
         first, longest = endpoint.pauses
         self.back_off = BackOff(jitter, first=first, longest=longest)
-        self._endpoint = endpoint
+        self.endpoint = endpoint
         self._watch = watch
         self._log = ClientLog(endpoint)
         self._closed = ""  # why requests are refused, if they are
+        self.on_lost: Callable[[str], object] | None = None
+        """Called with the reason when the connection is lost, not when the program closes it."""
 
     def pause_before_opening(self, now: float, patience: float) -> float:
         """Return the seconds until the next attempt to connect. Raises PortError if they are more than `patience`."""
@@ -84,6 +86,15 @@ class ConnectionBase:
     def _not_opened(self, error: PortError, now: float) -> None:
         self.back_off.failed(now, str(error))
         self._log.not_connected(error, self.back_off.wait(now))
+
+    def _lost(self, why: str) -> None:
+        """Log the end of the connection, and report it; without a reason the program closed it."""
+        self._log.lost(why)
+        if why and self.on_lost is not None:
+            try:
+                self.on_lost(why)
+            except Exception as error:  # a connection is given up in whatever state the program is
+                self._log.error("on_lost", f"on_lost raised {type(error).__name__}: {error}", error)
 
     def _opened(self) -> None:
         self.back_off.reset()

@@ -28,6 +28,7 @@ from barewire.io.modbus.carriers import modbus_endpoint
 
 if TYPE_CHECKING:
     from pathlib import Path
+    from ssl import SSLContext
 
     from barewire.codecs import Value
     from barewire.devices.device import Device
@@ -101,12 +102,18 @@ class ModbusMethods:
         other = self.unit is not None and f"unit={self.unit}" not in self.url.partition("?")[2].split("&")
         return f"<{type(self).__name__} {self.url}{f', unit {self.unit}' if other else ''}>"
 
-    def _configure(self, url: str, set_direction: SetDirection | None, options: Mapping[str, object]) -> Endpoint:
+    def _configure(
+        self,
+        url: str,
+        set_direction: SetDirection | None,
+        ssl_context: SSLContext | None,
+        options: Mapping[str, object],
+    ) -> Endpoint:
         """Set the URL, the unit and the time-out, and return the endpoint."""
         if "unit" in options:
             options = {**options, "unit": _checked_unit(options["unit"])}
         check_timeout(options.get("timeout"))
-        endpoint = modbus_endpoint(url, options).with_direction(set_direction)
+        endpoint = modbus_endpoint(url, options).with_direction(set_direction).with_context(ssl_context)
         self.url = str(endpoint)
         self.unit = endpoint.integer("unit", 0) if "unit" in endpoint.options else None
         self.timeout = endpoint.timeout

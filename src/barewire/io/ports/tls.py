@@ -73,12 +73,15 @@ def server_context(endpoint: Endpoint) -> ssl.SSLContext:
     if endpoint.choice("client_cert", "required") == "none":
         return _context(endpoint, ssl.PROTOCOL_TLS_SERVER, ("cert", "key"))
     context = _context(endpoint, ssl.PROTOCOL_TLS_SERVER, ("cert", "key", "ca"))
-    context.verify_mode = ssl.CERT_REQUIRED
+    if endpoint.ssl_context is None:
+        context.verify_mode = ssl.CERT_REQUIRED
     return context
 
 
 def _context(endpoint: Endpoint, side: ssl._SSLMethod, needed: tuple[str, ...]) -> ssl.SSLContext:
     """Return the settings of one side. `needed` are the options that name its files."""
+    if endpoint.ssl_context is not None:
+        return endpoint.ssl_context
     from pathlib import Path  # not at the top: every asyncio client loads this file, for `tls_reason`
 
     files = {}

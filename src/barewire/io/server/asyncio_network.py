@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import ssl
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
@@ -22,8 +23,8 @@ from barewire.io.ports.network import CHUNK, CONNECTIONS, is_own_address, listen
 from barewire.io.ports.tls import roles_of, server_context, tls_reason
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.limits import COPIES, RATE, Acceptor, DatagramLimits, End
-from barewire.io.server.units import Inject, UnitsConnection, UnitsServer
-from barewire.modbus import Authorization, Request, Server, Unit
+from barewire.io.server.units import Inject, UnitsConnection, UnitsServer, later_response
+from barewire.modbus import AnyUnit, Authorization, Caller, Reply, Request, Server
 from barewire.modbus.server.authorization import role_of
 from barewire.modbus.server.server import counters_for
 
@@ -31,6 +32,8 @@ _HANDSHAKE = 10.0
 """Seconds that a TLS handshake may take."""
 _HANDSHAKES = 256
 """TLS handshakes under way at a time: each takes 50 KB, most of it in OpenSSL."""
+_CALLERS = 256
+"""The most clients of a UDP port that are remembered, each with its queue in a gateway."""
 _SHORTEST = 1.0
 """Seconds that a TLS handshake has in any case, also while others wait."""
 
@@ -41,7 +44,7 @@ class StreamServer(UnitsServer):
     def __init__(
         self,
         endpoint: Endpoint,
-        units: Mapping[int, Unit],
+        units: Mapping[int, AnyUnit],
         authorization: Authorization | None = None,
         inject: Inject | None = None,
     ) -> None:
@@ -135,7 +138,13 @@ class _Connection(UnitsConnection, asyncio.BufferedProtocol):
 
     def __init__(self, server: StreamServer) -> None:
         has_roles = server.context is not None or server.authorization is not None
-        super().__init__(server, permits=self._permits if has_roles else None, counters=server.counters)
+        super().__init__(
+            server,
+            permits=self._permits if has_roles else None,
+            counters=server.counters,
+            send_later=lambda reply, caller: self.send([reply]),
+            wait_for=later_response,
+        )
         self._stream_server = server
         self._loop = asyncio.get_running_loop()
         self._tls = TlsSession(server.context) if server.context is not None else None
@@ -158,7 +167,7 @@ class _Connection(UnitsConnection, asyncio.BufferedProtocol):
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         host, port = (transport.get_extra_info("peername") or ("?", 0))[:2]
-        self.peer = place_of(host, port)
+        self.peer = self.caller.peer = place_of(host, port)
         self._watch = self._shared.log.watch(self.peer)
         self._stream_server.connected(self)
         if self._tls is not None:
@@ -170,6 +179,7 @@ class _Connection(UnitsConnection, asyncio.BufferedProtocol):
             self._shared.connections.close(self, f"no TLS handshake within {_HANDSHAKE:g} s", "refused")
 
     def connection_lost(self, exc: Exception | None) -> None:
+        self.caller.is_gone = True
         self._shared.connections.remove(self)
         if self._timer is not None:
             self._timer.cancel()
@@ -210,6 +220,7 @@ class _Connection(UnitsConnection, asyncio.BufferedProtocol):
             why = tls_reason(error)
         if tls.is_established:
             self._stream_server.handshakes.pop(self, None)
+            self.caller.role = tls.role
         self._transport.write(tls.outgoing())  # after an error it has the alert, which gives the client the reason
         for part in received:
             self._feed(part, now)
@@ -306,10 +317,11 @@ class TlsSession:
 class DatagramServer(UnitsServer, asyncio.DatagramProtocol):
     """A server on a UDP port. Each datagram is a frame; its answer is sent to the address it came from."""
 
-    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None = None) -> None:
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, AnyUnit], inject: Inject | None = None) -> None:
         super().__init__(endpoint, units, inject)
         self._watch: Callable[[str, bytes], None] | None = None
         self._peer = "?"  # the sender of the present request
+        self._callers: OrderedDict[Any, Caller] = OrderedDict()  # by address, the one that sent last at the end
         self._server = Server(
             self.line,
             units,
@@ -317,6 +329,8 @@ class DatagramServer(UnitsServer, asyncio.DatagramProtocol):
             statistics=self.statistics,
             on_failure=self.log.failed,
             on_refusal=lambda unit, request: self.log.refused(unit, request, self._peer),
+            send_later=lambda reply, caller: self._send_later(reply, caller),
+            wait_for=later_response,
         )
         self._transport: asyncio.DatagramTransport | None = None
         self._full = False
@@ -361,6 +375,7 @@ class DatagramServer(UnitsServer, asyncio.DatagramProtocol):
             why = f"from the address of this server, or the same {COPIES} times, as an answer that goes round"
             self.log.warning("echo", f"{addr[0]}:{addr[1]}: a datagram {why}: refused")
             return
+        self._server.caller = self._caller(addr)
         for reply in self._server.feed(data, now):
             if reply.data == data:
                 self._limits.answered_with_itself(data, addr, now)
@@ -368,6 +383,24 @@ class DatagramServer(UnitsServer, asyncio.DatagramProtocol):
                 self._send(reply.data, addr)
             else:
                 self.inject(reply, partial(self._send, addr=addr))
+
+    def _send_later(self, reply: Reply, caller: Caller) -> None:
+        host, _, port = caller.peer.rpartition(":")
+        self._send(reply.data, (host.strip("[]"), int(port)))
+
+    def _caller(self, addr: Any) -> Caller:
+        """Return the client with this address. Only the latest are known, because an address may be forged."""
+        caller = self._callers.get(addr)
+        if caller is None:
+            caller = Caller(place_of(addr[0], addr[1]))
+            if len(self._callers) >= _CALLERS:
+                oldest = next((known for known, other in self._callers.items() if not other.open_requests), None)
+                if oldest is None:
+                    return caller  # all of them wait for a response: this one is not remembered
+                del self._callers[oldest]
+            self._callers[addr] = caller
+        self._callers.move_to_end(addr)
+        return caller
 
     def _send(self, data: bytes, addr: Any) -> None:
         assert self._transport is not None
@@ -390,7 +423,7 @@ class DatagramServer(UnitsServer, asyncio.DatagramProtocol):
 
 def server_at(
     endpoint: Endpoint,
-    units: Mapping[int, Unit],
+    units: Mapping[int, AnyUnit],
     authorization: Authorization | None = None,
     inject: Inject | None = None,
 ) -> StreamServer | DatagramServer:
@@ -409,7 +442,7 @@ class AsyncioService:
     def __init__(
         self,
         endpoint: Endpoint,
-        units: Mapping[int, Unit],
+        units: Mapping[int, AnyUnit],
         authorization: Authorization | None = None,
         inject: Inject | None = None,
     ) -> None:

@@ -29,6 +29,7 @@ from barewire.io.server.base import AsyncServer, ThreadedServer
 
 if TYPE_CHECKING:
     import socket
+    from ssl import SSLContext
     from typing import Unpack
 
     from barewire.io.endpoint import Endpoint, SetDirection
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from barewire.io.server.asyncio_network import DatagramServer, StreamServer
     from barewire.io.server.limits import ConnectionTable
     from barewire.io.server.serial import SerialServer
-    from barewire.modbus import Authorization, Unit
+    from barewire.modbus import AnyUnit, Authorization
     from barewire.modbus.server.server import ServerStatistics
 
 
@@ -66,6 +67,7 @@ class ModbusServer(ThreadedServer):
     units           by unit address, 0..255: a `Table`, `Functions`, or any object with handle(request, now)
     authorization   the rights of each role of a TLS certificate; by default the table that the URL names as `roles`
     set_direction   called as set_direction(sending) to set the direction of a two-wire line, for example by a GPIO pin
+    ssl_context     an `ssl.SSLContext` for tls://, in place of the files of the URL; it decides who needs a certificate
     faults          the faults in the answers: kinds and probabilities as a text, "late:0.5,drop", or a dict; faults of
                     selected answers as a text, "exception=04@20,drop@nth=5", or objects of `Fault`; by default none
                     (`barewire.io.fault_injection.faults` explains the text, `faults` lists the kinds)
@@ -85,10 +87,11 @@ class ModbusServer(ThreadedServer):
     def __init__(
         self,
         url: str,
-        units: Mapping[int, Unit],
+        units: Mapping[int, AnyUnit],
         *,
         authorization: Authorization | None = None,
         set_direction: SetDirection | None = None,
+        ssl_context: SSLContext | None = None,
         faults: GivenFaults | None = None,
         fault_seed: int | None = None,
         fault_delay: float | None = None,
@@ -96,7 +99,7 @@ class ModbusServer(ThreadedServer):
         **options: Unpack[ModbusOptions],
     ) -> None:
         super().__init__()
-        endpoint = _server_endpoint(url, units, set_direction, options)
+        endpoint = _server_endpoint(url, units, set_direction, ssl_context, options)
         model = _faults_of(endpoint, units, faults, fault_seed, fault_delay, on_fault)
         self._service = _service(endpoint, SharedUnits(units), authorization, model)
         self.url = self._service.url
@@ -137,10 +140,11 @@ class AsyncModbusServer(AsyncServer):
     def __init__(
         self,
         url: str,
-        units: Mapping[int, Unit],
+        units: Mapping[int, AnyUnit],
         *,
         authorization: Authorization | None = None,
         set_direction: SetDirection | None = None,
+        ssl_context: SSLContext | None = None,
         listener: socket.socket | None = None,
         faults: GivenFaults | None = None,
         fault_seed: int | None = None,
@@ -148,7 +152,7 @@ class AsyncModbusServer(AsyncServer):
         on_fault: Callable[[str], None] | None = None,
         **options: Unpack[ModbusOptions],
     ) -> None:
-        self._endpoint = _server_endpoint(url, units, set_direction, options)
+        self._endpoint = _server_endpoint(url, units, set_direction, ssl_context, options, may_await=True)
         if self._endpoint.place == PSEUDO_TERMINAL:
             raise EncodeError(f"endpoint {url!r}: pseudo-terminals are made by ModbusServer, in a thread")
         self.url = str(self._endpoint)
@@ -204,7 +208,7 @@ class AsyncModbusServer(AsyncServer):
 
 def _service(
     endpoint: Endpoint,
-    units: Mapping[int, Unit],
+    units: Mapping[int, AnyUnit],
     authorization: Authorization | None,
     faults: Faults[bytes] | None,
 ) -> Service:
@@ -231,7 +235,7 @@ def _service(
 
 def _faults_of(
     endpoint: Endpoint,
-    units: Mapping[int, Unit],
+    units: Mapping[int, AnyUnit],
     faults: GivenFaults | None,
     seed: int | None,
     delay: float | None,
@@ -249,19 +253,28 @@ def _faults_of(
 
 
 def _server_endpoint(
-    url: str, units: Mapping[int, Unit], set_direction: SetDirection | None, options: Mapping[str, object]
+    url: str,
+    units: Mapping[int, AnyUnit],
+    set_direction: SetDirection | None,
+    ssl_context: SSLContext | None,
+    options: Mapping[str, object],
+    *,
+    may_await: bool = False,
 ) -> Endpoint:
     """Return the endpoint of a server of `units`. Raise EncodeError for a wrong URL, option or unit."""
-    endpoint = modbus_endpoint(url, options).with_direction(set_direction)
+    endpoint = modbus_endpoint(url, options).with_direction(set_direction).with_context(ssl_context)
     if endpoint.transport not in _SERVED:
         expected = ", ".join(f"{scheme}://" for scheme, carrier in CARRIERS.items() if carrier.transport in _SERVED)
         raise EncodeError(f"endpoint {url!r}: there is no server for {endpoint.scheme}://, expected {expected}")
-    _check_units(units, has_broadcasts=endpoint.framing != "tcp")
+    _check_units(units, has_broadcasts=endpoint.framing != "tcp", may_await=may_await)
     return endpoint
 
 
-def _check_units(units: Mapping[int, Unit], *, has_broadcasts: bool) -> None:
-    """Raise EncodeError unless `units` maps unit addresses, 0 to 255, to objects with a method `handle`."""
+def _check_units(units: Mapping[int, AnyUnit], *, has_broadcasts: bool, may_await: bool) -> None:
+    """Raise EncodeError unless `units` maps unit addresses, 0 to 255, to objects with `handle` or `handle_pdu`.
+
+    `may_await`: that may be `async def handle_pdu`.
+    """
     if not hasattr(units, "get") or not hasattr(units, "keys"):
         raise EncodeError(
             f"units: expected a dict of unit address and unit, such as {{1: Table()}}, got {shown(units)}"
@@ -277,13 +290,15 @@ def _check_units(units: Mapping[int, Unit], *, has_broadcasts: bool) -> None:
         if isinstance(unit, type):
             name = unit.__name__
             raise EncodeError(f"units: unit {address}: the class {name}: expected an instance, {name}(...)")
-        handle = getattr(unit, "handle", None)
+        name = "handle" if hasattr(unit, "handle") else "handle_pdu"
+        handle = getattr(unit, name, None)
         if not callable(handle):
             expected = "a Table, Functions, simulator(...).modbus, or an object with handle(request, now)"
             raise EncodeError(f"units: unit {address}: {shown(unit)}: expected {expected}")
-        if kind := deferred(handle):
+        kind = deferred(handle)
+        if kind and not (may_await and name == "handle_pdu"):
             raise EncodeError(
-                f"units: unit {address}: its method handle is {kind}: expected one that returns the response"
+                f"units: unit {address}: its method {name} is {kind}: expected one that returns the response"
             )
 
 

@@ -10,7 +10,7 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import PSEUDO_TERMINAL, Endpoint
@@ -18,8 +18,8 @@ from barewire.io.ports.base import Port
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.io.ports.serial import SerialPort, SerialSettings
 from barewire.io.server.base import POLL_INTERVAL
-from barewire.io.server.units import Inject, UnitsServer
-from barewire.modbus import Server, Unit
+from barewire.io.server.units import Inject, UnitsServer, later_response
+from barewire.modbus import AnyUnit, Server
 
 if TYPE_CHECKING:
     import asyncio
@@ -37,7 +37,7 @@ class SerialService(UnitsServer):
     If the URL names `pty`, or a path that does not exist, the line is a new pseudo-terminal.
     """
 
-    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], faults: Faults[bytes] | None = None) -> None:
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, AnyUnit], faults: Faults[bytes] | None = None) -> None:
         super().__init__(endpoint, units)
         self._server = _server_of(self)
         self.port: Port[bytes]
@@ -86,9 +86,11 @@ class SerialServer(UnitsServer):
     _link: SerialLink
     _watch: Watch | None
 
-    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None = None) -> None:
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, AnyUnit], inject: Inject | None = None) -> None:
         super().__init__(endpoint, units, inject)
-        self._server = _server_of(self)
+        self._server = _server_of(
+            self, send_later=lambda reply, caller: self._begin_to_send([reply]), wait_for=later_response
+        )
         self._is_open = False
         self._timer: asyncio.TimerHandle | None = None
         self._sending: asyncio.Task[None] | None = None
@@ -113,10 +115,13 @@ class SerialServer(UnitsServer):
             self._timer = None
         replies = self._server.feed(data, self._loop.time())
         if replies:
-            self._link.pause_reading()
-            self._sending = self._loop.create_task(self._send(replies))
+            self._begin_to_send(replies)
         else:
             self._set_timer()
+
+    def _begin_to_send(self, replies: list[Reply]) -> None:
+        self._link.pause_reading()
+        self._sending = self._loop.create_task(self._send(replies))
 
     def _set_timer(self) -> None:
         deadline = self._server.deadline
@@ -163,9 +168,16 @@ class SerialServer(UnitsServer):
         self.log.stopped()
 
 
-def _server_of(shared: UnitsServer) -> Server:
+def _server_of(shared: UnitsServer, **options: Any) -> Server:
     """Return the server of a line, whose only framing state is that of `shared`."""
-    return Server(shared.line, shared.units, serial=True, statistics=shared.statistics, on_failure=shared.log.failed)
+    return Server(
+        shared.line,
+        shared.units,
+        serial=True,
+        statistics=shared.statistics,
+        on_failure=shared.log.failed,
+        **options,
+    )
 
 
 def _new_terminal(endpoint: Endpoint) -> PseudoTerminal:

@@ -23,7 +23,7 @@ from barewire.io.server.units import UnitsConnection, UnitsServer
 if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint
     from barewire.io.fault_injection.ports import FaultInjector
-    from barewire.modbus import Unit
+    from barewire.modbus import AnyUnit
 
 _SELECT_LIMIT = 500
 """Connections where the system has nothing but `select`, which fails with more than 512 sockets."""
@@ -32,7 +32,7 @@ _SELECT_LIMIT = 500
 class TcpService(UnitsServer):
     """A server of units on a TCP port. `injector` puts faults into the answers."""
 
-    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], injector: FaultInjector | None = None) -> None:
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, AnyUnit], injector: FaultInjector | None = None) -> None:
         super().__init__(endpoint, units, injector)
         self._injector = injector
         if issubclass(selectors.DefaultSelector, selectors.SelectSelector):

@@ -10,19 +10,19 @@ A port without connections, a serial line or UDP, has one `Server` and one frami
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from barewire.io.modbus.carriers import modbus_line
 from barewire.io.server.base import server_log
 from barewire.io.server.limits import ConnectionTable, End
-from barewire.modbus.server.server import Server, ServerStatistics
+from barewire.modbus.server.server import Caller, LaterResponse, Server, ServerStatistics
 
 if TYPE_CHECKING:
     from barewire.errors import PortError
     from barewire.io.endpoint import Endpoint
     from barewire.io.ports.base import Watch
-    from barewire.modbus import Unit
+    from barewire.modbus import AnyUnit
     from barewire.modbus.messages.registry import AnyRequest
     from barewire.modbus.server.server import Reply
 
@@ -39,7 +39,7 @@ class UnitsServer:
     failure: PortError | None = None
     """The error of the port that ended the server."""
 
-    def __init__(self, endpoint: Endpoint, units: Mapping[int, Unit], inject: Inject | None = None) -> None:
+    def __init__(self, endpoint: Endpoint, units: Mapping[int, AnyUnit], inject: Inject | None = None) -> None:
         self.endpoint = endpoint
         self.url = str(endpoint)
         """The URL for clients, with the port number that the system chose for port 0."""
@@ -63,6 +63,8 @@ class UnitsConnection(ABC):
         """`options` are those of `Server`."""
         self._shared = shared
         self._line = modbus_line(shared.endpoint, "server", tuple(shared.units))
+        self.caller = Caller()
+        """This client, as a `PduUnit` sees it."""
         self._server = Server(
             self._line,
             shared.units,
@@ -70,6 +72,7 @@ class UnitsConnection(ABC):
             statistics=shared.statistics,
             on_failure=shared.log.failed,
             on_refusal=self._refused,
+            caller=self.caller,
             **options,
         )
 
@@ -87,15 +90,19 @@ class UnitsConnection(ABC):
             self._watch("received", data)
         replies = self._server.feed(data, now)
         if replies:
-            self.was_answered = True
-            if self._shared.inject is not None:
-                for reply in replies:  # one by one: each has faults of its own
-                    self._shared.inject(reply, self.write)
-            else:
-                self.write(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
+            self.send(replies)
         if self._line.broken is not None:  # the beginning of the next frame cannot be found any more
             self.end(str(self._line.broken), "broken")
         return bool(replies)
+
+    def send(self, replies: list[Reply]) -> None:
+        """Write replies, those to the requests of one read together."""
+        self.was_answered = True
+        if self._shared.inject is not None:
+            for reply in replies:  # one by one: each has faults of its own
+                self._shared.inject(reply, self.write)
+        else:
+            self.write(replies[0].data if len(replies) == 1 else b"".join([reply.data for reply in replies]))
 
     @abstractmethod
     def write(self, data: bytes) -> None:
@@ -104,3 +111,27 @@ class UnitsConnection(ABC):
     @abstractmethod
     def end(self, why: str, end: End) -> None:
         """Close after the pending bytes are sent. Without `why` the client ended the connection."""
+
+
+def later_response(awaitable: Awaitable[bytes | None]) -> LaterResponse:
+    """Return the response that an `async def handle_pdu` will have, in a task of its own."""
+    later = LaterResponse()
+
+    async def respond() -> None:
+        try:
+            later.give(await awaitable)
+        except BaseException as error:
+            later.give(error)
+            if not isinstance(error, Exception):
+                raise
+
+    import asyncio  # not at the top: the servers without asyncio do not need it
+
+    task = asyncio.get_running_loop().create_task(respond())
+    _tasks.add(task)
+    task.add_done_callback(_tasks.discard)
+    return later
+
+
+_tasks: set[Any] = set()
+"""The tasks of units: the event loop keeps only weak references, and one may be collected while it waits."""

@@ -45,7 +45,15 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus.adu import BROADCAST, Adu, describe_event
-from barewire.modbus.client.line_state import NEVER, LineState, NotSent, PendingAnswer, no_answer, note_stray
+from barewire.modbus.client.line_state import (
+    LONGEST_PAUSE,
+    NEVER,
+    LineState,
+    NotSent,
+    PendingAnswer,
+    no_answer,
+    note_stray,
+)
 from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
@@ -72,6 +80,7 @@ class Bus:
     retries        how often a read without a response is repeated, where a call gives no other number (default 0)
     dead_after     the number of unanswered requests in a row after which a unit is not asked for a while, longer
                    each time (default None: never)
+    longest_pause  the longest of these times, in seconds (default 30)
     """
 
     def __init__(
@@ -84,11 +93,14 @@ class Bus:
         gap: float = 0.0,
         gaps: Mapping[int, float] | None = None,
         dead_after: int | None = None,
+        longest_pause: float = LONGEST_PAUSE,
         retries: int = 0,
     ) -> None:
         any_unit = getattr(line, "any_unit", False) and not line.numbered
         self.line = line
-        self.state = LineState(gap=gap, gaps=gaps, dead_after=dead_after, any_unit=any_unit)
+        self.state = LineState(
+            gap=gap, gaps=gaps, dead_after=dead_after, longest_pause=longest_pause, any_unit=any_unit
+        )
         self.counters = self.state.counters
         self.retries = retries
         self.recovery: Recovery = recovery

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _KEPT = 16
 """How many late replies are kept at most, so that a bad line does not fill the memory."""
 
-_LONGEST_PAUSE = 30.0
+LONGEST_PAUSE = 30.0
 """The longest time, in seconds, for which no request is sent to a dead unit."""
 
 NEVER = float("-inf")
@@ -108,9 +108,17 @@ class BusCounters:
 
 
 class LineState:
-    """The state of a bus. `gap`, `gaps` and `dead_after` are the options of `Bus`."""
+    """The state of a bus. `gap`, `gaps`, `dead_after` and `longest_pause` are the options of `Bus`."""
 
-    def __init__(self, *, gap: float, gaps: Mapping[int, float] | None, dead_after: int | None, any_unit: bool) -> None:
+    def __init__(
+        self,
+        *,
+        gap: float,
+        gaps: Mapping[int, float] | None,
+        dead_after: int | None,
+        longest_pause: float = LONGEST_PAUSE,
+        any_unit: bool,
+    ) -> None:
         self.counters = BusCounters()
         self.units: defaultdict[int, UnitState] = defaultdict(UnitState)
         self.pending: list[PendingAnswer] = []
@@ -120,6 +128,7 @@ class LineState:
         self._gap = gap
         self._gaps = gaps or {}
         self._dead_after = dead_after
+        self._longest_pause = longest_pause
         self.on_stray: Callable[[LineEvent, PendingAnswer | None], object] | None = None
         """Called with each frame or noise that does not answer the open request, and with the request that it answers
         late, if that is known."""
@@ -141,7 +150,8 @@ class LineState:
         """Count a request without a response. From `dead_after` on the unit is dead for a time that grows."""
         unit_state.silent += 1
         if self._dead_after is not None and unit_state.silent >= self._dead_after:
-            unit_state.dead_until = now + min(2.0 ** (unit_state.silent - self._dead_after), _LONGEST_PAUSE)
+            pause = 2.0 ** min(unit_state.silent - self._dead_after, 32)
+            unit_state.dead_until = now + min(pause, self._longest_pause)
 
     def expire(self, now: float) -> None:
         """Drop the pending answers that cannot come any more because their time is over."""

@@ -10,6 +10,7 @@
     comm_events          0B 0C            the event counter and the event log of a serial line
     identification       11 2B/0E         server ID, device identification
     canopen_reference    2B/0D            an object dictionary behind Modbus; its exception is an SDO abort
+    raw                  any              a message as its bytes, for gateways
     registry             the class of a PDU, the length of a PDU from its first bytes, custom function codes
 
 **This file is the list of the functions.** To add one, write its two classes, add them to both lists below, and the
@@ -76,6 +77,7 @@ if TYPE_CHECKING:
         ReportServerId as ReportServerId,
         ReportServerIdResponse as ReportServerIdResponse,
     )
+    from barewire.modbus.messages.raw import RawRequest as RawRequest, RawResponse as RawResponse
     from barewire.modbus.messages.registers import (
         ReadHoldingRegisters as ReadHoldingRegisters,
         ReadHoldingRegistersResponse as ReadHoldingRegistersResponse,
@@ -113,6 +115,7 @@ __getattr__, __dir__, NAMES = lazy(
         "identification": (
             "ReadDeviceIdentification ReadDeviceIdentificationResponse ReportServerId ReportServerIdResponse"
         ),
+        "raw": "RawRequest RawResponse",
         "canopen_reference": "CanopenReference CanopenReferenceResponse ExtendedExceptionResponse SdoAborted",
     },
 )

@@ -110,6 +110,8 @@ class Permission(NamedTuple):
             return False
         if self.addresses is None:
             return True
+        if getattr(request, "is_malformed", False):  # a `RawRequest`: a device may carry it out, at any address
+            return False
         touched = _touches(request)
         return all(map(self._covers, touched)) if touched else self.functions is not None
 

@@ -26,10 +26,10 @@ response to it could be mistaken for the response to another request.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from barewire.errors import DecodeError
 from barewire.modbus.adu import BROADCAST, Adu, Noise
@@ -40,8 +40,9 @@ from barewire.modbus.exceptions import (
     ModbusException,
 )
 from barewire.modbus.framing import Line, LineEvent
-from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Response, encoded
+from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Response, checked, encoded
 from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse, SdoAborted
+from barewire.modbus.messages.raw import RawRequest
 from barewire.modbus.messages.registry import AnyRequest, request_class
 from barewire.modbus.server.serial_counters import ANSWERED, SerialCounters
 
@@ -67,6 +68,79 @@ class Unit(Protocol):
     """
 
     def handle(self, request: Any, now: float) -> Response | Delayed | None: ...
+
+
+class PduUnit(Protocol):
+    """A unit that gets each request as its bytes, of any function code, before the server judges the function.
+
+    `handle_pdu` returns the PDU of the response, None to stay silent, or a `LaterResponse`; or raises ModbusException.
+    With an asyncio server it may be `async def`. On a serial line it gets functions 08, 0B and 0C too.
+    """
+
+    def handle_pdu(self, pdu: bytes, caller: Caller) -> bytes | LaterResponse | Awaitable[bytes | None] | None: ...
+
+
+class Caller:
+    """The client of a connection, as a `PduUnit` sees it: one object for each connection, or each host on UDP.
+
+    peer             its address, such as "10.0.0.7:51324"; empty on a serial line
+    role             the role in its certificate; None without one
+    is_gone          whether the connection has ended, so that a response reaches nobody
+    open_requests    how many of its requests wait for a `LaterResponse`
+    """
+
+    __slots__ = ("is_gone", "open_requests", "peer", "role")
+
+    def __init__(self, peer: str = "", role: str | None = None) -> None:
+        self.peer = peer
+        self.role = role
+        self.is_gone = False
+        self.open_requests = 0
+
+    def __repr__(self) -> str:
+        return f"<Caller {self.peer or 'of a serial line'}{', gone' if self.is_gone else ''}>"
+
+
+class LaterResponse:
+    """A response that a `PduUnit` does not have yet: it returns this, and calls `give` when it has the response.
+
+    `give` is called once, in the thread of the server. Responses to the requests of one connection may be given in any
+    order: on TCP each has its transaction number. On a serial line a response is dropped if another request followed
+    meanwhile, because its client has given up.
+    """
+
+    __slots__ = ("_deliver", "_is_given", "_response")
+
+    def __init__(self) -> None:
+        self._deliver: Callable[[bytes | BaseException | None], None] | None = None
+        self._response: bytes | BaseException | None = None
+        self._is_given = False
+
+    def __repr__(self) -> str:
+        return f"<LaterResponse {'given' if self._is_given else 'open'}>"
+
+    def give(self, response: bytes | BaseException | None) -> None:
+        """Send the response, or let the server be silent. A second call has no effect.
+
+        An exception is treated as one that `handle_pdu` raises: ModbusException declines, another one is 04.
+        """
+        if self._is_given:
+            return
+        self._is_given = True
+        if self._deliver is None:
+            self._response = response  # `handle_pdu` has not returned yet
+        else:
+            self._deliver(response)
+
+    def deliver_to(self, deliver: Callable[[bytes | BaseException | None], None]) -> None:
+        """Called by the server: where the response goes. If it was given already, it goes there at once."""
+        self._deliver = deliver
+        if self._is_given:
+            deliver(self._response)
+
+
+AnyUnit: TypeAlias = Unit | PduUnit
+"""What a server has at an address."""
 
 
 class Delayed(NamedTuple):
@@ -143,7 +217,8 @@ class Server:
 
     line            the framing
     units           address -> unit. On TCP, requests for other addresses go to `units[255]` or `units[0]` if there is
-                    one, and get exception 0B otherwise; on a serial line they are for other servers
+                    one, and get exception 0B otherwise; on a serial line they are for other servers, and broadcasts
+                    are for all units, or for `units[0]` alone if there is one
     serial          whether the line has broadcasts and other servers, as serial lines do; TCP has neither
     transactions    the most requests in one read that are handled (TCP only, default 16)
     permits         permits(unit, request) decides whether a request is carried out; exception 01 if not
@@ -153,12 +228,16 @@ class Server:
                     raise the error again; without it, SystemExit and the like are raised
     on_refusal      called as on_refusal(unit, request or None) for a request that is not permitted, and for one to a
                     unit that is not served (None), except on a serial line
+    caller          the client, for units that are a `PduUnit`
+    send_later      called as send_later(reply, caller) with the reply of a `LaterResponse`; without it a unit that
+                    returns one has failed
+    wait_for        makes a `LaterResponse` of what an `async def handle_pdu` returns; without it that is a failure too
     """
 
     def __init__(
         self,
         line: Line,
-        units: Mapping[int, Unit],
+        units: Mapping[int, AnyUnit],
         *,
         serial: bool,
         transactions: int = TRANSACTIONS,
@@ -167,6 +246,9 @@ class Server:
         statistics: ServerStatistics | None = None,
         on_failure: Callable[[int, AnyRequest | None, BaseException], None] | None = None,
         on_refusal: Callable[[int, AnyRequest | None], None] | None = None,
+        caller: Caller | None = None,
+        send_later: Callable[[Reply, Caller], None] | None = None,
+        wait_for: Callable[[Awaitable[bytes | None]], LaterResponse] | None = None,
     ) -> None:
         self.line = line
         self.units = units
@@ -174,6 +256,10 @@ class Server:
         self.statistics = ServerStatistics() if statistics is None else statistics
         self.counters: defaultdict[int, SerialCounters] = counters_for(line) if counters is None else counters
         """By unit, on serial lines."""
+        self.caller = Caller() if caller is None else caller
+        self._send_later = send_later
+        self._wait_for = wait_for
+        self._latest: Adu | None = None  # the latest request on a serial line: only that may be answered later
         self._transactions = transactions
         self._permits = permits
         self._on_failure = on_failure
@@ -198,7 +284,7 @@ class Server:
             is_early = now < line.quiet_at
             return self._feed_serial(line.feed(data, now), now, is_early)
         replies = []
-        room = self._transactions
+        room = self._transactions - self.caller.open_requests
         for event in line.feed(data, now):
             if isinstance(event, Noise):
                 self.statistics.noise_bytes += len(event.data)
@@ -239,6 +325,7 @@ class Server:
             for counters in self._counters():
                 counters.frame()
             self._drop_stale(now)
+            self._latest = event
             if event.unit in self.units and event.unit != BROADCAST:
                 self._waiting = event
             else:
@@ -262,7 +349,7 @@ class Server:
         self.statistics.stale += 1
         request = request_class(adu.pdu)
         if request is not None and request.writes:
-            self._carry_out(adu.unit, self.units[adu.unit], adu.pdu, now, answered=False)
+            self._carry_out(adu, self.units[adu.unit], now, answered=False)
         else:
             self.counters[adu.unit].received()
             self.counters[adu.unit].ignored()
@@ -293,8 +380,10 @@ class Server:
             return None
         if self.serial and number == BROADCAST:
             self.statistics.broadcasts += 1
-            for address, unit in self.units.items():
-                self._carry_out(address, unit, pdu, now, answered=False, broadcast=True)
+            # A gateway has a unit 0, which passes a broadcast on, in place of all its units.
+            for_all = self.units.get(BROADCAST)
+            for address, unit in self.units.items() if for_all is None else ((BROADCAST, for_all),):
+                self._carry_out(Adu(address, pdu), unit, now, answered=False, broadcast=True)
             return None
         addressed = self.units.get(number)
         if addressed is None and not self.serial:
@@ -307,28 +396,27 @@ class Server:
                 self._on_refusal(number, None)
             return self._exception(pdu, ModbusException(0x0B))
         self.statistics.requests += 1
-        return self._carry_out(number, addressed, pdu, now)
+        return self._carry_out(adu, addressed, now)
 
     def _carry_out(
-        self, number: int, unit: Unit, pdu: bytes, now: float, *, answered: bool = True, broadcast: bool = False
+        self, adu: Adu, unit: Any, now: float, *, answered: bool = True, broadcast: bool = False
     ) -> bytes | None:
         """Carry out one request on one unit. Returns the response; None for silence, or if `answered` is False."""
+        number, pdu, _ = adu
         counters = self.counters[number] if self.serial else None
         if counters is not None:
             counters.received(broadcast=broadcast)
             if not counters.accepts(pdu):
                 counters.ignored()
                 return None
+        if not hasattr(unit, "handle"):
+            return self._pass_on(adu, unit, answered)
         request: AnyRequest | None = None
         code: int | None = None
         try:
             try:
                 request = _read_request(pdu, unit, counters is not None)
-                if self._permits is not None and not self._permits(number, request):
-                    self.statistics.denied += 1
-                    if self._on_refusal is not None:
-                        self._on_refusal(number, request)
-                    raise ModbusException(ILLEGAL_FUNCTION)
+                self._check_permission(number, request)
                 if counters is None:
                     response = unit.handle(request, now)
                 else:
@@ -340,16 +428,76 @@ class Server:
             except ModbusException as declined:
                 answer, code = self._exception(pdu, declined), declined.code
         except BaseException as error:
-            if self._on_failure is not None:
-                self._on_failure(number, request, error)
-            elif not isinstance(error, Exception):
-                raise
-            self.statistics.failed(error)
+            self._fail(number, request, error)
             code = SERVER_DEVICE_FAILURE
             answer = self._exception(pdu, ModbusException(code))
         if counters is not None:
             counters.finished(request, code, answered=answered and answer is not None)
         return answer if answered else None
+
+    def _check_permission(self, number: int, request: AnyRequest) -> None:
+        """Raise ModbusException 01 for a request that the client may not send.                        [MB-TLS R-31]"""
+        if self._permits is not None and not self._permits(number, request):
+            self.statistics.denied += 1
+            if self._on_refusal is not None:
+                self._on_refusal(number, request)
+            raise ModbusException(ILLEGAL_FUNCTION)
+
+    def _pass_on(self, adu: Adu, unit: PduUnit, answered: bool) -> bytes | None:
+        """Let a `PduUnit` handle a request. Returns its response; None for silence, and for a response that comes
+        later."""
+        response: Any = None
+        try:
+            if self._permits is not None:
+                raw = RawRequest(adu.pdu)
+                self._check_permission(adu.unit, raw.known or raw)
+            response = unit.handle_pdu(adu.pdu, self.caller)
+            if self._wait_for is not None and hasattr(response, "__await__"):
+                response = self._wait_for(response)
+            if isinstance(response, LaterResponse) and self._send_later is not None:
+                self.caller.open_requests += 1
+                response.deliver_to(partial(self._give, adu, self.caller, answered))
+                return None
+        except BaseException as error:
+            response = error
+        return self._given(adu, response) if answered else None
+
+    def _give(self, adu: Adu, caller: Caller, answered: bool, response: object) -> None:
+        """Send a response that comes later, unless nobody waits for it any more."""
+        caller.open_requests -= 1
+        pdu = self._given(adu, response)
+        if pdu is None or not answered or caller.is_gone or (self.serial and adu is not self._latest):
+            return
+        self.statistics.replies += 1
+        self._sent = Adu(adu.unit, pdu)
+        assert self._send_later is not None, "without it no response comes later"
+        self._send_later(Reply(self.line.response(adu, pdu), self.line.quiet_at, adu.pdu), caller)
+
+    def _given(self, adu: Adu, response: Any) -> bytes | None:
+        """Return the PDU of what a `PduUnit` returned or raised: its bytes, None, or an exception response."""
+        try:
+            if isinstance(response, BaseException):
+                raise response
+            # Checked here, so that an invalid response is a failure of the unit and not of the line.
+            pdu = None if response is None else checked(response)
+        except ModbusException as declined:
+            pdu = declined.pdu
+            if pdu is None:
+                return self._exception(adu.pdu, declined)
+        except BaseException as error:
+            self._fail(adu.unit, None, error)
+            return self._exception(adu.pdu, ModbusException(SERVER_DEVICE_FAILURE))
+        if pdu is not None and pdu[0] & EXCEPTION_BIT:
+            self.statistics.exceptions += 1
+        return pdu
+
+    def _fail(self, number: int, request: AnyRequest | None, error: BaseException) -> None:
+        """Record and report an error in the code of a unit. Raises one that ends the program, if nobody takes it."""
+        if self._on_failure is not None:
+            self._on_failure(number, request, error)
+        elif not isinstance(error, Exception):
+            raise error
+        self.statistics.failed(error)
 
     def _delayed(self, delayed: Delayed) -> Response:
         """Keep the delay for the reply and return the response. Raises the exception that is in its place."""
