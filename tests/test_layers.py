@@ -40,16 +40,19 @@ STACK: dict[str, set[str]] = {
     "tcp": BASE | {"modbus.adu", "modbus.framing"},
     "devices": BASE | {"modbus", "canopen"},
     "io": MEANING,
+    "gateway": MEANING | {"io"},
     "__init__": MEANING | {"io"},  # the front door: names of all rooms, each loaded when it is first used
     "__main__": set(),  # it finds the command by its name among the installed ones
 }
 FROM_STACK = {f"barewire.{room}" for room in MEANING}
 # what the front door offers, a command may take there
-FROM_STACK_AND_PORTS = FROM_STACK | {"barewire.io", *(f"barewire.{name}" for name in barewire.__all__)}
+FROM_STACK_AND_PORTS = FROM_STACK | {"barewire.gateway", "barewire.io"}
+FROM_STACK_AND_PORTS |= {f"barewire.{name}" for name in barewire.__all__}
 WORKBENCH: dict[str, set[str]] = {
     "frames": set(),
     "wire": set(),
     "conform": set(),
+    "eds": set(),
     "recordings": {"frames"},
     "steps": {"frames", "wire"},
     "monitor": {"frames", "recordings"},
@@ -70,7 +73,7 @@ for room, below in WORKBENCH.items():
     ALLOWED[f"barewire_workbench.{room}"] = stack | {f"barewire_workbench.{other}" for other in below}
 
 # Rooms that may use clocks and sockets. Below them, time is an argument and bytes are passed in.
-OUTSIDE = {"barewire.io", "barewire_workbench.live", "barewire_workbench.cli"}
+OUTSIDE = {"barewire.io", "barewire.gateway", "barewire_workbench.live", "barewire_workbench.cli"}
 CLOCKS_AND_SOCKETS = {
     *("time", "sched", "random", "secrets", "logging", "signal"),
     *("socket", "socketserver", "select", "selectors", "ssl", "serial", "can"),
@@ -81,6 +84,9 @@ CLOCKS_AND_SOCKETS = {
 THIRD_PARTY = {
     "serial": "barewire/io/ports/*serial*.py",
     "can": "barewire/io/*.py",
+    "aiomqtt": "barewire/gateway/publish/publisher.py",
+    "microdot": "barewire/gateway/page.py",
+    "prometheus_client": "barewire/gateway/status.py",
     "click": "barewire_workbench/cli/*.py",
     "rich": "barewire_workbench/cli/*.py",
     "matplotlib": "barewire_workbench/cli/plot.py",

@@ -52,8 +52,9 @@ from tests.model.units import Framing  # noqa: E402
 PAGE = ROOT / "docs" / "explanation" / "late-answers.md"
 BEGIN, END = "<!-- made by tools/late_answers.py -->\n", "<!-- end -->\n"
 PUBLIC = (
-    "`ModbusClient` and `AsyncModbusClient` with their default options and a time-out of 0.3 s: only the port and the",
-    "clock are replaced. A run has 48 questions of one or three threads or tasks. Answers are late by any time in the",
+    "`ModbusClient` and `AsyncModbusClient` with their default options and a time-out of 0.3 s, and the clients of a",
+    "`gateway`, which asks without a task for each request: only the port and the clock are replaced. A run has 48",
+    "questions of one or three threads, tasks or clients of the gateway. Answers are late by any time in the",
     "window, lost, damaged, doubled, in pieces, behind noise, or exceptions; registers hold the image of a frame;",
     "questions begin shortly before a window ends; they are cancelled at any time (a task, an exception in a thread),",
     "seventeen or more in a row while the unit is busy; connections fail. The last rows have every option of a client",
@@ -161,8 +162,8 @@ def random_clients(alphabet: str, carrier: str, world: World, questions: int, se
 
 
 def clients_parts(pool: ProcessPoolExecutor, questions: int) -> list[Iterable[ClientsRow]]:
-    """Start so many questions on the public clients with default options, a quarter of that with every option, and an
-    eighth with exceptions at any line. Returns the parts of each row."""
+    """Start so many questions on the public clients with default options, and half as many through a gateway; a quarter
+    of that with every option, and an eighth with exceptions at any line. Returns the parts of each row."""
     parts: list[Iterable[ClientsRow]] = []
     for alphabet, share in zip(ALPHABETS, (1, 4, 8)):
         carriers = CARRIERS | OTHER_CARRIERS if alphabet == "every option" else CARRIERS
@@ -173,7 +174,7 @@ def clients_parts(pool: ProcessPoolExecutor, questions: int) -> list[Iterable[Cl
 
         for carrier in carriers:
             both = part(carrier, "blocking"), part(carrier, "asyncio")
-            parts += both if alphabet == "default options" else [chain(*both)]
+            parts += (*both, part(carrier, "gateway")) if alphabet == "default options" else [chain(*both)]
     return parts
 
 

@@ -30,7 +30,7 @@ OTHERS_SEND = (False,) * 100 + (True,)
 """Whether a question has to wait for another master, which never makes a pause of t3.5 for longer than a time-out."""
 OTHERS = tuple((0.0019 * step, encode(9, b"\x03\x02\xee\xee")) for step in range(300))
 Stretch = Literal["trouble", "burst", "calm", "dead"]
-World = Literal["blocking", "asyncio"]
+World = Literal["blocking", "asyncio", "gateway"]
 
 
 class Carrier(NamedTuple):
@@ -75,6 +75,7 @@ OPTIONS: tuple[dict[str, Any], ...] = (
     {"gap": 0.05},
     {"gaps": {1: 0.1}},
     {"dead_after": 2},
+    {"dead_after": 1, "longest_pause": 4.0},
     {"reconnect_first": 0.01, "reconnect_longest": 0.02},
 )
 CALLS: tuple[dict[str, Any], ...] = (

@@ -3,6 +3,7 @@
     threads  -->  ModbusClient       -->  |
                                           |  units on a line or connection (`units`)
     tasks    -->  AsyncModbusClient  -->  |
+    clients  -->  Backend of a gateway -> |
 
 Nothing but the port, the clock and the random part of the pauses between attempts to connect (`jitter`) is replaced
 (`virtual_threads`, `virtual_loop`), and the client gets a URL, a time-out and, unless a setup has some, no options. A
@@ -37,14 +38,18 @@ from typing import Any
 from unittest.mock import patch
 
 import barewire
-from barewire.errors import PortError
+from barewire.errors import NoAnswer, PortError
+from barewire.gateway.backend import BackendOptions, ModbusBackend
+from barewire.gateway.dispatch import BUSY, NO_PATH, NO_RESPONSE, Exchange, Query, UnitOptions
+from barewire.io.endpoint import Endpoint
 from barewire.io.engine import blocking
 from barewire.io.modbus import async_client, client as client_module
-from barewire.io.modbus.async_client import AsyncModbusClient
+from barewire.io.modbus.async_client import AsyncModbusClient, Lane
 from barewire.io.modbus.client import ModbusClient
+from barewire.modbus import Caller, ModbusException, RawRequest
 from tests.model.choices import Choices
 from tests.model.client_line import ASKING, Alarm, Ask, ClientLine, Pause, Settle, Step
-from tests.model.client_setups import TIMEOUT, Clients
+from tests.model.client_setups import TIMEOUT, Clients, World
 from tests.model.one_line import Tally
 from tests.model.virtual_loop import VirtualLoop, VirtualSelector
 from tests.model.virtual_threads import FOREVER, VirtualThreads
@@ -236,6 +241,111 @@ def _play_tasks(line: ClientLine, shares: list[Iterator[Step]]) -> AsyncModbusCl
         loop.close()
 
 
+class AskingBackend(ModbusBackend):
+    """A backend that notes which question it sends, or answers: that of the first query of the exchange."""
+
+    def _send(self, lane: Lane, exchange: Exchange) -> None:
+        self.asking = self.questions[exchange.queries[0]]
+        super()._send(lane, exchange)
+
+    def _ended(self, lane: Lane, response: bytes | int | None, *, is_silence: bool = True) -> None:
+        self.asking = self.questions[self._under_way[lane].queries[0]]
+        super()._ended(lane, response, is_silence=is_silence)
+
+    questions: dict[Query, Ask]
+    asking: Ask
+
+
+def _play_gateway(line: ClientLine, shares: list[Iterator[Step]]) -> AskingBackend:
+    """Ask through a backend of the gateway, which has no task for a request. Each share is a client of the gateway."""
+    selector = VirtualSelector(line)
+    loop = VirtualLoop(selector)
+    end: list[Callable[[str], None]] = []
+    backend: AskingBackend
+
+    async def connect(endpoint: object, receive: Callable[[bytes], object], lose: Callable[[str], None]) -> VirtualLink:
+        line.reconnect()
+        selector.received = lambda data: loop.call_soon(receive, data)
+        end[:] = [lose]
+        return AskingLink(line)
+
+    class AskingLink(VirtualLink):
+        def write(self, item: bytes) -> None:
+            ASKING.set(backend.asking)
+            super().write(item)
+
+        write_together = write
+
+    async def ask(client: Caller, step: Ask) -> None:
+        request = step.question.make(step.number)
+        answer: asyncio.Future[bytes] = loop.create_future()
+        asked = step
+
+        def respond(pdu: bytes | None) -> None:
+            nonlocal asked
+            if pdu is not None and not answer.done():
+                answer.set_result(pdu)
+                if pdu[0] < 0x80 or pdu[1] not in _OF_GATEWAY:
+                    asked = backend.asking  # an identical read of another client, if this one has joined it
+
+        query = Query(client, step.question.unit, RawRequest(request.encode()), respond)
+        backend.questions[query] = step
+        backend.submit(query)
+        if step.fail_after is not None:
+            loop.call_later(step.fail_after, lambda: end and end[0]("the cable was pulled out"))
+        outcome: object
+        try:
+            outcome = request.read_response(await asyncio.wait_for(answer, step.give_up_after))
+        except TimeoutError:
+            client.is_gone = True
+            outcome = asyncio.CancelledError()
+        except ModbusException as declined:
+            outcome = NoAnswer("of the gateway") if declined.code in _OF_GATEWAY else declined
+        line.judge(asked, outcome)
+
+    async def work(steps: Iterator[Step]) -> None:
+        client = Caller()
+        for step in steps:
+            if isinstance(step, Pause):
+                await asyncio.sleep(step.seconds)
+            elif isinstance(step, Ask):
+                client = Caller() if client.is_gone else client
+                await ask(client, step)
+
+    async def play() -> AskingBackend:
+        nonlocal backend
+        options = UnitOptions(timeout=TIMEOUT, dead_after=0)
+        in_flight = line.choices.take(line.clients.in_flight)
+        backend = AskingBackend(
+            "line",
+            Endpoint.parse(line.clients.carrier.url, {"timeout": TIMEOUT}),
+            BackendOptions(in_flight=in_flight),
+            default=options,
+            patience=1000.0,
+            jitter=line.jitter,
+        )
+        backend.questions = {}
+        await asyncio.gather(*(work(steps) for steps in shares))
+        _check_bound(line)
+        await asyncio.sleep(60.0)
+        await ask(Caller(), line.last_question())
+        await backend.close()
+        return backend
+
+    try:
+        with patch.object(async_client, "connect", connect):
+            return loop.run_until_complete(play())
+    finally:
+        loop.close()
+
+
+_OF_GATEWAY = (NO_PATH, NO_RESPONSE, BUSY)
+"""The exceptions that are not those of a unit."""
+_PLAYS: dict[World, Callable[[ClientLine, list[Iterator[Step]]], ModbusClient | AsyncModbusClient | AskingBackend]] = {
+    **{"blocking": _play_threads, "asyncio": _play_tasks, "gateway": _play_gateway},
+}
+
+
 def _check_bound(line: ClientLine) -> None:
     assert line.now <= line.allowed, f"{line.choices.script}: {line.now:.3f} s instead of {line.allowed:.3f}"
 
@@ -249,7 +359,7 @@ def clients_scenario(setup: Clients, tally: Tally) -> Callable[[Choices], Client
         numbers = range(1, setup.length + 1)
         shares = [line.steps(numbers[first::workers]) for first in range(workers)]
         right, wrong = tally.right, len(tally.wrong)
-        client = (_play_threads if world == "blocking" else _play_tasks)(line, shares)
+        client = _PLAYS[world](line, shares)
         assert tally.right > right or len(tally.wrong) > wrong, f"{choices.script}: the last question was not answered"
         counters = client.bus.counters
         assert setup.lines_until_error != (None,) or counters.asked == counters.answered + counters.lost, (

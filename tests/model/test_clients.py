@@ -56,13 +56,30 @@ def test_no_answer_is_delivered_to_another_question_with_default_options(carrier
 
 @RUNS
 @pytest.mark.parametrize("carrier", ALL_CARRIERS)
+def test_nor_to_another_client_of_a_gateway(carrier: str, runs: int) -> None:
+    tally = Tally()
+    run_random(clients_scenario(replace(default_options(carrier), worlds=("gateway",)), tally), runs)
+    assert not tally.wrong, tally.wrong[0]
+    assert min(tally.right, tally.exceptions, tally.no_answer, tally.cancelled) > runs // 4
+
+
+@pytest.mark.parametrize("in_flight", [2, 16])
+def test_nor_with_several_requests_of_a_gateway_under_way(in_flight: int) -> None:
+    tally = Tally()
+    setup = replace(default_options("TCP"), worlds=("gateway",), workers=(3,), in_flight=(in_flight,))
+    run_random(clients_scenario(setup, tally), 20)
+    assert not tally.wrong, tally.wrong[0]
+
+
+@RUNS
+@pytest.mark.parametrize("carrier", ALL_CARRIERS)
 def test_nor_with_any_option(carrier: str, runs: int) -> None:
     tally = Tally()
     run_random(clients_scenario(every_option(carrier), tally), runs)
     assert not tally.wrong, tally.wrong[0]
 
 
-@pytest.mark.parametrize("world", ["blocking", "asyncio"])
+@pytest.mark.parametrize("world", ["blocking", "asyncio", "gateway"])
 def test_a_run_is_repeated_by_its_choices(world: World) -> None:
     setup = replace(default_options("ASCII"), worlds=(world,), fail_after=(None, 0.05, 0.4))
     play, dice = clients_scenario(setup, Tally()), random.Random(1)
@@ -117,16 +134,16 @@ def reads(carrier: str, world: World, *stretches: Stretch) -> Clients:
     return replace(setup, worlds=(world,), line=replace(setup.line, questions=(READ,)), stretches=stretches)
 
 
-BOTH_WORLDS = pytest.mark.parametrize("world", ["blocking", "asyncio"])
+EVERY_WORLD = pytest.mark.parametrize("world", ["blocking", "asyncio", "gateway"])
 WITHOUT_NUMBERS = pytest.mark.parametrize("carrier", ["RTU", "ASCII", "RTU over TCP", "TCP, any_transaction"])
 
 
-@BOTH_WORLDS
+@EVERY_WORLD
 def test_the_checker_finds_a_client_whose_bus_remembers_nothing(monkeypatch: pytest.MonkeyPatch, world: World) -> None:
     assert finds(reads("RTU", world, "trouble"), Forgetful, monkeypatch)
 
 
-@BOTH_WORLDS
+@EVERY_WORLD
 @WITHOUT_NUMBERS
 def test_the_checker_finds_a_probe_whose_window_is_clipped_as_its_time_out_is(
     carrier: str, world: World, monkeypatch: pytest.MonkeyPatch
@@ -179,7 +196,7 @@ def test_the_checker_finds_a_line_that_looks_for_frames_in_damaged_ones(monkeypa
     assert finds(setup, Bus, monkeypatch)
 
 
-@BOTH_WORLDS
+@EVERY_WORLD
 def test_the_checker_finds_a_client_that_forgets_the_echo_when_it_opens_the_port_again(
     monkeypatch: pytest.MonkeyPatch, world: World
 ) -> None:

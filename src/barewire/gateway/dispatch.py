@@ -1,0 +1,616 @@
+"""Which request goes out next on a bus, and who gets its response. Each bus has one dispatcher, which owns it.
+
+    client 1   read u3, read u4  ->  |                     |  ->  one exchange at a time (or up to 16 on TCP)
+    client 2   read u3           ->  |  queued, or joined  |
+    client 3   write u3          ->  |                     |  <-  response, or none
+
+    submit    a query is answered at once (from the cache; 06 busy; 0B, its unit is dead), joins an identical read
+              that is on its way, or waits
+    take      the exchange that is due next
+    finish    the response goes to every query of the exchange
+
+**The order is fair by client, then by unit.** The clients take turns, however many requests each has sent; within a
+client its units take turns. A write goes before the reads of all clients, and its client is passed over once for that
+when its turn comes. So one that only writes gets no more turns than the others.
+
+**A dead unit** left `dead_after` requests in a row unanswered. Queries for it get 0B at once, until its pause is over.
+Then one query is sent to it, on trial, when no other query waits; while others wait, trials take no more than one
+fiftieth of the time. The pause doubles with each trial that fails.
+
+**A read joins** an identical one that is queued or under way, unless a write to that unit was submitted in between. A
+response is kept for `cache` seconds, and adjacent reads are merged into one, where the options of the unit allow it.
+
+Time is an argument. `respond` of every query is called once.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import inf
+from typing import NamedTuple
+
+from barewire.codecs import pack_bits, unpack_bits
+from barewire.modbus.adu import BROADCAST
+from barewire.modbus.messages.coils import READ_COILS_LIMIT, ReadCoils
+from barewire.modbus.messages.raw import RawRequest
+from barewire.modbus.messages.registers import READ_REGISTERS_LIMIT, ReadHoldingRegisters
+from barewire.modbus.server.server import Caller
+
+BUSY, NO_PATH, NO_RESPONSE = 0x06, 0x0A, 0x0B
+"""Exception codes: the queue is full; the line cannot be opened; the unit did not respond.        [MB-APP 7]"""
+
+_TRIAL_SHARE = 50
+"""While other queries wait, a trial of a dead unit that took t seconds is followed by none for this many times t."""
+
+_CACHED = 256
+"""The most responses of a unit that are kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnitOptions:
+    """How a unit is asked. Times are in seconds.
+
+    timeout          how long its response may take
+    gap              the pause between two exchanges with it
+    dead_after       the requests in a row without a response after which it is dead; 0 for never
+    longest_pause    the longest time for which a dead unit is not asked
+    cache            how long a response answers identical reads
+    merge            how many values that nobody asked for a merged read may contain between two that were; None: reads
+                     are not merged
+    """
+
+    timeout: float = 1.0
+    gap: float = 0.0
+    dead_after: int = 2
+    longest_pause: float = 30.0
+    cache: float = 0.0
+    merge: int | None = None
+
+
+class Query:
+    """One request of a client to one unit.
+
+    `respond` is called once: with the PDU of the response, or with None if there must be none, or the client has left.
+    """
+
+    __slots__ = ("client", "followers", "must_be_alone", "request", "respond", "since", "unit")
+
+    def __init__(
+        self, client: Caller, unit: int, request: RawRequest, respond: Callable[[bytes | None], object]
+    ) -> None:
+        self.client = client
+        self.unit = unit
+        self.request = request
+        self.respond = respond
+        self.since = 0.0
+        self.followers: list[Query] = []
+        """Identical reads, which get the same response."""
+        self.must_be_alone = False
+        """Whether it was part of a merged read that failed."""
+
+    def __repr__(self) -> str:
+        return f"<Query {self.request.name} to unit {self.unit} of {self.client!r}>"
+
+    @property
+    def size(self) -> int:
+        """The query and those that joined it."""
+        return 1 + len(self.followers)
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether a client waits for the response."""
+        return not self.client.is_gone or any(not follower.client.is_gone for follower in self.followers)
+
+    def answer(self, pdu: bytes | None) -> None:
+        """Give the response to all clients that wait for it; None for silence."""
+        for query in (self, *self.followers):
+            query.respond(pdu)
+
+    def decline(self, code: int) -> None:
+        """Answer with an exception."""
+        self.answer(bytes((self.request.function_code | 0x80, code)))
+
+
+@dataclass(slots=True)
+class Exchange:
+    """One request that goes out, for one query or for several merged ones. `timeout` is in seconds."""
+
+    unit: int
+    request: RawRequest
+    timeout: float
+    queries: list[Query]
+    epoch: int
+    started: float
+
+
+class _Span(NamedTuple):
+    """The values that a read asks for."""
+
+    function: int
+    first: int
+    after: int
+
+
+def _span(request: RawRequest) -> _Span | None:
+    """Return what a read of one of the four tables asks for; None for any other request."""
+    known = request.known
+    if isinstance(known, ReadHoldingRegisters | ReadCoils):
+        return _Span(request.function_code, known.address, known.address + known.quantity)
+    return None
+
+
+@dataclass(slots=True)
+class UnitCounters:
+    """What happened to the queries of one unit, since the gateway began. Each query is in exactly one of the first six.
+
+    responses, exceptions, and no_responses are those of the exchanges on the bus; times are in seconds.
+    """
+
+    answered: int = 0
+    """Queries with a response of the unit, exceptions among them."""
+    cached: int = 0
+    """Queries answered with a response that was kept."""
+    unanswered: int = 0
+    """Queries that got 0B: the unit did not respond, or is dead."""
+    busy: int = 0
+    """Queries that got 06: too many waited, or it waited too long."""
+    without_path: int = 0
+    """Queries that got 0A: the line could not be opened."""
+    failed: int = 0
+    """Queries that got 04: the code of the gateway failed."""
+    joined: int = 0
+    """Reads that joined an identical one, or were merged with another one."""
+    requests: int = 0
+    """Exchanges on the bus."""
+    exceptions: int = 0
+    """Exchanges that the unit declined."""
+    no_responses: int = 0
+    """Exchanges without a response."""
+    latest: float = 0.0
+    """How long the latest response took."""
+    total: float = 0.0
+    """How long all responses took together."""
+
+
+_COUNTERS = {BUSY: "busy", NO_PATH: "without_path", NO_RESPONSE: "unanswered"}
+"""The counter of queries that are declined with a code; `failed` for any other."""
+
+
+@dataclass(slots=True)
+class UnitRecord:
+    """What the dispatcher remembers of one unit."""
+
+    number: int
+    options: UnitOptions
+    counters: UnitCounters = field(default_factory=UnitCounters)
+    free_at: float = -inf
+    under_way: int = 0
+    silent: int = 0
+    """Requests in a row without a response."""
+    dead_until: float = -inf
+    epoch: int = 0
+    """How many writes were submitted or ended. A read joins only a read of the same epoch."""
+    joinable: dict[bytes, Query] = field(default_factory=dict)
+    cached: dict[bytes, tuple[float, bytes]] = field(default_factory=dict)
+    mergeable: dict[Query, _Span] = field(default_factory=dict)
+    """The reads that wait and may become part of a merged one."""
+
+    @property
+    def is_dead(self) -> bool:
+        return 0 < self.options.dead_after <= self.silent
+
+    def decline(self, query: Query, code: int) -> None:
+        """Answer a query with an exception code of the gateway."""
+        name = _COUNTERS.get(code, "failed")
+        setattr(self.counters, name, getattr(self.counters, name) + query.size)
+        query.decline(code)
+
+    def answer(self, query: Query, pdu: bytes) -> None:
+        """Answer a query with a response of the unit."""
+        self.counters.answered += query.size
+        query.answer(pdu)
+
+    def changed(self) -> None:
+        """Record that a write was submitted or ended: what was read before may be out of date."""
+        self.epoch += 1
+        self.joinable.clear()
+        self.cached.clear()
+
+
+class _ClientQueue:
+    """The queries of one client that wait: writes and reads, by unit, in the order in which the units have turns."""
+
+    __slots__ = ("owes_until", "reads", "size", "writes")
+
+    def __init__(self) -> None:
+        self.writes: dict[int, deque[Query]] = {}
+        self.reads: dict[int, deque[Query]] = {}
+        self.size = 0
+        self.owes_until = 0
+        """The number of the exchange until which the client owes a turn, because a write of it went first."""
+
+    def add(self, query: Query) -> None:
+        by_unit = self.writes if query.request.writes else self.reads
+        by_unit.setdefault(query.unit, deque()).append(query)
+        self.size += 1
+
+    def remove(self, query: Query) -> None:
+        """Remove a query. Then it is the turn of the other units."""
+        by_unit = self.writes if query.request.writes else self.reads
+        queue = by_unit.pop(query.unit)
+        queue.remove(query)
+        if queue:
+            by_unit[query.unit] = queue
+        self.size -= 1
+
+    @staticmethod
+    def first(by_unit: dict[int, deque[Query]], is_ready: Callable[[int], bool]) -> Query | None:
+        """Return the first query to the first unit that is ready."""
+        return next((queue[0] for unit, queue in by_unit.items() if is_ready(unit)), None)
+
+    def all(self) -> list[Query]:
+        """Return every query that waits."""
+        return [query for queue in (*self.writes.values(), *self.reads.values()) for query in queue]
+
+    def latest(self) -> Query:
+        """Return the query that was submitted last."""
+        return max(reversed(self.all()), key=lambda query: query.since)
+
+
+class Dispatcher:
+    """The queue of one bus.
+
+    options      of each unit
+    default      of all other units
+    capacity     the most queries that wait; beyond it the client with the most waiting queries gets 06
+    patience     seconds after which a query that still waits gets 06: its client has probably given up
+    """
+
+    def __init__(
+        self,
+        options: Mapping[int, UnitOptions] | None = None,
+        *,
+        default: UnitOptions | None = None,
+        capacity: int = 1024,
+        patience: float = 10.0,
+    ) -> None:
+        self._options = {} if options is None else options
+        self._default = UnitOptions() if default is None else default
+        self._capacity = capacity
+        self._patience = patience
+        self._units: dict[int, UnitRecord] = {}
+        self._clients: dict[Caller, _ClientQueue] = {}
+        self._waiting: dict[Caller, _ClientQueue] = {}  # those with queries, in the order of their turns
+        self._exchanges = 0
+        self._trials: deque[Query] = deque()
+        self._next_trial = -inf
+        self.one_each = False
+        """Whether a unit has one exchange under way at most."""
+        self.size = 0
+        """The number of queries that wait."""
+        self.wake: float | None = None
+        """After `take` returned None: when the pause of a unit ends for which a query waits."""
+
+    def __repr__(self) -> str:
+        return f"<Dispatcher: {self.size} queries wait>"
+
+    @property
+    def units(self) -> Mapping[int, UnitRecord]:
+        """The units that were asked so far, by address."""
+        return self._units
+
+    @property
+    def has_work(self) -> bool:
+        """Whether a query waits, trials of dead units among them."""
+        return bool(self.size or self._trials)
+
+    def unit(self, number: int) -> UnitRecord:
+        """Return the state of a unit."""
+        state = self._units.get(number)
+        if state is None:
+            state = self._units[number] = UnitRecord(number, self._options.get(number, self._default))
+        return state
+
+    # A query arrives
+
+    def submit(self, query: Query, now: float, *, is_lane_free: bool = False) -> Exchange | None:
+        """Answer a query at once, let it join another one, or let it wait.
+
+        If a lane is free and nothing waits, the exchange that goes out at once is returned, as `take` would.
+        """
+        state = self.unit(query.unit)
+        query.since = now
+        if query.request.writes:
+            self._changed(state)
+        else:
+            cached = state.cached.get(query.request.pdu)
+            if cached is not None and now < cached[0]:
+                state.counters.cached += 1
+                query.answer(cached[1])
+                return None
+            leader = state.joinable.get(query.request.pdu)
+            if leader is not None and leader.is_wanted:
+                leader.followers.append(query)
+                state.counters.joined += 1
+                return None
+        if state.is_dead:
+            self._try_dead_unit(query, state, now)
+        elif is_lane_free and not self.size and not self._trials and self._is_ready(state, now):
+            if not query.request.writes:
+                state.joinable[query.request.pdu] = query
+            return self._exchange(query, now)
+        elif self.size >= self._capacity and not self._make_room(query.client):
+            state.decline(query, BUSY)
+        else:
+            self._wait(query, state)
+        return None
+
+    def _is_ready(self, state: UnitRecord, now: float) -> bool:
+        """Whether a unit may be asked now: its pause is over, and it may have one more exchange under way."""
+        return state.free_at <= now and not (self.one_each and state.under_way)
+
+    def _try_dead_unit(self, query: Query, state: UnitRecord, now: float) -> None:
+        """Let one query to a dead unit go out next, on trial, if one is due; decline the others.
+
+        One trial at a time, so that none waits for the time-out of others.
+        """
+        is_due = now >= state.dead_until and (not self.size or now >= self._next_trial)
+        if is_due and not self._trials:
+            self._trials.append(query)
+        else:
+            state.decline(query, NO_RESPONSE)
+
+    def _make_room(self, client: Caller) -> bool:
+        """Decline the latest query of the client that has the most. Returns False if that is the given client."""
+        greedy = max(self._waiting, key=lambda client: self._waiting[client].size)
+        own = self._clients.get(client)
+        if own is not None and self._waiting[greedy].size <= own.size + 1:
+            return False
+        latest = self._waiting[greedy].latest()
+        self._leave_queue(latest)
+        self._end(latest)
+        self.unit(latest.unit).decline(latest, BUSY)
+        return True
+
+    def _wait(self, query: Query, state: UnitRecord) -> None:
+        queue = self._clients.get(query.client)
+        if queue is None:
+            queue = self._clients[query.client] = _ClientQueue()
+        queue.add(query)
+        self._waiting.setdefault(query.client, queue)
+        self.size += 1
+        if query.request.writes:
+            return
+        state.joinable.setdefault(query.request.pdu, query)
+        if state.options.merge is not None and not query.must_be_alone and (span := _span(query.request)) is not None:
+            state.mergeable[query] = span
+
+    def _leave_queue(self, query: Query) -> None:
+        """Take a query out of the queue of its client."""
+        state, queue = self.unit(query.unit), self._clients[query.client]
+        state.mergeable.pop(query, None)
+        queue.remove(query)
+        self.size -= 1
+        if not queue.size:
+            del self._waiting[query.client]
+            # A client that owes a turn is remembered, or it would go first with every write; but not for ever.
+            if query.client.is_gone or queue.owes_until <= self._exchanges:
+                del self._clients[query.client]
+
+    def _forget_clients(self) -> None:
+        """Forget the clients that do not wait and owe no turn any more."""
+        for client, queue in list(self._clients.items()):
+            if client not in self._waiting and (client.is_gone or queue.owes_until <= self._exchanges):
+                del self._clients[client]
+
+    def _changed(self, state: UnitRecord) -> None:
+        """Record that a write was submitted or ended. One to unit 0 may be a broadcast, which changes all units."""
+        state.changed()
+        if state.number == BROADCAST:
+            for other in self._units.values():
+                other.changed()
+
+    # The next exchange
+
+    def take(self, now: float) -> Exchange | None:
+        """Return the exchange that is due next, or None: see `wake`."""
+        self.wake = None
+        while True:
+            query = self._trials.popleft() if self._trials else self._next(now)
+            if query is None:
+                return None
+            if not query.is_wanted:
+                self._end(query)
+                query.answer(None)
+            elif now >= query.since + self._patience:
+                self._end(query)
+                self.unit(query.unit).decline(query, BUSY)
+            else:
+                return self._exchange(query, now)
+
+    def _next(self, now: float) -> Query | None:
+        """Take the query whose turn it is, of a unit that has no pause."""
+
+        def is_ready(unit: int) -> bool:
+            state = self.unit(unit)
+            if state.free_at > now:
+                self.wake = state.free_at if self.wake is None else min(self.wake, state.free_at)
+            return self._is_ready(state, now)
+
+        for client, queue in self._waiting.items():
+            if queue.writes and self._exchanges >= queue.owes_until:
+                query = queue.first(queue.writes, is_ready)
+                if query is not None:
+                    # It is the last in the order then, so its next turn, the one it owes, comes before this number.
+                    queue.owes_until = self._exchanges + len(self._waiting) + 1
+                    return self._served(client, query)
+        owing = []
+        for client, queue in self._waiting.items():
+            if self._exchanges < queue.owes_until:
+                owing.append(client)
+                continue
+            query = queue.first(queue.writes, is_ready) or queue.first(queue.reads, is_ready)
+            if query is not None:
+                for passed_over in owing:
+                    self._waiting[passed_over].owes_until = 0
+                    self._waiting[passed_over] = self._waiting.pop(passed_over)
+                return self._served(client, query)
+        for client in owing:  # nobody else is there to be asked for
+            queue = self._waiting[client]
+            query = queue.first(queue.writes, is_ready) or queue.first(queue.reads, is_ready)
+            if query is not None:
+                queue.owes_until = 0
+                return self._served(client, query)
+        return None
+
+    def _served(self, client: Caller, query: Query) -> Query:
+        """Record that a client has had its turn: it is the last in the order now."""
+        self._leave_queue(query)
+        if client in self._waiting:
+            self._waiting[client] = self._waiting.pop(client)
+        return query
+
+    def _exchange(self, query: Query, now: float) -> Exchange:
+        state = self.unit(query.unit)
+        self._exchanges += 1
+        if len(self._clients) > 2 * len(self._waiting) + 64:
+            self._forget_clients()
+        state.under_way += 1
+        state.counters.requests += 1
+        queries, request = [query], query.request
+        if state.options.merge is not None and not query.must_be_alone and (span := _span(request)) is not None:
+            queries, request = self._merged(query, span, state)
+        return Exchange(query.unit, request, state.options.timeout, queries, state.epoch, now)
+
+    def _merged(self, query: Query, span: _Span, state: UnitRecord) -> tuple[list[Query], RawRequest]:
+        """Add waiting reads to a read, as long as they are near and all fit one response."""
+        merge = state.options.merge or 0
+        limit = READ_COILS_LIMIT if span.function in (0x01, 0x02) else READ_REGISTERS_LIMIT
+        queries = [query]
+        near = sorted(
+            (other.first, other.after, id(read), read)
+            for read, other in state.mergeable.items()
+            if other.function == span.function
+        )
+        first, after = span.first, span.after
+        has_grown = True
+        while has_grown:
+            has_grown = False
+            for other_first, other_after, _, read in near:
+                low, high = min(first, other_first), max(after, other_after)
+                is_near = other_first <= after + merge and first <= other_after + merge
+                if is_near and high - low <= limit and read in state.mergeable:
+                    self._leave_queue(read)
+                    state.counters.joined += read.size
+                    queries.append(read)
+                    first, after, has_grown = low, high, True
+        if len(queries) == 1:
+            return queries, query.request
+        pdu = bytes((span.function,)) + first.to_bytes(2, "big") + (after - first).to_bytes(2, "big")
+        return queries, RawRequest(pdu)
+
+    # The exchange has ended
+
+    def finish(self, exchange: Exchange, response: bytes | int | None, now: float, *, is_silence: bool = True) -> None:
+        """Give the response to the queries of an exchange.
+
+        A number is the exception code in place of a response. With `is_silence` it counts as a request that the unit
+        left unanswered; without, it says nothing about the unit. None: there is no response, and must be none.
+        """
+        state = self.unit(exchange.unit)
+        if exchange.request.writes:
+            self._changed(state)
+        state.under_way -= 1
+        state.free_at = now + state.options.gap
+        was_dead = state.is_dead
+        for query in exchange.queries:
+            self._end(query)
+        if isinstance(response, int):
+            if is_silence:
+                state.counters.no_responses += 1
+                self._was_silent(state, now, now - exchange.started if was_dead else 0.0)
+            for query in exchange.queries:
+                state.decline(query, response)
+        elif response is None:
+            for query in exchange.queries:
+                query.answer(None)
+        else:
+            state.silent = 0
+            state.counters.latest = now - exchange.started
+            state.counters.total += now - exchange.started
+            state.counters.exceptions += response[0] >> 7
+            if len(exchange.queries) > 1:
+                self._give_parts(state, exchange, response, now)
+            else:
+                self._keep(state, exchange, exchange.queries[0], response, now)
+                state.answer(exchange.queries[0], response)
+
+    def decline_all(self, code: int) -> None:
+        """Answer every query that waits with an exception: the bus cannot be reached."""
+        waiting = [query for queue in self._waiting.values() for query in queue.all()]
+        for query in waiting:
+            self._leave_queue(query)
+        for query in (*waiting, *self._trials):
+            self._end(query)
+            self.unit(query.unit).decline(query, code)
+        self._trials.clear()
+
+    def _end(self, query: Query) -> None:
+        """No further query joins this one."""
+        state = self.unit(query.unit)
+        if state.joinable.get(query.request.pdu) is query:
+            del state.joinable[query.request.pdu]
+
+    def _was_silent(self, state: UnitRecord, now: float, trial: float) -> None:
+        """Count a request without a response; `trial` is how long that took, if the unit was dead before."""
+        state.silent += 1
+        if trial:
+            self._next_trial = now + _TRIAL_SHARE * trial
+        if not state.is_dead:
+            return
+        failed_trials = min(state.silent - state.options.dead_after, 16)
+        state.dead_until = now + min(2.0**failed_trials, state.options.longest_pause)
+        waiting = [query for queue in self._waiting.values() for query in queue.all() if query.unit == state.number]
+        for query in waiting:
+            self._leave_queue(query)
+            self._end(query)
+            state.decline(query, NO_RESPONSE)
+
+    def _give_parts(self, state: UnitRecord, exchange: Exchange, response: bytes, now: float) -> None:
+        """Give each query of a merged read its part; let each go out alone if the unit declined all of it together."""
+        whole = _span(exchange.request)
+        if response[0] & 0x80 or whole is None:
+            for query in exchange.queries:
+                query.must_be_alone = True
+                self._wait(query, state)
+            return
+        for query in exchange.queries:
+            pdu = _part(response, whole, _span(query.request) or whole)
+            self._keep(state, exchange, query, pdu, now)
+            state.answer(query, pdu)
+
+    def _keep(self, state: UnitRecord, exchange: Exchange, query: Query, pdu: bytes, now: float) -> None:
+        """Keep a response for identical reads, unless a write has gone out since the read did."""
+        if not state.options.cache or query.request.writes or pdu[0] & 0x80 or exchange.epoch != state.epoch:
+            return
+        if len(state.cached) >= _CACHED:
+            state.cached.clear()
+        state.cached[query.request.pdu] = (now + state.options.cache, pdu)
+
+
+def _part(response: bytes, whole: _Span, part: _Span) -> bytes:
+    """Return the response to a part of a merged read.
+
+    >>> _part(bytes.fromhex("03 06 0001 0002 0003"), _Span(3, 10, 13), _Span(3, 11, 12)).hex(" ")
+    '03 02 00 02'
+    >>> _part(bytes.fromhex("01 01 06"), _Span(1, 0, 3), _Span(1, 1, 3)).hex(" ")
+    '01 01 03'
+    """
+    start, quantity = part.first - whole.first, part.after - part.first
+    if part.function in (0x01, 0x02):
+        data = pack_bits(unpack_bits(response[2:])[start : start + quantity])
+    else:
+        data = response[2 + 2 * start : 2 + 2 * (start + quantity)]
+    return bytes((part.function, len(data))) + data

@@ -1,0 +1,418 @@
+"""The publisher: a task for each line, which polls and carries out commands, and one for the broker.
+
+    line 1: poll, command, poll ...  ->  |
+                                         |  Buffer  ->  broker task: connect, say what there is, send in order
+    line 2: poll, poll ...           ->  |                     '-  commands, and Home Assistant's birth message
+
+A slow or dead machine delays only its own line. While the broker is away, polling goes on and the buffer grows.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import ssl
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, unquote, urlsplit
+
+from barewire.devices.device import Device
+from barewire.errors import BarewireError, EncodeError, PortError
+from barewire.gateway.publish.buffer import Buffer
+from barewire.gateway.publish.messages import (
+    OFFLINE,
+    ONLINE,
+    Topics,
+    description,
+    discovery,
+    reading_payload,
+    with_sequence,
+)
+from barewire.gateway.publish.schedule import PollGroup, PollSchedule, ValueFilter
+from barewire.io.endpoint import Endpoint
+from barewire.io.log import PortLog
+from barewire.io.machine import AsyncMachineClient
+
+if TYPE_CHECKING:
+    from aiomqtt import Client
+
+_BATCH = 100
+"""Readings under way to the broker at once."""
+_PAUSES = (0.5, 30.0)
+"""Seconds of the first and the longest pause between attempts to connect to the broker."""
+_GOODBYE = 2.0
+"""Seconds in which the broker has to take the last messages."""
+_COMMANDS = 16
+"""Commands that wait for a line; further ones are refused."""
+
+
+@dataclass(frozen=True)
+class PolledMachine:
+    """One machine: where it is, what is read, what may be written."""
+
+    name: str
+    url: str
+    device: Device
+    every: float
+    parameters: tuple[str, ...]
+    commands: tuple[str, ...] = ()
+    on_change: bool = True
+    dead_band: float = 0.0
+    at_least: float = 60.0
+
+
+@dataclass(frozen=True)
+class PublishConfig:
+    """A publisher. `broker` is mqtt://[USER:PASSWORD@]HOST[:PORT], or mqtts:// with `?ca=FILE` for an authority."""
+
+    broker: str
+    site: str
+    machines: tuple[PolledMachine, ...]
+    buffer: str = ":memory:"
+    limit: int = 100_000
+    home_assistant: str | None = None
+    """The prefix of discovery, by default of Home Assistant `homeassistant`; None for none."""
+
+
+def broker_options(url: str) -> dict[str, Any]:
+    """Return the options of the MQTT client. Raises EncodeError for a wrong URL."""
+    parts = urlsplit(url)
+    try:
+        port = parts.port
+    except ValueError:
+        port = -1
+    query = parse_qs(parts.query)
+    if parts.scheme not in ("mqtt", "mqtts") or not parts.hostname or port == -1 or query.keys() - {"ca"}:
+        raise EncodeError(f"broker {parts.scheme}://{parts.hostname}: expected mqtt://HOST:PORT or mqtts://HOST:PORT")
+    options: dict[str, Any] = {"hostname": parts.hostname, "port": port or (8883 if parts.scheme == "mqtts" else 1883)}
+    if parts.username:
+        options |= {"username": unquote(parts.username), "password": unquote(parts.password or "")}
+    if parts.scheme == "mqtts":
+        try:
+            options["tls_context"] = ssl.create_default_context(cafile=query.get("ca", [None])[0])
+        except OSError as error:
+            raise EncodeError(f"broker: ca={query['ca'][0]}: {error.strerror or error}") from None
+    return options
+
+
+@dataclass
+class _Command:
+    machine: str
+    parameter: str
+    value: Any
+
+
+@dataclass
+class _Line:
+    """The machines on one line or connection, which are asked one after the other."""
+
+    schedule: PollSchedule
+    machines: dict[str, PolledMachine]
+    clients: dict[str, AsyncMachineClient]
+    commands: asyncio.Queue[_Command] = field(default_factory=lambda: asyncio.Queue(_COMMANDS))
+
+
+class Publisher:
+    """A running publisher.
+
+        async with Publisher(config): ...
+
+    Raises PortError for a buffer that cannot be opened, ModuleNotFoundError without aiomqtt. A broker or a machine that
+    cannot be reached is no error: it is tried again.
+    """
+
+    def __init__(self, config: PublishConfig, buffer: Buffer | None = None) -> None:
+        import aiomqtt
+
+        self.config = config
+        self.buffer = buffer or Buffer(config.buffer, config.limit)
+        """`buffer`, which may be that of a publisher that ends when this one begins, or its own."""
+        self.is_connected = False
+        self._mqtt = aiomqtt
+        self._topics = Topics(config.site)
+        self._log = PortLog("barewire.publish", config.site)
+        self._filters = {row.name: ValueFilter(row.on_change, row.dead_band, row.at_least) for row in config.machines}
+        self._responds: dict[str, bool] = {}
+        self._news = asyncio.Event()  # there is something for the broker
+        self._retained: dict[str, str] = {}  # what has to be told again after a reconnect
+        self._results: asyncio.Queue[tuple[str, str]] = asyncio.Queue(_COMMANDS * 4)
+        self._tasks: list[asyncio.Task[None]] = []
+        self._lines = self._make_lines()
+        self._by_topic = {
+            self._topics.parameter(row.name, name): (row.name, name) for row in config.machines for name in row.commands
+        }
+
+    def _make_lines(self) -> list[_Line]:
+        now = asyncio.get_running_loop().time()
+        places: dict[str, list[PolledMachine]] = {}
+        for machine in self.config.machines:
+            endpoint = Endpoint.parse(machine.url)
+            places.setdefault(f"{endpoint.scheme}://{endpoint.place}", []).append(machine)
+        lines = []
+        for machines in places.values():
+            shared: Any = None
+            clients: dict[str, AsyncMachineClient] = {}
+            for machine in machines:
+                client = AsyncMachineClient(machine.device, machine.url, shared=shared)
+                clients[machine.name] = client
+                shared = shared or client.client
+            groups = [PollGroup(row.name, row.parameters, row.every) for row in machines]
+            lines.append(_Line(PollSchedule(groups, now), {row.name: row for row in machines}, clients))
+        return lines
+
+    async def __aenter__(self) -> Publisher:
+        loop = asyncio.get_running_loop()
+        self.buffer.limit = self.config.limit
+        self._tasks = [loop.create_task(self._poll(line)) for line in self._lines]
+        self._tasks.append(loop.create_task(self._serve_broker()))
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.stop()
+        self.buffer.close()
+
+    async def stop(self) -> None:
+        """End, and tell the broker. The buffer stays open."""
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for line in self._lines:
+            for client in line.clients.values():
+                await client.close()
+
+    def status(self) -> dict[str, Any]:
+        """Return the state as values that JSON has."""
+        groups = [group for line in self._lines for group in line.schedule.groups]
+        return {
+            "broker": urlsplit(self.config.broker).hostname,
+            "connected": self.is_connected,
+            "buffered": len(self.buffer),
+            "dropped": self.buffer.dropped,
+            "machines": [
+                {
+                    "name": group.machine,
+                    "responds": self._responds.get(group.machine),
+                    "failures": group.failures,
+                    "missed": group.missed,
+                }
+                for group in groups
+            ],
+        }
+
+    # The lines
+
+    async def _poll(self, line: _Line) -> None:
+        """Carry out a command or read what is due, in turn, so that neither holds up the other."""
+        loop = asyncio.get_running_loop()
+        while True:
+            command = None
+            with suppress(TimeoutError):
+                async with asyncio.timeout_at(line.schedule.next().due_at):
+                    command = await line.commands.get()
+            if command is not None:
+                await self._carry_out(line, command)
+            group = line.schedule.next()
+            if group.due_at <= loop.time():
+                await self._read(line, group)
+                line.schedule.done(group, loop.time(), has_failed=not self._responds[group.machine])
+
+    async def _read(self, line: _Line, group: PollGroup) -> None:
+        machine, client = line.machines[group.machine], line.clients[group.machine]
+        try:
+            readings = await client.read_all(group.names)
+        except BarewireError as error:
+            self._log.warning(("read", machine.name), f"{machine.name}: {error}")
+            self._set_responds(machine.name, False)
+            return
+        except Exception as error:  # a poll must not end because of one machine
+            self._log.error("code", f"{machine.name}: {type(error).__name__}: {error}", error)
+            self._set_responds(machine.name, False)
+            return
+        self._set_responds(machine.name, True)
+        at, now = time.time(), asyncio.get_running_loop().time()
+        wants = self._filters[machine.name].wants
+        rows = [
+            (self._topics.parameter(machine.name, reading.name), reading_payload(reading, at))
+            for reading in readings
+            if wants(reading.name, reading.value, now)
+        ]
+        if rows:
+            try:
+                self.buffer.append(rows)
+            except PortError as error:
+                self._log.error("buffer", f"{error}; {len(self.buffer)} readings wait")
+            self._news.set()
+
+    def _set_responds(self, machine: str, responds: bool) -> None:
+        if self._responds.get(machine) is not responds:
+            self._responds[machine] = responds
+            self._retained[f"{self._topics.machine(machine)}/status"] = ONLINE if responds else OFFLINE
+            self._news.set()
+
+    async def _carry_out(self, line: _Line, command: _Command) -> None:
+        outcome: dict[str, Any] = {"value": command.value}
+        try:
+            await line.clients[command.machine].write(command.parameter, command.value)
+            outcome["ok"] = True
+        except BarewireError as error:
+            outcome |= {"ok": False, "error": str(error)}
+        except Exception as error:
+            outcome |= {"ok": False, "error": f"{type(error).__name__}: {error}"}
+        self._answer(command.machine, command.parameter, outcome)
+        for group in line.schedule.groups if outcome["ok"] else ():
+            if group.machine == command.machine and command.parameter in group.names:
+                group.due_at = min(group.due_at, asyncio.get_running_loop().time())  # the new value is read at once
+
+    def _answer(self, machine: str, parameter: str, outcome: Mapping[str, Any]) -> None:
+        topic = f"{self._topics.parameter(machine, parameter)}/result"
+        if self._results.full():
+            self._results.get_nowait()
+        self._results.put_nowait((topic, json.dumps(outcome)))  # ASCII: a command may have half a surrogate pair
+        self._news.set()
+
+    # The broker
+
+    async def _serve_broker(self) -> None:
+        """Stay connected to the broker."""
+        pause, longest = _PAUSES
+        will = self._mqtt.Will(self._topics.status, OFFLINE, qos=1, retain=True)
+        options = broker_options(self.config.broker)
+        while True:
+            try:
+                async with self._mqtt.Client(**options, will=will, keepalive=15, timeout=10.0) as client:
+                    pause = _PAUSES[0]
+                    self.is_connected = True
+                    self._log.info("connected", "connected to the broker")
+                    try:
+                        await self._say_everything(client)
+                        async with asyncio.TaskGroup() as tasks:
+                            tasks.create_task(self._listen(client))
+                            tasks.create_task(self._send(client))
+                    except asyncio.CancelledError:
+                        await self._say_goodbye(client)
+                        raise
+            except* (self._mqtt.MqttError, PortError, OSError, TimeoutError) as error:
+                self._log.warning("broker", f"the broker: {error.exceptions[0]}; next attempt in {pause:g} s")
+            except* Exception as error:  # the next attempt may do better than none
+                first = error.exceptions[0]
+                self._log.error("code", f"{type(first).__name__}: {first}; next attempt in {pause:g} s", first)
+            self.is_connected = False
+            await asyncio.sleep(pause)
+            pause = min(2 * pause, longest)
+
+    async def _say_everything(self, client: Client) -> None:
+        """Publish what is retained: birth, descriptions, discovery, and whether each machine responds."""
+        await client.subscribe(self._topics.commands, qos=1)
+        if self.config.home_assistant:
+            await client.subscribe(f"{self.config.home_assistant}/status", qos=1)
+        for topic, payload in self._introduction():
+            await client.publish(topic, payload, qos=1, retain=True)
+        self._retained = {
+            f"{self._topics.machine(name)}/status": ONLINE if responds else OFFLINE
+            for name, responds in self._responds.items()
+        }
+        await client.publish(self._topics.status, ONLINE, qos=1, retain=True)
+
+    async def _say_goodbye(self, client: Client) -> None:
+        """Publish that nobody polls any more. The broker would publish the last will only after a lost connection."""
+        with suppress(self._mqtt.MqttError, TimeoutError):
+            async with asyncio.timeout(_GOODBYE):
+                for machine in self.config.machines:
+                    await client.publish(f"{self._topics.machine(machine.name)}/status", OFFLINE, qos=1, retain=True)
+                await client.publish(self._topics.status, OFFLINE, qos=1, retain=True)
+
+    def _introduction(self) -> list[tuple[str, str]]:
+        messages = []
+        for machine in self.config.machines:
+            names = dict.fromkeys((*machine.parameters, *machine.commands))
+            parameters = [machine.device.find(name) for name in names]
+            commands = {machine.device.find(name).name for name in machine.commands}
+            topic = f"{self._topics.machine(machine.name)}/description"
+            messages.append((topic, description(machine.name, parameters, commands)))
+            if self.config.home_assistant:
+                messages += [
+                    discovery(
+                        self.config.home_assistant,
+                        self._topics,
+                        machine.name,
+                        machine.device.title,
+                        parameter,
+                        is_command=parameter.name in commands,
+                    )
+                    for parameter in parameters
+                ]
+        return messages
+
+    async def _send(self, client: Client) -> None:
+        """Send what there is, in order, and wait for more."""
+        while True:
+            self._news.clear()
+            while self._retained:
+                topic, payload = next(iter(self._retained.items()))
+                await client.publish(topic, payload, qos=1, retain=True)
+                if self._retained.get(topic) == payload:  # it may have changed meanwhile
+                    del self._retained[topic]
+            while not self._results.empty():
+                topic, payload = self._results.get_nowait()
+                await client.publish(topic, payload, qos=1)
+            while rows := self.buffer.batch(_BATCH):
+                # Each is given to the client before the next; it keeps the order, and all wait for the broker together.
+                await asyncio.gather(
+                    *(
+                        client.publish(row.topic, with_sequence(row.payload, row.sequence, again=row.was_sent), qos=1)
+                        for row in rows
+                    )
+                )
+                self.buffer.acknowledged(rows[-1].sequence)
+            await self._news.wait()
+
+    async def _listen(self, client: Client) -> None:
+        """Take commands, and Home Assistant's birth message."""
+        async for message in client.messages:
+            topic, payload = str(message.topic), message.payload
+            data = payload if isinstance(payload, bytes | bytearray) else str(payload).encode()
+            if topic == f"{self.config.home_assistant}/status":
+                if data == b"online":
+                    await self._say_everything(client)
+                    for known in self._filters.values():
+                        known.forget()  # every state is published again with the next poll
+                continue
+            if message.retain:
+                continue  # a command that somebody left there long ago is not carried out
+            self._take_command(topic.removesuffix("/set"), bytes(data))
+
+    def _take_command(self, topic: str, data: bytes) -> None:
+        allowed = self._by_topic.get(topic)
+        if allowed is None:
+            self._log.warning("refused", f"a command to {topic}, which the configuration does not allow: refused")
+            return
+        machine, parameter = allowed
+        try:
+            value = json.loads(data)
+            if not isinstance(value, int | float | str) or value in (math.inf, -math.inf) or value != value:
+                raise ValueError("expected a number, a text, true or false")
+        except (ValueError, RecursionError) as error:
+            self._answer(machine, parameter, {"value": None, "ok": False, "error": f"the payload is no value: {error}"})
+            return
+        line = next(line for line in self._lines if machine in line.machines)
+        try:
+            line.commands.put_nowait(_Command(machine, parameter, value))
+        except asyncio.QueueFull:
+            self._answer(machine, parameter, {"value": value, "ok": False, "error": "too many commands wait"})
+
+
+def topics_that_collide(site: str, machines: Sequence[PolledMachine]) -> list[str]:
+    """Return the topics that two parameters would have, because their names differ only in what a topic cannot hold."""
+    topics = Topics(site)
+    owners: dict[str, tuple[int, str]] = {}
+    twice = []
+    for place, machine in enumerate(machines):
+        for name in dict.fromkeys((*machine.parameters, *machine.commands)):
+            topic = topics.parameter(machine.name, name)
+            if owners.setdefault(topic, (place, name)) != (place, name):
+                twice.append(topic)
+    return twice

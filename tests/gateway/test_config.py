@@ -1,0 +1,174 @@
+"""The configuration: its faults with line and column, its schema, its example, and the program that prints them."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from barewire.gateway.__main__ import run_program
+from barewire.gateway.config import OPTIONS, ConfigError, config_schema, example, read_config
+from barewire.gateway.dispatch import UnitOptions
+
+GOOD = """\
+drain = 1
+[[listen]]
+url = "tcp://127.0.0.1:1502"
+[[backend]]
+name = "hall"
+url = "rtu:///dev/ttyUSB0?baudrate=19200"
+units = "1-3,20"
+timeout = 0.5
+merge = 4
+  [backend.unit.20]
+  as = 7
+  gap = 0.1
+[[backend]]
+name = "far"
+url = "tcp://192.0.2.1"
+units = "30"
+in_flight = 4
+[policy]
+read_only = true
+[[policy.allow]]
+clients = ["192.0.2.0/24", "127.0.0.1"]
+functions = [3, 4]
+addresses = "0-99,200"
+"""
+
+
+def test_a_good_configuration() -> None:
+    config = read_config(GOOD)
+    hall, far = config.backends
+    assert config.listeners == ("tcp://127.0.0.1:1502",)
+    assert (config.drain, config.policy.read_only, len(config.policy.rules or ())) == (1.0, True, 1)
+    assert hall.units == {1: 1, 2: 2, 3: 3, 20: 7}
+    assert hall.default == UnitOptions(timeout=0.5, merge=4)
+    assert hall.of_units == {7: UnitOptions(timeout=0.5, merge=4, gap=0.1)}
+    assert (far.options.in_flight, far.default.timeout) == (4, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "faults"),
+    [
+        ("drain = 1", "drain = -1", ["1:1: drain = -1: expected 0 or more seconds"]),
+        ("drain = 1", "drain = true", ["1:1: drain = True: expected 0 or more seconds"]),
+        ("drain = 1", "dran = 1", ["1:1: unknown 'dran', expected drain, listen, backend, status, publish, policy"]),
+        ("1502", "99999", ["3:1: endpoint 'tcp://127.0.0.1:99999': port '99999' is not a number in 0..65535"]),
+        ("tcp://127.0.0.1:1502", "rtu:///dev/ttyS0",
+         ["3:1: clients connect over a network: tcp, tls, udp, rtu+tcp or ascii+tcp"]),
+        ('name = "hall"\n', "", ["4:1: [[backend]] has no name: how the log calls it"]),
+        ('name = "hall"', 'name = "far"', ["14:1: name = 'far': another backend has this name"]),
+        ("baudrate", "baud", ["6:1: endpoint 'rtu:///dev/ttyUSB0?baud=19200': unknown option 'baud'"]),
+        ('"1-3,20"', '"3-1"', ["7:1: units = '3-1': expected unit addresses and ranges, 0 to 255, such as",
+                               "10:3: unit 20: expected a unit that is in units"]),
+        ('"1-3,20"', '"0-3,20"', ["7:1: a serial line has no unit 0: broadcast = true sends broadcasts"]),
+        ("timeout = 0.5", 'timeout = "0.5"', ["8:1: timeout = '0.5': expected 0 or more seconds"]),
+        ("as = 7", "as = 300", ["11:3: as = 300: expected a unit address, 0..255"]),
+        ("gap = 0.1", "gapp = 0.1", ["12:3: unknown 'gapp', expected as, timeout, gap"]),
+        ("units = \"30\"", "units = \"3-30\"", ["16:1: unit 3 is behind 'hall' already"]),
+        ("in_flight = 4", "in_flight = 17", ["17:1: in_flight = 17: expected 1 to 16 requests"]),
+        ("merge = 4", "in_flight = 2", ["9:1: in_flight = 2: expected 1: a serial line has one at a time"]),
+        ("in_flight = 4", "broadcast = true", ["17:1: broadcast: only a serial line has broadcasts"]),
+        ("read_only = true", "readonly = true", ["19:1: unknown 'readonly', expected read_only, allow"]),
+        ('"127.0.0.1"]', '"localhost"]', ["21:1: clients = ['192.0.2.0/24', 'localhost']: expected a list"]),
+        ("[3, 4]", "[3, 200]", ["22:1: functions = [3, 200]: expected a list of function codes, 1 to 127"]),
+        ("0-99,200", "0-99,x", ["23:1: addresses = '0-99,x': expected numbers and ranges"]),
+        ("gap = 0.1", 'device = "az3"', ["12:3: device: only for units on CAN, where objects become registers"]),
+        ("tcp://192.0.2.1", "can://memory", ["15:1: endpoint 'can://memory': expected can://INTERFACE/CHANNEL",
+                                             ]),
+        ("[policy]", "[status]\nurl = 'https://x'\n[policy]", ["19:1: url = 'https://x': expected http://HOST:PORT"]),
+        ("[policy]", "[policy", ["18:8: Expected ']' at the end of a table declaration"]),
+        ("[[policy.allow]]", "[policy.allow]", ["20:1: allow: expected [[policy.allow]], a table for each"]),
+    ],
+)  # fmt: skip
+def test_each_fault_has_its_line_and_column(old: str, new: str, faults: list[str]) -> None:
+    assert old in GOOD
+    with pytest.raises(ConfigError) as wrong:
+        read_config(GOOD.replace(old, new))
+    texts = list(map(str, wrong.value.faults))
+    assert len(texts) == len(faults)
+    for text, beginning in zip(texts, faults):
+        assert text.startswith(beginning)
+
+
+def test_an_empty_file_says_what_is_missing() -> None:
+    with pytest.raises(ConfigError) as wrong:
+        read_config("")
+    assert [fault.text.partition(":")[0] for fault in wrong.value.faults] == ["no [[backend]]", "no [[listen]]"]
+
+
+def test_the_example_is_valid_also_with_everything_that_is_commented_out() -> None:
+    read_config(example())
+    everything = "\n".join(line.removeprefix("# ") for line in example().splitlines()[1:])
+    everything = everything.replace("broadcast = false", "broadcast = true")
+    of_can = re.compile('^(device = "az3"|eds|registers).*\n', re.MULTILINE)
+    config = read_config(of_can.sub("", everything))
+    jsonschema.validate(tomllib.loads(everything), config_schema())
+    names = {option.name for options in OPTIONS.values() for option in options}
+    assert all(f"\n{name} = " in f"\n{everything}" for name in names)
+    assert config.policy.rules is not None
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("drain = 1", "dran = 1"), ('name = "hall"\n', ""), ("timeout = 0.5", 'timeout = "0.5"'), ("[3, 4]", "[3, 200]")],
+)
+def test_the_schema_refuses_what_the_check_refuses(old: str, new: str) -> None:
+    form = config_schema()
+    jsonschema.Draft202012Validator.check_schema(form)
+    jsonschema.validate(tomllib.loads(GOOD), form)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(tomllib.loads(GOOD.replace(old, new)), form)
+
+
+def test_the_program_prints_example_and_schema(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_program(["--example"]) == 0
+    assert capsys.readouterr().out == example()
+    assert run_program(["--schema"]) == 0
+    assert json.loads(capsys.readouterr().out) == config_schema()
+
+
+def test_the_program_checks_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "gateway.toml"
+    file.write_text(GOOD)
+    assert run_program(["--check", str(file)]) == 0
+    assert capsys.readouterr().out == f"{file}: 1 listener, 2 backends: nothing wrong\n"
+    file.write_text(GOOD.replace("drain = 1", "dran = 1").replace("gap = 0.1", "gapp = 0.1"))
+    assert run_program(["--check", str(file)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(": ")[0] for line in lines] == [f"{file}:1:1", f"{file}:12:3"]
+
+
+@pytest.mark.parametrize("content", [None, b"\xff\xfe"])
+def test_a_file_that_cannot_be_read_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None
+) -> None:
+    file = tmp_path / "gateway.toml"
+    if content is not None:
+        file.write_bytes(content)
+    assert run_program([str(file)]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith(f"{file}: ")
+
+
+def test_the_files_of_the_documentation_are_valid() -> None:
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "gateway.md"
+    blocks = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    read_config(blocks[0])
+    with pytest.raises(ConfigError) as wrong:
+        read_config("\n".join(blocks))
+    assert [fault.text.partition(":")[0] for fault in wrong.value.faults] == ["eds 'node.eds'"]
+
+
+def test_the_publisher_of_the_documentation_is_valid() -> None:
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "publish.md"
+    (block,) = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    config = read_config(block.replace("?ca=/etc/barewire/ca.crt", ""))
+    assert config.publish is not None
+    assert [machine.name for machine in config.publish.machines] == ["press", "pump"]

@@ -1,0 +1,451 @@
+"""The dispatcher: fair order, joined and merged reads, dead units, bounds. In virtual time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import count, pairwise
+
+import pytest
+from hypothesis import given, strategies as st
+
+from barewire.gateway.dispatch import Dispatcher, Exchange, Query, UnitOptions
+from barewire.modbus import Caller, RawRequest, Table
+from tests.gateway.simulated_bus import SimulatedBus, read, write
+
+A, B, C = Caller("a:1"), Caller("b:1"), Caller("c:1")
+
+
+def sent(bus: SimulatedBus) -> list[tuple[str, int, int]]:
+    """Who asked which unit for which address, in the order in which the exchanges went out."""
+    return [(row.queries[0].client.peer[0], row.unit, int.from_bytes(row.request.pdu[1:3], "big")) for row in bus.log]
+
+
+def test_clients_take_turns_however_many_requests_they_send() -> None:
+    bus = SimulatedBus(Dispatcher())
+    for address in range(4):
+        bus.submit(A, 1, read(address))
+    bus.submit(B, 1, read(10))
+    bus.submit(C, 1, read(20))
+    bus.submit(C, 1, read(21))
+    bus.run()
+    assert [(who, address) for who, _, address in sent(bus)] == [
+        *[("a", 0), ("b", 10), ("c", 20), ("a", 1), ("c", 21), ("a", 2), ("a", 3)],
+    ]
+
+
+def test_the_units_of_a_client_take_turns() -> None:
+    bus = SimulatedBus(Dispatcher())
+    for unit, address in ((1, 0), (1, 1), (1, 2), (2, 3), (3, 4)):
+        bus.submit(A, unit, read(address))
+    bus.run()
+    assert [unit for _, unit, _ in sent(bus)] == [1, 2, 3, 1, 1]
+
+
+def test_a_write_goes_before_the_reads_of_all_clients() -> None:
+    bus = SimulatedBus(Dispatcher())
+    for address in range(3):
+        bus.submit(A, 1, read(address))
+        bus.submit(B, 1, read(10 + address))
+    bus.submit(C, 1, write(50, 1))
+    bus.run()
+    assert sent(bus)[0] == ("c", 1, 50)
+
+
+@pytest.mark.parametrize("pipelined", [1, 16])
+@pytest.mark.parametrize("kind", ["reads", "writes", "both"])
+def test_a_greedy_client_gets_no_more_than_a_polite_one(pipelined: int, kind: str) -> None:
+    """A sends `pipelined` requests at once, nine others one after the other; all go on for 2000 exchanges."""
+    bus, numbers = SimulatedBus(Dispatcher()), count()
+    polite = [Caller(f"{name}:1") for name in "bcdefghij"]
+    open_queries: dict[Query, Caller] = {}
+
+    def ask(client: Caller) -> None:
+        number = next(numbers)
+        is_write = client is A and (kind == "writes" or (kind == "both" and number % 2))
+        request = write(number % 200, 1) if is_write else read(number % 65536)  # no two reads are alike
+        open_queries[bus.submit(client, 1, request)] = client
+
+    for client in (*polite, *[A] * pipelined):
+        ask(client)
+    for _ in range(2000):
+        assert bus.step()
+        for query, _ in bus.answers:
+            ask(open_queries.pop(query))
+        bus.answers.clear()
+    turns = Counter(who for who, _, _ in sent(bus))
+    assert turns["a"] <= 1.2 * min(turns[client.peer[0]] for client in polite)
+    assert max(turns.values()) <= 1.2 * min(turns.values())
+
+
+def test_a_client_that_polls_may_send_a_command_at_once_now_and_then() -> None:
+    bus = SimulatedBus(Dispatcher())
+    for client in (A, B, C):
+        for address in range(8):
+            bus.submit(client, 1, read(address + 100 * (client is B) + 200 * (client is C)))
+    for _ in range(4):
+        bus.step()
+    bus.submit(A, 1, write(50, 1))
+    bus.step()
+    assert sent(bus)[-1] == ("a", 1, 50)
+    bus.submit(A, 1, write(51, 1))  # it has used up its turn
+    bus.step()
+    bus.step()
+    assert [who for who, _, _ in sent(bus)[-2:]] == ["b", "c"]
+
+
+# Joined, cached and merged reads
+
+
+def test_identical_reads_on_their_way_are_one_exchange() -> None:
+    bus = SimulatedBus(Dispatcher())
+    queries = [bus.submit(client, 1, read(5)) for client in (A, B, C)]
+    bus.submit(A, 1, read(6))
+    bus.run()
+    assert len(bus.log) == 2
+    assert [bus.answer_to(query) for query in queries] == ["03 02 00 00"] * 3
+
+
+def test_a_read_does_not_join_one_from_before_a_write() -> None:
+    bus = SimulatedBus(Dispatcher())
+    early = bus.submit(A, 1, read(5))
+    exchange = bus.dispatcher.take(bus.now)
+    assert exchange is not None
+    before = bus.handle(exchange)  # the unit has been read, and its response is on the line
+    bus.submit(B, 1, write(5, 7))
+    late = bus.submit(B, 1, read(5))
+    bus.dispatcher.finish(exchange, before, bus.now)
+    bus.run()
+    assert bus.answer_to(early) == "03 02 00 00"
+    assert bus.answer_to(late) == "03 02 00 07"
+
+
+def test_a_response_is_kept_for_a_while_and_until_a_write() -> None:
+    bus = SimulatedBus(Dispatcher(default=UnitOptions(cache=1.0)))
+    for _ in range(3):
+        bus.submit(A, 1, read(5))
+        bus.run()
+    assert len(bus.log) == 1
+    bus.submit(B, 1, write(5, 7))
+    bus.run()
+    fresh = bus.submit(A, 1, read(5))
+    bus.run()
+    assert (bus.answer_to(fresh), len(bus.log)) == ("03 02 00 07", 3)
+    bus.now += 1.1
+    bus.submit(A, 1, read(5))
+    bus.run()
+    assert len(bus.log) == 4
+
+
+def test_adjacent_reads_are_merged_where_the_options_say_so() -> None:
+    bus = SimulatedBus(Dispatcher({2: UnitOptions(merge=2)}))
+    bus.units[2] = Table(200, holding_registers=list(range(200)))
+    queries = {
+        (first, quantity): bus.submit(client, 2, read(first, quantity))
+        for client, first, quantity in ((A, 10, 2), (B, 12, 3), (C, 17, 1), (A, 21, 2), (B, 11, 2))
+    }
+    bus.submit(A, 1, read(10, 2))
+    bus.run()
+    assert sorted((row.unit, row.request.pdu.hex(" ")) for row in bus.log) == [
+        (1, "03 00 0a 00 02"),
+        (2, "03 00 0a 00 08"),
+        (2, "03 00 15 00 02"),
+    ]
+    for (first, quantity), query in queries.items():
+        expected = "".join(f"{value:04x}" for value in range(first, first + quantity))
+        assert bus.answer_to(query) == bytes.fromhex(f"03 {2 * quantity:02x} {expected}").hex(" ")
+
+
+def test_merged_reads_that_are_declined_together_go_out_alone() -> None:
+    bus = SimulatedBus(Dispatcher(default=UnitOptions(merge=0)))
+    good, bad = bus.submit(A, 1, read(198, 2)), bus.submit(B, 1, read(200, 2))
+    bus.run()
+    assert (bus.answer_to(good), bus.answer_to(bad)) == ("03 04 00 00 00 00", "83 02")
+    assert len(bus.log) == 3
+
+
+def test_a_merged_read_is_never_longer_than_a_response_can_be() -> None:
+    bus = SimulatedBus(Dispatcher(default=UnitOptions(merge=8)))
+    for first in range(0, 196, 4):
+        bus.submit(A, 1, read(first, 4))
+    bus.run()
+    assert sum(len(row.queries) for row in bus.log) == 49
+    assert all(row.request.known is not None for row in bus.log)
+
+
+# Dead units, pauses
+
+
+def test_a_dead_unit_is_declined_at_once_and_tried_again_after_a_pause() -> None:
+    bus = SimulatedBus(Dispatcher(default=UnitOptions(timeout=0.5, dead_after=2)), silent={9})
+    for _ in range(5):
+        bus.submit(A, 9, read(0))
+        bus.run()
+    assert len(bus.log) == 2
+    assert bus.now == pytest.approx(1.0)
+    bus.now += 1.0
+    bus.silent.clear()
+    trial = bus.submit(A, 9, read(1))
+    second = bus.submit(B, 9, read(2))
+    bus.run()
+    assert bus.answer_to(trial) == "03 02 00 00"
+    assert bus.answer_to(second) == "83 0b"
+    bus.submit(B, 9, read(2))
+    bus.run()
+    assert len(bus.log) == 4
+
+
+def test_queries_to_a_unit_that_has_died_do_not_wait_any_longer() -> None:
+    bus = SimulatedBus(Dispatcher(default=UnitOptions(timeout=0.5, dead_after=2)), silent={9})
+    queries = [bus.submit(A, 9, read(address)) for address in range(10)]
+    bus.run()
+    assert len(bus.log) == 2
+    assert {bus.answer_to(query) for query in queries} == {"83 0b"}
+
+
+@pytest.mark.parametrize("clients", [32, 200])
+def test_two_dead_units_of_ten_cost_the_others_little(clients: int) -> None:
+    """Every client asks one unit after the other. 20 ms an exchange, 0.3 s a time-out, one minute."""
+    bus = SimulatedBus(Dispatcher(default=UnitOptions(timeout=0.3)), takes=0.02, silent={4, 8})
+    numbers = count()
+    todo = {Caller(f"c{number}:1"): number % 10 for number in range(clients)}
+    waiting: dict[Query, Caller] = {}
+    answered: list[float] = []
+
+    def ask(client: Caller) -> None:
+        todo[client] = (todo[client] + 1) % 10
+        waiting[bus.submit(client, todo[client], read(next(numbers) % 65536))] = client
+
+    for client in list(todo):
+        ask(client)
+    while bus.now < 60.0:
+        bus.step()
+        answered += [bus.now for _, pdu in bus.answers if pdu[0] == 3 or pdu[1] == 2]
+        replies, bus.answers = bus.answers, []
+        for query, _ in replies:
+            ask(waiting.pop(query))
+    in_first_ten = sum(at <= 10.0 for at in answered)
+    assert in_first_ten >= 0.85 * 10.0 / 0.02
+    assert len(answered) - in_first_ten >= 0.97 * 50.0 / 0.02
+
+
+def test_the_pause_of_a_unit_does_not_delay_others() -> None:
+    bus = SimulatedBus(Dispatcher({1: UnitOptions(gap=0.2)}))
+    for address in range(3):
+        bus.submit(A, 1, read(address))
+        bus.submit(B, 2, read(address))
+    bus.run()
+    assert [unit for _, unit, _ in sent(bus)] == [1, 2, 2, 2, 1, 1]
+    starts = [row.started for row in bus.log if row.unit == 1]
+    assert all(later - earlier >= 0.2 for earlier, later in pairwise(starts))
+
+
+# Bounds, and clients that leave
+
+
+def test_a_full_queue_declines_the_client_that_fills_it() -> None:
+    bus = SimulatedBus(Dispatcher(capacity=10))
+    greedy = [bus.submit(A, 1, read(address)) for address in range(12)]
+    polite = bus.submit(B, 1, read(100))
+    assert [bus.answer_to(query) for query in greedy] == [None] * 9 + ["83 06"] * 3
+    bus.run()
+    assert bus.answer_to(polite) == "03 02 00 00"
+
+
+def test_a_query_that_was_displaced_is_not_joined_any_more() -> None:
+    bus = SimulatedBus(Dispatcher(capacity=4))
+    for address in range(4):
+        bus.submit(A, 1, read(address))
+    bus.submit(B, 1, read(9))
+    late = bus.submit(C, 1, read(3))
+    bus.run()
+    assert bus.answer_to(late) == "03 02 00 00"
+
+
+def test_a_bus_that_ends_while_merged_reads_go_out_alone_goes_on() -> None:
+    bus = SimulatedBus(Dispatcher(default=UnitOptions(merge=4)))
+    both = bus.submit(A, 1, read(199)), bus.submit(B, 1, read(200))
+    bus.step()
+    bus.dispatcher.decline_all(0x0A)
+    assert [bus.answer_to(query) for query in both] == ["83 0a"] * 2
+    assert bus.dispatcher.size == 0
+    again = bus.submit(A, 1, read(199))
+    bus.run()
+    assert bus.answer_to(again) == "03 02 00 00"
+
+
+def test_nothing_is_kept_of_clients_that_come_and_go() -> None:
+    bus = SimulatedBus(Dispatcher(default=UnitOptions(merge=4)))
+    for number in range(500):
+        pair = Caller(f"x:{number}"), Caller(f"y:{number}")
+        for client in pair:
+            bus.submit(client, 1, write(number % 100, 1))
+            bus.submit(client, 1, read(number % 100))
+            bus.submit(client, 1, read(number % 100 + 1))
+        bus.run()
+        for client in pair:
+            client.is_gone = True
+    assert len(bus.dispatcher._clients) <= 70
+
+
+def test_a_write_to_unit_0_may_be_a_broadcast_so_nothing_that_was_read_before_is_given_to_anybody() -> None:
+    bus = SimulatedBus(Dispatcher(default=UnitOptions(cache=10.0)))
+    bus.submit(A, 1, read(5))
+    bus.run()
+    bus.submit(B, 0, write(5, 1))
+    bus.run()
+    bus.submit(A, 1, read(5))
+    bus.run()
+    assert len(bus.log) == 3
+
+
+def test_trials_of_dead_units_do_not_wait_for_each_other() -> None:
+    bus = SimulatedBus(Dispatcher(default=UnitOptions(timeout=1.0, dead_after=1), patience=10.0), silent={8, 9})
+    for unit in (8, 9):
+        bus.submit(A, unit, read(0))
+        bus.run()
+    bus.now += 40.0
+    numbers = count()
+    for _ in range(3):  # a line that is never idle
+        bus.submit(B, 1, read(next(numbers)))
+    dead = [bus.submit(A, 8, read(1)), bus.submit(A, 9, read(1))]
+    asked_at, waits = bus.now, {}
+    for _ in range(200):
+        bus.submit(B, 1, read(next(numbers)))
+        bus.step()
+        for query in dead:
+            if query not in waits and bus.answer_to(query):
+                waits[query] = bus.now - asked_at
+    assert all(waits[query] <= 2.5 for query in dead)
+
+
+def test_a_query_that_waits_too_long_is_not_sent() -> None:
+    bus = SimulatedBus(Dispatcher(patience=1.0))
+    query = bus.submit(A, 1, write(0, 1))
+    bus.now += 1.0
+    bus.run()
+    assert (bus.answer_to(query), bus.log) == ("86 06", [])
+
+
+def test_what_a_client_that_left_asked_for_is_not_sent() -> None:
+    bus = SimulatedBus(Dispatcher())
+    gone = Caller("x:1")
+    lost = [bus.submit(gone, 1, write(5, 1)), bus.submit(gone, 1, read(5))]
+    joined = bus.submit(B, 1, read(5))
+    gone.is_gone = True
+    bus.run()
+    assert bus.unanswered == lost[1:] + lost[:1] or bus.unanswered == lost
+    assert [bus.answer_to(query) for query in lost] == [None, None]
+    assert bus.answer_to(joined) == "03 02 00 00"
+    assert [row.request.pdu[0] for row in bus.log] == [3]
+    assert bus.dispatcher.size == 0
+
+
+def test_each_query_is_counted_once() -> None:
+    bus = SimulatedBus(Dispatcher({2: UnitOptions(cache=9.0), 3: UnitOptions(merge=0)}, capacity=9), silent={9})
+    for client in (A, B):
+        bus.submit(client, 1, read(5))
+    bus.submit(A, 1, read(500))
+    bus.submit(A, 3, read(0))
+    bus.submit(B, 3, read(1))
+    bus.run()
+    for _ in range(2):
+        bus.submit(A, 2, read(5))
+        bus.run()
+    for address in range(4):
+        bus.submit(A, 9, read(address))
+    bus.run()
+    bus.submit(A, 9, read(0))
+    for address in range(12):
+        bus.submit(C, 4, read(address))
+    bus.run()
+    counters = {number: state.counters for number, state in bus.dispatcher.units.items()}
+    queries = {
+        number: (row.answered, row.cached, row.unanswered, row.busy, row.joined) for number, row in counters.items()
+    }
+    assert queries == {
+        **{1: (3, 0, 0, 0, 1), 2: (1, 1, 0, 0, 0), 3: (2, 0, 0, 0, 1)},
+        **{4: (9, 0, 0, 3, 0), 9: (0, 0, 5, 0, 0)},
+    }
+    assert [(row.requests, row.exceptions, row.no_responses) for row in counters.values()] == [
+        *[(2, 1, 0), (1, 0, 0), (1, 0, 0), (2, 0, 2), (9, 0, 0)],
+    ]
+    assert counters[1].total == pytest.approx(0.02)
+
+
+REQUESTS = st.one_of(
+    st.builds(read, st.integers(0, 12), st.integers(1, 3)),
+    st.builds(read, st.integers(0, 12), st.integers(1, 9), st.just(1)),
+    st.builds(write, st.integers(0, 12), st.integers(1, 9)),
+)
+OPTIONS = st.builds(
+    UnitOptions,
+    timeout=st.just(0.1),
+    gap=st.sampled_from([0.0, 0.05]),
+    dead_after=st.integers(0, 2),
+    cache=st.sampled_from([0.0, 0.03, 1.0]),
+    merge=st.sampled_from([None, 0, 4]),
+)
+EVENTS = st.lists(
+    st.one_of(
+        st.tuples(st.just("ask"), st.integers(0, 3), st.integers(1, 3), REQUESTS),
+        st.tuples(st.just("take"), st.integers(0, 20)),
+        st.tuples(st.just("finish"), st.integers(0, 3)),
+        st.tuples(st.just("leave"), st.integers(0, 3)),
+        st.tuples(st.just("silent"), st.integers(1, 3)),
+    ),
+    max_size=60,
+)
+
+
+@given(OPTIONS, EVENTS, st.integers(1, 4))
+def test_every_query_has_one_answer_and_no_read_is_older_than_a_write_that_was_answered_before_it(
+    options: UnitOptions, events: list[tuple[object, ...]], lanes: int
+) -> None:
+    bus = SimulatedBus(Dispatcher(default=options, capacity=12, patience=5.0))
+    clients = [Caller(f"{number}:1") for number in range(4)]
+    under_way: list[tuple[Exchange, bytes | int]] = []
+    asked: list[tuple[Query, dict[tuple[int, int], int]]] = []
+    written: dict[tuple[int, int], int] = {}  # the value of each register by the latest write that was answered
+    versions = count(1)
+
+    def finish(place: int) -> None:
+        exchange, response = under_way.pop(place)
+        bus.dispatcher.finish(exchange, response, bus.now)
+        if exchange.request.function_code == 6 and isinstance(response, bytes) and response[0] == 6:
+            written[exchange.unit, response[2]] = int.from_bytes(response[3:], "big")
+
+    for event in events:
+        match event:
+            case ("ask", int(client), int(unit), RawRequest() as request):
+                if request.function_code == 6:  # values grow, so an older one is smaller
+                    request = write(request.pdu[2], next(versions))
+                asked.append((bus.submit(clients[client], unit, request), dict(written)))
+            case ("take", int(later)):
+                bus.now += later / 100
+                exchange = bus.dispatcher.take(bus.now) if len(under_way) < lanes else None
+                if exchange is not None:
+                    under_way.append((exchange, bus.handle(exchange)))
+            case ("finish", int(place)) if under_way:
+                finish(place % len(under_way))
+            case ("leave", int(client)):
+                clients[client].is_gone = True
+                clients[client] = Caller(f"{client}:2")
+            case ("silent", int(unit)):
+                bus.silent ^= {unit}
+    while under_way:
+        finish(0)
+    bus.run()
+    ended = Counter([query for query, _ in bus.answers] + bus.unanswered)
+    assert all(ended[query] == 1 for query, _ in asked)
+    for query, known in asked:
+        answer = bus.answer_to(query)
+        assert answer is not None or query.client.is_gone
+        if answer is None or query.request.function_code != 3 or answer.startswith("83"):
+            continue
+        first, quantity = query.request.pdu[2], query.request.pdu[4]
+        values = bytes.fromhex(answer)[2:]
+        assert len(values) == 2 * quantity
+        for place in range(quantity):
+            value = int.from_bytes(values[2 * place : 2 * place + 2], "big")
+            assert value >= known.get((query.unit, first + place), 0)
+    assert bus.dispatcher.size == 0
