@@ -72,6 +72,9 @@ docs-links: $(VENV)/installed-docs ## which links of the documentation to other 
 hostile: $(VENV)/installed-dev ## CANopen devices after every configuration of two steps and random ones; ARGS=--help
 	@$(BIN)/python tools/hostile_master.py $(ARGS)
 
+gateway-lab: $(VENV)/installed-dev ## the gateway beside a relay and mbusd, and under faults; writes docs/reference/gateway.md; MBUSD=path
+	@$(BIN)/python tools/gateway_lab.py $(ARGS)
+
 plant: $(VENV)/installed-dev ## 127 CANopen nodes booted, configured and run with SYNC at 100 Hz, and their load; ARGS=--help
 	@$(BIN)/python -m bench.plant $(ARGS)
 
