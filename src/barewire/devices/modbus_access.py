@@ -119,6 +119,9 @@ class PlannedWrite(NamedTuple):
         return tuple(member.parameter for member in self.members)
 
 
+_Placed: TypeAlias = tuple[ModbusAt, Parameter]
+
+
 def _modbus_address(device: Device, parameter: Parameter) -> tuple[ModbusAt, ModbusSettings]:
     """Return the Modbus address of a parameter. Raises EncodeError with its address on CANopen if it has none."""
     if parameter.modbus is not None and device.modbus is not None:
@@ -149,9 +152,7 @@ def plan_reads(device: Device, parameters: Iterable[Parameter]) -> list[PlannedR
     Raises EncodeError for a parameter without an address on Modbus, in a table that no function reads, or wider than
     the limit of the device.
     """
-    by_table: dict[
-        TableName, dict[str, tuple[ModbusAt, Parameter]]
-    ] = {}  # by name: one that is given twice is read once
+    by_table: dict[TableName, dict[str, _Placed]] = {}  # by name: one that is given twice is read once
     for parameter in parameters:
         place, _ = _modbus_address(device, parameter)
         by_table.setdefault(place.table, {})[parameter.name] = place, parameter
@@ -161,7 +162,7 @@ def plan_reads(device: Device, parameters: Iterable[Parameter]) -> list[PlannedR
     return blocks
 
 
-def _plan_table(device: Device, table: TableName, placed: list[tuple[ModbusAt, Parameter]]) -> list[PlannedRead]:
+def _plan_table(device: Device, table: TableName, placed: list[_Placed]) -> list[PlannedRead]:
     settings = _modbus_address(device, placed[0][1])[1]
     function = settings.read_functions.get(table)
     if function is None:
@@ -175,11 +176,10 @@ def _plan_table(device: Device, table: TableName, placed: list[tuple[ModbusAt, P
     while placed:
         # From the lowest address as far as described addresses and the limit go. Greedy is optimal here: moving a
         # parameter to a later request never saves one.
-        first, widest = placed[0]
+        first, parameter = placed[0]
         if first.words > limit:
-            raise EncodeError(
-                f"{widest.name} takes {first.words} registers, {device.name} allows {limit} in one response"
-            )
+            text = f"{parameter.name} takes {first.words} registers, {device.name} allows {limit} in one response"
+            raise EncodeError(text)
         reach = first.address + first.words
         while reach - first.address < limit and reach in known:
             reach += 1
@@ -283,7 +283,7 @@ def block_decoder(block: PlannedRead) -> BlockDecoder:
     letters, picked = ">", []
     rules: list[tuple[int, Callable[[Any], Value]]] = []
     for number, (parameter, offset) in enumerate(block.members):
-        letter, positions, rule = _member(parameter, 2 * offset)
+        letter, positions, rule = _member_format(parameter, 2 * offset)
         letters += letter
         picked += positions
         if rule is not None:
@@ -309,7 +309,7 @@ def _with_rules(
     return decode
 
 
-def _member(parameter: Parameter, start: int) -> tuple[str, list[int], Callable[[Any], Value] | None]:
+def _member_format(parameter: Parameter, start: int) -> tuple[str, list[int], Callable[[Any], Value] | None]:
     """Return the letter of `struct`, the positions of the bytes with the most significant first, and the function from
     the number to the value (None: the number is the value)."""
     place = parameter.modbus
@@ -336,17 +336,18 @@ def _scaling(parameter: Parameter) -> Callable[[Any], Value] | None:
     if parameter.type[0] == "f":
         factor = float(parameter.scale)
         return lambda raw: raw * factor
-    above, below = parameter.scale.numerator, parameter.scale.denominator
+    numerator, denominator = parameter.scale.numerator, parameter.scale.denominator
 
     def scaled(raw: int) -> Value:
         # A quotient of whole numbers is rounded once, so this is the exact fraction as a float.
-        return raw * above / below if raw * above % below else raw * above // below
+        product = raw * numerator
+        return product / denominator if product % denominator else product // denominator
 
     return scaled
 
 
 _READS: dict[int, Any] = {1: ReadCoils, 2: ReadDiscreteInputs, 3: ReadHoldingRegisters, 4: ReadInputRegisters}
-_MOST_PLANS = 256
+_PLANS_MAX = 256
 """The most plans that are kept for one device: a program that polls has a few lists of names."""
 
 
@@ -377,8 +378,8 @@ def read_plan(device: Device, names: tuple[NameOrParameter, ...]) -> ReadPlan:
     if plan is None:
         parameters = to_read(device, names)
         blocks = plan_reads(device, parameters)
-        members = [member.parameter.name for block in blocks for member in block.members]
-        numbers = {name: number for number, name in enumerate(members)}
+        names_read = [member.parameter.name for block in blocks for member in block.members]
+        numbers = {name: number for number, name in enumerate(names_read)}
         plan = ReadPlan(
             [_READS[block.function](block.address, block.quantity) for block in blocks],
             [reading_note(block.parameters) for block in blocks],
@@ -386,8 +387,8 @@ def read_plan(device: Device, names: tuple[NameOrParameter, ...]) -> ReadPlan:
             parameters,
             [numbers[parameter.name] for parameter in parameters],
         )
-        if len(device.read_plans) >= _MOST_PLANS:
-            device.read_plans.clear()
+        if len(device.read_plans) >= _PLANS_MAX:
+            device.read_plans.clear()  # rare, and cheaper than an order of use, which each read would have to keep
         device.read_plans[names] = plan
     return plan
 
@@ -427,7 +428,8 @@ def write_modbus(
     pairs = to_write(device, values, force)
     writes = plan_writes(device, [parameter for parameter, _ in pairs])
     for parameter, value in pairs:
-        # Encoded once before anything is sent, so that no value is refused after others were written.
+        # Encoded once before anything is sent, so that no value is refused after others were written. [0] stands for
+        # the register that a part of one will be written into.
         _registers(parameter, value, [0])
     return _write_modbus(bus, unit, writes, pairs, timeout)
 

@@ -47,7 +47,7 @@ class Shape:
     def __init__(self, role: Role, units: Container[int]) -> None:
         self.role: Role = role
         self._units = units
-        self._asked: tuple[int, bytes] | None = None  # the unit and PDU of the open request
+        self._open_request: tuple[int, bytes] | None = None  # its unit and PDU
 
     def measured(self, unit: int, pdu: bytes) -> list[int | None]:
         """Return the length of the PDU that begins with these bytes, for each kind of message that it can be."""
@@ -70,20 +70,20 @@ class Shape:
         size = whole[0]
         if request != response:
             longer = self._longer(unit, received, sizes, size) if may_wait else None
-            both = [*whole, longer] if longer is not None else whole
-            if len(both) > 1:
-                size = max(both, key=lambda size: self._rank(unit, received, size, size == request))
+            candidates = whole if longer is None else [*whole, longer]
+            if len(candidates) > 1:
+                size = max(candidates, key=lambda size: self._rank(unit, received, size, size == request))
             if size == longer:
                 return None
         pdu = received[:size]
         is_open = size == request and (size != response or not self._answers(unit, pdu))
-        self._asked = (unit, pdu) if is_open else None
+        self._open_request = (unit, pdu) if is_open else None
         return size
 
     def _longer(self, unit: int, received: bytes, sizes: list[int | None], whole: int) -> int | None:
         """Return the length of a frame that can have begun with the whole one, if it is worth waiting for."""
         for size in sizes:
-            if size is None or size <= whole or (unit, received[:whole]) == self._asked:
+            if size is None or size <= whole or (unit, received[:whole]) == self._open_request:
                 continue
             # A longer frame with a good CRC is no coincidence if only zeros of its CRC are missing.
             if size <= whole + _CRC or self._rank(unit, received, size, size == sizes[0])[0] == 2:
@@ -94,7 +94,8 @@ class Shape:
         """Return how likely it is that the received bytes begin with a request, or response, of this length."""
         pdu = received[:size].ljust(size, b"\0")  # the values that are missing can be any; counts come first
         # A response can begin like a request that is only a function code. Like a longer one it hardly ever begins.
-        if (size > 1 and self._asked == (unit, pdu)) if is_request else self._answers(unit, pdu):
+        belongs = size > 1 and self._open_request == (unit, pdu) if is_request else self._answers(unit, pdu)
+        if belongs:
             level = 2
         elif is_request:
             level = int(_can_be(decode_request, pdu))
@@ -104,11 +105,14 @@ class Shape:
 
     def _answers(self, unit: int, pdu: bytes) -> bool:
         """Whether the PDU answers the open request."""
-        if self._asked is None or self._asked[0] != unit or self._asked[1][0] != pdu[0] & ~EXCEPTION_BIT:
+        if self._open_request is None:
+            return False
+        open_unit, request = self._open_request
+        if open_unit != unit or request[0] != pdu[0] & ~EXCEPTION_BIT:
             return False
         with suppress(DecodeError):
             with suppress(Refused):  # an exception response answers too
-                decode_request(self._asked[1]).read_response(pdu)
+                decode_request(request).read_response(pdu)
             return True
         return False
 

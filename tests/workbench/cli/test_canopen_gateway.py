@@ -34,6 +34,17 @@ def test_a_client_reads_and_resets_a_node() -> None:
             assert gateway.wait(timeout=10) == 0
 
 
+def test_an_address_of_ipv6_is_printed_as_it_is_typed() -> None:
+    command = [*COMMAND, "canopen-gateway", "can://memory/ipv6", "--listen", "[::1]:0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as gateway:
+        assert gateway.stdout is not None
+        try:
+            assert gateway.stdout.readline().startswith("ready [::1]:")
+        finally:
+            gateway.send_signal(signal.SIGTERM)
+        assert gateway.wait(timeout=10) == 0
+
+
 def test_an_eds_without_a_node_id_is_refused() -> None:
     assert "expected --node-id too" in error_of("canopen-gateway", "can://virtual/x", "--eds", "a.eds", status=2)
     refusal = error_of("canopen-gateway", "can://virtual/x", "--node-id", "1", "--eds", "no-such.eds", status=2)

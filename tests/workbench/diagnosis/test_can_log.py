@@ -83,6 +83,10 @@ FAULTS: dict[str, tuple[list[Any], list[str], str]] = {
         [(0.0, ErrorFrame(0x88)), (0.001, ErrorFrame(0x200, bytes.fromhex("0000000000008000")))],
         ["bit-rate"], "bit-rate",
     ),
+    "a wire that is torn off now and then": (
+        [*timed(READ, ANSWER), *[(1.0 + at, ErrorFrame(0x10)) for at in range(3)], *timed(READ, ANSWER, start=9.0)],
+        ["bit-rate"], "disturbed",
+    ),
     "error frames among good ones": (
         [*timed(READ, ANSWER), *[(1.0 + at, ErrorFrame(0x88)) for at in range(3)], *timed(READ, ANSWER, start=9.0)],
         ["bit-rate"], "disturbed",

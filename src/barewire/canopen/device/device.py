@@ -137,6 +137,7 @@ class LocalNode:
         self.node = node
         self._identifiers: tuple[object, frozenset[tuple[int, bool]] | None] | None = None
         number = NODE_MAX if node is None else check_node(node)
+        # The producer of emergencies is kept, since it has the errors that are active and those of 1003h.
         self.errors.renumber(number)
         self.nmt = NmtSlave(number)
         self.sdo = SdoServer(number, self.objects, self.dialect, on_failure=self.report_failure)
@@ -257,6 +258,7 @@ class LocalNode:
         if self._has_failed:
             self._has_failed = False
             frames += self.errors.error(_INTERNAL_SOFTWARE, now)
+        # The fast path above is for block downloads: only while a transfer runs is the deadline worth its computation.
         self._due = _PAST if self.sdo.deadline is None else self.deadline or _PAST
         return frames
 
@@ -354,7 +356,7 @@ class LocalNode:
 
     def _enter(self, state: NmtState) -> None:
         """Change the services to a new NMT state."""
-        self._seen = _NEVER
+        self._seen = _NEVER  # the objects are followed again: SYNC was not, in STOPPED
         self.control.set_state(state)
         self.errors.allowed = self._may_communicate
         self.pdo.stop()
@@ -373,7 +375,7 @@ class LocalNode:
             except Exception as error:
                 self.report_failure("on_reset", error)
         if self.lss is not None and self.lss.take_over() != self.node:
-            self._make_services(self.lss.node)
+            self._make_services(self.lss.node)  # a pending node-ID takes effect at a reset   [CiA 305, node-ID]
         return self.start(now)
 
     def _follow(self, frame: CanFrame | None, now: float, frames: list[CanFrame]) -> None:

@@ -116,23 +116,23 @@ def assign_all(
 
     `scan` has a scan type and a number for each part of the address: with type 2 the part must have this number.
     """
-    types, numbers = (scan or [0] * 8)[::2], (scan or [0] * 8)[1::2]
-    if len(types) + len(numbers) != 8 or any(type > 2 for type in types):
-        raise GatewayError(
-            GatewayCode.SYNTAX, "lss_allnodes: expected scan_type 0..2 and number for each of the four parts"
-        )
+    scan = scan or [0] * 8
+    types, numbers = scan[::2], scan[1::2]
+    if len(scan) != 8 or any(type > 2 for type in types):
+        text = "lss_allnodes: expected scan_type 0..2 and number for each of the four parts"
+        raise GatewayError(GatewayCode.SYNTAX, text)
     known = [number if type == 2 else None for type, number in zip(types, numbers)]
-    devices = yield from assign_node_ids(
-        range(first, NODE_MAX + 1), known, store=bool(store), timeout=_seconds(milliseconds)
-    )
-    lines = [
-        f"# node {device.node}: {_address_text(device.address)}{', not stored' if store and not device.stored else ''}"
-        for device in devices
-    ]
+    nodes = range(first, NODE_MAX + 1)
+    devices = yield from assign_node_ids(nodes, known, store=bool(store), timeout=_seconds(milliseconds))
+    lines = []
+    for device in devices:
+        not_stored = ", not stored" if store and not device.stored else ""
+        lines.append(f"# node {device.node}: {_address_text(device.address)}{not_stored}")
     return "\n".join([*lines, f"# {len(devices)} found", "OK"])
 
 
 def _seconds(milliseconds: int) -> float:
+    # At most a minute: while a service waits, the other clients of the gateway cannot use LSS.
     return min(milliseconds, 60_000) / 1000 if milliseconds else LSS_TIMEOUT
 
 

@@ -22,7 +22,7 @@ from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ModbusException, exce
 R = TypeVar("R", bound="Response")
 
 EXCEPTION_BIT = 0x80
-_NO_ROWS = (str, bytes, bytearray, memoryview, set, frozenset, dict)
+_NOT_LISTS = (str, bytes, bytearray, memoryview, set, frozenset, dict)
 
 
 def _refuse_to_set(message: Message, name: str, value: object) -> None:
@@ -70,10 +70,10 @@ class Message:
         except EncodeError as error:
             # The number of registers or bits follows from the byte count, so the error gives the offset of that field.
             names = (error.field, cls.layout.count)
-            places = [field.offset for field in cls.layout.fields(pdu) if field.name in names]
-            # `fields` has no field for an empty tail.
-            missing = cls.layout.size if error.field == cls.layout.tail else 0
-            raise DecodeError("value", pdu, places[0] if places else missing, str(error)) from None
+            offsets = [field.offset for field in cls.layout.fields(pdu) if field.name in names]
+            if not offsets:  # `fields` has no field for an empty tail
+                offsets = [cls.layout.size if error.field == cls.layout.tail else 0]
+            raise DecodeError("value", pdu, offsets[0], str(error)) from None
 
     @classmethod
     def check_function(cls, pdu: bytes) -> None:
@@ -142,9 +142,9 @@ class Request(Message, Generic[R]):
 
     def refuse(self, pdu: bytes, field: str, asked: object, answered: object) -> None:
         """Raise DecodeError("mismatch") for a field of the response that does not fit the request."""
-        places = [found.offset for found in self.response.fields(pdu) if found.name == field]
+        offsets = [part.offset for part in self.response.fields(pdu) if part.name == field]
         text = f"{field} {answered} where {asked} was asked ({self.name})"
-        raise DecodeError("mismatch", pdu, places[0] if places else 0, text)
+        raise DecodeError("mismatch", pdu, offsets[0] if offsets else 0, text)
 
 
 class Response(Message):
@@ -184,10 +184,10 @@ class ExceptionResponse(Response):
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
         """Return the fields, with the name of the exception code."""
-        found = cls.layout.fields(pdu)
-        if len(found) > 1:
-            found[1] = found[1]._replace(meaning=exception_name(pdu[1]))
-        return found
+        fields = cls.layout.fields(pdu)
+        if len(fields) > 1:
+            fields[1] = fields[1]._replace(meaning=exception_name(pdu[1]))
+        return fields
 
 
 def check_range(name: str, value: int, low: int, high: int, message: Message | None = None) -> None:
@@ -195,7 +195,7 @@ def check_range(name: str, value: int, low: int, high: int, message: Message | N
 
     A number of another type than `int`, as numpy has them, becomes an `int` in the `message`: sums with it may wrap.
     """
-    if not (isinstance(value, int) and low <= value <= high):
+    if not (isinstance(value, int) and low <= value <= high):  # one test for the usual value: each message makes it
         if isinstance(value, int) or not is_whole(value, low, high):
             kind = "" if hasattr(value, "__index__") else "a whole number in "
             raise EncodeError(f"{name} = {value!r}: expected {kind}{low}..{high}", name)
@@ -206,7 +206,7 @@ def check_range(name: str, value: int, low: int, high: int, message: Message | N
 def check_list(name: str, values: object, expected: str) -> None:
     """Raise EncodeError unless `values` has a length and an order, and is not text or bytes, whose items are numbers
     too. An iterator has no length: it may be endless."""
-    if isinstance(values, _NO_ROWS) or not hasattr(values, "__len__"):
+    if isinstance(values, _NOT_LISTS) or not hasattr(values, "__len__"):
         raise EncodeError(f"{name} = {shown(values)}: expected a list of {expected}", name)
 
 

@@ -16,6 +16,7 @@ from barewire.canopen.gateway.own_node import gateway_node
 from barewire.errors import EncodeError, shown
 from barewire.io.canopen.node import dictionary_of
 from barewire.io.endpoint import Endpoint
+from barewire.io.ports.network import place_of
 from barewire.io.server.gateway import serve_gateway
 from barewire_workbench.cli.arguments import endpoint_argument
 
@@ -79,7 +80,7 @@ async def _serve(endpoint: str, host: str, port: int, settings: dict[str, Any]) 
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: loop.call_soon_threadsafe(gateway.ended.set))
-        print(f"ready {host}:{gateway.port}", flush=True)
+        print(f"ready {place_of(host, gateway.port)}", flush=True)
         await gateway.ended.wait()
         if gateway.failure is not None:
             raise gateway.failure

@@ -53,9 +53,9 @@ from barewire_workbench.monitor.recording import BUSES_MAX
 from barewire_workbench.recordings.model import LEFT_OUT, Dropped, RecordedItem, Unread
 
 _NO_ACKNOWLEDGEMENT = 0x20
-_FAULTS = 0x01 | 0x08 | 0x20 | 0x40 | 0x80
-"""Classes of error frames that report a fault of the bus. Lost arbitration is none, the overrun of a controller is not
-of the bus, and its restart is not one either."""
+_FAULTS = 0x01 | 0x08 | 0x10 | _NO_ACKNOWLEDGEMENT | 0x40 | 0x80
+"""Classes of error frames that report a fault of the bus: send time-out, protocol violation, transceiver, no
+acknowledgement, bus off, bus error. Lost arbitration is none, and an overrun or restart is of the controller alone."""
 _CONTROLLER = 0x04
 ERROR_PASSIVE = 128
 """The error counter from which on a controller is error passive; one frame that cannot be sent adds 8 [ISO 11898-1]."""
@@ -99,7 +99,8 @@ class BusCounts:
         if isinstance(frame, ErrorFrame):
             self.errors += bool(frame.classes & _FAULTS)
             self.unacknowledged += frame.classes & _FAULTS == _NO_ACKNOWLEDGEMENT
-            if frame.classes & _CONTROLLER or frame.counters:  # Linux before 6.0 has no class of its own for them
+            # The counters are valid in their own class; Linux before 6.0 has none, and gives them with this one.
+            if frame.classes & _CONTROLLER or frame.counters:
                 self.counter = max(self.counter, *frame.data[6:8], 0)
             return
         self.frames += 1
@@ -153,10 +154,10 @@ class BusCounts:
         """Return the verdicts that the numbers show, those that explain most first."""
         if not self.frames:
             return [self._no_frames()] if self.errors >= PROVES or self.counter >= ERROR_PASSIVE else []
-        found = [*self._silence(), *self._two_masters(), *self._two_nodes()]
+        verdicts = [*self._silence(), *self._two_masters(), *self._two_nodes()]
         if self.errors >= PROVES:
-            found.append(self._disturbed())
-        return found
+            verdicts.append(self._disturbed())
+        return verdicts
 
     def _seconds(self) -> str:
         return f"in {self.last - (self.first or 0.0):.3f} s"
@@ -179,22 +180,22 @@ class BusCounts:
             evidence = f"{counted(requests, 'request')} to {_nodes(self.requests)}, and not one frame of any node"
             other = "nodes that are off or have other node-IDs, or another bit rate than the master"
             return [LineVerdict("no-answers", "no node answers", evidence, other)]
-        found = []
+        verdicts = []
         for node in dead:
-            if self.asked[node] >= 2:
+            if self.asked[node] >= 2:  # one request may have been lost
                 others = sum(count - self.unanswered[other] for other, count in self.asked.items())
                 seen = f"it was last heard at {self.heard[node]:.6f}" if node in self.heard else "it never sent a frame"
                 evidence = f"0 of {counted(self.asked[node], 'request')} answered, {seen}; others answered {others}"
-                found.append(_dead(node, "does not answer", evidence))
-        for node, number in self.streak.items():
-            if node not in dead and number >= PROVES and node not in self.silent:
-                evidence = f"the last {number} of {counted(self.asked[node], 'request')} have no answer"
-                found.append(_dead(node, "fell silent", evidence))
+                verdicts.append(_dead(node, "does not answer", evidence))
+        for node, streak in self.streak.items():
+            if node not in dead and streak >= PROVES and node not in self.silent:
+                evidence = f"the last {streak} of {counted(self.asked[node], 'request')} have no answer"
+                verdicts.append(_dead(node, "fell silent", evidence))
         for node, since in self.silent.items():
             if node not in dead and self.heard.get(node, 0.0) <= since < self.last:
                 evidence = f"its heartbeat is missing from {since:.6f} to the end at {self.last:.6f}"
-                found.append(_dead(node, "fell silent", evidence))
-        return found
+                verdicts.append(_dead(node, "fell silent", evidence))
+        return verdicts
 
     def _two_masters(self) -> list[LineVerdict]:
         if not self.overlaps:
@@ -205,15 +206,15 @@ class BusCounts:
         ]
 
     def _two_nodes(self) -> list[LineVerdict]:
-        found = []
-        for node, number in self.twice.items():
-            if number >= PROVES and 2 * number >= self.asked[node]:
-                evidence = (
-                    f"{number} of {counted(self.asked[node], 'request')} answered twice within {1e3 * _TWICE:.0f} ms"
-                )
+        verdicts = []
+        for node, twice in self.twice.items():
+            # Two nodes answer every request twice, unless one of them is slower; some alone may be a repeated frame.
+            if twice >= PROVES and 2 * twice >= self.asked[node]:
+                requests = counted(self.asked[node], "request")
+                evidence = f"{twice} of {requests} answered twice within {1e3 * _TWICE:.0f} ms"
                 other = "a gateway or recorder that repeats frames"
-                found.append(LineVerdict("two-units", f"two nodes have the node-ID {node}", evidence, other))
-        return found
+                verdicts.append(LineVerdict("two-units", f"two nodes have the node-ID {node}", evidence, other))
+        return verdicts
 
     def _disturbed(self) -> LineVerdict:
         evidence = f"{counted(self.errors, 'error frame')} among {counted(self.frames, 'good frame')} {self._seconds()}"
@@ -337,36 +338,38 @@ class BusDiagnosis:
 
     def feed(self, item: AnyFrame | Dropped | None, now: float, line: int = 0) -> list[LogFinding]:
         """Take a frame, or None if only time has passed. Return the findings that it proves."""
-        found: list[Proved] = []
+        proofs: list[Proved] = []
         if isinstance(item, ErrorFrame):
-            found += self._error_frame(item, now)
+            proofs += self._error_frame(item, now)
         elif item is not None and not isinstance(item, Dropped):
             self._errors = 0
             self.counts.note(item, now)
             if isinstance(item, CanFrame):
-                found += self._frame(item, now, line)
+                proofs += self._frame(item, now, line)
         frame = item if isinstance(item, CanFrame) else None
-        codes: set[DiagnosisCode] = {proved.finding.code for proved in found}
-        if codes:
-            codes |= {"bus-rule", "cut-frame"}  # of the same bytes
+        # What is wrong with the frame alone, the monitor reports again as a rule that the same bytes break.
+        known_codes: set[DiagnosisCode] = {proved.finding.code for proved in proofs}
+        if known_codes:
+            known_codes |= {"bus-rule", "cut-frame"}
         for event in self.monitor.feed(item, now):
-            found += [proved for proved in self._event(event, frame) if proved.finding.code not in codes]
-        return self._at(found, now, line)
+            proofs += [proved for proved in self._event(event, frame) if proved.finding.code not in known_codes]
+        return self._at(proofs, now, line)
 
     def end(self, now: float) -> list[LogFinding]:
         """End the log, and return the last findings."""
-        found = [pair for event in self.monitor.end(now) for pair in self._event(event, None)]
+        proofs = [proved for event in self.monitor.end(now) for proved in self._event(event, None)]
         for node, since in self._heartbeats.silences(self.monitor.nodes.nodes, now):
             self.counts.silent[node] = since
             state = self.monitor.nodes.nodes[node].state
-            found.append(_missing_heartbeat(node, state, now - since))
-        found += [proved for node, proved in self._searched.items() if not self.counts.is_search(node)]
+            proofs.append(_missing_heartbeat(node, state, now - since))
+        # Only now it is known how many nodes were asked in vain.
+        proofs += [proved for node, proved in self._searched.items() if not self.counts.is_search(node)]
         self._searched.clear()
         for node, number in self._not_awaited.items():
             if not self.counts.heard or not self.counts.may_be_search(node):
                 self.unsettled.open[f"SDO transfer with node {node} without its other half"] += number
         self._not_awaited.clear()
-        return self._at(found, now, 0)
+        return self._at(proofs, now, 0)
 
     def verdicts(self) -> list[LineVerdict]:
         """Return what the numbers show about the bus; if no fault, what devices refused, and what is open."""
@@ -387,13 +390,13 @@ class BusDiagnosis:
             causes.append(LineVerdict("nothing-heard", "no frame was received", errors))
         return causes or verdicts_without_cause(self.found, self.unsettled, seen)
 
-    def _at(self, found: Iterable[Proved], now: float, line: int) -> list[LogFinding]:
-        result = []
-        for node, finding, at, own_line in found:
+    def _at(self, proofs: Iterable[Proved], now: float, line: int) -> list[LogFinding]:
+        findings = []
+        for node, finding, at, own_line in proofs:
             place = " ".join(filter(None, (self.bus, f"node {node}" if node else "")))
             self.found.add(finding.code, place or "the bus")
-            result.append(LogFinding(now if at is None else at, own_line or line, place, finding))
-        return result
+            findings.append(LogFinding(now if at is None else at, own_line or line, place, finding))
+        return findings
 
     # Frames
 
@@ -476,12 +479,10 @@ class BusDiagnosis:
 
     def _loss(self, event: Loss, frame: CanFrame | None) -> Finding:
         proof = str(frame) if frame is not None else "both sides show it"
-        segment = frame is not None and frame.data and frame.data[0] >> 5 in (0, 3)
-        if segment and not self.monitor.takes_segment(frame):  # type: ignore[arg-type]
-            toggle = frame.data[0] >> 4 & 1  # type: ignore[union-attr]
-            return Finding(
-                "sdo-toggle", f"the client repeated the segment with toggle bit {toggle}", f"{proof}: {event.evidence}"
-            )
+        # A segment, download or upload, has a toggle bit; the segments of a block have a number in its place.
+        if frame is not None and _is_segment(frame) and not self.monitor.takes_segment(frame):
+            text = f"the client repeated the segment with toggle bit {frame.data[0] >> 4 & 1}"
+            return Finding("sdo-toggle", text, f"{proof}: {event.evidence}")
         return Finding("lost-frame", event.evidence, proof)
 
     def _transfer(self, event: SdoTransferReport) -> Iterator[Proved]:
@@ -493,9 +494,8 @@ class BusDiagnosis:
         gave_up = event.abort == AbortCode.TIMED_OUT and event.by == "client"
         if event.late:
             self.counts.answered_late(node)
-            yield Proved(
-                node, Finding("late-answer", f"the answer about {place} is late", "its request was given up before")
-            )
+            text = f"the answer about {place} is late"
+            yield Proved(node, Finding("late-answer", text, "its request was given up before"))
         elif event.outcome == "unanswered":
             yield from self._unanswered(event, place)
         elif event.outcome != "cut" and event.began is not None:
@@ -526,8 +526,8 @@ class BusDiagnosis:
             return
         self.counts.transfer(node, event.index, answered=False)
         finding = Finding("no-answer", f"no answer about {place}", f"nothing from node {node} for {waited:.3f} s")
-        asked = [request for request in self._requests.get(event.channel, []) if request.at == event.began]
-        proved = Proved(node, finding, event.at, asked[0].line if asked else 0)
+        requests = [request for request in self._requests.get(event.channel, []) if request.at == event.began]
+        proved = Proved(node, finding, event.at, requests[0].line if requests else 0)
         if self.counts.may_be_search(node):
             self._searched[node] = proved
         else:
@@ -558,6 +558,10 @@ class BusDiagnosis:
         if event.kind == "boot-up" and event.unasked:
             text = f"the node restarted by itself; it was {state_name(event.before or 0)}"
             yield Proved(event.node, Finding("restart", text, "a boot-up message without a reset command before it"))
+
+
+def _is_segment(frame: CanFrame) -> bool:
+    return bool(frame.data) and frame.data[0] >> 5 in (0, 3)
 
 
 def _missing_heartbeat(node: int, state: int | None, seconds: float) -> Proved:

@@ -74,7 +74,12 @@ def modbus_messages(
     for message in _modbus_messages(events, timed, names):
         # What is missing is certain at a time that may lie before that of noise, which is known after its last byte.
         latest = max(latest, message.at or 0.0)
-        yield message._replace(at=None if not timed else message.at if message.target else latest)
+        if not timed:
+            yield message._replace(at=None)
+        elif message.target:
+            yield message
+        else:
+            yield message._replace(at=latest)
 
 
 def _modbus_messages(events: Iterable[SnifferEvent], timed: bool, names: UnitNames | None) -> Iterator[SequenceMessage]:
@@ -211,8 +216,8 @@ class DriveWords:
 
     def __init__(self) -> None:
         self.kept: list[DriveWord] = []
-        self._last: dict[WordKind, object] = {}
-        self._control = 0
+        self._shown: dict[WordKind, object] = {}  # what the latest word of each kind showed
+        self._control = 0  # the latest control word: a fault is reset by the edge of bit 7
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {len(self.kept)} kept>"
@@ -223,11 +228,12 @@ class DriveWords:
             try:
                 shown: object = state_of(word)
             except DecodeError:
-                shown = word & 0x6F
+                shown = word & 0x6F  # no state of CiA 402: the bits that make a state, so that a change is kept
         else:
-            shown, self._control = (command_of(word, self._control), word & 0x80), word
-        if self._last.get(kind) != shown:
-            self._last[kind] = shown
+            shown = command_of(word, self._control), word & 0x80
+            self._control = word
+        if self._shown.get(kind) != shown:
+            self._shown[kind] = shown
             self.kept.append(DriveWord(kind, word, at))
 
 
@@ -259,10 +265,11 @@ def can_drive_words(
 
 def _add_mapped(drives: dict[int, DriveWords], monitor: CanMonitor, frame: CanFrame, at: float) -> None:
     owner = monitor.pdos.owner(frame)
-    mapping = None if owner is None else owner[2]
-    if owner is None or mapping is None or frame.remote:
+    if owner is None or frame.remote:
         return
-    node = owner[0]
+    node, _, mapping = owner
+    if mapping is None:
+        return
     try:
         values = mapping.unpack(frame.data)
     except DecodeError:
@@ -342,9 +349,9 @@ def recording_picture(
     if is_can:
         timed = is_timed(data)
         messages = can_messages(read_recording(data), options.bus, known)
-        return SequencePicture(
-            f"Messages in {name}", (message if timed else message._replace(at=None) for message in messages), [MASTER]
-        )
+        if not timed:
+            messages = (message._replace(at=None) for message in messages)
+        return SequencePicture(f"Messages in {name}", messages, [MASTER])
     log, events = replay_log(data, window=options.window, ports=options.ports, protocol=options.protocol)
     return SequencePicture(f"Messages in {name}", modbus_messages(events, timed=log.timed, names=names), [CLIENT])
 

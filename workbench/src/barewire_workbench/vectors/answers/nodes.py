@@ -81,22 +81,23 @@ def _sdo_client(given: Fields) -> Fields:
 
 def _play(conversation: Conversation[CanFrame, Any], talk: list[Fields], steps: list[Fields], node: int) -> None:
     """Feed the lines of each step, and then, until the client says something, nothing but time."""
-    now, at = 0.0, 0
-    waiting = list(talk[0]["hear"])
+    now, place = 0.0, 0
+    lines = list(talk[0]["hear"])
     step = next(conversation)
     while True:
         if not isinstance(step, Listen):
-            steps[at]["say"] += [hexed(item.data) for item in step.items]
+            steps[place]["say"] += [hexed(item.data) for item in step.items]
             step = conversation.send(Heard(None, now))
             continue
-        if not waiting and steps[at]["say"] and at + 1 < len(talk) and step.until > now:
-            at += 1
-            waiting = list(talk[at]["hear"])
-        if waiting:
+        has_said, is_last = bool(steps[place]["say"]), place + 1 == len(talk)
+        if not lines and has_said and not is_last and step.until > now:
+            place += 1
+            lines = list(talk[place]["hear"])
+        if lines:
             now += _RESPONSE_TIME
-            frame = CanFrame(cob_id("SDO answer", node), octets(waiting.pop(0)))
+            frame = CanFrame(cob_id("SDO answer", node), octets(lines.pop(0)))
             step = conversation.send(Heard(frame, now))
-        elif steps[at]["say"] and at + 1 == len(talk) and step.until > now + _PATIENCE:
+        elif has_said and is_last and step.until > now + _PATIENCE:
             return
         else:
             now = max(now, step.until)
@@ -165,24 +166,32 @@ def _value_of(type: str, text: str) -> Value:
 
 
 def _dictionary(rows: Iterable[Fields]) -> ObjectDictionary:
-    entries = []
-    listed = list(rows)
-    have = {row["object"] for row in listed}
+    described = {row["object"]: row for row in rows}
     for place, type, access in _EVERY_DEVICE:
-        if place not in have:
-            listed.append({"object": place, "type": type, "access": access, "value": "0"})
-    for row in listed:
-        index, sub = _address_of(row["object"])
-        low, high = (None if row.get(name) is None else float(row[name]) for name in ("low", "high"))
-        entries.append(
-            Entry(
-                *(index, sub, row["object"], row["type"], row["access"], _value_of(row["type"], row["value"])),
-                minimum=int(low) if low is not None and low.is_integer() else low,
-                maximum=int(high) if high is not None and high.is_integer() else high,
-                mappable=_MAPPED[row.get("mapped", "no")],
-            )
-        )
-    return ObjectDictionary(entries)
+        described.setdefault(place, {"object": place, "type": type, "access": access, "value": "0"})
+    return ObjectDictionary(map(_entry, described.values()))
+
+
+def _entry(row: Fields) -> Entry:
+    index, sub = _address_of(row["object"])
+    return Entry(
+        index,
+        sub,
+        row["object"],
+        row["type"],
+        row["access"],
+        _value_of(row["type"], row["value"]),
+        minimum=_limit(row.get("low")),
+        maximum=_limit(row.get("high")),
+        mappable=_MAPPED[row.get("mapped", "no")],
+    )
+
+
+def _limit(text: str | None) -> float | None:
+    if text is None:
+        return None
+    limit = float(text)
+    return int(limit) if limit.is_integer() else limit
 
 
 def _device(given: Fields) -> Fields:
