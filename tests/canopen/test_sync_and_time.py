@@ -124,6 +124,18 @@ def test_a_device_produces_sync_and_its_own_pdos_follow_it() -> None:
     assert feed(node, None, 2.01) == ["080#01", "185#0700"]  # after STOPPED the counter starts with 1
 
 
+def test_an_rpdo_that_arrives_when_the_own_sync_is_due_is_used() -> None:
+    """Both take effect in one `feed`: the RPDO was received before the SYNC is sent, so this SYNC stores it."""
+    objects = ObjectDictionary([*standard_objects(), Entry(0x6040, 0, "controlword", "u16", "rw")])
+    node = LocalNode(5, objects, [PdoConfig("RPDO", 1, (0x60400010,), type=1)])
+    node.start(0.0)
+    write(node, 0x1006, 4, 10_000)
+    write(node, 0x1005, 4, 0x4000_0080)
+    feed(node, "000#0105", 1.0)
+    assert feed(node, "205#0700", 1.01) == ["080#"]
+    assert objects.get(0x6040) == 7
+
+
 def test_writes_to_the_sync_objects_are_validated() -> None:
     node = device()
     for value in (1, 241):

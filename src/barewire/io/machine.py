@@ -57,10 +57,10 @@ def _described(device: str | Path | Device, url: str) -> Device:
 
 
 def _is_canopen(device: Device, url: str) -> bool:
-    canopen = Endpoint.parse(url).scheme == "can"
-    if (device.canopen if canopen else device.modbus) is None:
-        raise EncodeError(f"endpoint {url!r}: {device.name} has no {'CANopen' if canopen else 'Modbus'}")
-    return canopen
+    is_canopen = Endpoint.parse(url).scheme == "can"
+    if (device.canopen if is_canopen else device.modbus) is None:
+        raise EncodeError(f"endpoint {url!r}: {device.name} has no {'CANopen' if is_canopen else 'Modbus'}")
+    return is_canopen
 
 
 class MachineClient(NamedValues):
@@ -70,6 +70,7 @@ class MachineClient(NamedValues):
         self.device = device
         self.client: ModbusClient | CanopenClient
         self._access: _ModbusValues | DeviceNode
+        # Imported here, so that a machine on Modbus loads no module of CANopen, nor one on CANopen any of Modbus.
         if _is_canopen(device, url):
             from barewire.io.canopen.client import CanopenClient
 

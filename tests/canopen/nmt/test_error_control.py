@@ -62,7 +62,7 @@ def test_guarding_request() -> None:
 # 1016h as the AZ3's parameter list has it.
 @pytest.mark.parametrize(
     ("word", "entry"),
-    [(134072, (2, 3.0)), (68536, (1, 3.0)), (0, None), (0x00050000, None), (0x000003E8, None)],
+    [(134072, (2, 3.0)), (68536, (1, 3.0)), (0, None), (0x00050000, None), (0x000003E8, None), (0x008503E8, None)],
 )
 def test_consumer_entries(word: int, entry: tuple[int, float] | None) -> None:
     assert consumer_entry(word) == entry

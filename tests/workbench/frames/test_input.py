@@ -97,6 +97,10 @@ def test_ambiguous_digits_are_plain_hexadecimal(text: str, data: str) -> None:
         ("0000000 0301 0000 0a00 cdc5\n0000008", "hexdump -C"),
         ("00000000: 0103\n*\n00000010: 0103", "line 2: '*' is not a line of the dump"),
         ("00000000: 0103\n00000010: 0103", "line 2: the dump continues at 10h, expected 2h"),
+        (
+            f"0000000 {'01 ' * 16}\n0000020 {'01 ' * 16}\n0000020 01",
+            "the dump continues at octal 20, expected octal 40",
+        ),
     ],
 )
 def test_ambiguous_text_is_refused(text: str, words: str) -> None:

@@ -336,14 +336,20 @@ class LocalNode:
 
     def _sync_and_pdo(self, frame: CanFrame | None, now: float) -> list[CanFrame]:
         """Feed SYNC and PDOs. A SYNC has the same effect whether it is received or produced."""
-        frames, sync, wrong = self.sync.feed(frame, now)
-        if wrong:
-            length = b"" if frame is None else bytes([len(frame.data)])
-            frames += self.errors.error(WRONG_LENGTH, now, info=length)
-        elif wrong is not None:
-            frames += self.errors.error_gone(WRONG_LENGTH, now)
         self.pdo.sync_key, self.pdo.window = self.sync.key, self.sync.window
-        return frames + self.pdo.feed(sync if wrong is not None or sync is not None else frame, now)
+        frames: list[CanFrame] = []
+        if frame is not None and self.sync.is_sync(frame):
+            if self.sync.has_wrong_length(frame):
+                frames += self.errors.error(WRONG_LENGTH, now, info=bytes([len(frame.data)]))
+                frame = None
+            else:
+                frames += self.errors.error_gone(WRONG_LENGTH, now)
+        elif produced := self.sync.produce(now):
+            if frame is not None:
+                frames += self.pdo.feed(frame, now)  # first, because it was received before the SYNC is sent
+            frames += produced
+            frame = produced[0]
+        return frames + self.pdo.feed(frame, now)
 
     def _error_control(self, node: int, resolved: bool, now: float) -> list[CanFrame]:
         """Return the emergency about a monitored node (0: the guarding master) that is lost, or is back."""

@@ -27,7 +27,7 @@ side is information only, because a CAN frame does not contain its sender.
         a monitored node is lost or boots, or the master sends no request in time   ->  emergency 8130h, then 1029h
         its heartbeat, or a request, arrives again                                  ->  emergency 0000h
 
-Each class has `follow`, which reads the present values of the objects, and `feed`.
+Each class has `follow`, which reads the present values of the objects. It is called after a write to any object.
 """
 
 from __future__ import annotations
@@ -74,14 +74,14 @@ def validate_sync_writes(objects: ObjectDictionary) -> None:
 class DeviceSync:
     """The SYNC of a device, produced or consumed. `follow` reads the objects."""
 
-    __slots__ = ("_counts", "_values", "key", "objects", "producer", "window")
+    __slots__ = ("_length", "_values", "key", "objects", "producer", "window")
 
     def __init__(self, objects: ObjectDictionary) -> None:
         self.objects = objects
         self.key = SYNC_KEY
         self.window = 0.0
         self.producer: SyncProducer | None = None
-        self._counts: int | None = None
+        self._length: int | None = None  # of a received SYNC: 1 with a counter, 0 without; None: either, without 1019h
         self._values: tuple[int, int, int, int] | None = None
 
     @property
@@ -104,36 +104,41 @@ class DeviceSync:
             integer_value(objects, _OVERFLOW, default=-1),
         )
         if values == self._values:
-            return  # it is called after a write to any object: the producer must not start again each time
+            return  # another object was written: the producer must not start again
         before, self._values = self._values, values
         word, period, window, overflow = values
         entry = CobEntry.unpack(word)
         self.key = (entry.identifier, entry.extended)
         self.window = window / 1_000_000
-        self._counts = None if overflow < 0 else overflow
+        self._length = None if overflow < 0 else int(overflow > 0)
         if before is not None and (before[0], before[1], before[3]) == (word, period, overflow):
             return  # a new window does not restart the producer
         self.producer = None
         if entry.bit30 and period:
-            counts = overflow if 1 < overflow <= COUNTER_MAX else 0
-            self.producer = SyncProducer(period / 1_000_000, overflow=counts, key=self.key)
+            # Writes of other values are refused, but the application itself may set one.
+            counter_max = overflow if 1 < overflow <= COUNTER_MAX else 0
+            self.producer = SyncProducer(period / 1_000_000, overflow=counter_max, key=self.key)
             self.producer.start(now)
 
-    def feed(self, frame: CanFrame | None, now: float) -> tuple[list[CanFrame], CanFrame | None, bool | None]:
-        """Return the frames to send, the SYNC that takes effect now or None, and whether a received SYNC had a wrong
-        length (None if the frame was not a SYNC)."""
-        if frame is not None and frame.key == self.key and not frame.remote:
-            if self._counts is not None and len(frame.data) != (self._counts > 0):
-                return [], None, True
-            return [], frame, False
-        frames = [] if self.producer is None else self.producer.feed(None, now)
-        return frames, frames[0] if frames else None, None
+    def is_sync(self, frame: CanFrame) -> bool:
+        """Return whether a received frame is a SYNC, of any length."""
+        return frame.key == self.key and not frame.remote
+
+    def has_wrong_length(self, sync: CanFrame) -> bool:
+        """Return whether a SYNC has a counter that 1019h does not announce, or lacks one."""
+        return self._length is not None and len(sync.data) != self._length
+
+    def produce(self, now: float) -> list[CanFrame]:
+        """Return the SYNC that this device sends now, if one is due."""
+        return [] if self.producer is None else self.producer.feed(None, now)
 
 
 # Error control --------------------------------------------------------------------------------------------------------
 
 _HEARTBEAT_TIME, _CONSUMER, _GUARD_TIME, _LIFE_FACTOR, _BEHAVIOR = 0x1017, 0x1016, 0x100C, 0x100D, 0x1029
 HEARTBEAT_ERROR = 0x8130
+_ERROR_CONTROL = 0b1110
+"""The function code of heartbeats and node guarding: bits 10 to 7 of 700h + node."""
 _STATE_AFTER_ERROR = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}
 
 
@@ -146,12 +151,13 @@ class ErrorControlEvent(NamedTuple):
 
 def validate_consumer_writes(objects: ObjectDictionary) -> None:
     """Refuse with 0604 0043h to write a node-ID to more than one entry of 1016h."""
-    for sub in objects.subs(_CONSUMER)[1:]:
+    subs = objects.subs(_CONSUMER)[1:]
+    for sub in subs:
 
         def check(word: int, sub: int = sub) -> None:
-            entry = consumer_entry(word)
-            words = [integer_value(objects, _CONSUMER, other) for other in objects.subs(_CONSUMER)[1:] if other != sub]
-            if entry is not None and entry[0] in {other[0] for other in map(consumer_entry, words) if other}:
+            written = consumer_entry(word)
+            others = [consumer_entry(integer_value(objects, _CONSUMER, other)) for other in subs if other != sub]
+            if written is not None and written[0] in {entry[0] for entry in others if entry is not None}:
                 raise SdoAbort(AbortCode.INCOMPATIBLE_PARAMETER, _CONSUMER, sub)
 
         validate_writes(objects, _CONSUMER, sub, check)
@@ -222,7 +228,8 @@ class ErrorControl:
         """Return the frames to send, and the nodes that were lost or are back."""
         frames: list[CanFrame] = []
         events: list[ErrorControlEvent] = []
-        if frame is None or frame.id >> 7 == 0x700 >> 7 or self.consumer.deadline is not None:
+        # Any other frame tells the consumer the time only, which it needs while it waits for heartbeats.
+        if frame is None or frame.id >> 7 == _ERROR_CONTROL or self.consumer.deadline is not None:
             for event in self.consumer.feed(frame, now):
                 monitored = event.node in self.consumer.times  # the consumer follows all nodes
                 if monitored and event.kind in ("lost", "rebooted"):
@@ -244,7 +251,7 @@ class ErrorControl:
 
 _TIME, _EMERGENCIES = 0x1012, 0x1028
 _DEFAULT_TIME = 0x8000_0100
-"""The value of 1012h if the object is missing: TIME is consumed."""
+"""What a device without 1012h does: it consumes TIME."""
 _HISTORY = 16
 
 
@@ -268,7 +275,7 @@ class DeviceConsumers:
     def follow(self) -> None:
         """Read the present values of the objects."""
         entry = CobEntry.unpack(integer_value(self.objects, _TIME, default=_DEFAULT_TIME))
-        self.time.key = (entry.identifier, entry.extended) if entry.bit31 else (-1, False)
+        self.time.key = (entry.identifier, entry.extended) if entry.bit31 else (-1, False)  # no frame has it
         listed = {
             sub: CobEntry.unpack(integer_value(self.objects, _EMERGENCIES, sub))
             for sub in self.objects.subs(_EMERGENCIES)
@@ -348,7 +355,7 @@ def client_channel(
 
 
 class AdditionalServers:
-    """The SDO servers of a device beyond the first. `follow` reads the objects. A machine.
+    """The SDO servers of a device beyond the first: a machine. `follow` reads the objects.
 
     `servers` are the servers in use, by number: 2 to 128.
 
@@ -380,9 +387,10 @@ class AdditionalServers:
         self._in_use: list[_CobIds | None] = []
         self._keys: dict[tuple[int, bool], SdoServer] = {}
         for sub, entry in zip((_REQUEST, _RESPONSE), default_sdo_channel(node)):
-            self._show(sub, entry.pack())
+            self._fix_default_channel(sub, entry.pack())
 
-    def _show(self, sub: int, word: int) -> None:
+    def _fix_default_channel(self, sub: int, word: int) -> None:
+        # 1200h follows from the node-ID and is read-only, whatever the EDS says.   [CiA 301, 1200h]
         if (SERVER_1, sub) in self.objects:
             entry = self.objects.entry(SERVER_1, sub)
             replace_entry(self.objects, replace(entry, access="ro", on_read=lambda: word))

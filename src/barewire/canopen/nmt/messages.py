@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from barewire.canopen.cob_ids import PDO_SERVICES, ServiceName, check_node, classify, cob_id
+from barewire.canopen.cob_ids import NODE_MAX, NODE_MIN, PDO_SERVICES, ServiceName, check_node, classify, cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.codecs import BitPattern, Layout
 from barewire.errors import DecodeError, EncodeError
@@ -173,13 +173,15 @@ def guarding_request(node: int) -> CanFrame:
 
 
 def consumer_entry(word: int) -> tuple[int, float] | None:
-    """Return one entry of 1016h, `00 | node | time in ms`, as (node, seconds); None if it is unused: node or time is 0.
+    """Return one entry of 1016h, `00 | node | time in ms`, as (node, seconds).
 
     >>> consumer_entry(134072)
     (2, 3.0)
+
+    Return None if the entry is unused: the node is 0 or above 127, or the time is 0.
     """
-    node, milliseconds = word >> 16 & 0x7F, word & 0xFFFF
-    return (node, milliseconds / 1000) if node and milliseconds else None
+    node, milliseconds = word >> 16 & 0xFF, word & 0xFFFF
+    return (node, milliseconds / 1000) if NODE_MIN <= node <= NODE_MAX and milliseconds else None
 
 
 class NmtChange(NamedTuple):

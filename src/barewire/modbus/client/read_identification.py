@@ -57,7 +57,7 @@ def read_device_identification(
     `timeout`, in seconds, is for each request. Raises the errors of `Bus.ask`, and DecodeError("value") if the number
     of the next object does not grow, so that there are never more than 256 requests.
     """
-    check_range("read_code", read_code, BASIC, EXTENDED)
+    check_range("read_code", read_code, BASIC, EXTENDED)  # here: in a generator it would wait for the first step
     return _read_all(bus, unit, read_code, timeout)
 
 
@@ -69,8 +69,9 @@ def _read_all(bus: Bus, unit: int, read_code: int, timeout: float) -> Conversati
         objects.update(response.objects)
         if not response.more_follows:
             return DeviceIdentification(response.conformity, objects)
-        latest = max([first, *(number for number, _ in response.objects)])
-        if response.next_object <= latest:
+        # Above all that were read: a unit that says "more follows" with the same object again would never end.
+        highest = max([first, *(number for number, _ in response.objects)])
+        if response.next_object <= highest:
             text = f"after object {first:02X}h the next one given is {response.next_object:02X}h: that would never end"
             raise DecodeError("value", response.encode(), 5, text)
         first = response.next_object

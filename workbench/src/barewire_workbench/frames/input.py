@@ -41,15 +41,17 @@ def parse_hex(text: str) -> bytes:
     A single digit is a byte after 0x, and where several bytes have one, none more than two, and one is a letter, as in
     `1 3 0 A`: in `1 4 FB1` the bytes are ambiguous. Offsets count from 0.
     """
+    # From the strictest form to the loosest: the offsets of a dump, and decimal numbers, are hexadecimal digits too.
     dumped = parse_dump(text)
     if dumped is not None:
         return dumped
     text, listed = strip_syntax(text)
     literal = parse_string_literal(text)
-    if literal is None:
-        literal = parse_decimal(text, listed)
     if literal is not None:
         return literal
+    decimal = parse_decimal(text, listed)
+    if decimal is not None:
+        return decimal
     tokens = _TOKEN.findall(text)
     if sum(len(token) == 1 for token in tokens) > 1 and _BYTES_IN_HEX.fullmatch(" ".join(tokens)):
         return bytes(int(token, 16) for token in tokens)
@@ -71,11 +73,9 @@ def parse_hex_token(text: str, index: int, token: str) -> bytes:
 
 
 def _pairs(text: str, index: int, digits: str, lone: bool) -> bytes:
-    for place, character in enumerate(digits):
+    for place, character in enumerate(digits, start=index):
         if character not in HEX_DIGITS:
-            raise text_error(
-                "character", text, index + place, f"{character!r} at {index + place} is not a hexadecimal digit"
-            )
+            raise text_error("character", text, place, f"{character!r} at {place} is not a hexadecimal digit")
     if lone and len(digits) == 1:
         digits = "0" + digits
     if len(digits) % 2 or not digits:
@@ -112,22 +112,21 @@ def _unquoted(typed: str) -> str:
 # Literals of a program ----------------------------------------------------------------------------------------------
 
 
-_BEFORE = (
-    re.compile(
-        r"^\s*[A-Za-z_][\w \t*:&<>]{0,80}(?:\[[ \d]{0,9}\])?[ \t]{0,8}=(?!=)\s*"
-    ),  # up to the = of a declaration
-    re.compile(
-        r"^\s*(?:new\s+)?(?:bytes|bytearray|byte|Uint8Array|vec)(?:\.fromhex)?(?:\[\s*\d*\s*\]|!)?(?=\s*[({\[])"
-    ),
-    re.compile(r"^\s*&(?=\[)"),
-    re.compile(  # TX 01 03, Response: <01>
-        r"^\s*(?:tx|rx|send|sent|recv|received|request|response|query|answer)[ \t]*[:=>]{0,2}[ \t]*(?=[0-9a-f<\[\\])",
-        re.IGNORECASE,
-    ),
-    re.compile(r"^\s*b(?=(['\"])[0-9A-Fa-f\s]*\1[\s;)]*$)"),  # b'0103', the output of hexlify
+# What may stand before the bytes. The repetitions are bounded: with * a long text would take quadratic time.
+_DECLARATION = re.compile(r"^\s*[A-Za-z_][\w \t*:&<>]{0,80}(?:\[[ \d]{0,9}\])?[ \t]{0,8}=(?!=)\s*")
+_CONSTRUCTOR = re.compile(
+    r"^\s*(?:new\s+)?(?:bytes|bytearray|byte|Uint8Array|vec)(?:\.fromhex)?(?:\[\s*\d*\s*\]|!)?(?=\s*[({\[])"
 )
-_CLOSES = {"{": "}", "[": "]", "(": ")", "<": ">"}
-_ONE_BY_ONE = re.compile(r"\s*(?:[<\[({]\s*(?:0[xX])?(?:[0-9A-Fa-f]{2}){1,8}[hH]?\s*[>\])}][\s,;]*)+")
+_REFERENCE = re.compile(r"^\s*&(?=\[)")  # &[0x01, 0x03] in Rust
+_LABEL = re.compile(  # TX 01 03, Response: <01>
+    r"^\s*(?:tx|rx|send|sent|recv|received|request|response|query|answer)[ \t]*[:=>]{0,2}[ \t]*(?=[0-9a-f<\[\\])",
+    re.IGNORECASE,
+)
+_HEXLIFIED = re.compile(r"^\s*b(?=(['\"])[0-9A-Fa-f\s]*\1[\s;)]*$)")  # the b of b'0103', the output of hexlify
+_BEFORE = (_DECLARATION, _CONSTRUCTOR, _REFERENCE, _LABEL, _HEXLIFIED)
+
+_CLOSES = {"{": "}", "[": "]", "(": ")", "<": ">", "'": "'", '"': '"'}
+_EACH_ENCLOSED = re.compile(r"\s*(?:[<\[({]\s*(?:0[xX])?(?:[0-9A-Fa-f]{2}){1,8}[hH]?\s*[>\])}][\s,;]*)+")
 _BUFFER = re.compile(r"\s*<Buffer\s((?:\s*[0-9a-f]{2})*)\s*>\s*")  # as Node.js prints bytes
 _QUOTED = re.compile(r"\s*(b?)(['\"])(.*)\2[\s;]*", re.DOTALL)
 _ESCAPE = re.compile(r"\\(?:x([0-9A-Fa-f]{2})|([0-7]{1,3})|([abefnrtv\\'\"]))|\\|[^\\]", re.DOTALL)
@@ -138,6 +137,8 @@ _NUMBER = re.compile(r"-?\d+")
 def strip_syntax(text: str) -> tuple[str, bool]:
     """Return the text without the syntax around its bytes, and whether it is a list: in brackets, with commas.
 
+    Blanks replace the syntax, so that an error still names the place in the text as it was typed.
+
     >>> strip_syntax("{0x01, 0x03};")
     (' 0x01, 0x03  ', True)
     >>> strip_syntax("[01][03]"), strip_syntax("[12] 01 03")[0]
@@ -146,19 +147,19 @@ def strip_syntax(text: str) -> tuple[str, bool]:
     listed = False
     if (printed := _BUFFER.fullmatch(text)) is not None:
         return " " * printed.start(1) + printed[1], False
-    if _ONE_BY_ONE.fullmatch(text):
+    if _EACH_ENCLOSED.fullmatch(text):
         return re.sub(r"[<>\[\](){}]", " ", text), False
     for _ in range(4):  # bytes([...]) has three layers
         before = text
         for form in _BEFORE:
-            text = form.sub(lambda found: " " * len(found[0]), text)
+            text = form.sub(lambda match: " " * len(match[0]), text)
         start, end = len(text) - len(text.lstrip()), len(text.rstrip(" \t\r\n;,"))
-        first, last = text[start : start + 1], text[end - 1 : end]
+        opening, closing = text[start : start + 1], text[end - 1 : end]
         inner = text[start + 1 : end - 1]
-        is_pair = end - start > 1 and (_CLOSES.get(first) == last or first == last in ("'", '"'))
+        is_pair = end - start > 1 and _CLOSES.get(opening) == closing
         # A pair that closes inside does not enclose all of the text: [12] 01 [03]
-        if is_pair and last not in re.sub(r"\(.*\)|\[.*\]", "", inner):
-            listed = listed or (first in "{[(" and "," in inner)
+        if is_pair and closing not in re.sub(r"\(.*\)|\[.*\]", "", inner):
+            listed = listed or (opening in "{[(" and "," in inner)
             text = text[:start] + " " + inner + " " * (len(text) - end + 1)
         if text == before or parse_string_literal(text) is not None:
             break
@@ -186,12 +187,8 @@ def parse_string_literal(text: str) -> bytes | None:
         elif letter:
             number = _LETTERS[letter]
         elif piece[0] == "\\":
-            raise text_error(
-                "value",
-                text,
-                index,
-                f"{body[piece.start() : piece.start() + 4]!r} at {index} is not an escape of a byte",
-            )
+            shown = body[piece.start() : piece.start() + 4]
+            raise text_error("value", text, index, f"{shown!r} at {index} is not an escape of a byte")
         else:
             number = ord(piece[0])
         if number > 255:
@@ -204,11 +201,11 @@ def _may_be_decimal(numbers: list[str], listed: bool) -> bool:
     if len(numbers) < 2 or not all(_NUMBER.fullmatch(token) for token in numbers):
         return False
     if any(len(token) > 1 and token.lstrip("-")[0] == "0" for token in numbers):
-        return False
+        return False  # 01 03: nobody writes decimal numbers with zeros in front
     if any(token.startswith("-") for token in numbers) and not listed:
-        return False
+        return False  # 01 -03: a dash between bytes
     if max(map(len, numbers)) > 4:
-        return False  # 0103 0000: groups of digits
+        return False  # 10300: groups of hexadecimal digits; a byte has at most four characters, -128
     return listed or any(len(token) in (1, 3) for token in numbers)  # 10 20 30: two digits are hexadecimal
 
 
@@ -222,12 +219,12 @@ def parse_decimal(text: str, listed: bool) -> bytes | None:
     numbers = [token for _, token in tokens]
     if not _may_be_decimal(numbers, listed):
         return None
-    has_three, has_one = any(len(token) == 3 for token in numbers), any(len(token) == 1 for token in numbers)
-    shown = text.strip()[:40]
-    if not (has_three or (listed and has_one) or max(map(len, numbers)) == 1):
-        raise text_error(
-            "value", text, tokens[0][0], f"{shown!r}: hexadecimal or decimal? write hexadecimal numbers with 0x"
-        )
+    lengths = {len(token) for token in numbers}
+    # Three digits are no hexadecimal byte; single ones mean the same in both; two, as in 1 3 10, leave it open.
+    if not (3 in lengths or (listed and 1 in lengths) or lengths == {1}):
+        shown = text.strip()[:40]
+        message = f"{shown!r}: hexadecimal or decimal? write hexadecimal numbers with 0x"
+        raise text_error("value", text, tokens[0][0], message)
     for index, token in tokens:
         if not -128 <= int(token) <= 255:
             raise text_error("value", text, index, f"{token!r} at {index}: a byte is a number from 0 to 255")
@@ -243,8 +240,10 @@ _XXD = re.compile(rf"\s*(?:0x)?([0-9A-Fa-f]{{4,8}}): {{1,3}}({_GROUPS})(?:\s*$| 
 _COLUMNS = re.compile(rf"\s*([0-9A-Fa-f]{{4,8}})(?: {{2,4}}|\t)({_PAIRS}(?:  {_PAIRS})?)(?:\s*$| {{2,}})")
 _OD = re.compile(rf"\s*([0-7]{{7}}) ({_PAIRS})\s*$")
 _END = re.compile(r"\s*[0-9A-Fa-f]{6,8}\s*$")  # hexdump and od print the end offset in the last line
+# The first line of hexdump and od without options: words, hexadecimal or octal.
 _WORDS = re.compile(r"\s*0{7} (?:[0-9A-Fa-f]{4}(?: |\s*$)|[0-7]{6}(?: |\s*$))")
 _LINE_MAX = 256
+"""Bytes in one line; no program prints more."""
 
 
 class DumpLine(NamedTuple):
@@ -281,31 +280,39 @@ def parse_dump(text: str) -> bytes | None:
     lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     if not lines:
         return None
-    if _WORDS.match(lines[0][1]) and len(lines[0][1].split()[0]) == 7:
+    first_line = lines[0][1]
+    if _WORDS.match(first_line):
         raise _wrong(text, 1, "hexdump and od without options print words with unknown byte order: use hexdump -C")
-    first = dump_line(lines[0][1])
-    if first is None or (len(lines) == 1 and not _is_alone(first, lines[0][1])):
+    first = dump_line(first_line)
+    if first is None:
         return None
     # If line 1 may be something else, so may the whole text: a line that does not continue the dump is no error then.
-    uncertain = not _is_alone(first, lines[0][1])
-    data, octal = first.data, False
+    is_certain = _is_certain(first, first_line)
+    if not is_certain and len(lines) == 1:
+        return None
+    data, in_octal = first.data, False
     for number, line in lines[1:]:
-        parsed, count = dump_line(line), len(data)
-        if uncertain and (parsed is None or parsed.offset != first.offset + count):
+        parsed = dump_line(line)
+        offset, octal = first.offset + len(data), (first.octal or 0) + len(data)
+        if not is_certain and (parsed is None or parsed.offset != offset):
             return None
         if parsed is None:
             if _END.match(line) and number == lines[-1][0]:
                 break
             raise _wrong(text, number, f"{line.strip()[:24]!r} is not a line of the dump that begins in line 1")
         # od counts in octal, which shows in the first line whose offset fits that way only: 0000020 is 16.
-        octal = octal or (parsed.octal == (first.octal or 0) + count and parsed.offset != first.offset + count)
-        if (parsed.octal if octal else parsed.offset) != ((first.octal or 0) if octal else first.offset) + count:
-            raise _wrong(text, number, f"the dump continues at {parsed.offset:X}h, expected {first.offset + count:X}h")
+        if parsed.offset != offset and parsed.octal == octal:
+            in_octal = True
+        if in_octal and parsed.octal != octal:
+            place = "" if parsed.octal is None else f" at octal {parsed.octal:o}"
+            raise _wrong(text, number, f"the dump continues{place}, expected octal {octal:o}")
+        if not in_octal and parsed.offset != offset:
+            raise _wrong(text, number, f"the dump continues at {parsed.offset:X}h, expected {offset:X}h")
         data += parsed.data
     return data
 
 
-def _is_alone(parsed: DumpLine, line: str) -> bool:
+def _is_certain(parsed: DumpLine, line: str) -> bool:
     """Return whether one line alone is certainly a dump: four digits and two blanks may be a transaction number."""
     if len(line.split()[0].rstrip(":").removeprefix("0x")) > 4:
         return True

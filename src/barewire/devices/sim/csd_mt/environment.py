@@ -124,7 +124,7 @@ def _number(text: str, value: str) -> float:
         number = float(value)
     except ValueError:
         number = nan
-    if isnan(number):
+    if isnan(number):  # "nan" itself is refused too; "inf" is a number here: no wall, no load
         raise EncodeError(f"{text!r}: expected a number behind =, found {value!r}")
     return number
 
@@ -165,7 +165,7 @@ class AlarmLog:
 
     def add(self, code: int, uptime: float) -> None:
         """Record an alarm, `uptime` seconds after power-on."""
-        self.entries = [(int(uptime) % 0x10000, code), *self.entries][: self.SIZE]
+        self.entries = [(int(uptime) % 0x10000, code), *self.entries][: self.SIZE]  # the time is one register
 
     def clear(self) -> None:
         """Delete all alarms."""

@@ -23,6 +23,7 @@ _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "\u00b5s": 1e-6, "\u03bcs": 1e-6}
 _LONGEST = 400
 """Characters of an answer; none needs more."""
 _LARGEST = 1e18
+"""Larger numbers are no answers, and what a check computes with them would overflow."""
 
 
 class AnswerCheck(NamedTuple):
@@ -47,7 +48,7 @@ def wrong(text: str) -> AnswerCheck:
 
 
 def check_of_time(seconds: float, checks: Mapping[float, AnswerCheck], otherwise: AnswerCheck) -> AnswerCheck:
-    """Return the check of the first time that is as long as the answer within 1 %: people round."""
+    """Return the check of the first time that is within 1 % of the answer: people round."""
     return next((check for time, check in checks.items() if abs(seconds - time) <= 0.01 * time), otherwise)
 
 
@@ -109,11 +110,11 @@ class Lab:
     def ask(self, task: str, form: str) -> Callable[[Callable[[str], AnswerCheck]], Callable[[str], AnswerCheck]]:
         """Make an exercise of the function below that checks its answers."""
 
-        def add(check: Callable[[str], AnswerCheck]) -> Callable[[str], AnswerCheck]:
+        def decorate(check: Callable[[str], AnswerCheck]) -> Callable[[str], AnswerCheck]:
             self.add(task, form, check)
             return check
 
-        return add
+        return decorate
 
     def exercise(self, number: str) -> LabExercise | None:
         """Return the exercise with a number such as 3.1, or None."""
@@ -224,6 +225,7 @@ def typed_name(text: str, names: Mapping[str, object]) -> str:
     """Return one of the names, whether it was typed with blanks, dashes or underscores: Switched-On."""
     typed = " ".join(checked_length(text).lower().replace("-", " ").replace("_", " ").split())
     if typed not in names:
+        # `names` have blanks where users may type dashes; the one that is written with a dash is shown so.
         raise WrongAnswer(f"expected one of {', '.join(names).replace('pre op', 'pre-op')}")
     return typed
 
