@@ -60,7 +60,7 @@ class Inputs:
         self.levels = [
             wire.low <= place <= wire.high if isinstance(wire, Span) else wire for wire in context.environment.inputs
         ]
-        """The present levels; `edges` keeps them up to date."""
+        """The present levels; `Edges` keeps them up to date."""
         self.store.measure("Digital Input", self.shown)
 
     def input_of(self, function: int) -> int | None:
