@@ -147,7 +147,10 @@ def with_tables(text: str, data: dict[str, Any]) -> str:
 
 
 def main(arguments: list[str]) -> None:
-    """Run, and write the files."""
+    """Run, and write the files. Exits, and writes nothing, for a name that no program has."""
+    names = [peer.name for peer in PEERS]
+    if arguments != ["--page"] and (unknown := [name for name in arguments if name not in names]):
+        sys.exit(f"{', '.join(unknown)}: expected --page alone, or some of {', '.join(names)}")
     data: dict[str, Any] = json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
     if arguments != ["--page"]:
         vectors, runs = load_vectors(ROOT / "vectors"), []

@@ -81,6 +81,12 @@ def test_the_page_is_made_of_the_data() -> None:
     assert scoreboard.with_tables(text, DATA) == text, "run python tools/scoreboard.py --page"
 
 
+@pytest.mark.parametrize("arguments", [["--help"], ["pymodbuz"], ["--page", "pymodbus"]])
+def test_a_name_of_no_program_is_refused_before_anything_is_written(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit, match=f"^{arguments[0]}: expected --page alone, or some of pymodbus, "):
+        scoreboard.main(arguments)
+
+
 def test_every_case_is_confirmed_or_says_why_not() -> None:
     neither = [
         case["id"]
