@@ -107,5 +107,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers pictures docs docs-links hostile plant vectors-release vectors-mutants mutants format clean
+.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers pictures docs docs-links hostile gateway-lab plant vectors-release vectors-mutants mutants format clean
 .NOTPARALLEL:

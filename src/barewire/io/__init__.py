@@ -1,4 +1,4 @@
-"""Input and output: carries out conversations on real ports. Only this room uses clocks and sockets.
+"""Input and output: carries out conversations on real ports. Below `gateway` only this room has clocks and sockets.
 
     endpoint           URLs and their options
     engine/            carries out a conversation or an exchange: blocking, asyncio, and the fast path
