@@ -23,7 +23,7 @@ The options of a URL and keyword arguments are the same options. Behind this doo
     barewire.rtu, barewire.ascii, barewire.tcp     the three kinds of frame that carry a Modbus message
     barewire.canopen    CAN frames, SDO, PDO, NMT, EMCY, SYNC, LSS, EDS
     barewire.devices    names, units and places of the values of a device; drives; simulators
-    barewire.io         real ports: clients, servers; no room above it has a clock or a socket
+    barewire.io         clients and servers on real ports; the rooms before it have no clock and no socket
     barewire.gateway    the program that shares lines between clients, and publishes their values to a broker
 
 `import barewire` loads none of them: a name loads its file when it is first used.
