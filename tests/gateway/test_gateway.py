@@ -418,9 +418,9 @@ def test_the_program_serves_reloads_and_ends(servers: Callable[..., ModbusServer
 
 
 def test_a_port_that_is_taken_is_one_line_and_status_1(servers: Callable[..., ModbusServer], tmp_path: Path) -> None:
-    line = servers("tcp://127.0.0.1:0", {1: numbers()})
+    line, taken = (servers("tcp://127.0.0.1:0", {1: numbers()}) for _ in range(2))
     file = tmp_path / "gateway.toml"
-    file.write_text(config(backend(line.url, "1"), listen=line.url))
+    file.write_text(config(backend(line.url, "1"), listen=taken.url))
     with gateway_program(str(file)) as program:
         out, err = program.communicate(timeout=WAIT)
     assert (program.returncode, out, err.count("\n")) == (1, "", 1)

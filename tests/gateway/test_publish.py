@@ -219,7 +219,10 @@ def test_no_topic_is_that_of_another_value() -> None:
         PolledMachine(name, "tcp://127.0.0.1", Device("x", "X", ()), 1.0, parameters)
         for name, parameters in (("Press 1", ("Speed", "speed!")), ("press-1", ("Speed", "Other")))
     ]
-    assert topics_that_collide("Hall", machines) == ["barewire/hall/press_1/speed"] * 2
+    assert topics_that_collide("Hall", machines) == [
+        "barewire/hall/press_1",
+        *["barewire/hall/press_1/speed"] * 2,
+    ]
 
 
 @pytest.mark.parametrize("url", ["http://x", "mqtt://", "mqtt://x:99999", "mqtt://x?y=1", "mqtts://x?ca=/missing"])
@@ -585,6 +588,7 @@ parameters = ["Count"]
         ("every = 0.05", "every = 0", "every = 0: expected 0.001 seconds or more"),
         ('/meter"', '/metre"', "and no such directory"),
         ("tcp://", "can://memory/", "CANopen"),
+        ("/buffer.sqlite", "/missing/buffer.sqlite", "/missing is no directory"),
     ],
 )
 def test_what_is_wrong_is_said_before_it_runs(site: Site, old: str, new: str, fault: str) -> None:
@@ -593,6 +597,14 @@ def test_what_is_wrong_is_said_before_it_runs(site: Site, old: str, new: str, fa
     with pytest.raises(ConfigError) as wrong:
         read_config(text.replace(old, new))
     assert fault in str(wrong.value)
+
+
+def test_a_serial_port_has_one_owner(site: Site) -> None:
+    line = '[[listen]]\nurl = "tcp://127.0.0.1:0"\n[[backend]]\nname = "hall"\nunits = 1\nurl = "rtu:///dev/ttyS0"\n'
+    text = site.config().replace(f'url = "{site.server.url}', 'url = "rtu:///dev/ttyS0?unit=7')
+    read_config(text)
+    with pytest.raises(ConfigError, match="/dev/ttyS0 is the line of the backend 'hall': poll through a listener"):
+        read_config(line + text)
 
 
 def test_machines_on_one_line_share_its_connection(tmp_path: Path) -> None:

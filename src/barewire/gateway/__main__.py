@@ -52,14 +52,17 @@ def run_program(arguments: list[str] | None = None) -> int:
         print(f"{given.config}: {getattr(error, 'strerror', None) or error}", file=sys.stderr)
         return 2
     if given.check:
-        counts = ((len(config.listeners), "listener"), (len(config.backends), "backend"))
-        parts = [f"{number} {name}{'' if number == 1 else 's'}" for number, name in counts]
+        machines = config.publish.machines if config.publish is not None else ()
+        counts = ((len(config.listeners), "listener"), (len(config.backends), "backend"), (len(machines), "machine"))
+        parts = [f"{number} {name}{'' if number == 1 else 's'}" for number, name in counts if number]
         print(f"{given.config}: {', '.join(parts)}: nothing wrong")
         return 0
     if given.status:
         return _print_status(config)
     level = logging.INFO if given.verbose else logging.WARNING
     logging.basicConfig(level=level, format="%(asctime)s %(levelname)s %(name)s %(message)s", stream=sys.stderr)
+    for name in ("barewire.gateway", "barewire.publish"):  # also what works again
+        logging.getLogger(name).setLevel(logging.INFO)
     try:
         asyncio.run(_run(config, given.config))
     except BarewireError as error:
@@ -102,6 +105,7 @@ async def _run(config: GatewayConfig, path: Path) -> None:
         if gateway.publisher is not None:
             parts.append(f"publishing to {gateway.publisher.status()['broker']}")
         print("; ".join(parts), flush=True)
+        log.info("start", "running")
         stopping = loop.create_task(gateway.stopping.wait())
         while not stopping.done():
             reloading = loop.create_task(must_reload.wait())
@@ -111,9 +115,10 @@ async def _run(config: GatewayConfig, path: Path) -> None:
                 must_reload.clear()
                 try:
                     await gateway.reload(_read(path))
-                    log.warning("reload", "the configuration was read again")
+                    log.info("reload", "the configuration was read again")
                 except (BarewireError, OSError, UnicodeDecodeError) as error:
                     log.error("reload", f"the configuration stays as it was: {error}")
+        log.info("end", f"ending: what is under way has {gateway.config.drain:g} s")
 
 
 if __name__ == "__main__":

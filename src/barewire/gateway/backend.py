@@ -121,6 +121,8 @@ class Backend(ABC):
         """Set when the port is free again."""
         self.predecessor: asyncio.Event | None = None
         """`is_closed` of a backend that has the port still, after a reload."""
+        self.cannot_open = False
+        """Whether the latest attempt to open the connection failed, or to use a bus that opens itself again."""
         self._log = PortLog("barewire.gateway", name)
         self._opening: asyncio.Task[None] | None = None
         self._under_way: dict[Any, Exchange] = {}
@@ -244,11 +246,15 @@ class Backend(ABC):
             await self._open()
         except PortError as error:
             code = NO_PATH
+            self.cannot_open = True
             self._log.warning("path", str(error))
             self._note(None, str(error))
         except Exception as error:
             self._fail(error)
         else:
+            if self.cannot_open:
+                self._log.info("open", "open again")
+            self.cannot_open = False
             self._opening = None
             self._go_on()
             return
@@ -262,7 +268,12 @@ class Backend(ABC):
         self._free.append(lane)
         if self._loop.time() < self._watched_until:
             self._see(exchange, response)
+        unit = self.dispatcher.unit(exchange.unit)
+        was_dead = unit.is_dead
         self.dispatcher.finish(exchange, response, self._loop.time(), is_silence=is_silence)
+        if unit.is_dead is not was_dead:
+            text = "answers again" if was_dead else f"is dead: {unit.silent} requests in a row without a response"
+            (self._log.info if was_dead else self._log.warning)(("unit", exchange.unit), f"unit {exchange.unit} {text}")
         self._go_on()
 
     def watch_frames(self) -> list[Seen]:

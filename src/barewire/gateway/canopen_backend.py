@@ -287,6 +287,7 @@ class CanopenBackend(Backend):
         function = exchange.request.function_code | 0x80
         try:
             response = await self._units[exchange.unit].handle(exchange.request)
+            self.cannot_open = False
         except ModbusException as declined:
             response = bytes((function, declined.code))
         except SdoAbort as abort:
@@ -295,6 +296,7 @@ class CanopenBackend(Backend):
         except (NoAnswer, DecodeError, PortError) as error:
             self._note(exchange.unit, str(error))
             is_silence = not isinstance(error, PortError)
+            self.cannot_open = not is_silence
             response = NO_RESPONSE
         except asyncio.CancelledError:
             response = NO_RESPONSE

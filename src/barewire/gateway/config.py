@@ -6,6 +6,7 @@ editors and the commented example are made from this list.
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections import Counter
@@ -85,6 +86,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("site", "text", None, "the first part of all topics: barewire/SITE", is_required=True),
         Option("buffer", "text", None, "the file of readings that the broker does not have yet; default: in memory"),
         Option("limit", "number", 100_000, "readings in the buffer; beyond it the oldest are dropped"),
+        Option("retain", "switch", False, "let the broker keep each latest value for those who subscribe later"),
         Option("home_assistant", "text", None, "the prefix of discovery in Home Assistant, usually homeassistant"),
     ),
     "publish.machine": (
@@ -108,6 +110,8 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     ),
 }
 """The options of each table, by its name in the file."""
+
+_LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 _ARRAYS = {"listen", "backend", "policy.allow", "publish.machine"}
 """The tables of which a file may have several: [[backend]]."""
@@ -262,21 +266,43 @@ class _Reader:
         listeners = [self._listener(path, row) for path, row in self._tables(table, ("listen",))]
         backends = [self._backend(path, row) for path, row in self._tables(table, ("backend",))]
         for name, rows in (("listen", listeners), ("backend", backends)):
-            if not rows and "publish" not in table:
-                self._fault((), f"no [[{name}]]: a gateway needs at least one")
+            if not rows and "publish" not in table and name not in table:
+                self._fault((), f"no [[{name}]]: a gateway needs at least one, a publisher needs [publish]")
         self._check_routes([backend for backend in backends if backend is not None])
         for place, url in enumerate(listeners):
             if url is not None and url in listeners[:place] and not url.endswith(":0"):
                 self._fault(("listen", place, "url"), "the same listener twice")
-        policy = self._policy(table.get("policy", {}))
-        return GatewayConfig(
+        config = GatewayConfig(
             tuple(url for url in listeners if url is not None),
             tuple(backend for backend in backends if backend is not None),
-            policy,
+            self._policy(table.get("policy", {})),
             values["drain"],
             self._status(table.get("status")),
             self._publish(table.get("publish")),
         )
+        if not self.faults:
+            self._check_lines(config)
+        return config
+
+    def _check_lines(self, config: GatewayConfig) -> None:
+        """Note a line that goes to a listener of this gateway, and a serial port that two would open."""
+        ports = {str(listener_endpoint(url).host_and_port[1]) for url in config.listeners} - {"0"}
+        owners: dict[str, str] = {}
+        for number, backend in enumerate(config.backends):
+            endpoint = backend.endpoint
+            host, _, port = endpoint.place.rpartition(":")
+            if port in ports and host in _LOOPBACK:
+                text = f"{endpoint.place} is a listener of this gateway: its requests would go round"
+                self._fault(("backend", number, "url"), text)
+            if endpoint.is_serial_port:
+                owners[endpoint.place] = backend.name
+        for place, machine in enumerate(config.publish.machines if config.publish is not None else ()):
+            endpoint = _backend_endpoint(machine.url)
+            if endpoint.place in owners and endpoint.is_serial_port:
+                text = (
+                    f"{endpoint.place} is the line of the backend {owners[endpoint.place]!r}: poll through a listener"
+                )
+                self._fault(("publish", "machine", place, "url"), text)
 
     def _publish(self, table: Any) -> PublishConfig | None:
         if table is None:
@@ -291,6 +317,9 @@ class _Reader:
         prefix = values["home_assistant"]
         if prefix is not None and ("#" in prefix or "+" in prefix):
             self._fault((*path, "home_assistant"), f"home_assistant = {shown(prefix)}: a topic has no # and no +")
+        folder = os.path.dirname(values["buffer"] or "") or "."
+        if not os.path.isdir(folder):
+            self._fault((*path, "buffer"), f"buffer = {shown(values['buffer'])}: {folder} is no directory")
         self._check_module(path, "aiomqtt", "publish")
         machines = [self._polled(place, row) for place, row in self._tables(table, ("publish", "machine"))]
         if not machines:
@@ -299,13 +328,17 @@ class _Reader:
         if values["broker"] is None or values["site"] is None:
             return None
         for topic in topics_that_collide(values["site"], known):
-            self._fault(path, f"two parameters would have the topic {topic}: give the machines names that differ")
+            text = (
+                f"the topic {topic} would be that of two: give the machines names that differ, also without their signs"
+            )
+            self._fault(path, text)
         return PublishConfig(
             values["broker"],
             values["site"],
             tuple(known),
             values["buffer"] or ":memory:",
             values["limit"],
+            values["retain"],
             values["home_assistant"],
         )
 

@@ -51,6 +51,7 @@ class Route:
             self.gateway.refused(caller, self.unit, request, code)
             return bytes((pdu[0] | 0x80, code))
         if self.backend is None:
+            self.gateway.has_no_path(caller, self.unit)
             return bytes((pdu[0] | 0x80, NO_PATH))
         if self.unit == BROADCAST and self.backend.has_broadcasts and not request.writes:
             return bytes((pdu[0] | 0x80, ILLEGAL_FUNCTION))  # nobody answers a broadcast, so it can only write
@@ -185,7 +186,9 @@ class Gateway:
             "running_for": now - self._started_at,
             "listeners": [of_listener(server) for server in self.listeners],
             "refused_by_policy": self.refusals,
-            "backends": [of_backend(backend, now) for backend in self.backends],
+            "backends": [
+                of_backend(backend, config.units, now) for backend, config in zip(self.backends, self.config.backends)
+            ],
             "publisher": None if self.publisher is None else self.publisher.status(),
             "history": {"interval": SAMPLE_INTERVAL, "samples": list(self._history.samples)},
         }
@@ -204,7 +207,13 @@ class Gateway:
         """Log a request that the policy refuses."""
         self.refusals += 1
         who = f"{caller.peer or 'a client'}{f' as {caller.role}' if caller.role else ''}"
-        self._log.warning("refused", f"{who}: {request.name} to unit {unit}: {exception_name(code)}")
+        function = f"function {request.function_code}" + (f" ({request.name})" if request.known else "")
+        text = f"{who}: {function} to unit {unit}: refused by the policy, {exception_name(code)}"
+        self._log.warning("refused", text)
+
+    def has_no_path(self, caller: Caller, unit: int) -> None:
+        """Log a request to a unit that no backend has."""
+        self._log.warning(("path", unit), f"{caller.peer or 'a client'}: no backend has unit {unit}")
 
     async def reload(self, config: GatewayConfig) -> None:
         """Use another configuration. What is the same in both goes on without a break.

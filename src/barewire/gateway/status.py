@@ -13,9 +13,10 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from barewire.gateway.backend import Backend
+    from barewire.gateway.dispatch import UnitRecord
     from barewire.io.server.units import UnitsServer
 
 SAMPLE_INTERVAL = 5.0
@@ -32,13 +33,17 @@ def of_listener(server: UnitsServer) -> dict[str, Any]:
     return {"url": server.url.partition("?")[0], "connections": len(server.connections), **counters}
 
 
-def of_backend(backend: Backend, now: float) -> dict[str, Any]:
-    """Return the state of a backend and of its units. `now` is the time of the event loop."""
+def of_backend(backend: Backend, units: Mapping[int, int], now: float) -> dict[str, Any]:
+    """Return the state of a backend and of its units. `units` are the addresses on the line by those that clients use.
+
+    `now` is the time of the event loop.
+    """
+    names = {address: unit for unit, address in sorted(units.items(), reverse=True)}
     counters = getattr(getattr(backend, "bus", None), "counters", None)
     return {
         "name": backend.name,
         "line": f"{backend.endpoint.scheme}://{backend.endpoint.place}",
-        "connected": backend.is_connected,
+        "connected": backend.is_connected and not backend.cannot_open,
         "waiting": backend.dispatcher.size,
         "under_way": backend.under_way,
         # Only a Modbus line has these: late responses were recognised and given to nobody.
@@ -47,15 +52,25 @@ def of_backend(backend: Backend, now: float) -> dict[str, Any]:
         "probes": getattr(counters, "probes", 0),
         "units": [
             {
-                "unit": number,
-                "state": "dead" if state.is_dead else "answers" if state.counters.requests else "not asked yet",
+                "unit": names.get(address, address),
+                "address": address,
+                "state": _state_of(backend, state),
                 "tried_again_in": max(0.0, state.dead_until - now) if state.is_dead else 0.0,
                 **asdict(state.counters),
             }
-            for number, state in sorted(backend.dispatcher.units.items())
+            for address, state in sorted(backend.dispatcher.units.items())
         ],
-        "errors": [error._asdict() for error in backend.errors],
+        "errors": [
+            {**error._asdict(), "unit": names.get(error.unit, error.unit) if error.unit is not None else None}
+            for error in backend.errors
+        ],
     }
+
+
+def _state_of(backend: Backend, unit: UnitRecord) -> str:
+    if backend.cannot_open:
+        return "not known: the line is not open"
+    return "dead" if unit.is_dead else "answers" if unit.counters.requests else "not asked yet"
 
 
 def in_words(state: dict[str, Any]) -> list[str]:
@@ -69,17 +84,24 @@ def in_words(state: dict[str, Any]) -> list[str]:
         lines.append(f"{backend['name']}, {backend['line']}: {is_open}, {counts}")
         for unit in backend["units"]:
             answered = unit["requests"] - unit["no_responses"]
-            mean = f", {1000 * unit['total'] / answered:.1f} ms" if answered else ""
+            mean = f", {1000 * unit['total'] / answered:.1f} ms on average" if answered else ""
             counts = f"{unit['requests']} exchanges, {unit['exceptions']} exceptions, {unit['no_responses']} unanswered"
-            lines.append(f"  unit {unit['unit']}: {unit['state']}, {counts}{mean}")
-        lines += [f"  {error['text']}" for error in backend["errors"][-3:]]
+            place = f"unit {unit['unit']}" + (f" ({unit['address']})" if unit["address"] != unit["unit"] else "")
+            again = f", asked again in {unit['tried_again_in']:.0f} s" if unit["state"] == "dead" else ""
+            lines.append(f"  {place}: {unit['state']}{again}, {counts}{mean}")
+        latest = {error["text"]: error["at"] for error in backend["errors"]}
+        for text, at in sorted(latest.items(), key=lambda row: row[1])[-3:]:
+            times = sum(error["text"] == text for error in backend["errors"])
+            when = f"{time.strftime('%H:%M:%S', time.localtime(at))}, {state['now'] - at:.0f} s ago"
+            lines.append(f"  {when}{f', {times} times' if times > 1 else ''}: {text}")
     if (publisher := state["publisher"]) is not None:
         is_open = "connected" if publisher["connected"] else "not connected"
         counts = f"{publisher['buffered']} readings wait, {publisher['dropped']} were dropped"
         lines.append(f"broker {publisher['broker']}: {is_open}, {counts}")
         for machine in publisher["machines"]:
             says = {True: "responds", False: "does not respond", None: "not asked yet"}[machine["responds"]]
-            lines.append(f"  {machine['name']}: {says}")
+            why = f": {machine['error']}; asked again in {machine['tried_again_in']:.0f} s" if machine["error"] else ""
+            lines.append(f"  {machine['name']}: {says}{why}")
     return lines
 
 

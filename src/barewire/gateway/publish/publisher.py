@@ -14,6 +14,7 @@ import json
 import math
 import ssl
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -36,6 +37,7 @@ from barewire.gateway.publish.schedule import PollGroup, PollSchedule, ValueFilt
 from barewire.io.endpoint import Endpoint
 from barewire.io.log import PortLog
 from barewire.io.machine import AsyncMachineClient
+from barewire.io.ports.network import reason
 
 if TYPE_CHECKING:
     from aiomqtt import Client
@@ -74,6 +76,8 @@ class PublishConfig:
     machines: tuple[PolledMachine, ...]
     buffer: str = ":memory:"
     limit: int = 100_000
+    retain: bool = False
+    """Whether the broker keeps the latest value of each parameter for those who subscribe later."""
     home_assistant: str | None = None
     """The prefix of discovery, by default of Home Assistant `homeassistant`; None for none."""
 
@@ -133,10 +137,14 @@ class Publisher:
         """`buffer`, which may be that of a publisher that ends when this one begins, or its own."""
         self.is_connected = False
         self._mqtt = aiomqtt
+        options = broker_options(config.broker)
+        self._broker = f"{options['hostname']}:{options['port']}"
         self._topics = Topics(config.site)
         self._log = PortLog("barewire.publish", config.site)
         self._filters = {row.name: ValueFilter(row.on_change, row.dead_band, row.at_least) for row in config.machines}
         self._responds: dict[str, bool] = {}
+        self._errors: dict[str, str] = {}
+        """Why the latest read of a machine failed; empty if it did not."""
         self._news = asyncio.Event()  # there is something for the broker
         self._retained: dict[str, str] = {}  # what has to be told again after a reconnect
         self._results: asyncio.Queue[tuple[str, str]] = asyncio.Queue(_COMMANDS * 4)
@@ -187,8 +195,9 @@ class Publisher:
     def status(self) -> dict[str, Any]:
         """Return the state as values that JSON has."""
         groups = [group for line in self._lines for group in line.schedule.groups]
+        now = asyncio.get_running_loop().time()
         return {
-            "broker": urlsplit(self.config.broker).hostname,
+            "broker": self._broker,
             "connected": self.is_connected,
             "buffered": len(self.buffer),
             "dropped": self.buffer.dropped,
@@ -196,6 +205,8 @@ class Publisher:
                 {
                     "name": group.machine,
                     "responds": self._responds.get(group.machine),
+                    "error": self._errors.get(group.machine, ""),
+                    "tried_again_in": max(0.0, group.due_at - now),
                     "failures": group.failures,
                     "missed": group.missed,
                 }
@@ -226,11 +237,12 @@ class Publisher:
             readings = await client.read_all(group.names)
         except BarewireError as error:
             self._log.warning(("read", machine.name), f"{machine.name}: {error}")
-            self._set_responds(machine.name, False)
+            self._set_responds(machine.name, False, str(error))
             return
         except Exception as error:  # a poll must not end because of one machine
-            self._log.error("code", f"{machine.name}: {type(error).__name__}: {error}", error)
-            self._set_responds(machine.name, False)
+            text = f"{type(error).__name__}: {error}"
+            self._log.error("code", f"{machine.name}: {text}", error)
+            self._set_responds(machine.name, False, text)
             return
         self._set_responds(machine.name, True)
         at, now = time.time(), asyncio.get_running_loop().time()
@@ -247,8 +259,11 @@ class Publisher:
                 self._log.error("buffer", f"{error}; {len(self.buffer)} readings wait")
             self._news.set()
 
-    def _set_responds(self, machine: str, responds: bool) -> None:
+    def _set_responds(self, machine: str, responds: bool, error: str = "") -> None:
+        self._errors[machine] = error
         if self._responds.get(machine) is not responds:
+            if responds and machine in self._responds:
+                self._log.info(("read", machine), f"{machine}: responds again")
             self._responds[machine] = responds
             self._retained[f"{self._topics.machine(machine)}/status"] = ONLINE if responds else OFFLINE
             self._news.set()
@@ -286,7 +301,7 @@ class Publisher:
                 async with self._mqtt.Client(**options, will=will, keepalive=15, timeout=10.0) as client:
                     pause = _PAUSES[0]
                     self.is_connected = True
-                    self._log.info("connected", "connected to the broker")
+                    self._log.info("connected", f"connected to {self._broker}")
                     try:
                         await self._say_everything(client)
                         async with asyncio.TaskGroup() as tasks:
@@ -296,7 +311,7 @@ class Publisher:
                         await self._say_goodbye(client)
                         raise
             except* (self._mqtt.MqttError, PortError, OSError, TimeoutError) as error:
-                self._log.warning("broker", f"the broker: {error.exceptions[0]}; next attempt in {pause:g} s")
+                self._log.warning("broker", f"{self._broker}: {_why(error.exceptions[0])}; next attempt in {pause:g} s")
             except* Exception as error:  # the next attempt may do better than none
                 first = error.exceptions[0]
                 self._log.error("code", f"{type(first).__name__}: {first}; next attempt in {pause:g} s", first)
@@ -363,7 +378,12 @@ class Publisher:
                 # Each is given to the client before the next; it keeps the order, and all wait for the broker together.
                 await asyncio.gather(
                     *(
-                        client.publish(row.topic, with_sequence(row.payload, row.sequence, again=row.was_sent), qos=1)
+                        client.publish(
+                            row.topic,
+                            with_sequence(row.payload, row.sequence, again=row.was_sent),
+                            qos=1,
+                            retain=self.config.retain,
+                        )
                         for row in rows
                     )
                 )
@@ -394,9 +414,10 @@ class Publisher:
         try:
             value = json.loads(data)
             if not isinstance(value, int | float | str) or value in (math.inf, -math.inf) or value != value:
-                raise ValueError("expected a number, a text, true or false")
-        except (ValueError, RecursionError) as error:
-            self._answer(machine, parameter, {"value": None, "ok": False, "error": f"the payload is no value: {error}"})
+                raise ValueError
+        except (ValueError, RecursionError):
+            text = 'the payload is no value: expected JSON, such as 30, true or "text"'
+            self._answer(machine, parameter, {"value": None, "ok": False, "error": text})
             return
         line = next(line for line in self._lines if machine in line.machines)
         try:
@@ -405,11 +426,17 @@ class Publisher:
             self._answer(machine, parameter, {"value": value, "ok": False, "error": "too many commands wait"})
 
 
+def _why(error: BaseException) -> str:
+    """Return the reason of an error of aiomqtt, which has that of the system only in its context."""
+    cause = error.__cause__ or error.__context__
+    return reason(cause) if isinstance(cause, OSError) else str(error)
+
+
 def topics_that_collide(site: str, machines: Sequence[PolledMachine]) -> list[str]:
-    """Return the topics that two parameters would have, because their names differ only in what a topic cannot hold."""
+    """Return the topics that two machines or two parameters would have, because their names are too much alike."""
     topics = Topics(site)
     owners: dict[str, tuple[int, str]] = {}
-    twice = []
+    twice = [topic for topic, count in Counter(topics.machine(row.name) for row in machines).items() if count > 1]
     for place, machine in enumerate(machines):
         for name in dict.fromkeys((*machine.parameters, *machine.commands)):
             topic = topics.parameter(machine.name, name)
