@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import re
 import socket
-import threading
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,35 +15,13 @@ import pytest
 
 from barewire import ModbusClient, ModbusServer
 from barewire.gateway.__main__ import run_program
-from barewire.gateway.config import read_config
 from barewire.gateway.gateway import Gateway
 from barewire.modbus import ModbusException, Table
+from tests.gateway.in_thread import running
 from tests.helpers import free_port
 from tools.website.browser import chromium
 
 WAIT = 30.0
-
-
-@contextmanager
-def running(text: str) -> Iterator[Gateway]:
-    """A gateway in a thread of its own."""
-    started = threading.Event()
-    found: list[Any] = []
-
-    async def main() -> None:
-        async with Gateway(read_config(text)) as gateway:
-            found[:] = [gateway, asyncio.get_running_loop()]
-            started.set()
-            await gateway.stopping.wait()
-
-    thread = threading.Thread(target=asyncio.run, args=[main()])
-    thread.start()
-    assert started.wait(WAIT)
-    try:
-        yield found[0]
-    finally:
-        found[1].call_soon_threadsafe(found[0].stop)
-        thread.join(WAIT)
 
 
 @pytest.fixture
@@ -60,6 +35,8 @@ url = "tcp://127.0.0.1:0"
 name = "hall <b>1</b>"
 url = "{line.url}"
 units = "1-2"
+timeout = 10
+[backend.unit.2]
 timeout = 0.1
 dead_after = 1
 [status]

@@ -16,6 +16,7 @@ from barewire.devices.cia402 import State
 from barewire.devices.drive import DriveProgress, DriveStuck
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import EncodeError, PortError
+from barewire.io.machine import AsyncMachineClient
 from tests.helpers import refused
 
 pytest.importorskip("can")
@@ -163,3 +164,16 @@ def test_a_machine_takes_names_of_values_over_modbus_and_canopen() -> None:
         az3.write("MODES OF OPERATION", "profile velocity")
         reading = az3.read("MODES OF OPERATION")
         assert "profile velocity" in str(reading).casefold()
+
+
+@pytest.mark.parametrize(
+    ("url", "other"), [("can://memory/x?node=7", "tcp://127.0.0.1"), ("tcp://127.0.0.1", "can://memory/x?node=7")]
+)
+def test_a_client_of_the_other_protocol_cannot_be_shared(url: str, other: str) -> None:
+    az3 = load("az3")
+
+    async def share() -> None:
+        AsyncMachineClient(az3, url, shared=AsyncMachineClient(az3, other).client)
+
+    with pytest.raises(EncodeError, match=r"shared is .*: expected the client of a machine on the same"):
+        asyncio.run(share())

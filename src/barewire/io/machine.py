@@ -110,7 +110,8 @@ class MachineClient(NamedValues):
 class AsyncMachineClient(AsyncNamedValues):
     """A machine and its client, for asyncio.
 
-    With `shared`, the client of another machine on the same line, it uses that one's connection.
+    With `shared`, the client of another machine on the same line, it uses that one's connection. Raises EncodeError if
+    that is of the other protocol.
     """
 
     def __init__(
@@ -128,13 +129,19 @@ class AsyncMachineClient(AsyncNamedValues):
         if _is_canopen(device, url):
             from barewire.io.canopen.async_client import AsyncCanopenClient
 
-            self.client = shared if isinstance(shared, AsyncCanopenClient) else AsyncCanopenClient(url, **options)
+            if shared is not None and not isinstance(shared, AsyncCanopenClient):
+                raise EncodeError(f"{url}: shared is {shared!r}: expected the client of a machine on the same CAN bus")
+            self.client = AsyncCanopenClient(url, **options) if shared is None else shared
             node = endpoint.integer("node", 0) or None
             self._access = self.client.node(node, device=device, timeout=endpoint.timeout)
         else:
             from barewire.io.modbus.async_client import AsyncModbusClient
 
-            client = shared if isinstance(shared, AsyncModbusClient) else AsyncModbusClient(url, **options)
+            if shared is not None and not isinstance(shared, AsyncModbusClient):
+                raise EncodeError(
+                    f"{url}: shared is {shared!r}: expected the client of a machine on the same Modbus line"
+                )
+            client = AsyncModbusClient(url, **options) if shared is None else shared
             if shared is not None:
                 assert device.modbus is not None, "`_is_canopen` has checked it"
                 client = client.at(unit=endpoint.integer("unit", device.modbus.unit), timeout=endpoint.timeout)
