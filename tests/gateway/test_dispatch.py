@@ -202,9 +202,13 @@ def test_queries_to_a_unit_that_has_died_do_not_wait_any_longer() -> None:
     assert {bus.answer_to(query) for query in queries} == {"83 0b"}
 
 
-@pytest.mark.parametrize("clients", [32, 200])
-def test_two_dead_units_of_ten_cost_the_others_little(clients: int) -> None:
-    """Every client asks one unit after the other. 20 ms an exchange, 0.3 s a time-out, one minute."""
+@pytest.mark.parametrize("registers", [65536, 1])
+@pytest.mark.parametrize("clients", [1, 32, 200])
+def test_two_dead_units_of_ten_cost_the_others_little(clients: int, registers: int) -> None:
+    """Every client asks one unit after the other. 20 ms an exchange, 0.3 s a time-out, one minute.
+
+    With one register all reads of a unit join one exchange, and again and again nothing waits for a moment.
+    """
     bus = SimulatedBus(Dispatcher(default=UnitOptions(timeout=0.3)), takes=0.02, silent={4, 8})
     numbers = count()
     todo = {Caller(f"c{number}:1"): number % 10 for number in range(clients)}
@@ -213,7 +217,7 @@ def test_two_dead_units_of_ten_cost_the_others_little(clients: int) -> None:
 
     def ask(client: Caller) -> None:
         todo[client] = (todo[client] + 1) % 10
-        waiting[bus.submit(client, todo[client], read(next(numbers) % 65536))] = client
+        waiting[bus.submit(client, todo[client], read(next(numbers) % registers))] = client
 
     for client in list(todo):
         ask(client)
@@ -226,6 +230,18 @@ def test_two_dead_units_of_ten_cost_the_others_little(clients: int) -> None:
     in_first_ten = sum(at <= 10.0 for at in answered)
     assert in_first_ten >= 0.85 * 10.0 / 0.02
     assert len(answered) - in_first_ten >= 0.97 * 50.0 / 0.02
+
+
+def test_a_dead_unit_of_a_bus_with_little_to_do_is_tried_after_each_pause() -> None:
+    bus = SimulatedBus(Dispatcher(default=UnitOptions(timeout=0.3)), takes=0.02, silent={9})
+    while bus.now < 20.0:
+        for unit in (1, 9):
+            bus.submit(A, unit, read(0))
+        bus.run()
+        bus.now += 0.1
+    trials = [exchange.started for exchange in bus.log if exchange.unit == 9]
+    pauses = [later - earlier - 0.3 for earlier, later in pairwise(trials[1:])]
+    assert pauses == pytest.approx([1.0, 2.0, 4.0, 8.0], abs=0.15)
 
 
 def test_the_pause_of_a_unit_does_not_delay_others() -> None:

@@ -14,8 +14,8 @@ client its units take turns. A write goes before the reads of all clients, and i
 when its turn comes. So one that only writes gets no more turns than the others.
 
 **A dead unit** left `dead_after` requests in a row unanswered. Queries for it get 0B at once, until its pause is over.
-Then one query is sent to it, on trial, when no other query waits; while others wait, trials take no more than one
-fiftieth of the time. The pause doubles with each trial that fails.
+Then one query is sent to it, on trial, if the others use less than a quarter of the time; on a bus that is used more,
+trials take no more than one fiftieth of the time. The pause doubles with each trial that fails.
 
 **A read joins** an identical one that is queued or under way, unless a write to that unit was submitted in between. A
 response is kept for `cache` seconds, and adjacent reads are merged into one, where the options of the unit allow it.
@@ -42,7 +42,10 @@ BUSY, NO_PATH, NO_RESPONSE = 0x06, 0x0A, 0x0B
 """Exception codes: the queue is full; the line cannot be opened; the unit did not respond.        [MB-APP 7]"""
 
 _TRIAL_SHARE = 50
-"""While other queries wait, a trial of a dead unit that took t seconds is followed by none for this many times t."""
+"""On a busy bus, a time-out of t seconds of a dead unit is followed by no trial for this many times t."""
+
+_GAPS = 4
+"""A bus is busy if exchanges take more than one of so many parts of the time."""
 
 _CACHED = 256
 """The most responses of a unit that are kept."""
@@ -285,7 +288,10 @@ class Dispatcher:
         self._waiting: dict[Caller, _ClientQueue] = {}  # those with queries, in the order of their turns
         self._exchanges = 0
         self._trials: deque[Query] = deque()
+        self._trial: Query | None = None  # the one that waits or is under way
         self._next_trial = -inf
+        self._busy = 0.0  # seconds in which exchanges were under way since `_busy_since`
+        self._busy_since = -inf
         self.one_each = False
         """Whether a unit has one exchange under way at most."""
         self.size = 0
@@ -356,11 +362,20 @@ class Dispatcher:
 
         One trial at a time, so that none waits for the time-out of others.
         """
-        is_due = now >= state.dead_until and (not self.size or now >= self._next_trial)
-        if is_due and not self._trials:
+        is_due = now >= state.dead_until and (now >= self._next_trial or self._has_gaps(now))
+        if is_due and self._trial is None:
+            self._trial = query
             self._trials.append(query)
         else:
             state.decline(query, NO_RESPONSE)
+
+    def _has_gaps(self, now: float) -> bool:
+        """Whether the others use so little of the bus that the time-out of a trial takes little from them.
+
+        That nothing waits at this moment would not say so: nothing waits either while clients read a response.
+        """
+        known_for = now - self._busy_since
+        return known_for >= 1.0 and self._busy < known_for / _GAPS
 
     def _make_room(self, client: Caller) -> bool:
         """Decline the latest query of the client that has the most. Returns False if that is the given client."""
@@ -418,17 +433,19 @@ class Dispatcher:
         """Return the exchange that is due next, or None: see `wake`."""
         self.wake = None
         while True:
-            query = self._trials.popleft() if self._trials else self._next(now)
+            is_trial = bool(self._trials)
+            query = self._trials.popleft() if is_trial else self._next(now)
             if query is None:
                 return None
-            if not query.is_wanted:
-                self._end(query)
-                query.answer(None)
-            elif now >= query.since + self._patience:
-                self._end(query)
+            if query.is_wanted and now < query.since + self._patience:
+                return self._exchange(query, now)
+            if is_trial:
+                self._trial = None
+            self._end(query)
+            if query.is_wanted:
                 self.unit(query.unit).decline(query, BUSY)
             else:
-                return self._exchange(query, now)
+                query.answer(None)
 
     def _next(self, now: float) -> Query | None:
         """Take the query whose turn it is, of a unit that has no pause."""
@@ -523,14 +540,16 @@ class Dispatcher:
         if exchange.request.writes:
             self._changed(state)
         state.under_way -= 1
+        self._busy += now - exchange.started
+        if self._trial is not None and self._trial in exchange.queries:
+            self._trial = None
         state.free_at = now + state.options.gap
-        was_dead = state.is_dead
         for query in exchange.queries:
             self._end(query)
         if isinstance(response, int):
             if is_silence:
                 state.counters.no_responses += 1
-                self._was_silent(state, now, now - exchange.started if was_dead else 0.0)
+                self._was_silent(state, now, now - exchange.started)
             for query in exchange.queries:
                 state.decline(query, response)
         elif response is None:
@@ -555,6 +574,8 @@ class Dispatcher:
         for query in (*waiting, *self._trials):
             self._end(query)
             self.unit(query.unit).decline(query, code)
+        if self._trials:
+            self._trial = None
         self._trials.clear()
 
     def _end(self, query: Query) -> None:
@@ -563,13 +584,13 @@ class Dispatcher:
         if state.joinable.get(query.request.pdu) is query:
             del state.joinable[query.request.pdu]
 
-    def _was_silent(self, state: UnitRecord, now: float, trial: float) -> None:
-        """Count a request without a response; `trial` is how long that took, if the unit was dead before."""
+    def _was_silent(self, state: UnitRecord, now: float, took: float) -> None:
+        """Count a request without a response, which took so long."""
         state.silent += 1
-        if trial:
-            self._next_trial = now + _TRIAL_SHARE * trial
         if not state.is_dead:
             return
+        self._next_trial = now + _TRIAL_SHARE * took
+        self._busy, self._busy_since = 0.0, now
         failed_trials = min(state.silent - state.options.dead_after, 16)
         state.dead_until = now + min(2.0**failed_trials, state.options.longest_pause)
         waiting = [query for queue in self._waiting.values() for query in queue.all() if query.unit == state.number]
