@@ -11,7 +11,7 @@ import pytest
 from tests.model import bounds
 
 pytestmark = pytest.mark.long
-RUNS = 12
+RUNS = 16
 """Of each carrier, with default options and with every option."""
 CHECKED_ELSEWHERE = {
     "io/modbus/sniff.py: ": "listens, and asks nothing: tests/workbench/cli/test_sniff.py",
@@ -29,6 +29,7 @@ CHECKED_ELSEWHERE = {
     "canopen/sdo/client.py: 1 <= server <= SERVERS_MAX": "refuses an argument: tests/canopen/sdo/test_access.py",
     "canopen/sdo/channel.py: now >= self.give_up": "never silent: tests/canopen/sdo/test_client.py",
     "canopen/sdo/channel.py: heard.now >= self.late": "without a frame a wait ends no earlier",
+    "modbus/client/line_state.py: min(unit_state.silent": "days of silence: tests/modbus/client/test_line_state.py",
     "tcp/frame.py: 1 <= size <= PDU_LIMIT": "a request is never longer: tests/tcp/test_frame.py",
 }
 """The beginning of the bounds that no run can cross, or none needs to."""

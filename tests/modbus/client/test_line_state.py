@@ -169,6 +169,14 @@ def test_a_dead_unit_is_asked_after_1_2_4_8_16_and_then_every_30_seconds() -> No
     assert (unit.silent, unit.dead_until) == (0, NEVER)
 
 
+def test_a_unit_that_is_dead_for_days_is_asked_every_30_seconds() -> None:
+    state = state_of(dead_after=3)
+    unit = state.units[1]
+    for _ in range(10_000):  # 2.0**10000 would be no number
+        state.timed_out(unit, 100.0)
+    assert unit.dead_until == 130.0
+
+
 def test_without_dead_after_no_unit_is_dead() -> None:
     state = state_of()
     for _ in range(99):

@@ -207,6 +207,8 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("canopen", "boot", TCP, "pump.dcf"), "a DCF is for CANopen: expected can://"),
     (("canopen", "boot", "can://virtual/x", "pump.dcf", "--boot-time", "-1"), "is not in the range x>=0"),
     # canopen-gateway
+    (("gateway",), "expected CONFIG; --example prints one"),
+    (("gateway", "--exampel"), "Did you mean '--example'?"),
     (("canopen-gateway", TCP), "expected can://"),
     (("canopen-gateway", CAN, "--node-id", "128"), "not in the range 1<=x<=127"),
     (("canopen-gateway", CAN, "--eds", "x.eds"), "expected --node-id too"),

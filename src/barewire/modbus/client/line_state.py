@@ -150,7 +150,7 @@ class LineState:
         """Count a request without a response. From `dead_after` on the unit is dead for a time that grows."""
         unit_state.silent += 1
         if self._dead_after is not None and unit_state.silent >= self._dead_after:
-            pause = 2.0 ** min(unit_state.silent - self._dead_after, 32)
+            pause = 2.0 ** min(unit_state.silent - self._dead_after, 32)  # a float ends at 2.0 ** 1023
             unit_state.dead_until = now + min(pause, self._longest_pause)
 
     def expire(self, now: float) -> None:
