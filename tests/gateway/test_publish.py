@@ -245,7 +245,8 @@ def mosquitto(port: int, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     """A broker on loopback, which ends with the block."""
     file = folder / "mosquitto.conf"
     file.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
-    broker = subprocess.Popen(["mosquitto", "-c", str(file)], stderr=subprocess.DEVNULL)
+    # Debian installs it where the PATH of a usual user does not lead.
+    broker = subprocess.Popen(["/usr/sbin/mosquitto", "-c", str(file)], stderr=subprocess.DEVNULL)
     try:
         yield broker
     finally:
