@@ -139,6 +139,7 @@ def test_the_buffer_keeps_order_and_bound_and_knows_what_was_sent(tmp_path: Path
     ]  # fmt: skip
     again.append([("t", "8")])
     assert [row.sequence for row in again.batch(9)] == [5, 6, 7, 8, 9]
+    again.close()
 
 
 def test_rows_wait_in_memory_while_the_file_is_locked(tmp_path: Path) -> None:
@@ -160,6 +161,8 @@ def test_rows_wait_in_memory_while_the_file_is_locked(tmp_path: Path) -> None:
     buffer.append([("t", "8")])
     assert [(row.payload, row.was_sent) for row in buffer.batch(9)] == [(text, False) for text in "5678"]
     assert (len(buffer), buffer.dropped) == (4, 4)
+    other.close()
+    buffer.close()
 
 
 def test_payloads_have_value_unit_word_and_time() -> None:
@@ -676,6 +679,7 @@ def test_a_buffer_that_cannot_be_written_ends_nothing(site: Site) -> None:
                 before = site.reads
                 await listener.until(lambda: site.reads > before + 10)
                 other.execute("ROLLBACK")
+                other.close()
                 last = site.reads
                 counts = "barewire/hall_1/meter/count"
                 await listener.until(lambda: json.loads(listener.of(counts)[-1])["value"] > last)

@@ -36,6 +36,7 @@ class Buffer:
     >>> buffer.append([("a", "1"), ("b", "2"), ("c", "3")])
     >>> [row.topic for row in buffer.batch(10)], buffer.dropped
     (['b', 'c'], 1)
+    >>> buffer.close()
     """
 
     def __init__(self, file: str = ":memory:", limit: int = 100_000) -> None:
