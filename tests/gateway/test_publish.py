@@ -364,16 +364,17 @@ class Listener:
                 await asyncio.sleep(0.01)
 
 
-def publishing(site: Site, act: Callable[[Listener, aiomqtt.Client], Awaitable[None]]) -> None:
-    """Act with a listener while a publisher runs."""
+def publishing(site: Site, act: Callable[[Listener, aiomqtt.Client], Awaitable[None]], machines: str = "") -> None:
+    """Act with a listener while a publisher runs, also of these machines. The broker is started if there is none."""
 
     async def main() -> None:
         async with Listener() as listener:
             client = await listener.listen(site.port)
-            async with Gateway(read_config(site.config())):
+            async with Gateway(read_config(site.config() + machines)):
                 await act(listener, client)
 
-    site.start_broker()
+    if site.broker is None:
+        site.start_broker()
     asyncio.run(main())
 
 
@@ -443,14 +444,7 @@ def test_a_command_that_was_left_there_is_not_carried_out(site: Site) -> None:
 
     site.start_broker()
     asyncio.run(leave())
-
-    async def main() -> None:
-        async with Listener() as listener:
-            client = await listener.listen(site.port)
-            async with Gateway(read_config(site.config())):
-                await act(listener, client)
-
-    asyncio.run(main())
+    publishing(site, act)
 
 
 class Relay:
@@ -570,17 +564,13 @@ every = 0.05
 parameters = ["Count"]
 """
 
-    async def main() -> None:
-        async with Listener() as listener:
-            await listener.listen(site.port)
-            async with Gateway(read_config(site.config() + dead)):
-                await listener.has("barewire/hall_1/dead/status", 1)
-                await listener.has("barewire/hall_1/meter/count", 20)
-                assert listener.of("barewire/hall_1/dead/status") == ["offline"]
-                assert listener.of("barewire/hall_1/meter/status") == ["online"]
+    async def act(listener: Listener, client: aiomqtt.Client) -> None:
+        await listener.has("barewire/hall_1/dead/status", 1)
+        await listener.has("barewire/hall_1/meter/count", 20)
+        assert listener.of("barewire/hall_1/dead/status") == ["offline"]
+        assert listener.of("barewire/hall_1/meter/status") == ["online"]
 
-    site.start_broker()
-    asyncio.run(main())
+    publishing(site, act, dead)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@
     too many queries wait, or one waits too long          06
     the gateway's own code fails                          04, and a traceback in the log
 
-The bus excludes late responses as in every client. One that was proved to be late is counted, and nobody gets it.
+The bus excludes late responses as in every client. One that was proved to be late is counted, and no client gets it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from barewire.errors import NoAnswer, PortError
-from barewire.gateway.dispatch import NO_PATH, NO_RESPONSE, Dispatcher, Exchange, Query, UnitOptions
+from barewire.gateway.dispatch import NO_PATH, NO_RESPONSE, Dispatcher, Exchange, Query, UnitOptions, UnitRecord
 from barewire.io.engine.callbacks import CallbackBox
 from barewire.io.engine.connections import random_fraction
 from barewire.io.log import PortLog
@@ -43,7 +43,7 @@ FAILED = 0x04
 """Exception code of an error in the gateway's own code."""
 
 _WATCHED = 10.0
-"""Seconds for which exchanges are kept after somebody asked for them."""
+"""Seconds for which exchanges are kept after they were asked for."""
 
 _ERRORS = 50
 """The errors of a backend that are kept."""
@@ -95,7 +95,7 @@ class Backend(ABC):
     """One bus. `submit` takes queries; every query is answered once, sooner or later, unless its client has left."""
 
     has_broadcasts = False
-    """Whether a request to unit 0 is a broadcast, which nobody answers."""
+    """Whether a request to unit 0 is a broadcast, which no unit answers."""
 
     def __init__(
         self,
@@ -112,6 +112,7 @@ class Backend(ABC):
         self.endpoint = endpoint
         self.options = BackendOptions() if options is None else options
         self.dispatcher = Dispatcher(units, default=default, capacity=capacity, patience=patience)
+        self.dispatcher.on_death_or_return = self._log_unit
         self.errors: deque[BackendError] = deque(maxlen=_ERRORS)
         """The latest errors, in words."""
         self._seen: deque[Seen] = deque(maxlen=_SEEN)
@@ -268,13 +269,15 @@ class Backend(ABC):
         self._free.append(lane)
         if self._loop.time() < self._watched_until:
             self._see(exchange, response)
-        unit = self.dispatcher.unit(exchange.unit)
-        was_dead = unit.is_dead
         self.dispatcher.finish(exchange, response, self._loop.time(), is_silence=is_silence)
-        if unit.is_dead is not was_dead:
-            text = "answers again" if was_dead else f"is dead: {unit.silent} requests in a row without a response"
-            (self._log.info if was_dead else self._log.warning)(("unit", exchange.unit), f"unit {exchange.unit} {text}")
         self._go_on()
+
+    def _log_unit(self, unit: UnitRecord) -> None:
+        kind, name = ("unit", unit.number), f"unit {unit.number}"
+        if unit.is_dead:
+            self._log.warning(kind, f"{name} is dead: {unit.silent} requests in a row without a response")
+        else:
+            self._log.info(kind, f"{name} answers again")
 
     def watch_frames(self) -> list[Seen]:
         """Return the latest exchanges. They are kept only for some seconds after each call."""

@@ -47,7 +47,9 @@ _OF_UNITS = (
     Option("dead_after", "number", 2, "requests in a row without a response after which a unit is dead; 0: never"),
     Option("longest_pause", "seconds", 30.0, "the longest time for which a dead unit is not asked"),
     Option("cache", "seconds", 0.0, "how long a response also answers identical reads"),
-    Option("merge", "number", None, "join adjacent reads; a joined one may read this many values that nobody wants"),
+    Option(
+        "merge", "number", None, "join adjacent reads; a joined one may read this many values that none asked for"
+    ),
 )
 
 OPTIONS: dict[str, tuple[Option, ...]] = {
@@ -360,13 +362,15 @@ class _Reader:
         if endpoint is None or device is None or values["name"] is None or values["parameters"] is None:
             return None
         is_can = endpoint.scheme == "can"
-        for key in ("parameters", "commands"):
+        found: dict[str, list[str]] = {"parameters": [], "commands": []}  # as the description writes them
+        for key, own_names in found.items():
             for name in values[key]:
                 try:
                     parameter = device.find(name)
                 except BarewireError as error:
                     self._fault((*path, key), str(error))
                     continue
+                own_names.append(parameter.name)
                 if (parameter.object if is_can else parameter.modbus) is None:
                     self._fault((*path, key), f"{name} has no address on {'CANopen' if is_can else 'Modbus'}")
                 elif not (parameter.readable if key == "parameters" else parameter.writable):
@@ -378,8 +382,8 @@ class _Reader:
         names = ("name", "url", "every", "on_change", "dead_band", "at_least")
         return PolledMachine(
             device=device,
-            parameters=tuple(_own_name(device, name) for name in values["parameters"]),
-            commands=tuple(_own_name(device, name) for name in values["commands"]),
+            parameters=tuple(found["parameters"]),
+            commands=tuple(found["commands"]),
             **{name: values[name] for name in names},
         )
 
@@ -592,14 +596,6 @@ def host_and_port(url: str) -> tuple[str, int]:
     if parts.scheme != "http" or not parts.hostname or port is None or parts.path not in ("", "/") or parts.query:
         raise EncodeError(f"{url!r}: expected http://HOST:PORT, such as http://127.0.0.1:8502")
     return parts.hostname, port
-
-
-def _own_name(device: Device, name: str) -> str:
-    """Return the name as the description writes it; an unknown one, of which there is a fault, as it is."""
-    try:
-        return device.find(name).name
-    except BarewireError:
-        return name
 
 
 def _broker(value: Any) -> str:

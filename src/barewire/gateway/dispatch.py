@@ -60,7 +60,7 @@ class UnitOptions:
     dead_after       the requests in a row without a response after which it is dead; 0 for never
     longest_pause    the longest time for which a dead unit is not asked
     cache            how long a response answers identical reads
-    merge            how many values that nobody asked for a merged read may contain between two that were; None: reads
+    merge            how many values that no query asked for a merged read may contain between two that were; None: reads
                      are not merged
     """
 
@@ -287,11 +287,13 @@ class Dispatcher:
         self._clients: dict[Caller, _ClientQueue] = {}
         self._waiting: dict[Caller, _ClientQueue] = {}  # those with queries, in the order of their turns
         self._exchanges = 0
-        self._trials: deque[Query] = deque()
-        self._trial: Query | None = None  # the one that waits or is under way
+        self._trial: Query | None = None  # waits
+        self._tried: Query | None = None  # is under way
         self._next_trial = -inf
         self._busy = 0.0  # seconds in which exchanges were under way since `_busy_since`
         self._busy_since = -inf
+        self.on_death_or_return: Callable[[UnitRecord], object] | None = None
+        """Called with a unit that has become dead, or that was dead and has responded; see its `is_dead`."""
         self.one_each = False
         """Whether a unit has one exchange under way at most."""
         self.size = 0
@@ -310,7 +312,7 @@ class Dispatcher:
     @property
     def has_work(self) -> bool:
         """Whether a query waits, trials of dead units among them."""
-        return bool(self.size or self._trials)
+        return self.size > 0 or self._trial is not None
 
     def unit(self, number: int) -> UnitRecord:
         """Return the state of a unit."""
@@ -343,7 +345,7 @@ class Dispatcher:
                 return None
         if state.is_dead:
             self._try_dead_unit(query, state, now)
-        elif is_lane_free and not self.size and not self._trials and self._is_ready(state, now):
+        elif is_lane_free and not self.has_work and self._is_ready(state, now):
             if not query.request.writes:
                 state.joinable[query.request.pdu] = query
             return self._exchange(query, now)
@@ -363,9 +365,8 @@ class Dispatcher:
         One trial at a time, so that none waits for the time-out of others.
         """
         is_due = now >= state.dead_until and (now >= self._next_trial or self._has_gaps(now))
-        if is_due and self._trial is None:
+        if is_due and self._trial is None and self._tried is None:
             self._trial = query
-            self._trials.append(query)
         else:
             state.decline(query, NO_RESPONSE)
 
@@ -433,14 +434,13 @@ class Dispatcher:
         """Return the exchange that is due next, or None: see `wake`."""
         self.wake = None
         while True:
-            is_trial = bool(self._trials)
-            query = self._trials.popleft() if is_trial else self._next(now)
+            trial, self._trial = self._trial, None
+            query = trial or self._next(now)
             if query is None:
                 return None
             if query.is_wanted and now < query.since + self._patience:
+                self._tried = trial or self._tried
                 return self._exchange(query, now)
-            if is_trial:
-                self._trial = None
             self._end(query)
             if query.is_wanted:
                 self.unit(query.unit).decline(query, BUSY)
@@ -474,7 +474,7 @@ class Dispatcher:
                     self._waiting[passed_over].owes_until = 0
                     self._waiting[passed_over] = self._waiting.pop(passed_over)
                 return self._served(client, query)
-        for client in owing:  # nobody else is there to be asked for
+        for client in owing:  # no other client has a query that can go out
             queue = self._waiting[client]
             query = queue.first(queue.writes, is_ready) or queue.first(queue.reads, is_ready)
             if query is not None:
@@ -541,8 +541,8 @@ class Dispatcher:
             self._changed(state)
         state.under_way -= 1
         self._busy += now - exchange.started
-        if self._trial is not None and self._trial in exchange.queries:
-            self._trial = None
+        if self._tried in exchange.queries:
+            self._tried = None
         state.free_at = now + state.options.gap
         for query in exchange.queries:
             self._end(query)
@@ -556,7 +556,10 @@ class Dispatcher:
             for query in exchange.queries:
                 query.answer(None)
         else:
-            state.silent = 0
+            if state.silent:
+                was_dead, state.silent = state.is_dead, 0
+                if was_dead and self.on_death_or_return is not None:
+                    self.on_death_or_return(state)
             state.counters.latest = now - exchange.started
             state.counters.total += now - exchange.started
             state.counters.exceptions += response[0] >> 7
@@ -571,12 +574,12 @@ class Dispatcher:
         waiting = [query for queue in self._waiting.values() for query in queue.all()]
         for query in waiting:
             self._leave_queue(query)
-        for query in (*waiting, *self._trials):
+        if self._trial is not None:
+            waiting.append(self._trial)
+            self._trial = None
+        for query in waiting:
             self._end(query)
             self.unit(query.unit).decline(query, code)
-        if self._trials:
-            self._trial = None
-        self._trials.clear()
 
     def _end(self, query: Query) -> None:
         """No further query joins this one."""
@@ -589,6 +592,8 @@ class Dispatcher:
         state.silent += 1
         if not state.is_dead:
             return
+        if state.silent == state.options.dead_after and self.on_death_or_return is not None:
+            self.on_death_or_return(state)
         self._next_trial = now + _TRIAL_SHARE * took
         self._busy, self._busy_since = 0.0, now
         failed_trials = min(state.silent - state.options.dead_after, 16)

@@ -54,11 +54,11 @@ class Route:
             self.gateway.has_no_path(caller, self.unit)
             return bytes((pdu[0] | 0x80, NO_PATH))
         if self.unit == BROADCAST and self.backend.has_broadcasts and not request.writes:
-            return bytes((pdu[0] | 0x80, ILLEGAL_FUNCTION))  # nobody answers a broadcast, so it can only write
+            return bytes((pdu[0] | 0x80, ILLEGAL_FUNCTION))  # no unit answers a broadcast, so it can only write
         later = LaterResponse()
         self.backend.submit(Query(caller, self.address, request, later.give))
         if self.unit == BROADCAST and self.backend.has_broadcasts:
-            return None  # on TCP, too, nobody waits for a response to a broadcast
+            return None  # a broadcast has no response, also on TCP
         return later
 
 
@@ -142,8 +142,10 @@ class Gateway:
 
     async def _page_at(self, url: str | None) -> StatusPage | None:
         """Return the status page at this URL: the present one, or a new one. Raises PortError."""
-        if url is None or (self.page is not None and url == self.config.status):
-            return self.page if url is not None else None
+        if url is None:
+            return None
+        if self.page is not None and url == self.config.status:
+            return self.page
         from barewire.gateway.page import StatusPage  # loads microdot
 
         page = StatusPage(self, url)
@@ -153,12 +155,15 @@ class Gateway:
     def _publisher_of(self, config: PublishConfig | None) -> Publisher | None:
         """Return the publisher of a configuration: the present one, or a new one, which does nothing yet. Raises
         PortError."""
-        if config is None or (self.publisher is not None and self.publisher.config == config):
-            return self.publisher if config is not None else None
+        present = self.publisher
+        if config is None:
+            return None
+        if present is not None and present.config == config:
+            return present
         from barewire.gateway.publish.publisher import Publisher  # loads aiomqtt
 
-        same = self.publisher is not None and self.publisher.config.buffer == config.buffer
-        return Publisher(config, self.publisher.buffer if self.publisher is not None and same else None)
+        has_same_buffer = present is not None and present.config.buffer == config.buffer
+        return Publisher(config, present.buffer if present is not None and has_same_buffer else None)
 
     async def _swap(self, page: StatusPage | None, publisher: Publisher | None) -> None:
         """Use this page and this publisher in place of the present ones."""

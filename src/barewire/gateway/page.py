@@ -2,7 +2,7 @@
 
     /               the page: lines, units, rates and errors over time, the latest errors in words, frames live
     /status.json    what it shows
-    /frames.json    ?backend=NAME&unit=N: the latest exchanges with a unit, while somebody asks for them
+    /frames.json    ?backend=NAME&unit=N: the latest exchanges with a unit, while they are asked for
     /metrics        for Prometheus
 
 It only shows: no request changes anything. The page loads nothing from elsewhere. microdot serves it, a small library

@@ -8,7 +8,7 @@ metrics(state)             the counters as Prometheus text, by the client librar
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -46,7 +46,7 @@ def of_backend(backend: Backend, units: Mapping[int, int], now: float) -> dict[s
         "connected": backend.is_connected and not backend.cannot_open,
         "waiting": backend.dispatcher.size,
         "under_way": backend.under_way,
-        # Only a Modbus line has these: late responses were recognised and given to nobody.
+        # Only a Modbus line has these. No client gets a late response.
         "late": getattr(counters, "late", 0),
         "strays": getattr(counters, "strays", 0),
         "probes": getattr(counters, "probes", 0),
@@ -90,8 +90,9 @@ def in_words(state: dict[str, Any]) -> list[str]:
             again = f", asked again in {unit['tried_again_in']:.0f} s" if unit["state"] == "dead" else ""
             lines.append(f"  {place}: {unit['state']}{again}, {counts}{mean}")
         latest = {error["text"]: error["at"] for error in backend["errors"]}
+        counts_of = Counter(error["text"] for error in backend["errors"])
         for text, at in sorted(latest.items(), key=lambda row: row[1])[-3:]:
-            times = sum(error["text"] == text for error in backend["errors"])
+            times = counts_of[text]
             when = f"{time.strftime('%H:%M:%S', time.localtime(at))}, {state['now'] - at:.0f} s ago"
             lines.append(f"  {when}{f', {times} times' if times > 1 else ''}: {text}")
     if (publisher := state["publisher"]) is not None:
@@ -153,7 +154,7 @@ def metrics(state: dict[str, Any]) -> bytes:
     refused.add_metric([], state["refused_by_policy"])
     is_open = GaugeMetricFamily("barewire_gateway_connected", "Whether the line is open", labels=["backend"])
     waiting = GaugeMetricFamily("barewire_gateway_waiting", "Requests that wait", labels=["backend"])
-    late = CounterMetricFamily("barewire_gateway_late", "Late responses, given to nobody", labels=["backend"])
+    late = CounterMetricFamily("barewire_gateway_late", "Late responses, given to no client", labels=["backend"])
     dead = GaugeMetricFamily("barewire_gateway_unit_dead", "Whether a unit is dead", labels=["backend", "unit"])
     of_units = {
         field: CounterMetricFamily(f"barewire_gateway_unit_{name}", text, labels=["backend", "unit"])

@@ -59,6 +59,10 @@ class Topics:
         """Return the topic under which everything of a machine is."""
         return f"{self.root}/{topic_part(name)}"
 
+    def machine_status(self, name: str) -> str:
+        """Return the topic that says whether a machine responds."""
+        return f"{self.machine(name)}/status"
+
     def parameter(self, machine: str, name: str) -> str:
         """Return the topic of a value."""
         return f"{self.machine(machine)}/{parameter_part(name)}"
@@ -123,7 +127,7 @@ def discovery(
     config: dict[str, Any] = {
         "name": parameter.name,
         "unique_id": identity,
-        "availability": [{"topic": topics.status}, {"topic": f"{topics.machine(machine)}/status"}],
+        "availability": [{"topic": topics.status}, {"topic": topics.machine_status(machine)}],
         "availability_mode": "all",
         "device": {"identifiers": [f"barewire_{site}_{place}"], "name": machine, "model": title},
     }

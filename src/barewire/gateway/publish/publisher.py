@@ -137,8 +137,8 @@ class Publisher:
         """`buffer`, which may be that of a publisher that ends when this one begins, or its own."""
         self.is_connected = False
         self._mqtt = aiomqtt
-        options = broker_options(config.broker)
-        self._broker = f"{options['hostname']}:{options['port']}"
+        self._options = broker_options(config.broker)
+        self._broker = f"{self._options['hostname']}:{self._options['port']}"
         self._topics = Topics(config.site)
         self._log = PortLog("barewire.publish", config.site)
         self._filters = {row.name: ValueFilter(row.on_change, row.dead_band, row.at_least) for row in config.machines}
@@ -265,7 +265,7 @@ class Publisher:
             if responds and machine in self._responds:
                 self._log.info(("read", machine), f"{machine}: responds again")
             self._responds[machine] = responds
-            self._retained[f"{self._topics.machine(machine)}/status"] = ONLINE if responds else OFFLINE
+            self._retained[self._topics.machine_status(machine)] = ONLINE if responds else OFFLINE
             self._news.set()
 
     async def _carry_out(self, line: _Line, command: _Command) -> None:
@@ -295,10 +295,9 @@ class Publisher:
         """Stay connected to the broker."""
         pause, longest = _PAUSES
         will = self._mqtt.Will(self._topics.status, OFFLINE, qos=1, retain=True)
-        options = broker_options(self.config.broker)
         while True:
             try:
-                async with self._mqtt.Client(**options, will=will, keepalive=15, timeout=10.0) as client:
+                async with self._mqtt.Client(**self._options, will=will, keepalive=15, timeout=10.0) as client:
                     pause = _PAUSES[0]
                     self.is_connected = True
                     self._log.info("connected", f"connected to {self._broker}")
@@ -327,17 +326,17 @@ class Publisher:
         for topic, payload in self._introduction():
             await client.publish(topic, payload, qos=1, retain=True)
         self._retained = {
-            f"{self._topics.machine(name)}/status": ONLINE if responds else OFFLINE
+            self._topics.machine_status(name): ONLINE if responds else OFFLINE
             for name, responds in self._responds.items()
         }
         await client.publish(self._topics.status, ONLINE, qos=1, retain=True)
 
     async def _say_goodbye(self, client: Client) -> None:
-        """Publish that nobody polls any more. The broker would publish the last will only after a lost connection."""
+        """Publish that the machines are polled no more. The broker would publish the last will only after a lost connection."""
         with suppress(self._mqtt.MqttError, TimeoutError):
             async with asyncio.timeout(_GOODBYE):
                 for machine in self.config.machines:
-                    await client.publish(f"{self._topics.machine(machine.name)}/status", OFFLINE, qos=1, retain=True)
+                    await client.publish(self._topics.machine_status(machine.name), OFFLINE, qos=1, retain=True)
                 await client.publish(self._topics.status, OFFLINE, qos=1, retain=True)
 
     def _introduction(self) -> list[tuple[str, str]]:
@@ -402,7 +401,7 @@ class Publisher:
                         known.forget()  # every state is published again with the next poll
                 continue
             if message.retain:
-                continue  # a command that somebody left there long ago is not carried out
+                continue  # a command that was left there long ago is not carried out
             self._take_command(topic.removesuffix("/set"), bytes(data))
 
     def _take_command(self, topic: str, data: bytes) -> None:

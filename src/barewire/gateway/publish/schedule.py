@@ -99,5 +99,5 @@ class ValueFilter:
         return value != known
 
     def forget(self) -> None:
-        """Publish every value again: whoever listens has lost them."""
+        """Publish every value again: those who listen have lost them."""
         self.published.clear()

@@ -60,8 +60,6 @@ class CallbackBox(Mailbox):
         try:
             self.write(frame)
         except BaseException as error:
-            self._asked = None
-            self._conversation = listening(self._bus, unit, request, timeout, 0.0)
             self._abandon(error)
             return
         now = self.loop.time()
@@ -87,14 +85,13 @@ class CallbackBox(Mailbox):
         if self._asked is None:
             self._resume(Heard(data, self.loop.time()))
             return
-        unit, request, timeout, sent_at = self._asked
-        self._asked = None
+        unit, request, _, _ = self._asked
         now = self.loop.time()
         response = answer(self._bus, unit, request, data, now)
         if response is not None:
             self._end(response, None)
             return
-        self._conversation = listening(self._bus, unit, request, timeout, sent_at)
+        self._leave_fast_path()
         self._resume(Heard(data, now))
 
     def fail(self, why: str) -> None:
@@ -106,8 +103,14 @@ class CallbackBox(Mailbox):
         if self._done is not None:
             self._abandon(PortError(f"{self.name}: {self.lost}"))
 
+    def _leave_fast_path(self) -> None:
+        """Go on with the conversation that listens, if the exchange was begun without one."""
+        if self._asked is not None:
+            self._conversation = listening(self._bus, *self._asked)
+            self._asked = None
+
     def _overhear(self) -> bool:
-        """Let the bus take bytes that nobody waited for. Returns whether the connection can still be used."""
+        """Let the bus take bytes that came unasked. Returns whether the connection can still be used."""
         while self.chunks and (data := self.take()) is not None:
             self._bus.overhear(data, self.loop.time())
         return self._bus.line.broken is None and self.lost is None
@@ -180,18 +183,12 @@ class CallbackBox(Mailbox):
         if self._listens_until != until:
             return
         self._listens_until = None
-        if self._asked is not None:
-            unit, request, timeout, sent_at = self._asked
-            self._asked = None
-            self._conversation = listening(self._bus, unit, request, timeout, sent_at)
+        self._leave_fast_path()
         self._resume(Heard(None, self.loop.time()))
 
     def _abandon(self, error: BaseException) -> None:
         """End the conversation because of an error outside it; its abort frames are written."""
-        if self._asked is not None:
-            unit, request, timeout, sent_at = self._asked
-            self._asked = None
-            self._conversation = listening(self._bus, unit, request, timeout, sent_at)
+        self._leave_fast_path()
         if self._conversation is not None:
             try:
                 abandon(self._conversation, self, error)
