@@ -700,3 +700,18 @@ def test_a_reload_keeps_what_waits_in_memory(site: Site) -> None:
                 assert [row.sequence for row in buffer.batch(6)] == [1, 2, 3, 4, 5, 6]
 
     asyncio.run(main())
+
+
+def test_a_reload_keeps_a_buffer_that_is_empty(site: Site) -> None:
+    """Nothing was read yet, and the buffer is the same one nevertheless."""
+    text = site.config()
+
+    async def main() -> None:
+        async with Gateway(read_config(text)) as gateway:
+            assert gateway.publisher is not None
+            buffer = gateway.publisher.buffer
+            assert len(buffer) == 0
+            await gateway.reload(read_config(text.replace("every = 0.05", "every = 0.06")))
+            assert gateway.publisher.buffer is buffer
+
+    asyncio.run(main())

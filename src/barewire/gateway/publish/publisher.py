@@ -133,7 +133,7 @@ class Publisher:
         import aiomqtt
 
         self.config = config
-        self.buffer = buffer or Buffer(config.buffer, config.limit)
+        self.buffer = Buffer(config.buffer, config.limit) if buffer is None else buffer  # one that is empty is false
         """`buffer`, which may be that of a publisher that ends when this one begins, or its own."""
         self.is_connected = False
         self._mqtt = aiomqtt
