@@ -47,9 +47,7 @@ _OF_UNITS = (
     Option("dead_after", "number", 2, "requests in a row without a response after which a unit is dead; 0: never"),
     Option("longest_pause", "seconds", 30.0, "the longest time for which a dead unit is not asked"),
     Option("cache", "seconds", 0.0, "how long a response also answers identical reads"),
-    Option(
-        "merge", "number", None, "join adjacent reads; a joined one may read this many values that none asked for"
-    ),
+    Option("merge", "number", None, "join adjacent reads; a joined one may read this many values that none asked for"),
 )
 
 OPTIONS: dict[str, tuple[Option, ...]] = {

@@ -60,7 +60,7 @@ class UnitOptions:
     dead_after       the requests in a row without a response after which it is dead; 0 for never
     longest_pause    the longest time for which a dead unit is not asked
     cache            how long a response answers identical reads
-    merge            how many values that no query asked for a merged read may contain between two that were; None: reads
+    merge            how many values that none asked for a merged read may contain between two that were; None: reads
                      are not merged
     """
 

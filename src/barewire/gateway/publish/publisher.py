@@ -332,7 +332,7 @@ class Publisher:
         await client.publish(self._topics.status, ONLINE, qos=1, retain=True)
 
     async def _say_goodbye(self, client: Client) -> None:
-        """Publish that the machines are polled no more. The broker would publish the last will only after a lost connection."""
+        """Publish that the polling has ended. The broker publishes the last will only after a lost connection."""
         with suppress(self._mqtt.MqttError, TimeoutError):
             async with asyncio.timeout(_GOODBYE):
                 for machine in self.config.machines:
