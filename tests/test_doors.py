@@ -89,7 +89,7 @@ def test_these_rooms_have_lazy_doors() -> None:
             "barewire.canopen.gateway",
             "barewire.canopen.sdo",
         ),
-        *("barewire", "barewire.devices", "barewire.gateway", "barewire.io", "barewire.rtu"),
+        *("barewire", "barewire.codecs", "barewire.devices", "barewire.gateway", "barewire.io", "barewire.rtu"),
         "barewire_workbench",
     }
 

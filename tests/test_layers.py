@@ -32,7 +32,7 @@ STACK: dict[str, set[str]] = {
     "_html": set(),
     "_callbacks": {"errors"},
     "conversation": {"errors"},
-    "codecs": {"errors"},
+    "codecs": {"errors", "_lazy"},
     "modbus": BASE,
     "canopen": BASE,
     "rtu": BASE | {"modbus.adu", "modbus.framing", "modbus.messages"},

@@ -11,40 +11,38 @@ The files, in reading order:
     layout     named fields                          a struct with names, and bit patterns like "010- nnes"
 """
 
-from barewire.codecs.bits import (
-    get_bit,
-    get_field,
-    get_half,
-    pack_bits,
-    set_bit,
-    set_field,
-    set_half,
-    unpack_bits,
-)
-from barewire.codecs.layout import BitPattern, Field, Layout
-from barewire.codecs.numbers import Codec, Number, Value, codec
-from barewire.codecs.order import ORDERS, from_registers, reorder, to_registers
-from barewire.codecs.text import Text
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Codec",
-    "Number",
-    "Text",
-    "Value",
-    "codec",
-    "ORDERS",
-    "reorder",
-    "to_registers",
-    "from_registers",
-    "get_bit",
-    "set_bit",
-    "get_field",
-    "set_field",
-    "get_half",
-    "set_half",
-    "pack_bits",
-    "unpack_bits",
-    "Layout",
-    "Field",
-    "BitPattern",
-]
+from barewire._lazy import lazy
+
+if TYPE_CHECKING:
+    from barewire.codecs.bits import (
+        get_bit as get_bit,
+        get_field as get_field,
+        get_half as get_half,
+        pack_bits as pack_bits,
+        set_bit as set_bit,
+        set_field as set_field,
+        set_half as set_half,
+        unpack_bits as unpack_bits,
+    )
+    from barewire.codecs.layout import BitPattern as BitPattern, Field as Field, Layout as Layout
+    from barewire.codecs.numbers import Codec as Codec, Number as Number, Value as Value, codec as codec
+    from barewire.codecs.order import (
+        ORDERS as ORDERS,
+        from_registers as from_registers,
+        reorder as reorder,
+        to_registers as to_registers,
+    )
+    from barewire.codecs.text import Text as Text
+
+__getattr__, __dir__, __all__ = lazy(
+    __name__,
+    {
+        "order": "ORDERS reorder to_registers from_registers",
+        "numbers": "Codec Number Value codec",
+        "bits": "get_bit set_bit get_field set_field get_half set_half pack_bits unpack_bits",
+        "text": "Text",
+        "layout": "Layout Field BitPattern",
+    },
+)

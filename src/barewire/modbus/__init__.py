@@ -39,12 +39,7 @@ if TYPE_CHECKING:
     )
     from barewire.modbus.framing import Line as Line
     from barewire.modbus.messages import *  # noqa: F403  # every message class
-    from barewire.modbus.messages.base import (
-        ExceptionResponse as ExceptionResponse,
-        Message as Message,
-        Request as Request,
-        Response as Response,
-    )
+    from barewire.modbus.messages.base import Message as Message, Request as Request, Response as Response
     from barewire.modbus.messages.registry import (
         decode_request as decode_request,
         decode_response as decode_response,
@@ -74,7 +69,7 @@ __getattr__, __dir__, __all__ = lazy(
         "exceptions": "EXCEPTIONS ModbusException exception_name",
         "framing": "Line",
         "echo": "EchoLine",
-        "messages.base": "ExceptionResponse Message Request Response",
+        "messages.base": "Message Request Response",
         "messages": " ".join(_MESSAGES),
         "messages.registry": "decode_request decode_response register",
         "client.bus": "Bus",

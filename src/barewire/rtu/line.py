@@ -38,7 +38,6 @@ next whole frame with a good CRC, and reports the bytes before it as one Noise.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Container
 from heapq import heappop, heappush
 
@@ -57,7 +56,7 @@ _ROUNDING = 1e-7
 _ENVELOPE = 3
 """Bytes of a frame around the PDU: unit and CRC."""
 
-_STRAYS = re.compile(rb"[\x00\xff]{1,4}")
+_STRAYS, _MOST_STRAYS = b"\x00\xff", 4
 """What a receiver reads when a transmitter on RS-485 is turned on: few bytes, because it is for less than t3.5."""
 
 _AT_SILENCE, _NEVER = 1 << 62, 1 << 63
@@ -222,7 +221,7 @@ class RtuLine:
         if self._overlong:
             return False
         self._strays += self._held[:count]
-        return _STRAYS.fullmatch(self._strays) is not None
+        return len(self._strays) <= _MOST_STRAYS and not self._strays.strip(_STRAYS)
 
     def _close(self) -> list[Adu | Noise]:
         """End the held bytes by silence: they are one frame, contain frames, or are noise."""
@@ -324,8 +323,9 @@ class RtuLine:
                 return way
             if at not in tried:  # each place once: there are at most 256 of them
                 tried.add(at)
-                strays = _STRAYS.match(self._held, at)
-                starts = range(at, strays.end() + 1 if strays is not None else at + 1)
+                before = self._held[at : at + _MOST_STRAYS]
+                strays = len(before) - len(before.lstrip(_STRAYS))
+                starts = range(at, at + strays + 1)
                 following = [(start, end) for start in starts for end in self._ends(start)]
                 ways += [[*way, frame] for frame in reversed(following)]
         return []

@@ -1,6 +1,7 @@
 """The messages of Modbus: a request and a response class for each function code, each with a drawing of its bytes.
 
-    base                 the base classes of messages, and the exception response
+    base                 the base classes of messages
+    exception_response   81 to FF         a function that the server declines
     coils                01 02 05 0F      bits: coils and discrete inputs
     registers            03 04 06 10      holding and input registers
     combined             16 17            mask write; read and write in one request
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
         ReadExceptionStatusResponse as ReadExceptionStatusResponse,
         Unanswered as Unanswered,
     )
+    from barewire.modbus.messages.exception_response import ExceptionResponse as ExceptionResponse
     from barewire.modbus.messages.fifo import (
         ReadFifoQueue as ReadFifoQueue,
         ReadFifoQueueResponse as ReadFifoQueueResponse,
@@ -92,6 +94,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__, NAMES = lazy(
     __name__,
     {
+        "exception_response": "ExceptionResponse",
         "coils": (
             "ReadCoils ReadCoilsResponse ReadDiscreteInputs ReadDiscreteInputsResponse WriteMultipleCoils "
             "WriteMultipleCoilsResponse WriteSingleCoil WriteSingleCoilResponse"

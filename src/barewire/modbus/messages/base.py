@@ -9,7 +9,6 @@ the request, and `request.read_response(pdu)` returns the response only if it an
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError, dataclass
 from operator import index
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
@@ -17,19 +16,25 @@ from barewire.codecs import Field, Layout
 from barewire.codecs.order import is_whole
 from barewire.errors import DecodeError, EncodeError, shown
 from barewire.modbus.adu import check_pdu
-from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ModbusException, exception_name
+from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ModbusException
 
 R = TypeVar("R", bound="Response")
 
 EXCEPTION_BIT = 0x80
+EXCEPTION_LAYOUT = Layout(">BB", "function_code", "exception_code")
+"""That of an exception response: the function code of the request + 80h, and why it is declined."""
 _NOT_LISTS = (str, bytes, bytearray, memoryview, set, frozenset, dict)
 
 
 def _refuse_to_set(message: Message, name: str, value: object) -> None:
+    from dataclasses import FrozenInstanceError  # loaded with the class of the message: a line without one needs it not
+
     raise FrozenInstanceError(f"cannot assign to field {name!r}")
 
 
 def _refuse_to_delete(message: Message, name: str) -> None:
+    from dataclasses import FrozenInstanceError
+
     raise FrozenInstanceError(f"cannot delete field {name!r}")
 
 
@@ -113,7 +118,7 @@ class Request(Message, Generic[R]):
         request, and DecodeError with another reason for a PDU that is not a response at all.
         """
         if pdu and pdu[0] == self.function_code | EXCEPTION_BIT:
-            raise ModbusException(ExceptionResponse.decode(pdu).exception_code, self.function_code)
+            raise ModbusException(EXCEPTION_LAYOUT.unpack(pdu)[1], self.function_code)
         # A class attribute cannot be generic, so `response` has no precise type: it is declared here.
         answer: R = self.fit(self.response.decode(pdu), pdu)
         return answer
@@ -151,43 +156,6 @@ class Response(Message):
     """A message that a server sends."""
 
     __slots__ = ()
-
-
-@dataclass(frozen=True, slots=True)
-class ExceptionResponse(Response):
-    """The server declines a request.                                                        [MB-APP 7]
-
-        83 | exception code
-
-    >>> ExceptionResponse(0x83, 2).encode().hex(" ")
-    '83 02'
-    """
-
-    function_code: int  # type: ignore[misc]  # here it is a value: the request's function code + 80h
-    exception_code: int
-
-    name: ClassVar[str] = "Exception"
-    layout: ClassVar[Layout] = Layout(">BB", "function_code", "exception_code")
-
-    def __post_init__(self) -> None:
-        check_range("function_code", self.function_code, EXCEPTION_BIT, 0xFF)
-        check_range("exception_code", self.exception_code, 0, 0xFF)
-
-    @classmethod
-    def decode(cls, pdu: bytes) -> Self:
-        """Decode a PDU with any function code that has bit 7 set."""
-        function_code, exception_code = cls.layout.unpack(pdu)
-        if not function_code & EXCEPTION_BIT:
-            raise DecodeError("mismatch", pdu, 0, f"function {function_code:02X} is not an exception: bit 7 is not set")
-        return cls(function_code, exception_code)
-
-    @classmethod
-    def fields(cls, pdu: bytes) -> list[Field]:
-        """Return the fields, with the name of the exception code."""
-        fields = cls.layout.fields(pdu)
-        if len(fields) > 1:
-            fields[1] = fields[1]._replace(meaning=exception_name(pdu[1]))
-        return fields
 
 
 def check_range(name: str, value: int, low: int, high: int, message: Message | None = None) -> None:

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias, TypeVar
 
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import messages
-from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Message, Request, Response
+from barewire.modbus.messages.base import EXCEPTION_BIT, Message, Request, Response
 
 AnyRequest: TypeAlias = Request[Any]
 M = TypeVar("M", bound=Message)
@@ -104,7 +104,7 @@ def response_class(pdu: bytes) -> type[Response] | None:
         is_encapsulated = pdu[0] == ENCAPSULATED | EXCEPTION_BIT
         if is_encapsulated and pdu[:2] == messages.ExtendedExceptionResponse.BEGINNING:
             return messages.ExtendedExceptionResponse
-        return ExceptionResponse
+        return messages.ExceptionResponse
     request = request_class(pdu)
     return request.response if request else None
 

@@ -40,8 +40,9 @@ from barewire.modbus.exceptions import (
     ModbusException,
 )
 from barewire.modbus.framing import Line, LineEvent
-from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Response, checked, encoded
+from barewire.modbus.messages.base import EXCEPTION_BIT, Response, checked, encoded
 from barewire.modbus.messages.canopen_reference import ExtendedExceptionResponse, SdoAborted
+from barewire.modbus.messages.exception_response import ExceptionResponse
 from barewire.modbus.messages.raw import RawRequest
 from barewire.modbus.messages.registry import AnyRequest, request_class
 from barewire.modbus.server.serial_counters import ANSWERED, SerialCounters
