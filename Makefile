@@ -60,6 +60,9 @@ peers: $(VENV)/bin/pip
 	  ../../../tools/with-node npm ci --loglevel=error --no-audit --no-fund --omit=optional >/dev/null && \
 	  cp package-lock.json node_modules/installed)
 
+modbus-connection: ## the tests of Home Assistant's Modbus layer with our backend; writes docs/how-to/home-assistant.md; PYTHON=python3.12
+	@$(PYTHON) tools/modbus_connection.py
+
 pictures: $(VENV)/installed-dev ## the pictures of the documentation, in docs/pictures
 	@$(BIN)/python -m tools.pictures
 
@@ -107,5 +110,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers pictures docs docs-links hostile gateway-lab plant vectors-release vectors-mutants mutants format clean
+.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers modbus-connection pictures docs docs-links hostile gateway-lab plant vectors-release vectors-mutants mutants format clean
 .NOTPARALLEL:

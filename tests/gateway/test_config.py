@@ -176,6 +176,16 @@ def test_the_files_of_the_documentation_are_valid() -> None:
     assert [fault.text.partition(":")[0] for fault in wrong.value.faults] == ["eds 'node.eds'"]
 
 
+@pytest.mark.parametrize("name", ["home-assistant"])
+def test_the_gateways_for_other_programs_are_valid(name: str) -> None:
+    page = Path(__file__).parents[2] / "docs" / "how-to" / f"{name}.md"
+    blocks = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    ours = [block for block in blocks if "[[listen]]" in block]
+    assert ours
+    for block in ours:
+        read_config(block)
+
+
 def test_the_publisher_of_the_documentation_is_valid() -> None:
     page = Path(__file__).parents[2] / "docs" / "how-to" / "publish.md"
     (block,) = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.conversation import Abandoned, Heard, Send
-from barewire.errors import EncodeError, NoAnswer
+from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus import (
     Diagnostics,
     EchoLine,
@@ -110,8 +110,9 @@ def test_a_response_with_a_wrong_byte_count_ends_the_exchange_at_once(framing: s
     bus = Bus(RtuLine(TIMING) if framing == "rtu" else TcpLine())
     clock = Clock(answer)
     clock.play(read(bus, 1))
-    with pytest.raises(NoAnswer, match="answered Read Holding Registers with a wrong response: byte_count 4"):
+    with pytest.raises(NoAnswer, match="answered Read Holding Registers with a wrong response: byte_count 4") as caught:
         clock.play(read(bus, 2))
+    assert isinstance(caught.value.__cause__, DecodeError)  # so a program can tell it from silence
     assert clock.now < 0.1
     assert not bus.state.pending
 

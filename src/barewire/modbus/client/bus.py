@@ -364,6 +364,7 @@ class Bus:
                         failure = no_answer(
                             request, f"unit {unit} answered {request.name} with a wrong response: {why}"
                         )
+                        failure.__cause__ = error
                 if response is not None or failure is not None:
                     self.answered(unit, now)
                     continue
