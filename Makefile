@@ -76,7 +76,7 @@ hostile: $(VENV)/installed-dev ## CANopen devices after every configuration of t
 	@$(BIN)/python tools/hostile_master.py $(ARGS)
 
 gateway-lab: $(VENV)/installed-dev ## the gateway beside a relay and mbusd, and under faults; writes docs/reference/gateway.md; MBUSD=path
-	@$(BIN)/python tools/gateway_lab.py $(ARGS)
+	@$(BIN)/python -m tools.gateway_lab $(ARGS)
 
 plant: $(VENV)/installed-dev ## 127 CANopen nodes booted, configured and run with SYNC at 100 Hz, and their load; ARGS=--help
 	@$(BIN)/python -m bench.plant $(ARGS)

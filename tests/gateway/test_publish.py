@@ -638,6 +638,25 @@ def test_a_publisher_that_ends_says_so(site: Site) -> None:
 
 
 @pytest.mark.needs("mosquitto")
+def test_readings_under_way_are_no_lines_in_the_log(site: Site, caplog: pytest.LogCaptureFixture) -> None:
+    """After an outage a hundred are under way at once, which aiomqtt calls too many pending calls."""
+
+    async def main() -> None:
+        async with Listener() as listener:
+            await listener.listen(site.port)
+            async with Gateway(read_config(site.config())):
+                await listener.has("barewire/hall_1/meter/count", 250)
+
+    buffer = Buffer(f"{site.folder}/buffer.sqlite")
+    buffer.append([("barewire/hall_1/meter/count", json.dumps({"value": number})) for number in range(250)])
+    buffer.close()
+    site.start_broker()
+    with caplog.at_level("WARNING"):
+        asyncio.run(main())
+    assert [record.getMessage() for record in caplog.records] == []
+
+
+@pytest.mark.needs("mosquitto")
 def test_commands_do_not_hold_up_polling(site: Site) -> None:
     async def act(listener: Listener, client: aiomqtt.Client) -> None:
         async def command() -> None:

@@ -299,6 +299,7 @@ class Publisher:
             try:
                 async with self._mqtt.Client(**self._options, will=will, keepalive=15, timeout=10.0) as client:
                     pause = _PAUSES[0]
+                    client.pending_calls_threshold = 2 * _BATCH  # above it, each is a warning in the log
                     self.is_connected = True
                     self._log.info("connected", f"connected to {self._broker}")
                     try:

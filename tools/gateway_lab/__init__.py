@@ -1,0 +1,1 @@
+"""The laboratory of the gateway: see `__main__`."""
