@@ -10,6 +10,7 @@
     can          a CAN bus with a babbling node and bus-off, in a guest kernel
     publish      values in a second from ten machines to Mosquitto
     outages      the broker and the publisher are killed at random
+    week         seven days in virtual time, with a fault every few seconds
 
 All of them are programs of their own, on pseudo-terminals and loopback; the CAN bus is in a guest (user-mode-linux).
 mbusd is used if its program is in PATH or named by the variable MBUSD. Each number is the median of RUNS runs, which
@@ -19,7 +20,8 @@ alternate.
 
 A scenario writes its own part of the page, and its plot in docs/reference/gateway/; without RUNS there are five.
 
-In reading order: `programs` and `stand_ins` (what runs), `beside_others`, `faults` and `can_guest`, `broker`, `plots`.
+In reading order: `programs` and `stand_ins` (what runs), `beside_others`, `faults` and `can_guest`, `broker`,
+`week` with `virtual_time`, `simulated_units` and `mqtt_broker`, `plots`.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ import sys
 import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 
-from tools.gateway_lab import beside_others, broker, faults
+from tools.gateway_lab import beside_others, broker, faults, week
 from tools.gateway_lab.programs import MBUSD, ROOT
 
 PAGE = ROOT / "docs" / "reference" / "gateway.md"
@@ -45,10 +47,11 @@ SCENARIOS = {
     "can": faults.measure_can,
     "publish": broker.measure_publish,
     "outages": broker.measure_outages,
+    "week": week.measure_week,
 }
 
 
-def with_part(page: str, name: str, lines: list[str]) -> str:
+def _with_part(page: str, name: str, lines: list[str]) -> str:
     """Return the page with this part in place of the present one of its scenario."""
     begin, end = f"<!-- gateway_lab {name} -->\n", "<!-- end -->\n"
     before, found, after = page.partition(begin)
@@ -73,7 +76,7 @@ def main() -> None:
         lines += [f"({conditions}; {given.runs} runs)", ""]
         sys.stdout.write("\n".join(lines) + "\n")
         sys.stdout.flush()
-        PAGE.write_text(with_part(PAGE.read_text(encoding="utf-8"), name, lines), encoding="utf-8")
+        PAGE.write_text(_with_part(PAGE.read_text(encoding="utf-8"), name, lines), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -32,13 +32,13 @@ _PATIENCE = 60.0
 """Seconds in which what waits in the buffer must arrive at the end."""
 
 
-def meter(folder: Path, values: int) -> Path:
-    """Write the description of a device with so many input registers."""
+def meter(folder: Path, values: int, table: str = "input") -> Path:
+    """Write the description of a device with so many registers in a table."""
     path = folder / "meter"
     path.mkdir()
     (path / "device.toml").write_text('name = "meter"\ntitle = "Meter"\n[modbus]\nunit = 1\nfirst_register = 1\n')
-    row = '[[parameter]]\nname = "V{0}"\ntype = "u16"\ninput = {0}\naccess = "ro"\n'
-    (path / "values.toml").write_text("".join(row.format(number) for number in range(1, values + 1)))
+    row = '[[parameter]]\nname = "V{0}"\ntype = "u16"\n{1} = {0}\naccess = "ro"\n'
+    (path / "values.toml").write_text("".join(row.format(number, table) for number in range(1, values + 1)))
     return path
 
 
@@ -105,14 +105,12 @@ class Received:
     """Readings that were left out before a later one."""
     backwards: int = 0
     """Readings that were read before the previous one of their machine."""
-    moments: list[float] = field(default_factory=list)
     read_at: dict[str, float] = field(default_factory=dict)
 
     def hear(self, topic: str, payload: bytes | bytearray) -> None:
         """Judge one message."""
         reading = json.loads(payload)
         sequence = reading["sequence"]
-        self.moments.append(time.monotonic())
         if sequence <= self.latest:
             self.again += 1
             self.unmarked += not reading.get("again")
@@ -170,6 +168,8 @@ class Outages:
         self.gate = Gate(port, self.broker_port)
         self.dice = random.Random(seed)
         self.received = Received()
+        self.moments: list[float] = []
+        """When each reading arrived."""
         self.broker: subprocess.Popen[bytes] | None = None
         self.publisher: subprocess.Popen[bytes] | None = None
         self.absences: list[tuple[float, float]] = []
@@ -197,6 +197,7 @@ class Outages:
                             topic, payload = str(message.topic), message.payload
                             if isinstance(payload, bytes | bytearray) and b'"sequence"' in payload:
                                 self.received.hear(topic, payload)
+                                self.moments.append(time.monotonic())
                 if subscribed.done():
                     return
                 await asyncio.sleep(0.05)
@@ -289,7 +290,7 @@ def measure_outages(runs: int) -> list[str]:
         "outages",
         "values in a second",
         [
-            Curve.of_moments("at the subscriber", [at - start for at in heard.moments], shown),
+            Curve.of_moments("at the subscriber", [at - start for at in outages.moments], shown),
             Curve(
                 "waiting in the buffer",
                 [at - start for at, _ in outages.buffered if at < start + shown],

@@ -296,14 +296,14 @@ class Publisher:
         pause, longest = _PAUSES
         will = self._mqtt.Will(self._topics.status, OFFLINE, qos=1, retain=True)
         while True:
+            client = self._mqtt.Client(**self._options, will=will, keepalive=15, timeout=10.0)
+            client.pending_calls_threshold = 2 * _BATCH  # above it, each is a warning in the log
             try:
-                async with self._mqtt.Client(**self._options, will=will, keepalive=15, timeout=10.0) as client:
+                async with client:
                     pause = _PAUSES[0]
-                    client.pending_calls_threshold = 2 * _BATCH  # above it, each is a warning in the log
                     self.is_connected = True
                     self._log.info("connected", f"connected to {self._broker}")
                     try:
-                        await self._say_everything(client)
                         async with asyncio.TaskGroup() as tasks:
                             tasks.create_task(self._listen(client))
                             tasks.create_task(self._send(client))
@@ -315,6 +315,8 @@ class Publisher:
             except* Exception as error:  # the next attempt may do better than none
                 first = error.exceptions[0]
                 self._log.error("code", f"{type(first).__name__}: {first}; next attempt in {pause:g} s", first)
+            finally:
+                client._client.disconnect()  # aiomqtt leaves a connection open that the broker did not answer
             self.is_connected = False
             await asyncio.sleep(pause)
             pause = min(2 * pause, longest)
@@ -363,7 +365,8 @@ class Publisher:
         return messages
 
     async def _send(self, client: Client) -> None:
-        """Send what there is, in order, and wait for more."""
+        """Say everything, send what there is, in order, and wait for more."""
+        await self._say_everything(client)
         while True:
             self._news.clear()
             while self._retained:
