@@ -3,6 +3,8 @@
 tools/scoreboard.json       what each made of the cases: numbers for each kind, ids of failed and of open cases
 docs/reference/scoreboard.md          the same as a page
 vectors/                    `confirmed_by` or `unconfirmed` in each case, and oracles.json: who is who
+tools/confirmed.json        the digest of each case as it was asked: a case that was changed since then has lost what
+                            programs say of it that are not asked again
 
 python tools/scoreboard.py                  all programs; those that are not installed keep their last results
 python tools/scoreboard.py pymodbus tshark  only these
@@ -15,6 +17,7 @@ import json
 import sys
 import time
 from collections import Counter
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +28,12 @@ from barewire.errors import PortError  # noqa: E402
 from barewire_workbench.vectors.files import load_vectors  # noqa: E402
 from tools import vectors as files  # noqa: E402
 from tools.peers import PEERS, PeerRun, confirms, run  # noqa: E402
+from tools.vectors_release import meanings  # noqa: E402
 
 DATA = ROOT / "tools" / "scoreboard.json"
 PAGE = ROOT / "docs" / "reference" / "scoreboard.md"
 ORACLES = ROOT / "vectors" / "oracles.json"
+CONFIRMED = ROOT / "tools" / "confirmed.json"
 BEGIN, END = "<!-- made by tools/scoreboard.py -->\n", "<!-- end -->\n"
 STATES = ("passed", "failed", "open", "not offered")
 
@@ -47,7 +52,12 @@ def measured(found: PeerRun) -> dict[str, Any]:
 
 
 def confirm(runs: list[PeerRun]) -> None:
-    """Write into each case who confirms it, or why nobody does. Programs that were not run keep what they confirm."""
+    """Write into each case who confirms it, or why nobody does.
+
+    Programs that were not run keep what they say of a case while its digest is that of the last run.
+    """
+    asked: dict[str, str] = json.loads(CONFIRMED.read_text(encoding="utf-8"))
+    now = meanings()
     new = {found.peer.name for found in runs}
     confirmed: dict[str, list[str]] = {}
     wrong: dict[str, dict[str, list[str]]] = {}
@@ -61,23 +71,33 @@ def confirm(runs: list[PeerRun]) -> None:
     data = json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
     for name, row in data.items():
         for state in ("failed", "open") if name not in new else ():
-            for case_id in row[state]:
+            for case_id in [case_id for case_id in row[state] if asked.get(case_id) == now[case_id]]:
                 wrong.setdefault(case_id, {}).setdefault(state, []).append(name)
     for file in files.files():
         document = json.loads(file.read_text(encoding="utf-8"))
         for case in document["cases"]:
-            kept = [name for name in case.pop("confirmed_by", ()) if name not in new and name in order]
+            is_same = asked.get(case["id"]) == now[case["id"]]
+            old = kept(case.pop("confirmed_by", ()), is_same=is_same, again=new)
             case.pop("unconfirmed", None)
-            names = sorted({*kept, *confirmed.get(case["id"], ())}, key=order.index)
+            names = sorted({*old, *confirmed.get(case["id"], ())}, key=order.index)
             if names:
                 case["confirmed_by"] = names
             else:
-                case["unconfirmed"] = why_not(document["kind"], wrong.get(case["id"], {}), order)
+                offered = [name for name in data if document["kind"] in data[name]["kinds"]]
+                unasked = [name for name in offered if name not in new and not is_same]
+                case["unconfirmed"] = why_not(document["kind"], wrong.get(case["id"], {}), unasked, order)
         file.write_text(files.form(document), encoding="utf-8")
+    CONFIRMED.write_text(json.dumps(now, indent=0) + "\n", encoding="utf-8")
 
 
-def why_not(kind: str, wrong: dict[str, list[str]], order: list[str]) -> str:
-    """Return why nobody confirms a case."""
+def kept(names: Iterable[str], *, is_same: bool, again: Collection[str]) -> list[str]:
+    """Return who still confirms a case: programs that are not asked again, if the case is the one they were asked."""
+    known = {peer.name for peer in PEERS}
+    return [name for name in names if is_same and name in known and name not in again]
+
+
+def why_not(kind: str, wrong: dict[str, list[str]], unasked: list[str], order: list[str]) -> str:
+    """Return why nobody confirms a case; `unasked` are programs that have not seen it as it is now."""
     texts = []
     if "failed" in wrong:
         texts.append(f"answered otherwise by {', '.join(sorted(wrong['failed'], key=order.index))}")
@@ -85,6 +105,8 @@ def why_not(kind: str, wrong: dict[str, list[str]], order: list[str]) -> str:
         texts.append(
             f"left open by the standard, decided otherwise by {', '.join(sorted(wrong['open'], key=order.index))}"
         )
+    if unasked:
+        texts.append(f"newer than the last run of {', '.join(sorted(unasked, key=order.index))}")
     return "; ".join(texts) or f"no other implementation offers this {kind}"
 
 

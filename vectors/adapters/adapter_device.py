@@ -13,7 +13,7 @@ from binascii import crc_hqx
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
-from adapter import Answers, NotOffered
+from adapter import Answers, NotOffered, hexed
 
 Step = dict[str, Any]
 TERM = re.compile("([-+^|&]?)((?:[0-9A-F]{4}|[a-z.]+):(?:[0-9A-F]{2}|[a-z]+)|[a-z.]+|[0-9A-F]+)")
@@ -63,6 +63,7 @@ class Values:
         self.variables = {"node": device.node, "other": 125 if device.node == 126 else 126}
         self.variables |= {"large.index": LARGE[0], "large.sub": LARGE[1]}
         self.read: dict[tuple[int, int], bytes | None] = {}
+        self.upload(0x1000, 0)  # every device has it: without it nothing would show that the device answers
 
     def upload(self, index: int, sub: int) -> bytes | None:
         """Return the value of an object, None if the device refuses it."""
@@ -169,6 +170,12 @@ class Values:
         if not re.match("[0-9A-F]{4}h", condition):
             return condition in self.device.has
         return self.upload(int(condition[:4], 16), int(condition[6:] or "0", 16)) is not None
+
+    def described(self) -> dict[str, Any]:
+        """Return what an answer says of the device: what it has, and the values that the case asked for."""
+        read = {f"{index:04X}:{sub:02X}": value for (index, sub), value in self.read.items() if value is not None}
+        device = {"node": self.node, "has": list(self.device.has), "large": "{:04X}:{:02X}".format(*LARGE)}
+        return device | {"objects": {name: hexed(value) for name, value in read.items()}}
 
     def holds(self, row: Step) -> bool:
         return all(self.has(self.fill(one)) for one in row.get("if", ()))
@@ -309,13 +316,12 @@ def device_answers(make: Callable[[], Device]) -> Answers:
             raise NotOffered("the device does not store values, or is not switched off")
         rows = list(steps(question["steps"], values))
         listens = tuple(map(values.fill, question.get("listens", ["<580+node>#"])))
-        device = make()
+        device, received = make(), []
         for number, row in enumerate(rows, 1):
-            state, received = carry_out(device, row, listens, is_last=number == len(rows))
-            if state == "ends":
+            state, frames = carry_out(device, row, listens, is_last=number == len(rows))
+            received.append(frames)
+            if state != "accept":
                 break
-            if not state:
-                return {"failure": f"after {row.get('send')}: {received}, expected {row.get('accept', 'silence')}"}
-        return {"failure": None}
+        return {"device": values.described(), "received": received}
 
     return {"device-conformance": {"run": run}}

@@ -134,6 +134,8 @@ def drive_states(question: dict[str, Any]) -> dict[str, Any]:
 def drive_state(question: dict[str, Any]) -> dict[str, Any]:
     node = BaseNode402(1, canopen.ObjectDictionary())
     node.tpdo_values[0x6041] = int(question["word"], 16)
+    if node.state == "UNKNOWN":
+        raise Refused("no state")
     return {"state": node.state.lower()}
 
 

@@ -158,6 +158,8 @@ def sdo(question: dict[str, Any]) -> dict[str, Any]:
             message |= {"data": hexed(data[: len(data) - unused]), "indicated": indicated}
         elif indicated:
             raise NotOffered("tshark shows a size as bytes")
+        else:
+            message["size"] = None  # it shows that none is indicated
         names = {"upload": ("upload-initiated", "expedited-upload")}
         name = names.get(name, ("initiate-download", "expedited-download"))[expedited]
     return {"node": whole(found["node_id"]), "message": {"name": name, **message}}

@@ -125,10 +125,17 @@ def bits_of_word(given):
     return {"bits": [bit for bit in range(16) if int(given["word"], 16) >> bit & 1]}
 
 
+def state_of(word):
+    """Return the state that a status word tells, None if it tells none."""
+    return next((name for name, (mask, masked) in STATES.items() if word & mask == masked), None)
+
+
 def state(given):
     """word -> state"""
-    word = int(given["word"], 16)
-    return {"state": next((name for name, (mask, masked) in STATES.items() if word & mask == masked), None)}
+    found = state_of(int(given["word"], 16))
+    if found is None:
+        raise Refused("mismatch")
+    return {"state": found}
 
 
 def state_row(given):

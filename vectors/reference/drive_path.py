@@ -1,6 +1,6 @@
 """drive-path: the state machine of CiA 402, as the drive goes through it and as the master leads it."""
 
-from devices import command, state
+from devices import command, state_of
 from texts import Refused
 
 OFF, READY, ON, ENABLED = "switch on disabled", "ready to switch on", "switched on", "operation enabled"
@@ -72,9 +72,7 @@ def word_for(goal, now, stays):
 
 def master(given):
     """goal, stays, seen -> words"""
-    return {
-        "words": [word_for(given["goal"], state({"word": word})["state"], given.get("stays")) for word in given["seen"]]
-    }
+    return {"words": [word_for(given["goal"], state_of(int(word, 16)), given.get("stays")) for word in given["seen"]]}
 
 
 KINDS = {"drive-path": {"decode": drive, "encode": master}}

@@ -16,6 +16,7 @@ from barewire.errors import PortError
 from barewire_workbench.vectors.files import load_vectors
 from tools import scoreboard
 from tools.peers import PEERS, ROOT, Peer, PeerRun, confirms, python_with, run
+from tools.vectors_release import meanings
 
 pytestmark = pytest.mark.long
 
@@ -95,6 +96,18 @@ def test_every_case_is_confirmed_or_says_why_not() -> None:
         if ("confirmed_by" in case) == ("unconfirmed" in case)
     ]
     assert neither == [], "run `make scoreboard`"
+
+
+def test_no_confirmation_outlives_the_case_that_was_asked() -> None:
+    asked, now = json.loads(scoreboard.CONFIRMED.read_text(encoding="utf-8")), meanings()
+    cases = (case for file in VECTORS.files for case in file.cases if "confirmed_by" in case)
+    stale = [case["id"] for case in cases if asked.get(case["id"]) != now[case["id"]]]
+    assert stale == [], "run python tools/scoreboard.py"
+
+
+def test_a_changed_case_loses_the_confirmations_of_those_who_are_not_asked_again() -> None:
+    assert scoreboard.kept(["GMP", "canopen", "gone"], is_same=True, again={"canopen"}) == ["GMP"]
+    assert scoreboard.kept(["GMP", "canopen"], is_same=False, again=set()) == []
 
 
 def test_a_module_whose_package_is_not_installed_is_in_no_python() -> None:

@@ -167,11 +167,6 @@ def test_a_refusal_and_a_wrong_value_are_shown_without_the_id() -> None:
     assert text == '{"lrc": "F3"}, expected a refusal: value'
 
 
-def test_the_failure_of_a_device_is_not_compared_with_null() -> None:
-    question = Question({"result": "valid", "id": "conform-sdo-1"}, "device-conformance", "run", {}, {"failure": None})
-    assert judge(question, {"is": {"failure": "after 605#23: silence"}}).text == "after 605#23: silence"
-
-
 def test_two_dots_are_a_byte_that_may_have_any_value() -> None:
     expected = [{"one_of": ["085#308111........00", "085#3081FF"]}]
     assert device_verdict(["085#308111091B00FF00"], expected) == "passed"

@@ -106,6 +106,7 @@ PAIR = {"result": "invalid", "fails": "compare", "reason": "checksum"}
 OPEN = {"result": "acceptable"}
 TOLERANT = {"result": "acceptable", "flags": ["tolerant"]}
 RIGHT, WRONG, MORE = {"is": {"bytes": "0A 0B"}}, {"is": {"bytes": "0A"}}, {"is": {"bytes": "0a0b", "more": 1}}
+NOTHING = [{"is": {"bytes": None}}, {"is": {"bytes": ""}}]
 REFUSED, SILENT, OTHER = {"refused": "short"}, {"refused": ""}, {"refused": "long"}
 
 
@@ -116,11 +117,12 @@ REFUSED, SILENT, OTHER = {"refused": "short"}, {"refused": ""}, {"refused": "lon
         (VALID, "decode", [WRONG, REFUSED, {}, {"is": []}, {"refused": 1}, {"is": {}}], "failed"),
         (SHORT, "decode", [REFUSED, SILENT], "passed"),
         (SHORT, "decode", [RIGHT, WRONG, OTHER, {}], "failed"),
-        (PAIR, "encode", [REFUSED, OTHER, WRONG], "passed"),
-        (PAIR, "encode", [RIGHT, MORE, {}], "failed"),
+        (PAIR, "encode", [WRONG], "passed"),
+        (PAIR, "encode", [REFUSED, OTHER], "open"),
+        (PAIR, "encode", [RIGHT, MORE, {}, {"is": {}}, *NOTHING], "failed"),
         (OPEN, "encode", [RIGHT, WRONG, REFUSED], "passed"),
         (TOLERANT, "encode", [WRONG, REFUSED], "passed"),
-        (TOLERANT, "encode", [RIGHT, MORE], "failed"),
+        (TOLERANT, "encode", [RIGHT, MORE, {"is": {}}, *NOTHING], "failed"),
         (OPEN, "decode", [RIGHT], "passed"),
         (TOLERANT, "decode", [WRONG, REFUSED, SILENT], "open"),
         (VALID, "decode", [{"not_offered": "so"}], "not offered"),

@@ -33,6 +33,7 @@ from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import Answer
 from barewire_workbench.vectors.questions import Case, Question
 from barewire_workbench.vectors.run import AdapterFailure
+from barewire_workbench.vectors.tested_device import described
 
 NODE_KIND = "device-conformance"
 """The kind of the vectors that these cases are."""
@@ -217,11 +218,12 @@ class LiveDevice:
             return {"not_offered": left_out}
         try:
             outcome = self._tester.run(case, 0)
-            passes = self._tester.passes_again(outcome, 0)
+            if self._tester.passes_again(outcome, 0):
+                raise AdapterFailure(f"now and then: {outcome.failure}")
         except NoAnswer as error:
             self._gone = str(error)
             raise AdapterFailure(self._gone) from None
-        return {"is": {"failure": f"now and then: {outcome.failure}" if passes else outcome.failure}}
+        return {"is": described(self._tester.subject, outcome.received)}
 
 
 def _has_remote_frames(endpoint: Endpoint) -> bool:

@@ -8,6 +8,7 @@
     files       the files, in a folder or in the installed package
     questions   case -> questions, by vectors/kinds.json
     judge       question and answer -> verdict
+    tested_device  the same of device-conformance: what a device has, and what was received from it
     run         cases -> their verdicts, by any implementation that answers
     answers/    the answers of barewire itself, a function for each kind
 

@@ -3,13 +3,14 @@
     result        the question       the answer must be
     valid         any                the expected fields
     acceptable    decode, run        anything; other fields than the expected ones, or a refusal, are "open"
-                  encode             with the flag `tolerant`: other fields than the expected ones
+                  encode             any fields; with the flag `tolerant` not the expected ones
                   run                a value that `never` excludes has failed
     invalid       that of `fails`    a refusal; its reason is compared if the implementation has reasons
-                  compare            a case fails if all its answers have the fields of the case
+                  compare            other values than those of the case; a case fails if all its answers have these
 
 An answer is JSON: {"is": {fields}}, {"refused": reason or "", "text": ...}, {"not_offered": why}. A field of
 hexadecimal digits may have other letters or blanks; numbers of floating point are compared as numbers of their type.
+A field that is missing has failed, also where null is expected.
 Where several answers are right, a case has {"one_of": [...]} or, for a number, {"from": ..., "to": ...} in their place.
 Beside `one_of`, `never` has answers that are wrong even if the case is acceptable. In a frame of a device two dots are
 a byte that may have any value.
@@ -27,12 +28,15 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 from barewire_workbench.conform.modbus import fitting
 from barewire_workbench.vectors.questions import Question
+from barewire_workbench.vectors.tested_device import failure_of_answer
 
 Answer: TypeAlias = Mapping[str, Any]
 VerdictState = Literal["passed", "open", "failed", "not offered"]
 
 _UNORDERED = ("device", "gateway-309-3")
 """Kinds whose frames of different identifiers may come in any order."""
+_REFUSED = (("drive-state", "decode"), ("drive-command", "decode"))
+"""Where a comparison may be answered by a refusal: the word is no state or not this command. A codec has a value."""
 _HEX = re.compile(r"[0-9A-Fa-f ]*")
 _LONG = 60
 """Characters from which on two texts are shown only near the place where they begin to differ."""
@@ -68,10 +72,14 @@ def judge(question: Question, answer: Answer, *, exact: bool = False) -> Verdict
         return _refusal(question, answer)
     same = "is" in answer and not differences(question, answer["is"])
     if result == "invalid":
+        if "is" not in answer and (question.kind, question.do) not in _REFUSED:
+            return Verdict("open", f"{_shown(answer)}, expected other values than {_shown(question.expected)}")
         if "is" in answer and (wrong := _of_other_form(question.expected, answer["is"])):
             return Verdict("failed", wrong)
         return Verdict("failed", f"{_shown(answer)}, as in the case, which is wrong") if same else PASSED
     if result == "acceptable" and question.do == "encode":
+        if "is" in answer and (wrong := _of_other_form(question.expected, answer["is"])):
+            return Verdict("failed", wrong)
         return (
             Verdict("failed", f"encoded as {_shown(answer)}, which is for decoding only")
             if same and tolerant
@@ -111,10 +119,13 @@ def malformed(answer: Answer) -> str:
 
 def differences(question: Question, answered: Mapping[str, Any]) -> list[str]:
     """Return each field that differs from the expected one, as a sentence about the first place where it does."""
+    if question.kind == "device-conformance":
+        failure = failure_of_answer(question.given, answered)
+        return [failure] if failure else []
     return [
         _difference(name, wanted, answered.get(name, _MISSING), question)
         for name, wanted in question.expected.items()
-        if not _as_expected(name, wanted, answered.get(name), question)
+        if not _as_expected(name, wanted, answered.get(name, _MISSING), question)
     ]
 
 
@@ -122,7 +133,7 @@ def _difference(path: str, wanted: Any, answered: Any, question: Question) -> st
     """Return what differs: `talk[1].say is ["585#02"], expected ["585#01"]`."""
     if isinstance(wanted, dict) and isinstance(answered, dict):
         for name, value in wanted.items():
-            if not _equal(value, answered.get(name), question.given, question):
+            if not _equal(value, answered.get(name, _MISSING), question.given, question):
                 return _difference(f"{path}.{name}", value, answered.get(name, _MISSING), question)
     if isinstance(answered, list) and isinstance(wanted, list) and any(_is_deep(item) for item in wanted):
         sizes = [f"{path} has {len(answered)} items, expected {len(wanted)}"] if len(answered) != len(wanted) else []
@@ -131,8 +142,6 @@ def _difference(path: str, wanted: Any, answered: Any, question: Question) -> st
                 return "; ".join([*sizes, _difference(f"{path}[{place}]", value, item, question)])
         if sizes:
             return sizes[0]
-    if question.kind == "device-conformance" and wanted is None and isinstance(answered, str):
-        return answered  # it is a whole sentence
     if isinstance(wanted, str) and isinstance(answered, str) and min(len(wanted), len(answered)) > _LONG:
         shorter = min(len(wanted), len(answered))
         place = next((place for place in range(shorter) if wanted[place] != answered[place]), shorter)
@@ -154,12 +163,14 @@ def _is_deep(item: Any) -> bool:
 
 
 def _of_other_form(expected: Mapping[str, Any], answered: Mapping[str, Any]) -> str:
-    """Return what makes an answer one that no case has: a field that is missing, or of another type of JSON."""
+    """Return what makes an answer one that no case has: a field that is missing, empty, or of another type of JSON."""
     for name, value in expected.items():
         if name not in answered:
             return f"the answer has no {name}"
-        if answered[name] is not None and type(answered[name]) is not type(value):
+        if type(answered[name]) is not type(value):
             return f"{name} is {_shown(answered[name])}, expected {_NAMES[type(value)]}"
+        if value and answered[name] in ("", [], {}):
+            return f"{name} is empty"
     return ""
 
 
@@ -203,7 +214,8 @@ def _equal(wanted: Any, answered: Any, around: Mapping[str, Any], question: Ques
         if wanted.keys() == {"from", "to"}:
             return type(answered) is int and wanted["from"] <= answered <= wanted["to"]
         return isinstance(answered, dict) and all(
-            _padded(name, value, answered.get(name), question) or _equal(value, answered.get(name), around, question)
+            _padded(name, value, answered.get(name, _MISSING), question)
+            or _equal(value, answered.get(name, _MISSING), around, question)
             for name, value in wanted.items()
         )
     if isinstance(wanted, list):

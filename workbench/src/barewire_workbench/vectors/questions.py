@@ -207,6 +207,6 @@ _MADE: dict[str, Callable[[str, Case], Iterable[Case]]] = {
     "sdo-talk": _transfer,
     "heartbeat-consumer": _consumer,
     "server-conformance": lambda do, case: [{**case, "framing": framing} for framing in case["framings"]],
-    "device-conformance": lambda do, case: [{**case, "failure": None}],
+    "device-conformance": lambda do, case: [{**case, "device": {}, "received": case["steps"]}],
 }
 """By kind: the fields of each question of an operation, those of the case and those made of them."""

@@ -22,7 +22,7 @@ A refused write is ignored: this is for the cases that follow, which will report
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from barewire.canopen.abort_codes import SdoAbort
 from barewire.canopen.eds.objects import EdsObject
@@ -230,19 +230,38 @@ def run_case(case: NodeCase, *, timeout: float = NODE_ANSWER_TIMEOUT) -> Convers
 def _run_steps(case: NodeCase, timeout: float) -> Conversation[CanFrame, NodeOutcome]:
     received: list[tuple[str, ...]] = []
     for number, step in enumerate(case.steps, start=1):
-        frames, floods = yield from _run_step(case, step, timeout, is_last=number == len(case.steps))
+        frames = yield from _run_step(case, step, timeout, is_last=number == len(case.steps))
         received.append(tuple(frames))
-        if not floods and any(_matches(pattern, frames) for pattern in step.ends):
+        if _ends(step, frames) or not _is_accepted(step, frames):
             break
-        if floods or not any(_matches(pattern, frames) for pattern in step.accepts):
-            return NodeOutcome(case, tuple(received), _difference(step, frames))
-    return NodeOutcome(case, tuple(received), None)
+    return NodeOutcome(case, tuple(received), failure_of(case, received))
 
 
-def _run_step(
-    case: NodeCase, step: NodeStep, timeout: float, *, is_last: bool
-) -> Conversation[CanFrame, tuple[list[str], bool]]:
-    """Send the frames of a step. Return the frames received, and whether they were so many that it did not wait."""
+def failure_of(case: NodeCase, received: Sequence[Sequence[str]]) -> str | None:
+    """Return how the frames received in each step differ from what the case accepts; None if they do not."""
+    if not case.steps:
+        return "the case has no step for this device"
+    for number, step in enumerate(case.steps, start=1):
+        if number > len(received):
+            return f"step {number} of {len(case.steps)} was not carried out: {', '.join(step.sends) or 'a while'}"
+        frames = received[number - 1]
+        if _ends(step, frames):
+            break
+        if not _is_accepted(step, frames):
+            return _difference(step, frames)
+    return None if len(received) == number else f"frames of {len(received)} steps, and the case ends after {number}"
+
+
+def _ends(step: NodeStep, frames: Sequence[str]) -> bool:
+    return len(frames) < FLOOD and any(_matches(pattern, frames) for pattern in step.ends)
+
+
+def _is_accepted(step: NodeStep, frames: Sequence[str]) -> bool:
+    return len(frames) < FLOOD and any(_matches(pattern, frames) for pattern in step.accepts)
+
+
+def _run_step(case: NodeCase, step: NodeStep, timeout: float, *, is_last: bool) -> Conversation[CanFrame, list[str]]:
+    """Send the frames of a step. Return the frames received: at most FLOOD, after which it does not wait."""
     heard = None
     for text in step.sends:
         heard = yield Send(CanFrame.parse(text))
@@ -254,13 +273,13 @@ def _run_step(
         if heard.item is not None and str(heard.item).startswith(case.listens):
             frames.append(str(heard.item))
         if heard.now >= until:
-            return frames, False
+            return frames
         if frames and not step.full_wait and _fits(step, frames):
             if not is_last:
-                return frames, False
+                return frames
             until = min(until, heard.now + _SETTLE)
         if len(frames) >= FLOOD:
-            return frames, True
+            return frames
         heard = yield Listen(until)
 
 
@@ -268,7 +287,7 @@ def _fits(step: NodeStep, frames: list[str]) -> bool:
     return any(_matches(pattern, frames) for pattern in (*step.accepts, *step.ends))
 
 
-def _matches(pattern: str, frames: list[str]) -> bool:
+def _matches(pattern: str, frames: Sequence[str]) -> bool:
     """Return whether the received frames match this pattern.
 
     >>> _matches("705#7F{1,3}, 585#43....", ["705#7F", "705#7F", "585#4318"])
@@ -290,7 +309,7 @@ def _regex(part: str) -> str:
     return f"(?:(?:{frame.replace('.', '[0-9A-F]')}) ){brace}{count}"
 
 
-def _difference(step: NodeStep, frames: list[str]) -> str:
+def _difference(step: NodeStep, frames: Sequence[str]) -> str:
     sent = ", ".join(step.sends) or "a while"
     expected = " or ".join(pattern or "silence" for pattern in dict.fromkeys((*step.accepts, *step.ends)))
     responses = ", ".join(frames[:_SHOWN]) or "silence"

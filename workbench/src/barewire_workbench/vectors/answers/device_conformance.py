@@ -22,6 +22,7 @@ from barewire_workbench.conform.canopen.probe import probe
 from barewire_workbench.conform.canopen.script import Placeholders, applies, read_node_case
 from barewire_workbench.vectors.answers.values import Answers
 from barewire_workbench.vectors.questions import Fields
+from barewire_workbench.vectors.tested_device import described
 
 NODE: Final = 5
 LARGE: Final = (0x2100, 0)
@@ -56,9 +57,9 @@ def plain_device(*more: Entry, tpdo: int | None = None, address: LssAddress = AD
 
 
 def _run_on_device(given: Fields) -> Fields:
-    """Run the case against the first of our devices that it is for; return the difference, or null."""
-    case, make = _case_and_device(given)
-    return {"failure": _Bus(make()).run(run_case(case)).failure}
+    """Run the case against the first of our devices that it is for; return that device and what it sent."""
+    case, kind = _case_and_device(given)
+    return described(_subject(kind), _Bus(_DEVICES[kind]()).run(run_case(case)).received)
 
 
 def case_on_device(given: Fields) -> NodeCase:
@@ -66,13 +67,13 @@ def case_on_device(given: Fields) -> NodeCase:
     return _case_and_device(given)[0]
 
 
-def _case_and_device(given: Fields) -> tuple[NodeCase, Callable[[], LocalNode]]:
+def _case_and_device(given: Fields) -> tuple[NodeCase, str]:
     lacks = ""
-    for kind, make in _DEVICES.items():
+    for kind in _DEVICES:
         device = Placeholders(_subject(kind))
         case = read_node_case(given, device)
         if applies(given, device) and not case.lacks:
-            return case, make
+            return case, kind
         lacks = lacks or case.lacks
     raise EncodeError(f"case {given['name']}: our devices have no {lacks or 'such property'}", "needs")
 

@@ -193,14 +193,6 @@ def _pattern(mask: int, masked: int) -> Fields:
     return {"mask": f"{mask:04X}", "masked": f"{masked:04X}"}
 
 
-def _drive_state(given: Fields) -> Fields:
-    """Return the state that a status word tells, null for none."""
-    try:
-        return {"state": state_of(word(given["word"])).value}
-    except DecodeError:
-        return {"state": None}
-
-
 def _command(name: str) -> DriveCommand:
     # Disable operation has the word of switch on.
     name = "switch on" if name == "disable operation" else name
@@ -254,7 +246,7 @@ ANSWERS: Answers = {
     "drive-path": {"encode": _drive_path, "decode": _drive_states},
     "drive-state": {
         "bits": lambda given: {"bits": [bit for bit in range(16) if get_bit(word(given["word"]), bit)]},
-        "decode": _drive_state,
+        "decode": lambda given: {"state": state_of(word(given["word"])).value},
         "table": lambda given: _pattern(*STATUS_PATTERNS[State(given["state"])]),
     },
     "drive-command": {
