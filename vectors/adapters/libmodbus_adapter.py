@@ -128,6 +128,8 @@ class Server:
                 getattr(self.mapping.contents, name)[at] = value
 
     def ask(self, unit: int, pdu: bytes) -> bytes | None:
+        if pdu[0] > 0x7F:
+            raise NotOffered("it takes these for functions, and waits for a byte more than comes")
         return self.hear(frame(unit, pdu))[1:-2] or None
 
     def hear(self, data: bytes) -> bytes:

@@ -134,7 +134,7 @@ def state(given):
     """word -> state"""
     found = state_of(int(given["word"], 16))
     if found is None:
-        raise Refused("mismatch")
+        raise Refused("value")
     return {"state": found}
 
 

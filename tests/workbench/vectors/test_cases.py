@@ -172,7 +172,9 @@ MAY_BE_INDIFFERENT = {
     ("server", "functions"),  # another function that no step asks for
     ("tls-role", "extensions"),  # those of other purposes
     ("gateway", "bytes"),  # what is discarded in any case
-    *[(kind, "one_of") for kind in ("server", "device", "drive-path", "gateway-309-3")],  # the answers of others
+    *[
+        (kind, "one_of") for kind in ("server", "device", "drive-path", "gateway-309-3", "eds", "client")
+    ],  # the answers of others
     ("server", "ask"),  # many requests are refused in the same way
     ("server", "raw"),  # other bytes are not a frame either
     ("server", "holding_registers"),  # registers and bits that no step reads or writes

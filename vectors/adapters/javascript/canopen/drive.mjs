@@ -111,7 +111,7 @@ export const KINDS = {
       const number = parseInt(word, 16);
       return { bits: [...Array(16).keys()].filter((k) => (number >> k) & 1) };
     },
-    decode: ({ word }) => ({ state: stateOf(parseInt(word, 16), 'mismatch') }),
+    decode: ({ word }) => ({ state: stateOf(parseInt(word, 16), 'value') }),
     table: ({ state }) => row(...known(STATES, state)),
   },
   'drive-command': {
