@@ -20,9 +20,10 @@ The rooms in reading order. Only `live` and `cli` use clocks and ports; the othe
     pictures/    frames, levels, exchanges, drives and values as text, SVG and HTML
     replay/      a recording played against a device or a client, and compared; the values in it
     eds/         EDS files checked, and written from the description of a device
+    scan/        the units of a line, their settings, addresses and names
     conform/     the behaviour that every server and every CANopen device must show, as data
     vectors/     the reference vectors, their questions, the judgement of answers
-    live/        both batteries, and the questions of vectors, on real ports
+    live/        both batteries, scans, and the questions of vectors, on real ports
     cli/         the command `barewire`, one file per command
     api          `explain` and `explain_text`
 

@@ -7,6 +7,7 @@
     demo              `demo`: simulated machines read and written on every wire
     devices           `devices`: the catalogue, and every parameter of a device
     simulate          `simulate`: a machine or a table on real ports
+    ports, scan       `ports`: those of this machine; `scan`: units, nodes and addresses
     read_write        `read`, `write`: named values
     watch, plot       `watch`: named values periodically, as a table, lines, JSON, CSV or a plot
     drive             `drive`: enable, move and stop a drive

@@ -27,6 +27,8 @@ COMMANDS = {
     "demo": ("demo", "Read and write three simulated machines on every wire."),
     "devices": ("devices", "List the devices, or all parameters of one."),
     "simulate": ("simulate", "Simulate a device on real ports until interrupted."),
+    "ports": ("ports", "List the serial ports and CAN interfaces of this machine."),
+    "scan": ("scan", "Find the units of a line, the nodes of a bus, the addresses of a unit."),
     "read": ("read_write", "Read named values of a device."),
     "write": ("read_write", "Write named values of a device, in the order given."),
     "watch": ("watch", "Read named values periodically."),

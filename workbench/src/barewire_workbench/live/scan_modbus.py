@@ -1,0 +1,274 @@
+"""Scan a Modbus endpoint: its units, their settings, what they are, and which addresses they have.
+
+    for unit in scan_modbus("rtu:///dev/ttyUSB0"):
+        print(unit.url, unit.why, unit.device)
+
+Settings that the URL names are kept. The others of a serial line are tried, the likely ones first (`serial_settings`):
+the units 1 to 10 and 247 with each of them, then the others; the first settings with which a unit answers are taken for
+all the rest.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from barewire import ModbusClient, NoAnswer
+from barewire.conversation import Conversation
+from barewire.devices import Device
+from barewire.errors import DecodeError, EncodeError, PortError
+from barewire.io.endpoint import Endpoint
+from barewire.io.modbus.carriers import modbus_endpoint
+from barewire.modbus.client.bus import Bus
+from barewire.modbus.exceptions import ModbusException
+from barewire.modbus.messages.identification import ReportServerId
+from barewire_workbench.scan.addresses import TABLES, AddressRange, find_addresses
+from barewire_workbench.scan.identity import Identity, device_of, known_devices
+from barewire_workbench.scan.serial_settings import LineSettings, combinations
+from barewire_workbench.scan.units import ScannedUnit, UnitScanner, likely_first
+
+_IDENTIFY_TIMEOUT = 0.5
+"""Seconds that a unit which has answered has for each question about what it is; three times its first answer, if that
+is longer."""
+
+_FORMAT = frozenset({"parity", "stopbits", "bytesize"})
+_SETTINGS = _FORMAT | {"baudrate"}
+
+_FAILURES = 3
+"""Connections in a row that fail before the scan ends."""
+
+
+@dataclass(slots=True)
+class FoundUnit:
+    """A unit that gave a sign of life: the URL to use it, the evidence, and what it is, as far as it says so."""
+
+    url: str
+    scanned: ScannedUnit
+    settings: LineSettings | None = None
+    identity: Identity = field(default_factory=Identity)
+    device: Device | None = None
+
+    @property
+    def unit(self) -> int:
+        """Its address."""
+        return self.scanned.unit
+
+    def as_dict(self) -> dict[str, object]:
+        """The unit, for JSON."""
+        after = self.scanned.answered_after
+        return {
+            "unit": self.unit,
+            "url": self.url,
+            "why": self.scanned.why,
+            "exception": self.scanned.exception,
+            "answered_after": None if after is None else round(after, 4),
+            "two_devices": self.scanned.is_doubled,
+            "damaged": self.scanned.damaged,
+            "device": self.device.name if self.device else None,
+            "identity": self.identity.as_dict(),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a scan is: what is asked now, and at most how many seconds it still takes."""
+
+    unit: int
+    settings: LineSettings | None
+    seconds_left: float
+
+
+@dataclass(slots=True)
+class ModbusScan:
+    """A scan of an endpoint. `run` yields the units as they are found; the attributes are the result afterwards.
+
+    unreachable   how many units a gateway reported as not answering
+    stray         frames and noise that no request explains
+    tried         the settings of the line that were tried
+    """
+
+    endpoint: Endpoint
+    units: Sequence[int]
+    settings: Sequence[LineSettings] = ()
+    every: bool = False
+    devices: Sequence[Device] = ()
+    connect: Callable[..., ModbusClient] = ModbusClient
+    progress: Callable[[Progress], None] | None = None
+    unreachable: int = 0
+    stray: int = 0
+    tried: list[LineSettings] = field(default_factory=list)
+
+    def run(self) -> Iterator[FoundUnit]:
+        """Scan, and yield each unit when it is known what it is. Raises PortError if the endpoint cannot be used."""
+        rounds = self._rounds()
+        left = sum(len(units) * self._seconds(settings) for settings, units in rounds)
+        chosen: LineSettings | None = None
+        for settings, units in rounds:
+            duration = self._seconds(settings)
+            left -= len(units) * duration
+            if chosen is not None and settings != chosen and not self.every:
+                continue
+            if settings is not None and settings not in self.tried:
+                self.tried.append(settings)
+            for found in self._pass(settings, units, 0.0 if chosen and not self.every else left):
+                if found.scanned.answers:
+                    chosen = chosen or settings
+                yield found
+
+    def _rounds(self) -> list[tuple[LineSettings | None, list[int]]]:
+        """Return what is tried, in its order: settings with the units that are asked."""
+        if len(self.settings) < 2:
+            return [(self.settings[0] if self.settings else None, list(self.units))]
+        likely, others = likely_first(self.units)
+        return [(settings, units) for units in (likely, others) if units for settings in self.settings]
+
+    def _timeout(self, settings: LineSettings | None) -> float:
+        if "timeout" in self.endpoint.options or settings is None:
+            return self.endpoint.timeout
+        return settings.timeout(self.endpoint.framing)
+
+    def _seconds(self, settings: LineSettings | None) -> float:
+        """Return how long one silent unit takes: the time-out, and a tenth for the request and the silences."""
+        return 1.1 * self._timeout(settings)
+
+    def _url(self, settings: LineSettings | None, unit: int | None = None) -> str:
+        options: dict[str, Any] = dict(settings.options) if settings else {}
+        if unit is not None:
+            options["unit"] = unit
+        return str(Endpoint.parse(str(self.endpoint), options))
+
+    def _pass(self, settings: LineSettings | None, units: Sequence[int], later: float) -> Iterator[FoundUnit]:
+        """Ask all `units` with these settings. `later` is the time of the passes after it, in seconds."""
+        timeout, duration = self._timeout(settings), len(units) * self._seconds(settings)
+        scanner = UnitScanner(timeout)
+        result = scanner.result
+        known: set[int] = set()
+        failures = 0
+        until = time.monotonic() + duration
+        with self.connect(self._url(settings), retries=0) as client:
+            # What the line delivers while a unit is asked what it is.
+            client.bus.state.on_stray = lambda event, late: scanner.add(event, time.monotonic())
+            for unit in [*units, None]:  # None: late answers of the last units
+                if self.progress is not None and unit is not None:
+                    self.progress(Progress(unit, settings, max(0.0, until - time.monotonic()) + later))
+                try:
+                    if unit is not None:
+                        client.run_with_bus(partial(_ask, scanner, unit))
+                    elif not client.bus.line.numbered:
+                        client.run_with_bus(lambda bus: scanner.listen(bus.line, timeout))
+                    failures = 0
+                except PortError:  # some servers close the connection when they are asked for an unknown unit
+                    failures += 1
+                    if failures == _FAILURES or self.endpoint.is_serial_port:
+                        raise
+                for number in [number for number in result.units if number not in known]:
+                    known.add(number)
+                    yield self._named(client, result.units[number], settings)
+        self.unreachable += len(result.unreachable - known)
+        self.stray += result.stray
+
+    def _named(self, client: ModbusClient, scanned: ScannedUnit, settings: LineSettings | None) -> FoundUnit:
+        """Return a unit with what it says about itself. One with damaged answers only is not asked again."""
+        found = FoundUnit(self._url(settings, scanned.unit), scanned, settings)
+        if scanned.answers and scanned.unit:
+            timeout = max(_IDENTIFY_TIMEOUT, 3 * (scanned.answered_after or 0.0))
+            found.identity = identify(client.at(scanned.unit, timeout=timeout))
+            found.device = device_of(found.identity, self.devices)
+        return found
+
+
+def _ask(scanner: UnitScanner, unit: int, bus: Bus) -> Conversation[bytes, None]:
+    return scanner.ask(bus.line, unit)
+
+
+def identify(client: ModbusClient) -> Identity:
+    """Ask a unit what it is: 11h, and the basic objects of 2B/0Eh. What it does not answer stays empty."""
+    identity = Identity()
+    with suppress(ModbusException, NoAnswer, DecodeError):
+        identity.server_id = client.ask(ReportServerId()).data
+    with suppress(ModbusException, NoAnswer, DecodeError):
+        identity.texts = client.read_device_identification().texts()
+    return identity
+
+
+def scan_modbus(
+    url: str,
+    units: Iterable[int] = range(1, 248),
+    *,
+    baudrates: Sequence[int] | None = None,
+    formats: Sequence[str] | None = None,
+    every: bool = False,
+    descriptions: Iterable[str] = (),
+    connect: Callable[..., ModbusClient] = ModbusClient,
+    progress: Callable[[Progress], None] | None = None,
+) -> ModbusScan:
+    """Return the scan of a Modbus endpoint; `run` carries it out.
+
+    units          the addresses that are asked, in this order
+    baudrates      of a serial line, those that are tried; by default that of the URL, or all usual ones
+    formats        the same for data bits, parity and stop bits, such as "8E1"
+    every          go on with other settings after a unit has answered
+    descriptions   directories of device descriptions beside the catalogue, to name what is found
+    connect        opens the client of a URL
+    progress       called before each unit
+
+    Raises EncodeError for wrong arguments.
+    """
+    endpoint = modbus_endpoint(url)
+    if not endpoint.is_serial_port and (baudrates or formats):
+        raise EncodeError(
+            f"endpoint {str(endpoint)!r}: it has no baud rate and no format: they are for rtu:// and ascii://"
+        )
+    settings: list[LineSettings] = []
+    if endpoint.is_serial_port:
+        settings = _settings(endpoint, baudrates, formats)
+        endpoint = _without(endpoint, _SETTINGS)
+    endpoint = _without(endpoint, frozenset(["unit"]))
+    numbers = list(units)
+    if endpoint.framing != "tcp" and 0 in numbers:
+        raise EncodeError("unit 0 is the broadcast of a serial line, which no device answers: expected 1..247")
+    return ModbusScan(endpoint, numbers, settings, every, known_devices(descriptions), connect, progress)
+
+
+def _settings(endpoint: Endpoint, baudrates: Sequence[int] | None, formats: Sequence[str] | None) -> list[LineSettings]:
+    """Return the settings to try: what is given, then what the URL names, then all usual ones."""
+    if baudrates is None and "baudrate" in endpoint.options:
+        baudrates = [endpoint.integer("baudrate", 0)]
+    if formats is None and _FORMAT & endpoint.options.keys():
+        parts = (endpoint.choice("bytesize", "8"), endpoint.choice("parity", "E"), endpoint.choice("stopbits", "1"))
+        formats = ["".join(parts)]
+    try:
+        return combinations(endpoint.framing, baudrates, formats)
+    except ValueError as error:
+        raise EncodeError(f"formats: {error}") from None
+
+
+def _without(endpoint: Endpoint, keys: frozenset[str]) -> Endpoint:
+    return endpoint._replace(options={key: text for key, text in endpoint.options.items() if key not in keys})
+
+
+def scan_addresses(
+    client: ModbusClient, table: str, first: int, last: int, *, progress: Callable[[int], None] | None = None
+) -> Iterator[AddressRange]:
+    """Yield the addresses of a table of the client's unit that can be read, in their order. It only reads.
+
+    `progress` is called with the first address of each block.
+
+    Raises NoAnswer if the unit does not answer, EncodeError for an unknown table or wrong addresses.
+    """
+    if table not in TABLES:
+        raise EncodeError(f"table {table!r}: expected one of {', '.join(TABLES)}")
+    if not 0 <= first <= last <= 0xFFFF:
+        raise EncodeError(f"addresses {first}-{last}: expected 0..65535, the smaller one first")
+    request, limit = TABLES[table]
+
+    def read(address: int, count: int) -> object:
+        if progress is not None:
+            progress(address)
+        return client.ask(request(address, count))
+
+    return find_addresses(read, first, last, limit=limit)
