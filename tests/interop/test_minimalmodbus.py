@@ -10,6 +10,7 @@ import minimalmodbus
 import pytest
 
 from barewire.codecs import codec, to_registers
+from tests.helpers import PATIENCE
 from tests.interop.our_side import FullUnit, our_asyncio_server, our_server, port_of
 from tests.interop.relay import serial_at
 from tests.interop.services import BITS_AND_REGISTERS, proves
@@ -37,7 +38,7 @@ def read_and_write(path: str, mode: str, unit: FullUnit) -> None:
     client = minimalmodbus.Instrument(path, 1, mode=mode)
     try:
         client.serial.baudrate = 115200
-        client.serial.timeout = 0.5  # it waits that long for more bytes after an exception
+        client.serial.timeout = PATIENCE
         client.write_register(1, 4711)
         client.write_register(2, 0xBEEF, functioncode=6)
         assert client.read_register(1) == 4711
@@ -56,6 +57,7 @@ def read_and_write(path: str, mode: str, unit: FullUnit) -> None:
         assert client.read_long(200, signed=True) == -5
         client.write_string(210, "barewire", 4)
         assert client.read_string(210, 4) == "barewire"
+        client.serial.timeout = 2  # an exception is shorter than what it waits for, so it waits until the time is over
         with pytest.raises(minimalmodbus.IllegalRequestError):
             client.read_registers(9999, 2)
     finally:
