@@ -378,6 +378,56 @@ def publishing(site: Site, act: Callable[[Listener, aiomqtt.Client], Awaitable[N
     asyncio.run(main())
 
 
+class _KeepsCancellation:
+    """A client of aiomqtt whose calls wait, and end without an error when they are cancelled, as those that use
+    `asyncio.wait_for` of Python 3.11 do when the broker answers in that moment."""
+
+    def __init__(self, waits_in: str) -> None:
+        self._waits_in = waits_in
+        self._client = self
+        self.messages = self
+        self.has_waited = asyncio.Event()
+
+    async def __aenter__(self) -> _KeepsCancellation:
+        await self._call("connect")
+        return self
+
+    async def __aexit__(self, *_: object) -> None: ...
+
+    def __aiter__(self) -> _KeepsCancellation:
+        return self
+
+    async def __anext__(self) -> None:
+        await asyncio.Event().wait()
+
+    def disconnect(self) -> None: ...
+
+    async def subscribe(self, *_: object, **__: object) -> None:
+        await self._call("subscribe")
+
+    async def publish(self, *_: object, **__: object) -> None:
+        await self._call("publish")
+
+    async def _call(self, name: str) -> None:
+        if name == self._waits_in and not self.has_waited.is_set():
+            self.has_waited.set()
+            with suppress(asyncio.CancelledError):
+                await asyncio.Event().wait()
+
+
+@pytest.mark.parametrize("waits_in", ["connect", "subscribe", "publish"])
+def test_a_publisher_ends_though_a_call_to_the_broker_keeps_the_cancellation(
+    site: Site, waits_in: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        broker = _KeepsCancellation(waits_in)
+        monkeypatch.setattr(aiomqtt, "Client", lambda *_, **__: broker)
+        async with asyncio.timeout(WAIT), Gateway(read_config(site.config())):
+            await broker.has_waited.wait()
+
+    asyncio.run(main())
+
+
 @pytest.mark.needs("mosquitto")
 def test_values_are_published_with_birth_description_and_discovery(site: Site) -> None:
     async def act(listener: Listener, client: aiomqtt.Client) -> None:

@@ -136,6 +136,7 @@ class Publisher:
         self.buffer = Buffer(config.buffer, config.limit) if buffer is None else buffer  # one that is empty is false
         """`buffer`, which may be that of a publisher that ends when this one begins, or its own."""
         self.is_connected = False
+        self._is_stopping = False
         self._mqtt = aiomqtt
         self._options = broker_options(config.broker)
         self._broker = f"{self._options['hostname']}:{self._options['port']}"
@@ -185,6 +186,7 @@ class Publisher:
 
     async def stop(self) -> None:
         """End, and tell the broker. The buffer stays open."""
+        self._is_stopping = True
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -304,6 +306,8 @@ class Publisher:
                     self.is_connected = True
                     self._log.info("connected", f"connected to {self._broker}")
                     try:
+                        if self._is_stopping:  # the cancellation may be lost, see `_end_if_cancelled`
+                            raise asyncio.CancelledError
                         async with asyncio.TaskGroup() as tasks:
                             tasks.create_task(self._listen(client))
                             tasks.create_task(self._send(client))
@@ -377,6 +381,7 @@ class Publisher:
             while not self._results.empty():
                 topic, payload = self._results.get_nowait()
                 await client.publish(topic, payload, qos=1)
+            _end_if_cancelled()
             while rows := self.buffer.batch(_BATCH):
                 # Each is given to the client before the next; it keeps the order, and all wait for the broker together.
                 await asyncio.gather(
@@ -401,6 +406,7 @@ class Publisher:
             if topic == f"{self.config.home_assistant}/status":
                 if data == b"online":
                     await self._say_everything(client)
+                    _end_if_cancelled()
                     for known in self._filters.values():
                         known.forget()  # every state is published again with the next poll
                 continue
@@ -427,6 +433,15 @@ class Publisher:
             line.commands.put_nowait(_Command(machine, parameter, value))
         except asyncio.QueueFull:
             self._answer(machine, parameter, {"value": value, "ok": False, "error": "too many commands wait"})
+
+
+def _end_if_cancelled() -> None:
+    """Raise CancelledError if this task of a group was cancelled. aiomqtt waits with `asyncio.wait_for`, which before
+    Python 3.12 keeps a cancellation to itself if the broker answers in that moment. (The task that runs the group has
+    wrong counts of its own cancellations, before 3.13, after one of the group has failed.)"""
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
 
 
 def _why(error: BaseException) -> str:

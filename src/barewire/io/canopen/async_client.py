@@ -230,7 +230,8 @@ async def wait_until_open(bus: CanBus, timeout: float) -> None:
     if not bus.when_open(wake):
         try:
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(is_open.wait(), timeout)
+                async with asyncio.timeout(timeout):  # `wait_for` may lose a cancellation before Python 3.12
+                    await is_open.wait()
         finally:
             bus.cancel_wake(wake)
 
