@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 
 from barewire.devices.description.load import load
 from barewire.devices.device import Device, suggest
-from barewire.errors import BarewireError, EncodeError, shown
+from barewire.errors import BarewireError, EncodeError, PortError, shown
 from barewire.gateway.backend import BackendOptions
 from barewire.gateway.dispatch import UnitOptions
 from barewire.gateway.policy import AccessRule, Policy
@@ -550,8 +550,10 @@ def _check_listener(endpoint: Endpoint) -> None:
 def _backend_endpoint(url: str) -> Endpoint:
     if not url.startswith("can:"):
         return modbus_endpoint(url)
-    from barewire.io.ports.can.interfaces import can_endpoint
-
+    try:
+        from barewire.io.ports.can.interfaces import can_endpoint
+    except ModuleNotFoundError:  # OpenWrt and Yocto have it as a package of its own
+        raise PortError("CAN needs the package of barewire with CANopen, which is not installed") from None
     return can_endpoint(url)
 
 

@@ -19,9 +19,9 @@ import pytest
 
 from barewire import ModbusClient, ModbusServer, Table
 from barewire.io.endpoint import Endpoint
-from barewire.io.server import asyncio_network
-from barewire.io.server.asyncio_network import TlsSession
+from barewire.io.server import asyncio_network, tls_session
 from barewire.io.server.limits import BATCH, Acceptor, ConnectionTable
+from barewire.io.server.tls_session import TlsSession
 from tests.certificates import tls_url
 
 SERVER = """
@@ -237,7 +237,7 @@ def test_the_tls_session_of_a_client_that_left_is_freed_at_once(
         sessions.add(found := TlsSession(context))
         return found
 
-    monkeypatch.setattr(asyncio_network, "TlsSession", session)
+    monkeypatch.setattr(tls_session, "TlsSession", session)
     with ModbusServer(tls_url(certificates, "server", roles="any"), {1: Table()}) as server:
         gc.disable()
         try:

@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, cast
 from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.network import CHUNK, CONNECT_TIMEOUT, place_of, reason, set_socket_options
-from barewire.io.ports.tls import client_context, server_name, tls_reason
 
 if TYPE_CHECKING:
+    from ssl import SSLContext
+
     from barewire.io.ports.base import AsyncLink
     from barewire.io.ports.serial import SerialPort
 
@@ -42,7 +43,13 @@ async def connect(endpoint: Endpoint, receive: Receive, lose: Lose) -> AsyncLink
         from barewire.io.ports.serial import SerialPort  # needs pyserial
 
         return SerialLink(SerialPort.of(endpoint), receive, lose)
-    context = client_context(endpoint) if endpoint.transport == "tls" else None
+    context: SSLContext | None = None
+    name: str | None = None
+    why: Callable[[Exception], str] = reason
+    if endpoint.transport == "tls":
+        from barewire.io.ports.tls import client_context, server_name, tls_reason  # not every Python has TLS
+
+        context, name, why = client_context(endpoint), server_name(endpoint), tls_reason
     host, port = endpoint.host_and_port
     loop = asyncio.get_running_loop()
     link: StreamLink | DatagramLink
@@ -52,13 +59,12 @@ async def connect(endpoint: Endpoint, receive: Receive, lose: Lose) -> AsyncLink
                 link = datagrams = DatagramLink(receive, lose)
                 await loop.create_datagram_endpoint(lambda: datagrams, remote_addr=(host, port))
             else:
-                link = stream = StreamLink(receive, lose)
-                name = None if context is None else server_name(endpoint)
+                link = stream = StreamLink(receive, lose, why)
                 await loop.create_connection(lambda: stream, host, port, ssl=context, server_hostname=name)
     except TimeoutError:
         raise PortError(f"{place_of(host, port)}: no connection within {CONNECT_TIMEOUT:g} s") from None
     except OSError as error:
-        raise PortError(f"{place_of(host, port)}: {tls_reason(error)}") from None
+        raise PortError(f"{place_of(host, port)}: {why(error)}") from None
     return link
 
 
@@ -68,9 +74,10 @@ class StreamLink(asyncio.BufferedProtocol):
     It has its own buffer, because asyncio would allocate one of 256 KiB for each answer of thirty bytes.
     """
 
-    def __init__(self, receive: Receive, lose: Lose) -> None:
+    def __init__(self, receive: Receive, lose: Lose, why: Callable[[Exception], str]) -> None:
         self._receive = receive
         self._lose = lose
+        self._why = why
         self._transport: asyncio.Transport | None = None
         self._together: list[bytes] = []
         self._buffer = memoryview(bytearray(CHUNK))
@@ -93,7 +100,7 @@ class StreamLink(asyncio.BufferedProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Called by asyncio when the connection ended."""
-        self._lose(tls_reason(exc) if isinstance(exc, OSError) else "the other side closed the connection")
+        self._lose(self._why(exc) if isinstance(exc, OSError) else "the other side closed the connection")
 
     def write(self, item: bytes) -> None:
         """Send bytes."""

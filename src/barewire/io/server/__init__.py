@@ -8,7 +8,8 @@ The files, in reading order:
     modbus              ModbusServer, AsyncModbusServer; by kind of port:
     tcp                 a thread without an event loop
     serial              a thread, or an event loop
-    asyncio_network     connections with and without TLS, datagrams
+    asyncio_network     connections, datagrams
+    tls_session         TLS of a connection
     can                 a node on a CAN bus; a bus between processes
     gateway             the text gateway of CiA 309-3
 """

@@ -10,23 +10,25 @@ from __future__ import annotations
 
 import asyncio
 import socket
-import ssl
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from barewire.errors import DecodeError, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.network import CHUNK, CONNECTIONS, is_own_address, listening_socket, place_of, reason
-from barewire.io.ports.tls import roles_of, server_context, tls_reason
 from barewire.io.server.base import POLL_INTERVAL
 from barewire.io.server.limits import COPIES, RATE, Acceptor, DatagramLimits, End
 from barewire.io.server.units import Inject, UnitsConnection, UnitsServer, later_response
 from barewire.modbus import AnyUnit, Authorization, Caller, Reply, Request, Server
-from barewire.modbus.server.authorization import role_of
 from barewire.modbus.server.server import counters_for
+
+if TYPE_CHECKING:
+    from ssl import SSLContext
+
+    from barewire.io.server.tls_session import TlsSession
 
 _HANDSHAKE = 10.0
 """Seconds that a TLS handshake may take."""
@@ -49,7 +51,7 @@ class StreamServer(UnitsServer):
         inject: Inject | None = None,
     ) -> None:
         super().__init__(endpoint, units, inject)
-        self.context: ssl.SSLContext | None = None
+        self.context: SSLContext | None = None
         self.authorization = authorization
         self.counters = counters_for(self.line)
         """By unit, for RTU and ASCII: the counters of a unit include the frames of all connections."""
@@ -59,6 +61,8 @@ class StreamServer(UnitsServer):
         """The connections whose TLS handshake is under way, and since when."""
         self._timer: asyncio.TimerHandle | None = None
         if endpoint.transport == "tls":
+            from barewire.io.ports.tls import roles_of, server_context  # not every Python has TLS
+
             self.context = server_context(endpoint)
             self.authorization = authorization or roles_of(endpoint)
 
@@ -147,7 +151,11 @@ class _Connection(UnitsConnection, asyncio.BufferedProtocol):
         )
         self._stream_server = server
         self._loop = asyncio.get_running_loop()
-        self._tls = TlsSession(server.context) if server.context is not None else None
+        self._tls: TlsSession | None = None
+        if server.context is not None:
+            from barewire.io.server.tls_session import TlsSession
+
+            self._tls = TlsSession(server.context)
         # One read takes at most this buffer. It is small where frames are searched byte by byte, so that a client which
         # sends noise delays the others less.
         self._buffer = memoryview(bytearray(512 if self._server.serial else CHUNK))
@@ -216,8 +224,8 @@ class _Connection(UnitsConnection, asyncio.BufferedProtocol):
             received = tls.feed(data)
         except DecodeError as error:
             why = error.text
-        except ssl.SSLError as error:
-            why = tls_reason(error)
+        except PortError as error:
+            why = str(error)
         if tls.is_established:
             self._stream_server.handshakes.pop(self, None)
             self.caller.role = tls.role
@@ -267,51 +275,6 @@ class _Connection(UnitsConnection, asyncio.BufferedProtocol):
     def resume_writing(self) -> None:
         if self._transport is not None and not self._transport.is_closing():
             self._transport.resume_reading()
-
-
-class TlsSession:
-    """The TLS state of one connection, without a socket. `role` is that of the certificate, after the handshake.
-
-    The TLS of asyncio drops the alert with the reason why a client's certificate was refused; this one sends it.
-    """
-
-    def __init__(self, context: ssl.SSLContext) -> None:
-        self.is_established = False
-        self.role: str | None = None
-        self.ended = False
-        """Whether the client ended the session."""
-        self._in, self._out = ssl.MemoryBIO(), ssl.MemoryBIO()
-        self._tls = context.wrap_bio(self._in, self._out, server_side=True)
-
-    def feed(self, data: bytes) -> list[bytes]:
-        """Feed bytes from the wire, and return the data of the client.
-
-        Raises ssl.SSLError when the handshake fails, DecodeError for a role that cannot be read.
-        """
-        self._in.write(data)
-        received: list[bytes] = []
-        try:
-            if not self.is_established:
-                self._tls.do_handshake()
-                certificate = self._tls.getpeercert(True)  # None: the server does not ask for one
-                self.role = None if certificate is None else role_of(certificate)
-                self.is_established = True
-            while chunk := self._tls.read(CHUNK):
-                received.append(chunk)
-            self.ended = True
-        except ssl.SSLWantReadError:
-            pass
-        except ssl.SSLZeroReturnError:
-            self.ended = True
-        return received
-
-    def send(self, data: bytes) -> None:
-        """Encrypt bytes for the client."""
-        self._tls.write(data)
-
-    def outgoing(self) -> bytes:
-        """Return the bytes for the wire. Call it after every `feed`, also one that raised, and after every `send`."""
-        return self._out.read()
 
 
 class DatagramServer(UnitsServer, asyncio.DatagramProtocol):
