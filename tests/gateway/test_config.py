@@ -12,7 +12,8 @@ import pytest
 
 from barewire.gateway.__main__ import run_program
 from barewire.gateway.config import OPTIONS, ConfigError, config_schema, example, read_config
-from barewire.gateway.dispatch import UnitOptions
+from barewire.gateway.dispatch import UnitConfig
+from barewire.modbus import UnitOptions
 
 GOOD = """\
 drain = 1
@@ -47,9 +48,31 @@ def test_a_good_configuration() -> None:
     assert config.listeners == ("tcp://127.0.0.1:1502",)
     assert (config.drain, config.policy.read_only, len(config.policy.rules or ())) == (1.0, True, 1)
     assert hall.units == {1: 1, 2: 2, 3: 3, 20: 7}
-    assert hall.default == UnitOptions(timeout=0.5, merge=4)
-    assert hall.of_units == {7: UnitOptions(timeout=0.5, merge=4, gap=0.1)}
-    assert (far.options.in_flight, far.default.timeout) == (4, 1.0)
+    assert hall.default == UnitConfig(UnitOptions(0.5, dead_after=2), merge=4)
+    assert hall.of_units == {7: UnitConfig(UnitOptions(0.5, gap=0.1, dead_after=2), merge=4)}
+    assert (far.options.in_flight, far.default.asking.timeout) == (4, 1.0)
+
+
+def test_how_units_are_asked_may_stand_in_the_url_and_the_tables_go_before_it() -> None:
+    url = "rtu:///dev/ttyUSB0?timeout=2&gap=0.3&gap.2=0.4&dead_after.3=5&longest_pause.3=9"
+    text = GOOD.replace("rtu:///dev/ttyUSB0?baudrate=19200", url) + "\n"
+    hall = read_config(text).backends[0]
+    assert hall.default.asking == UnitOptions(timeout=0.5, gap=0.3, dead_after=2)
+    assert {unit: config.asking for unit, config in hall.of_units.items()} == {
+        2: UnitOptions(0.5, 0.4, 2),
+        3: UnitOptions(0.5, 0.3, 5, 9.0),
+        7: UnitOptions(0.5, 0.1, 2),
+    }
+    assert all(config.merge == 4 for config in hall.of_units.values())
+
+
+@pytest.mark.parametrize(
+    ("query", "text"),
+    [("gap.9=1", "option of a unit that is not in units"), ("timeout.2=0", "timeout=0: expected more")],
+)
+def test_a_url_of_a_backend_with_a_wrong_option_of_a_unit(query: str, text: str) -> None:
+    with pytest.raises(ConfigError, match=f"^6:1: .*{text}"):
+        read_config(GOOD.replace("baudrate=19200", query))
 
 
 @pytest.mark.parametrize(

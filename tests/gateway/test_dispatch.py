@@ -8,8 +8,8 @@ from itertools import count, pairwise
 import pytest
 from hypothesis import given, strategies as st
 
-from barewire.gateway.dispatch import Dispatcher, Exchange, Query, UnitOptions
-from barewire.modbus import Caller, RawRequest, Table
+from barewire.gateway.dispatch import Dispatcher, Exchange, Query, UnitConfig
+from barewire.modbus import Caller, RawRequest, Table, UnitOptions
 from tests.gateway.simulated_bus import SimulatedBus, read, write
 
 A, B, C = Caller("a:1"), Caller("b:1"), Caller("c:1")
@@ -120,7 +120,7 @@ def test_a_read_does_not_join_one_from_before_a_write() -> None:
 
 
 def test_a_response_is_kept_for_a_while_and_until_a_write() -> None:
-    bus = SimulatedBus(Dispatcher(default=UnitOptions(cache=1.0)))
+    bus = SimulatedBus(Dispatcher(default=UnitConfig(cache=1.0)))
     for _ in range(3):
         bus.submit(A, 1, read(5))
         bus.run()
@@ -137,7 +137,7 @@ def test_a_response_is_kept_for_a_while_and_until_a_write() -> None:
 
 
 def test_adjacent_reads_are_merged_where_the_options_say_so() -> None:
-    bus = SimulatedBus(Dispatcher({2: UnitOptions(merge=2)}))
+    bus = SimulatedBus(Dispatcher({2: UnitConfig(merge=2)}))
     bus.units[2] = Table(200, holding_registers=list(range(200)))
     queries = {
         (first, quantity): bus.submit(client, 2, read(first, quantity))
@@ -156,7 +156,7 @@ def test_adjacent_reads_are_merged_where_the_options_say_so() -> None:
 
 
 def test_merged_reads_that_are_declined_together_go_out_alone() -> None:
-    bus = SimulatedBus(Dispatcher(default=UnitOptions(merge=0)))
+    bus = SimulatedBus(Dispatcher(default=UnitConfig(merge=0)))
     good, bad = bus.submit(A, 1, read(198, 2)), bus.submit(B, 1, read(200, 2))
     bus.run()
     assert (bus.answer_to(good), bus.answer_to(bad)) == ("03 04 00 00 00 00", "83 02")
@@ -164,7 +164,7 @@ def test_merged_reads_that_are_declined_together_go_out_alone() -> None:
 
 
 def test_a_merged_read_is_never_longer_than_a_response_can_be() -> None:
-    bus = SimulatedBus(Dispatcher(default=UnitOptions(merge=8)))
+    bus = SimulatedBus(Dispatcher(default=UnitConfig(merge=8)))
     for first in range(0, 196, 4):
         bus.submit(A, 1, read(first, 4))
     bus.run()
@@ -176,7 +176,7 @@ def test_a_merged_read_is_never_longer_than_a_response_can_be() -> None:
 
 
 def test_a_dead_unit_is_declined_at_once_and_tried_again_after_a_pause() -> None:
-    bus = SimulatedBus(Dispatcher(default=UnitOptions(timeout=0.5, dead_after=2)), silent={9})
+    bus = SimulatedBus(Dispatcher(default=UnitConfig(UnitOptions(timeout=0.5, dead_after=2))), silent={9})
     for _ in range(5):
         bus.submit(A, 9, read(0))
         bus.run()
@@ -195,7 +195,7 @@ def test_a_dead_unit_is_declined_at_once_and_tried_again_after_a_pause() -> None
 
 
 def test_queries_to_a_unit_that_has_died_do_not_wait_any_longer() -> None:
-    bus = SimulatedBus(Dispatcher(default=UnitOptions(timeout=0.5, dead_after=2)), silent={9})
+    bus = SimulatedBus(Dispatcher(default=UnitConfig(UnitOptions(timeout=0.5, dead_after=2))), silent={9})
     queries = [bus.submit(A, 9, read(address)) for address in range(10)]
     bus.run()
     assert len(bus.log) == 2
@@ -209,7 +209,9 @@ def test_two_dead_units_of_ten_cost_the_others_little(clients: int, registers: i
 
     With one register all reads of a unit join one exchange, and again and again nothing waits for a moment.
     """
-    bus = SimulatedBus(Dispatcher(default=UnitOptions(timeout=0.3)), takes=0.02, silent={4, 8})
+    bus = SimulatedBus(
+        Dispatcher(default=UnitConfig(UnitOptions(timeout=0.3, dead_after=2))), takes=0.02, silent={4, 8}
+    )
     numbers = count()
     todo = {Caller(f"c{number}:1"): number % 10 for number in range(clients)}
     waiting: dict[Query, Caller] = {}
@@ -233,7 +235,7 @@ def test_two_dead_units_of_ten_cost_the_others_little(clients: int, registers: i
 
 
 def test_a_dead_unit_of_a_bus_with_little_to_do_is_tried_after_each_pause() -> None:
-    bus = SimulatedBus(Dispatcher(default=UnitOptions(timeout=0.3)), takes=0.02, silent={9})
+    bus = SimulatedBus(Dispatcher(default=UnitConfig(UnitOptions(timeout=0.3, dead_after=2))), takes=0.02, silent={9})
     while bus.now < 20.0:
         for unit in (1, 9):
             bus.submit(A, unit, read(0))
@@ -245,7 +247,7 @@ def test_a_dead_unit_of_a_bus_with_little_to_do_is_tried_after_each_pause() -> N
 
 
 def test_the_pause_of_a_unit_does_not_delay_others() -> None:
-    bus = SimulatedBus(Dispatcher({1: UnitOptions(gap=0.2)}))
+    bus = SimulatedBus(Dispatcher({1: UnitConfig(UnitOptions(gap=0.2))}))
     for address in range(3):
         bus.submit(A, 1, read(address))
         bus.submit(B, 2, read(address))
@@ -278,7 +280,7 @@ def test_a_query_that_was_displaced_is_not_joined_any_more() -> None:
 
 
 def test_a_bus_that_ends_while_merged_reads_go_out_alone_goes_on() -> None:
-    bus = SimulatedBus(Dispatcher(default=UnitOptions(merge=4)))
+    bus = SimulatedBus(Dispatcher(default=UnitConfig(merge=4)))
     both = bus.submit(A, 1, read(199)), bus.submit(B, 1, read(200))
     bus.step()
     bus.dispatcher.decline_all(0x0A)
@@ -290,7 +292,7 @@ def test_a_bus_that_ends_while_merged_reads_go_out_alone_goes_on() -> None:
 
 
 def test_nothing_is_kept_of_clients_that_come_and_go() -> None:
-    bus = SimulatedBus(Dispatcher(default=UnitOptions(merge=4)))
+    bus = SimulatedBus(Dispatcher(default=UnitConfig(merge=4)))
     for number in range(500):
         pair = Caller(f"x:{number}"), Caller(f"y:{number}")
         for client in pair:
@@ -304,7 +306,7 @@ def test_nothing_is_kept_of_clients_that_come_and_go() -> None:
 
 
 def test_a_write_to_unit_0_may_be_a_broadcast_so_nothing_that_was_read_before_is_given_to_anybody() -> None:
-    bus = SimulatedBus(Dispatcher(default=UnitOptions(cache=10.0)))
+    bus = SimulatedBus(Dispatcher(default=UnitConfig(cache=10.0)))
     bus.submit(A, 1, read(5))
     bus.run()
     bus.submit(B, 0, write(5, 1))
@@ -315,7 +317,9 @@ def test_a_write_to_unit_0_may_be_a_broadcast_so_nothing_that_was_read_before_is
 
 
 def test_trials_of_dead_units_do_not_wait_for_each_other() -> None:
-    bus = SimulatedBus(Dispatcher(default=UnitOptions(timeout=1.0, dead_after=1), patience=10.0), silent={8, 9})
+    bus = SimulatedBus(
+        Dispatcher(default=UnitConfig(UnitOptions(timeout=1.0, dead_after=1)), patience=10.0), silent={8, 9}
+    )
     for unit in (8, 9):
         bus.submit(A, unit, read(0))
         bus.run()
@@ -357,7 +361,7 @@ def test_what_a_client_that_left_asked_for_is_not_sent() -> None:
 
 
 def test_each_query_is_counted_once() -> None:
-    bus = SimulatedBus(Dispatcher({2: UnitOptions(cache=9.0), 3: UnitOptions(merge=0)}, capacity=9), silent={9})
+    bus = SimulatedBus(Dispatcher({2: UnitConfig(cache=9.0), 3: UnitConfig(merge=0)}, capacity=9), silent={9})
     for client in (A, B):
         bus.submit(client, 1, read(5))
     bus.submit(A, 1, read(500))
@@ -394,10 +398,8 @@ REQUESTS = st.one_of(
     st.builds(write, st.integers(0, 12), st.integers(1, 9)),
 )
 OPTIONS = st.builds(
-    UnitOptions,
-    timeout=st.just(0.1),
-    gap=st.sampled_from([0.0, 0.05]),
-    dead_after=st.integers(0, 2),
+    UnitConfig,
+    st.builds(UnitOptions, timeout=st.just(0.1), gap=st.sampled_from([0.0, 0.05]), dead_after=st.integers(0, 2)),
     cache=st.sampled_from([0.0, 0.03, 1.0]),
     merge=st.sampled_from([None, 0, 4]),
 )
@@ -415,7 +417,7 @@ EVENTS = st.lists(
 
 @given(OPTIONS, EVENTS, st.integers(1, 4))
 def test_every_query_has_one_answer_and_no_read_is_older_than_a_write_that_was_answered_before_it(
-    options: UnitOptions, events: list[tuple[object, ...]], lanes: int
+    options: UnitConfig, events: list[tuple[object, ...]], lanes: int
 ) -> None:
     bus = SimulatedBus(Dispatcher(default=options, capacity=12, patience=5.0))
     clients = [Caller(f"{number}:1") for number in range(4)]

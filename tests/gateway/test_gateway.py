@@ -15,6 +15,7 @@ import pytest
 
 from barewire import AsyncModbusClient, ModbusServer
 from barewire.errors import PortError
+from barewire.gateway.backend import ModbusBackend
 from barewire.gateway.config import read_config
 from barewire.gateway.gateway import Gateway
 from barewire.io.server import asyncio_network
@@ -115,6 +116,29 @@ def test_any_function_code_passes(servers: Callable[..., ModbusServer], scheme: 
         assert await answer(client, 1, "03 00 00 00 FF") == "83 55"  # more registers than the standard allows
 
     through(config(backend(line.url, "1")), act)
+
+
+def test_a_gap_that_ends_during_an_exchange_of_another_unit_is_noticed_once(
+    servers: Callable[..., ModbusServer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The gateway used a whole core until the exchange was over."""
+    line, rounds = servers("rtu+tcp://127.0.0.1:0", {1: numbers()}), []
+    go_on = ModbusBackend._go_on
+
+    def counted(self: ModbusBackend) -> None:
+        rounds.append(self)
+        go_on(self)
+
+    monkeypatch.setattr(ModbusBackend, "_go_on", counted)
+
+    async def act(gateway: Gateway, client: AsyncModbusClient) -> None:
+        assert await answer(client, 1, "03 00 00 00 01") == "03 02 00 00"
+        async with AsyncModbusClient(gateway.urls[0], timeout=WAIT) as other:
+            answers = await asyncio.gather(answer(client, 1, "03 00 01 00 01"), answer(other, 2, "03 00 00 00 01"))
+        assert answers == ["03 02 00 01", "83 0b"]
+
+    through(config(backend(line.url, "1-2", "timeout = 0.5\ngap = 0.2")), act)
+    assert len(rounds) < 20
 
 
 def test_many_clients_read_and_write_at_once_and_each_gets_its_own_answers(

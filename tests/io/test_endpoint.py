@@ -9,7 +9,7 @@ from hypothesis import example, given, reject, strategies as st
 
 from barewire.errors import EncodeError
 from barewire.io.endpoint import CARRIERS, Endpoint, pairs, split, unquote
-from barewire.io.modbus.carriers import ModbusOptions
+from barewire.io.modbus.carriers import ModbusOptions, unit_options
 from tests.helpers import modest
 
 
@@ -65,6 +65,15 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
         ("tcp:///", "it names no port"),
         ("tcp://127.0.0.1?dead_after=-1", "dead_after -1: expected 0 or more"),
         ("tcp://127.0.0.1?unit=-1", "unit -1: expected 0..255"),
+        ("tcp://127.0.0.1?gap.7=soon", "gap.7='soon' is not a number of seconds"),
+        ("tcp://127.0.0.1?dead_after.7=-1", "dead_after.7 -1: expected 0 or more"),
+        ("tcp://127.0.0.1?gap.256=1", "'gap.256': expected gap.UNIT, a unit address in 0..255, such as gap.7"),
+        ("tcp://127.0.0.1?gap.=1", "'gap.': expected gap.UNIT"),
+        ("tcp://127.0.0.1?gap.07=1", "'gap.07': expected gap.UNIT"),
+        ("tcp://127.0.0.1?gpa.7=1", "unknown option 'gpa.7', expected dead_after.7, gap.7, longest_pause.7, timeout.7"),
+        ("tcp://127.0.0.1?gpa.7=1", "did you mean 'gap.7'?"),
+        ("tcp://127.0.0.1?retries.7=1", "unknown option 'retries.7', expected dead_after.7, gap.7"),
+        ("can://socketcan/can0?timeout.7=1", "unknown option 'timeout.7'"),
         ("tcp://127.0.0.1?idle=300?unit=5", "a second '?': options are joined with '&'"),
         ("tcp://127.0.0.1?idle=soon", "idle='soon' is not a number of seconds"),
         ("tcp://127.0.0.1?connections=0", "connections 0: expected 1 or more"),
@@ -134,6 +143,14 @@ def test_an_error_names_the_wrong_option(query: str) -> None:
 def test_the_keywords_for_type_checkers_are_the_options_of_all_carriers() -> None:
     options = frozenset().union(*(carrier.options for carrier in CARRIERS.values()))
     assert set(ModbusOptions.__annotations__) == options - {"unit", "timeout"}
+
+
+def test_a_unit_has_its_own_options_and_else_those_of_all_units() -> None:
+    endpoint = Endpoint.parse("rtu:///dev/x?timeout=0.5&gap=0.1&gap.7=0&dead_after.9=2&longest_pause.9=4")
+    assert endpoint.own_units == [7, 9]
+    assert unit_options(endpoint) == unit_options(endpoint, 1) == (0.5, 0.1, 0, 30.0)
+    assert unit_options(endpoint, 7) == (0.5, 0.0, 0, 30.0)
+    assert unit_options(endpoint, 9) == (0.5, 0.1, 2, 4.0)
 
 
 # The three parts of a URL, compared with `urllib`

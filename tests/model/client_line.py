@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 
 from barewire.errors import NoAnswer, PortError
+from barewire.io.modbus.carriers import UnitKeywords
 from barewire.modbus import ModbusException
 from tests.model.choices import Choices
 from tests.model.client_setups import OTHERS, OTHERS_SEND, TIMEOUT, Clients
@@ -65,7 +66,11 @@ class ClientLine(UnitsOnLine):
         self.sent_at = 0.0
         self.is_transmitting = False
         """Whether what is executed belongs to the units, and not to the client."""
-        self.longest_timeout = TIMEOUT
+        self.of_units: dict[int, UnitKeywords] = self.options.get("units", {})
+        """The options that units have for themselves."""
+        self.longest_timeout = max(TIMEOUT, *(of_unit.get("timeout", 0.0) for of_unit in self.of_units.values()), 0.0)
+        self._sent_to: dict[int, float] = {}
+        """When a request to each unit was sent."""
         self.failures = 0
         """How often the connection failed."""
         self.is_over = False
@@ -85,11 +90,19 @@ class ClientLine(UnitsOnLine):
         self.number = ask.number
         if not self.is_probe(data):
             self.longest_timeout = max(self.longest_timeout, ask.call.get("timeout", TIMEOUT))
+        unit, _, _ = self._decoded(data)
+        if not self.setup.numbered:
+            pause = self.now - self._sent_to.get(unit, -FOREVER)
+            assert pause >= self.gap(unit) - 1e-9, f"{self.choices.script}: unit {unit} is asked after {pause} s"
         self.latest = self.now + self.duration(data) + self.window - 1e-6
         self.is_transmitting = True
         super().transmit(data)
         self.is_transmitting = False
-        self.sent_at = self.now
+        self.sent_at = self._sent_to[unit] = self.now
+
+    def gap(self, unit: int) -> float:
+        """Return the pause that the client must make between two requests to a unit."""
+        return float(self.of_units.get(unit, {}).get("gap", self.options.get("gap", 0.0)))
 
     def deliver(self) -> bytes:
         """Return the next bytes that arrive."""
@@ -103,8 +116,9 @@ class ClientLine(UnitsOnLine):
         take, setup, left = self.choices.take, self.clients, list(numbers)
         calm = replace(setup.line, fates=(Fate.ARRIVES,), delays=(0.002,))
         dead = replace(calm, fates=(Fate.LOST,))
-        timeout = max(call.get("timeout", TIMEOUT) for call in setup.calls)
-        longest = self.options.get("late_window", 3 * timeout) + 4 * timeout + self.options.get("gap", 0.0) + 0.2
+        timeout = max(self.longest_timeout, *(call.get("timeout", TIMEOUT) for call in setup.calls), 0.0)
+        gap = max(self.gap(unit) for unit in (1, 2))  # before a probe, and before the request
+        longest = self.options.get("late_window", 3 * timeout) + 4 * timeout + 2 * gap + 0.2
         while left:
             stretch = take(setup.stretches)
             self.setup = {"trouble": setup.line, "dead": dead}.get(stretch, calm)

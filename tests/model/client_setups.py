@@ -73,7 +73,9 @@ OPTIONS: tuple[dict[str, Any], ...] = (
     {"retries": 2},
     {"retries": 1, "recovery": "wait"},
     {"gap": 0.05},
-    {"gaps": {1: 0.1}},
+    {"units": {1: {"gap": 0.1}}},
+    {"units": {1: {"timeout": 0.6, "gap": 0.02}, 2: {"timeout": 0.1, "dead_after": 1, "longest_pause": 2.0}}},
+    {"gap": 0.05, "dead_after": 1, "units": {1: {"gap": 0.0, "dead_after": 0}, 2: {"timeout": 0.05}}},
     {"dead_after": 2},
     {"dead_after": 1, "longest_pause": 4.0},
     {"reconnect_first": 0.01, "reconnect_longest": 0.02},
@@ -142,7 +144,8 @@ def every_option(name: str) -> Clients:
     setup = default_options(name)
     in_flight = (1, 2, 16) if setup.line.numbered else (1,)
     stretches: tuple[Stretch, ...] = (*setup.stretches, "dead")
-    return replace(setup, options=OPTIONS, calls=CALLS, in_flight=in_flight, stretches=stretches)
+    worlds: tuple[World, ...] = ("blocking", "asyncio", "gateway")
+    return replace(setup, worlds=worlds, options=OPTIONS, calls=CALLS, in_flight=in_flight, stretches=stretches)
 
 
 def errors_at_lines(name: str) -> Clients:

@@ -40,11 +40,12 @@ from unittest.mock import patch
 import barewire
 from barewire.errors import NoAnswer, PortError
 from barewire.gateway.backend import BackendOptions, ModbusBackend
-from barewire.gateway.dispatch import BUSY, NO_PATH, NO_RESPONSE, Exchange, Query, UnitOptions
+from barewire.gateway.dispatch import BUSY, NO_PATH, NO_RESPONSE, Exchange, Query, UnitConfig
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine import blocking
 from barewire.io.modbus import async_client, client as client_module
 from barewire.io.modbus.async_client import AsyncModbusClient, Lane
+from barewire.io.modbus.carriers import of_units, unit_options
 from barewire.io.modbus.client import ModbusClient
 from barewire.modbus import Caller, ModbusException, RawRequest
 from tests.model.choices import Choices
@@ -314,13 +315,16 @@ def _play_gateway(line: ClientLine, shares: list[Iterator[Step]]) -> AskingBacke
 
     async def play() -> AskingBackend:
         nonlocal backend
-        options = UnitOptions(timeout=TIMEOUT, dead_after=0)
+        endpoint = Endpoint.parse(
+            line.clients.carrier.url, {"timeout": TIMEOUT, **line.options, "units": None} | of_units(line.of_units)
+        )
         in_flight = line.choices.take(line.clients.in_flight)
         backend = AskingBackend(
             "line",
-            Endpoint.parse(line.clients.carrier.url, {"timeout": TIMEOUT}),
+            endpoint,
             BackendOptions(in_flight=in_flight),
-            default=options,
+            {unit: UnitConfig(unit_options(endpoint, unit)) for unit in line.of_units},
+            UnitConfig(unit_options(endpoint)),
             patience=1000.0,
             jitter=line.jitter,
         )

@@ -29,7 +29,7 @@ CHECKED_ELSEWHERE = {
     "canopen/sdo/client.py: 1 <= server <= SERVERS_MAX": "refuses an argument: tests/canopen/sdo/test_access.py",
     "canopen/sdo/channel.py: now >= self.give_up": "never silent: tests/canopen/sdo/test_client.py",
     "canopen/sdo/channel.py: heard.now >= self.late": "without a frame a wait ends no earlier",
-    "modbus/client/line_state.py: min(unit_state.silent": "days of silence: tests/modbus/client/test_line_state.py",
+    "modbus/client/line_state.py: min(self.silent": "days of silence: tests/modbus/client/test_line_state.py",
     "tcp/frame.py: 1 <= size <= PDU_LIMIT": "a request is never longer: tests/tcp/test_frame.py",
 }
 """The beginning of the bounds that no run can cross, or none needs to."""

@@ -9,9 +9,10 @@ from itertools import product
 import pytest
 
 from barewire.conversation import Conversation
+from barewire.io.endpoint import UNIT_OPTIONS
 from barewire.io.modbus import async_client, client as client_module
-from barewire.io.modbus.carriers import ModbusOptions
-from barewire.modbus import Adu, Bus, EchoLine, Noise
+from barewire.io.modbus.carriers import ModbusOptions, UnitKeywords
+from barewire.modbus import Adu, Bus, EchoLine, Noise, UnitOptions
 from barewire.modbus.client import bus
 from barewire.rtu import RtuLine
 from tests.helpers import part_or_whole
@@ -95,7 +96,10 @@ def test_every_option_of_a_client_is_played() -> None:
         for option in carrier.url.partition("?")[2].split("&")
     }
     played = {name for options in OPTIONS for name in options} | in_urls - {""}
-    assert played - {"gaps"} == set(ModbusOptions.__annotations__) - NOT_PLAYED
+    assert played - {"units"} == set(ModbusOptions.__annotations__) - NOT_PLAYED
+    of_units = [given for options in OPTIONS for given in options.get("units", {}).values()]
+    assert {name for given in of_units for name in given} == set(UNIT_OPTIONS) == set(UnitOptions._fields)
+    assert set(UnitKeywords.__annotations__) == set(UNIT_OPTIONS)
 
 
 @pytest.mark.parametrize("world", ["blocking", "asyncio"])

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from barewire.errors import NoAnswer, PortError
-from barewire.gateway.dispatch import NO_PATH, NO_RESPONSE, Dispatcher, Exchange, Query, UnitOptions, UnitRecord
+from barewire.gateway.dispatch import NO_PATH, NO_RESPONSE, Dispatcher, Exchange, Query, UnitConfig, UnitRecord
 from barewire.io.engine.callbacks import CallbackBox
 from barewire.io.engine.connections import random_fraction
 from barewire.io.log import PortLog
@@ -102,8 +102,8 @@ class Backend(ABC):
         name: str,
         endpoint: Endpoint,
         options: BackendOptions | None = None,
-        units: Mapping[int, UnitOptions] | None = None,
-        default: UnitOptions | None = None,
+        units: Mapping[int, UnitConfig] | None = None,
+        default: UnitConfig | None = None,
         *,
         capacity: int = 1024,
         patience: float = 10.0,
@@ -237,7 +237,12 @@ class Backend(ABC):
             self._alarm.cancel()
             self._alarm = None
         if self.dispatcher.wake is not None and self.dispatcher.has_work:
-            self._alarm = self._loop.call_at(self.dispatcher.wake, self._go_on)
+            self._alarm = self._loop.call_at(self.dispatcher.wake, self._ring)
+
+    def _ring(self) -> None:
+        """Go on, because the pause of a unit is over. If nothing can be sent now, what ends next goes on."""
+        self._alarm = self.dispatcher.wake = None
+        self._go_on()
 
     async def _connect(self) -> None:
         code = FAILED
@@ -338,9 +343,13 @@ class ModbusBackend(Backend):
 
     def __init__(self, *arguments: Any, jitter: Callable[[], float] = random_fraction, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self.connection = _Connection(
-            self.endpoint, self.options.in_flight, jitter, bus_options(self.endpoint), watch=None
-        )
+        # The bus keeps the pauses too, between a probe and a request; dead units are asked by the dispatcher alone.
+        default, units = self.dispatcher.default.asking, self.dispatcher.configs
+        asking = bus_options(self.endpoint) | {
+            "options": default._replace(dead_after=0),
+            "units": {unit: config.asking._replace(dead_after=0) for unit, config in units.items()},
+        }
+        self.connection = _Connection(self.endpoint, self.options.in_flight, jitter, asking, watch=None)
         self._free = list(self.connection.lanes)
         self.has_broadcasts = not self.connection.lanes[0].bus.line.numbered
         self._opened_at = self._used_at = 0.0

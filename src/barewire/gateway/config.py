@@ -21,10 +21,10 @@ from barewire.devices.description.load import load
 from barewire.devices.device import Device, suggest
 from barewire.errors import BarewireError, EncodeError, PortError, shown
 from barewire.gateway.backend import BackendOptions
-from barewire.gateway.dispatch import UnitOptions
+from barewire.gateway.dispatch import ASKING, UnitConfig
 from barewire.gateway.policy import AccessRule, Policy
-from barewire.io.endpoint import Endpoint
-from barewire.io.modbus.carriers import modbus_endpoint, modbus_line
+from barewire.io.endpoint import UNIT_OPTIONS, Endpoint, split_name
+from barewire.io.modbus.carriers import modbus_endpoint, modbus_line, unit_options
 from barewire.modbus.server.authorization import Permission
 
 if TYPE_CHECKING:
@@ -42,10 +42,12 @@ class Option(NamedTuple):
 
 
 _OF_UNITS = (
-    Option("timeout", "seconds", 1.0, "how long a response may take"),
-    Option("gap", "seconds", 0.0, "the pause between two requests to the same unit"),
-    Option("dead_after", "number", 2, "requests in a row without a response after which a unit is dead; 0: never"),
-    Option("longest_pause", "seconds", 30.0, "the longest time for which a dead unit is not asked"),
+    Option("timeout", "seconds", ASKING.timeout, "how long a response may take"),
+    Option("gap", "seconds", ASKING.gap, "the pause between two requests to the same unit"),
+    Option(
+        "dead_after", "number", ASKING.dead_after, "requests in a row without a response that make it dead; 0: never"
+    ),
+    Option("longest_pause", "seconds", ASKING.longest_pause, "the longest time for which a dead unit is not asked"),
     Option("cache", "seconds", 0.0, "how long a response also answers identical reads"),
     Option("merge", "number", None, "join adjacent reads; a joined one may read this many values that none asked for"),
 )
@@ -144,8 +146,8 @@ class BackendConfig:
     endpoint: Endpoint
     units: Mapping[int, int]
     options: BackendOptions
-    default: UnitOptions
-    of_units: Mapping[int, UnitOptions]
+    default: UnitConfig
+    of_units: Mapping[int, UnitConfig]
     """By the address on the line."""
     broadcast: bool
     queue: int
@@ -427,9 +429,10 @@ class _Reader:
             if values[name] == 0:
                 self._fault((*path, name), f"{name} = 0: expected more than 0")
         units = {number: number for span in values["units"] or () for number in span}
-        options: dict[int, UnitOptions] = {}
+        # The tables say what the URL may say too: gap of a backend is gap there, that of its unit 5 is gap.5.
+        asking = {name: str(values[name]) for name in UNIT_OPTIONS if name in row}
+        reading: dict[int, tuple[float, int | None]] = {}
         devices: dict[int, Device] = {}
-        own = {option.name: values[option.name] for option in _OF_UNITS}
         for key, table in of_units.items():
             place = (*path, "unit", key)
             if not key.isdecimal() or int(key) not in units:
@@ -442,7 +445,9 @@ class _Reader:
             units[int(key)] = address
             if of_unit["timeout"] == 0:
                 self._fault((*place, "timeout"), "timeout = 0: expected more than 0")
-            options[address] = UnitOptions(**{name: of_unit[name] if name in table else own[name] for name in own})
+            asking |= {f"{name}.{address}": str(of_unit[name]) for name in UNIT_OPTIONS if name in table}
+            cache, merge = (of_unit[name] if name in table else values[name] for name in ("cache", "merge"))
+            reading[address] = cache, merge
             device = self._device(endpoint, of_unit, table, place)
             if device is not None:
                 devices[int(key)] = device
@@ -450,19 +455,29 @@ class _Reader:
             return None
         if is_can and any(not 1 <= node <= 127 for node in units.values()):
             self._fault((*path, "units"), "a node-ID is 1 to 127: give the units others with [backend.unit.N] as = ...")
+        if any(unit not in units.values() for unit in endpoint.own_units):
+            self._fault((*path, "url"), "the URL has an option of a unit that is not in units")
+        if any(not endpoint.seconds(key, 0.0) for key in endpoint.options if split_name(key)[0] == "timeout"):
+            self._fault((*path, "url"), "timeout=0: expected more than 0")
         if not 1 <= values["in_flight"] <= (16 if endpoint.framing == "tcp" else 1):
             expected = "1 to 16 requests" if endpoint.framing == "tcp" else "1: a serial line has one at a time"
             self._fault((*path, "in_flight"), f"in_flight = {values['in_flight']}: expected {expected}")
         if values["broadcast"] and endpoint.framing not in ("rtu", "ascii"):
             self._fault((*path, "broadcast"), "broadcast: only a serial line has broadcasts")
+        asked = endpoint._replace(options={**endpoint.options, **asking})
+
+        def unit_config(unit: int | None) -> UnitConfig:
+            cache, merge = reading[unit] if unit in reading else (values["cache"], values["merge"])
+            return UnitConfig(unit_options(asked, unit, ASKING), cache, merge)
+
         names = ("in_flight", "settle", "idle", "lifetime", "turnaround")
         return BackendConfig(
             name=values["name"],
             endpoint=endpoint,
             units=units,
             options=BackendOptions(**{name: values[name] for name in names}),
-            default=UnitOptions(**own),
-            of_units=options,
+            default=unit_config(None),
+            of_units={unit: unit_config(unit) for unit in {*reading, *asked.own_units}},
             broadcast=values["broadcast"],
             queue=values["queue"],
             patience=values["patience"],

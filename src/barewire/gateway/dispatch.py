@@ -27,12 +27,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
 from typing import NamedTuple
 
 from barewire.codecs import pack_bits, unpack_bits
 from barewire.modbus.adu import BROADCAST
+from barewire.modbus.client.line_state import UnitOptions, UnitState
 from barewire.modbus.messages.coils import READ_COILS_LIMIT, ReadCoils
 from barewire.modbus.messages.raw import RawRequest
 from barewire.modbus.messages.registers import READ_REGISTERS_LIMIT, ReadHoldingRegisters
@@ -51,23 +52,21 @@ _CACHED = 256
 """The most responses of a unit that are kept."""
 
 
-@dataclass(frozen=True, slots=True)
-class UnitOptions:
-    """How a unit is asked. Times are in seconds.
+ASKING = UnitOptions(dead_after=2)
+"""How a unit is asked by default."""
 
-    timeout          how long its response may take
-    gap              the pause between two exchanges with it
-    dead_after       the requests in a row without a response after which it is dead; 0 for never
-    longest_pause    the longest time for which a dead unit is not asked
-    cache            how long a response answers identical reads
-    merge            how many values that none asked for a merged read may contain between two that were; None: reads
-                     are not merged
+
+@dataclass(frozen=True, slots=True)
+class UnitConfig:
+    """How the queries to a unit are carried out.
+
+    asking    how the unit is asked, as by every client
+    cache     how long, in seconds, a response answers identical reads
+    merge     how many values that none asked for a merged read may contain between two that were; None: reads are not
+              merged
     """
 
-    timeout: float = 1.0
-    gap: float = 0.0
-    dead_after: int = 2
-    longest_pause: float = 30.0
+    asking: UnitOptions = ASKING
     cache: float = 0.0
     merge: int | None = None
 
@@ -181,28 +180,21 @@ _COUNTERS = {BUSY: "busy", NO_PATH: "without_path", NO_RESPONSE: "unanswered"}
 """The counter of queries that are declined with a code; `failed` for any other."""
 
 
-@dataclass(slots=True)
-class UnitRecord:
-    """What the dispatcher remembers of one unit."""
+class UnitRecord(UnitState):
+    """What the dispatcher remembers of one unit, besides what every client does."""
 
-    number: int
-    options: UnitOptions
-    counters: UnitCounters = field(default_factory=UnitCounters)
-    free_at: float = -inf
-    under_way: int = 0
-    silent: int = 0
-    """Requests in a row without a response."""
-    dead_until: float = -inf
-    epoch: int = 0
-    """How many writes were submitted or ended. A read joins only a read of the same epoch."""
-    joinable: dict[bytes, Query] = field(default_factory=dict)
-    cached: dict[bytes, tuple[float, bytes]] = field(default_factory=dict)
-    mergeable: dict[Query, _Span] = field(default_factory=dict)
-    """The reads that wait and may become part of a merged one."""
-
-    @property
-    def is_dead(self) -> bool:
-        return 0 < self.options.dead_after <= self.silent
+    def __init__(self, number: int, config: UnitConfig) -> None:
+        super().__init__(config.asking)
+        self.number = number
+        self.config = config
+        self.counters = UnitCounters()
+        self.under_way = 0
+        self.epoch = 0
+        """How many writes were submitted or ended. A read joins only a read of the same epoch."""
+        self.joinable: dict[bytes, Query] = {}
+        self.cached: dict[bytes, tuple[float, bytes]] = {}
+        self.mergeable: dict[Query, _Span] = {}
+        """The reads that wait and may become part of a merged one."""
 
     def decline(self, query: Query, code: int) -> None:
         """Answer a query with an exception code of the gateway."""
@@ -265,22 +257,22 @@ class _ClientQueue:
 class Dispatcher:
     """The queue of one bus.
 
-    options      of each unit
-    default      of all other units
+    units        how each unit is asked
+    default      how all others are
     capacity     the most queries that wait; beyond it the client with the most waiting queries gets 06
     patience     seconds after which a query that still waits gets 06: its client has probably given up
     """
 
     def __init__(
         self,
-        options: Mapping[int, UnitOptions] | None = None,
+        units: Mapping[int, UnitConfig] | None = None,
         *,
-        default: UnitOptions | None = None,
+        default: UnitConfig | None = None,
         capacity: int = 1024,
         patience: float = 10.0,
     ) -> None:
-        self._options = {} if options is None else options
-        self._default = UnitOptions() if default is None else default
+        self.configs = {} if units is None else units
+        self.default = UnitConfig() if default is None else default
         self._capacity = capacity
         self._patience = patience
         self._units: dict[int, UnitRecord] = {}
@@ -318,7 +310,7 @@ class Dispatcher:
         """Return the state of a unit."""
         state = self._units.get(number)
         if state is None:
-            state = self._units[number] = UnitRecord(number, self._options.get(number, self._default))
+            state = self._units[number] = UnitRecord(number, self.configs.get(number, self.default))
         return state
 
     # A query arrives
@@ -400,7 +392,7 @@ class Dispatcher:
         if query.request.writes:
             return
         state.joinable.setdefault(query.request.pdu, query)
-        if state.options.merge is not None and not query.must_be_alone and (span := _span(query.request)) is not None:
+        if state.config.merge is not None and not query.must_be_alone and (span := _span(query.request)) is not None:
             state.mergeable[query] = span
 
     def _leave_queue(self, query: Query) -> None:
@@ -497,13 +489,13 @@ class Dispatcher:
         state.under_way += 1
         state.counters.requests += 1
         queries, request = [query], query.request
-        if state.options.merge is not None and not query.must_be_alone and (span := _span(request)) is not None:
+        if state.config.merge is not None and not query.must_be_alone and (span := _span(request)) is not None:
             queries, request = self._merged(query, span, state)
         return Exchange(query.unit, request, state.options.timeout, queries, state.epoch, now)
 
     def _merged(self, query: Query, span: _Span, state: UnitRecord) -> tuple[list[Query], RawRequest]:
         """Add waiting reads to a read, as long as they are near and all fit one response."""
-        merge = state.options.merge or 0
+        merge = state.config.merge or 0
         limit = READ_COILS_LIMIT if span.function in (0x01, 0x02) else READ_REGISTERS_LIMIT
         queries = [query]
         near = sorted(
@@ -543,7 +535,7 @@ class Dispatcher:
         self._busy += now - exchange.started
         if self._tried in exchange.queries:
             self._tried = None
-        state.free_at = now + state.options.gap
+        state.free_at = now + state.gap
         for query in exchange.queries:
             self._end(query)
         if isinstance(response, int):
@@ -589,15 +581,13 @@ class Dispatcher:
 
     def _was_silent(self, state: UnitRecord, now: float, took: float) -> None:
         """Count a request without a response, which took so long."""
-        state.silent += 1
+        state.was_silent(now)
         if not state.is_dead:
             return
         if state.silent == state.options.dead_after and self.on_death_or_return is not None:
             self.on_death_or_return(state)
         self._next_trial = now + _TRIAL_SHARE * took
         self._busy, self._busy_since = 0.0, now
-        failed_trials = min(state.silent - state.options.dead_after, 16)
-        state.dead_until = now + min(2.0**failed_trials, state.options.longest_pause)
         waiting = [query for queue in self._waiting.values() for query in queue.all() if query.unit == state.number]
         for query in waiting:
             self._leave_queue(query)
@@ -619,11 +609,11 @@ class Dispatcher:
 
     def _keep(self, state: UnitRecord, exchange: Exchange, query: Query, pdu: bytes, now: float) -> None:
         """Keep a response for identical reads, unless a write has gone out since the read did."""
-        if not state.options.cache or query.request.writes or pdu[0] & 0x80 or exchange.epoch != state.epoch:
+        if not state.config.cache or query.request.writes or pdu[0] & 0x80 or exchange.epoch != state.epoch:
             return
         if len(state.cached) >= _CACHED:
             state.cached.clear()
-        state.cached[query.request.pdu] = (now + state.options.cache, pdu)
+        state.cached[query.request.pdu] = (now + state.config.cache, pdu)
 
 
 def _part(response: bytes, whole: _Span, part: _Span) -> bytes:

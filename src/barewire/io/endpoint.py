@@ -14,8 +14,9 @@ scheme          option           default           meaning
 all Modbus      unit             device's own, 1   address of the unit, 0..255
                 timeout          1                 seconds that a request waits for its response
                 gap              0                 seconds between two exchanges with a unit
-                dead_after       never             unanswered requests after which a unit is not asked for a while,
+                dead_after       0: never          unanswered requests after which a unit is not asked for a while,
                 longest_pause    30                which doubles up to so many seconds
+                gap.7, ...       as gap, ...       one of these four for unit 7 alone
                 late_window      3 time-outs       seconds in which a late answer is expected
                 recovery         probe             after an unanswered request: probe the unit, or wait late_window
                 retries          0                 how often a read without a response is repeated; a write never is
@@ -73,8 +74,10 @@ LATENCIES = {"uart": 0.005, "usb": 0.030, "tunnel": 0.200}
 """The longest pause, in seconds, that is tolerated inside an RTU frame, by the hardware that carries the bytes. The
 FIFO of a UART and the scheduler delay bytes for milliseconds, USB adapters for twice 16 ms, a network without limit."""
 
+UNIT_OPTIONS = ("timeout", "gap", "dead_after", "longest_pause")
+"""The options that a single unit may have for itself, such as gap.7; see `UnitOptions` of `barewire.modbus`."""
 _PAUSES = frozenset({"reconnect_first", "reconnect_longest"})
-_ALL = _PAUSES | {"unit", "timeout", "gap", "dead_after", "longest_pause", "late_window", "recovery", "retries"}
+_ALL = _PAUSES | {*UNIT_OPTIONS, "unit", "late_window", "recovery", "retries"}
 _TCP = _ALL | {"any_unit", "any_transaction", "connections", "idle"}
 _TLS = _TCP | {"cert", "key", "ca", "server_name", "roles", "client_cert"}
 _UDP = _ALL | {"any_unit", "any_transaction"}
@@ -85,7 +88,7 @@ CAN_OPTIONS = _PAUSES | {"node", "timeout", "bitrate", "dialect"}
 """The options of a can endpoint, besides those of its interface."""
 _OF_SERVERS = frozenset({"connections", "idle", "roles", "client_cert"})
 _KEYWORDS = (
-    "gaps",
+    "units",
     "in_flight",
     "lazy",
     "set_direction",
@@ -210,6 +213,28 @@ def unknown_option(
     return _error(url, f"unknown option {shown(key)}, expected {expected}{further}{hint}", key)
 
 
+def split_name(key: str) -> tuple[str, str | None]:
+    """Return the name of an option and the unit that has it for itself, None for all units.
+
+    >>> split_name("gap.7"), split_name("gap")
+    (('gap', '7'), ('gap', None))
+    """
+    name, dot, unit = key.partition(".")
+    return name, unit if dot else None
+
+
+def _check_name(url: str, key: str, known: Collection[str], keywords: Collection[str]) -> None:
+    """Raise EncodeError for an option that the scheme does not have, or that a unit does not have for itself."""
+    name, unit = split_name(key)
+    if unit is None and name not in known:
+        raise unknown_option(url, key, known, keywords)
+    if unit is not None and name not in UNIT_OPTIONS:
+        forms = [f"{option}.{unit}" for option in sorted(UNIT_OPTIONS)]
+        raise unknown_option(url, key, forms)
+    if unit is not None and not (unit.isdecimal() and str(int(unit[:9])) == unit and int(unit) <= 255):
+        raise _error(url, f"{shown(key)}: expected {name}.UNIT, a unit address in 0..255, such as {name}.7", key)
+
+
 def _merged(url: str, scheme: str, in_url: list[tuple[str, str]], options: Mapping[str, object]) -> dict[str, str]:
     """Return the options of a URL, overridden by `options`. Raise EncodeError for one that the scheme does not have."""
     merged = dict(in_url)
@@ -219,8 +244,10 @@ def _merged(url: str, scheme: str, in_url: list[tuple[str, str]], options: Mappi
     if scheme in CARRIERS:
         known = CARRIERS[scheme].options
         for key in (*merged, *given):
-            if key not in known:
-                raise unknown_option(url, key, known, _KEYWORDS if key in given else ())
+            _check_name(url, key, known, _KEYWORDS if key in given else ())
+    for key in merged:
+        if scheme == "can" and split_name(key)[1] is not None:
+            raise unknown_option(url, key, CAN_OPTIONS, (), ", and those of the interface")
     for key, value in given.items():
         if scheme == "can" and key not in CAN_OPTIONS and not isinstance(value, (str, PathLike, int, float)):
             raise unknown_option(url, key, CAN_OPTIONS, _KEYWORDS, ", and those of the interface")
@@ -294,12 +321,13 @@ class Endpoint(NamedTuple):
 
     def _check(self, key: str) -> None:
         """Raise EncodeError for a wrong value, before the option is used."""
-        if key in _INTEGERS:
-            _ = self.integer(key, 1)
+        name, _ = split_name(key)
+        if name in _INTEGERS:
+            self.integer(key, 1)
         elif key in _CHOICES:
-            _ = self.choice(key, "")
-        elif key in _SECONDS and not (key == "patience" and self.framing == "rtu" and self.options[key] == "strict"):
-            _ = self.seconds(key, 0.0)
+            self.choice(key, "")
+        elif name in _SECONDS and not (key == "patience" and self.framing == "rtu" and self.options[key] == "strict"):
+            self.seconds(key, 0.0)
         elif key == "server_name" and not (self.options[key] and can_be_host(self.options[key])):
             raise _error(str(self), f"{key}={shown(self.options[key])}: expected a name or address", key)
 
@@ -336,6 +364,11 @@ class Endpoint(NamedTuple):
     def timeout(self) -> float:
         """Seconds that a request waits for its response."""
         return self.seconds("timeout", DEFAULT_TIMEOUT)
+
+    @property
+    def own_units(self) -> list[int]:
+        """The units that have options for themselves."""
+        return sorted({int(unit) for _, unit in map(split_name, self.options) if unit is not None})
 
     @property
     def pauses(self) -> tuple[float, float]:
@@ -390,7 +423,7 @@ class Endpoint(NamedTuple):
         """Return an option that is a whole number."""
         if (text := self.options.get(key)) is None:
             return default
-        smallest, largest = _INTEGERS.get(key, (None, None))
+        smallest, largest = _INTEGERS.get(split_name(key)[0], (None, None))
         try:
             number = int(text, 0)
         except ValueError:

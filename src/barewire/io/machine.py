@@ -143,8 +143,12 @@ class AsyncMachineClient(AsyncNamedValues):
                 )
             client = AsyncModbusClient(url, **options) if shared is None else shared
             if shared is not None:
+                from barewire.io.modbus.carriers import unit_options
+
                 assert device.modbus is not None, "`_is_canopen` has checked it"
-                client = client.at(unit=endpoint.integer("unit", device.modbus.unit), timeout=endpoint.timeout)
+                unit = endpoint.integer("unit", device.modbus.unit)
+                options_of_unit = client.bus.state.units.own[unit] = unit_options(endpoint, unit)
+                client = client.at(unit=unit, timeout=options_of_unit.timeout)
             self.client = client
             self._access = _AsyncModbusValues(client, device)
 

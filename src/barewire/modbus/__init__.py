@@ -26,7 +26,11 @@ if TYPE_CHECKING:
     from barewire.modbus.adu import BROADCAST as BROADCAST, PDU_LIMIT as PDU_LIMIT, Adu as Adu, Noise as Noise
     from barewire.modbus.client.bus import Bus as Bus
     from barewire.modbus.client.fair_queue import FairQueue as FairQueue, Ticket as Ticket
-    from barewire.modbus.client.line_state import LateReply as LateReply, WriteOutcomeUnknown as WriteOutcomeUnknown
+    from barewire.modbus.client.line_state import (
+        LateReply as LateReply,
+        UnitOptions as UnitOptions,
+        WriteOutcomeUnknown as WriteOutcomeUnknown,
+    )
     from barewire.modbus.client.read_identification import (
         DeviceIdentification as DeviceIdentification,
         read_device_identification as read_device_identification,
@@ -73,7 +77,7 @@ __getattr__, __dir__, __all__ = lazy(
         "messages": " ".join(_MESSAGES),
         "messages.registry": "decode_request decode_response register",
         "client.bus": "Bus",
-        "client.line_state": "LateReply WriteOutcomeUnknown",
+        "client.line_state": "LateReply UnitOptions WriteOutcomeUnknown",
         "client.fair_queue": "FairQueue Ticket",
         "client.read_identification": "DeviceIdentification read_device_identification",
         "server.server": "AnyUnit Caller Delayed LaterResponse PduUnit Reply Server ServerStatistics Unit",

@@ -25,6 +25,7 @@ from barewire.modbus import (
     Request,
     Server,
     Table,
+    UnitOptions,
     WriteSingleRegister,
 )
 from barewire.modbus.echo import EchoLine
@@ -65,6 +66,7 @@ LINES: dict[str, Callable[[], Line]] = {
     "rtu, with echo": lambda: EchoLine(RtuLine(TIMING), echoes=None),
     "rtu+tcp": lambda: RtuLine(Timing(0.0, 0.0, 0.0)),
 }
+OPTIONS = UnitOptions(), UnitOptions(dead_after=2), UnitOptions(gap=0.5)
 PAUSE = st.sampled_from([0.0, 0.25, 0.5, 1.0])
 REQUEST = st.tuples(st.sampled_from(REQUESTS), st.integers(1, 2), st.sampled_from([0.0, 1.0, 1.0, 1.0]))
 SENDING = st.sampled_from(["out", "out", "out", "out", "out", "out", "fails", "is interrupted"])
@@ -214,7 +216,9 @@ def visible_state(ask: Ask, bus: Bus, port: FaultyPort, arguments: tuple[Request
 
 
 @pytest.mark.parametrize("fast", [blocking, with_await])
-@pytest.mark.parametrize("options", [{}, {"dead_after": 2}, {"gap": 0.5}, {"gaps": {2: 0.5}}], ids=str)
+@pytest.mark.parametrize(
+    "options", [*({"options": options} for options in OPTIONS), {"units": {2: OPTIONS[2]}}], ids=str
+)
 @pytest.mark.parametrize("kind", LINES)
 @modest
 @given(steps=st.lists(STEP, min_size=2, max_size=6))

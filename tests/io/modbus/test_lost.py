@@ -12,7 +12,7 @@ import pytest
 from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusServer
 from barewire.conversation import Wire
 from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
-from barewire.modbus import Bus, ReadHoldingRegisters, Table
+from barewire.modbus import Bus, ReadHoldingRegisters, Table, UnitOptions
 from barewire.rtu import RtuLine, Timing
 from tests.certificates import authority, leaf
 from tests.helpers import free_port
@@ -127,8 +127,8 @@ def test_settings_that_cannot_be_used_are_refused(url: str, text: str) -> None:
 @pytest.mark.parametrize(
     ("options", "pauses"), [({}, [1, 2, 4, 8, 16, 30, 30]), ({"longest_pause": 3.0}, [1, 2, 3, 3])]
 )
-def test_the_pause_of_a_dead_unit_doubles_up_to_the_longest(options: dict[str, float], pauses: list[float]) -> None:
-    bus = Bus(RtuLine(Timing.of(19200)), dead_after=1, **options)  # type: ignore[arg-type]
+def test_the_pause_of_a_dead_unit_doubles_up_to_the_longest(options: dict[str, Any], pauses: list[float]) -> None:
+    bus = Bus(RtuLine(Timing.of(19200)), options=UnitOptions(dead_after=1, **options))
     wire: Any = Wire(lambda data, now: [])
     for pause in pauses:
         with pytest.raises(NoAnswer):

@@ -20,7 +20,7 @@ from barewire.modbus import (
     WriteSingleRegister,
 )
 from barewire.modbus.client.bus import Bus
-from barewire.modbus.client.line_state import PendingAnswer
+from barewire.modbus.client.line_state import PendingAnswer, UnitOptions
 from barewire.rtu import RtuLine, encode as rtu_frame
 from barewire.tcp import TcpLine, encode as tcp_frame
 from tests.helpers import modest
@@ -204,7 +204,7 @@ def test_a_request_abandoned_while_being_sent_leaves_a_pending_answer() -> None:
 
 
 def test_the_gap_of_a_unit_is_kept_between_two_requests() -> None:
-    bus = rtu_bus(gaps={1: 0.5})
+    bus = rtu_bus(units={1: UnitOptions(gap=0.5)})
     clock = Clock(Slow([]))
     clock.play(read(bus, 1))
     before = clock.now
@@ -213,7 +213,7 @@ def test_the_gap_of_a_unit_is_kept_between_two_requests() -> None:
 
 
 def test_a_dead_unit_is_asked_at_growing_intervals() -> None:
-    bus = rtu_bus(dead_after=2, recovery="wait", late_window=0.0)
+    bus = rtu_bus(options=UnitOptions(dead_after=2), recovery="wait", late_window=0.0)
     slow = Slow([None] * 20)
     clock = Clock(slow)
     for _ in range(2):

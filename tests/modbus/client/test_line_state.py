@@ -20,6 +20,8 @@ from barewire.modbus.client.line_state import (
     LateReply,
     LineState,
     PendingAnswer,
+    UnitOptions,
+    Units,
     no_answer,
     note_stray,
 )
@@ -28,9 +30,9 @@ from tests.helpers import unhex
 READ, INPUT, WRITE = ReadHoldingRegisters(10, 1), ReadInputRegisters(10, 1), WriteSingleRegister(1, 2)
 
 
-def state_of(*pending: tuple[int, Any], any_unit: bool = False, **options: Any) -> LineState:
+def state_of(*pending: tuple[int, Any], any_unit: bool = False, own: Any = None, **options: Any) -> LineState:
     """Return a state with these pending answers; the time of the first is over at 10.0, of the next at 11.0, ..."""
-    state = LineState(**{"gap": 0.0, "gaps": None, "dead_after": None} | options, any_unit=any_unit)
+    state = LineState(Units(UnitOptions(**options), own or {}), any_unit=any_unit)
     for place, (unit, request) in enumerate(pending):
         state.pending.append(PendingAnswer(unit, request, 10.0 + place))
     return state
@@ -150,7 +152,7 @@ def test_an_answer_settles_its_unit_and_restarts_the_count_of_unanswered_request
     unit = state.units[1]
     assert not unit.settled
     for _ in range(2):
-        state.timed_out(unit, 1.0)
+        unit.was_silent(1.0)
         assert unit.dead_until == NEVER
         state.answered(1, 2.0)
         assert (unit.silent, unit.settled, left(state)) == (0, True, [(2, 3)])
@@ -162,7 +164,7 @@ def test_a_dead_unit_is_asked_after_1_2_4_8_16_and_then_every_30_seconds() -> No
     unit = state.units[1]
     pauses = []
     for _ in range(9):
-        state.timed_out(unit, 100.0)
+        unit.was_silent(100.0)
         pauses.append(unit.dead_until - 100.0)
     assert pauses == [NEVER, NEVER, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0]
     state.answered(1, 200.0)
@@ -173,32 +175,29 @@ def test_a_unit_that_is_dead_for_days_is_asked_every_30_seconds() -> None:
     state = state_of(dead_after=3)
     unit = state.units[1]
     for _ in range(10_000):  # 2.0**10000 would be no number
-        state.timed_out(unit, 100.0)
+        unit.was_silent(100.0)
     assert unit.dead_until == 130.0
 
 
 def test_without_dead_after_no_unit_is_dead() -> None:
     state = state_of()
     for _ in range(99):
-        state.timed_out(state.units[1], 1.0)
+        state.units[1].was_silent(1.0)
     assert (state.units[1].silent, state.units[1].dead_until) == (99, NEVER)
 
 
 @pytest.mark.parametrize(
-    ("gap", "gaps", "free"),
+    ("gap", "own", "free"),
     [
         (0.0, None, [NEVER, NEVER]),
         (0.5, None, [2.5, 2.5]),
-        (0.0, {1: 0.25}, [2.25, NEVER]),
-        (0.5, {1: 0.25}, [2.25, 2.5]),
-        (0.5, {1: 0.0}, [NEVER, 2.5]),
+        (0.0, 0.25, [2.25, NEVER]),
+        (0.5, 0.25, [2.25, 2.5]),
+        (0.5, 0.0, [NEVER, 2.5]),
     ],
 )
-def test_the_pause_of_a_unit_begins_with_its_answer(
-    gap: float, gaps: dict[int, float] | None, free: list[float]
-) -> None:
-    state = state_of(gap=gap, gaps=gaps)
-    assert state.has_gaps is bool(gap or gaps)
+def test_the_pause_of_a_unit_begins_with_its_answer(gap: float, own: float | None, free: list[float]) -> None:
+    state = state_of(gap=gap, own={} if own is None else {1: UnitOptions(gap=own)})
     for unit in (1, 2):
         state.answered(unit, 2.0)
     assert [state.units[unit].free_at for unit in (1, 2)] == free

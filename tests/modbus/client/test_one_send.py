@@ -9,7 +9,14 @@ import pytest
 
 from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Heard, Listen, play
 from barewire.errors import NoAnswer
-from barewire.modbus import Bus, ReadHoldingRegisters, Request, WriteOutcomeUnknown, WriteSingleRegister
+from barewire.modbus import (
+    Bus,
+    ReadHoldingRegisters,
+    Request,
+    UnitOptions,
+    WriteOutcomeUnknown,
+    WriteSingleRegister,
+)
 from barewire.rtu import RtuLine, Timing, encode as rtu_encode
 from barewire.tcp import TcpLine, encode
 from tests.helpers import answering
@@ -44,11 +51,15 @@ def test_a_request_to_a_known_unit_is_sent_at_once_and_counted() -> None:
     assert (bus.counters.asked, bus.counters.answered) == (3, 1)
 
 
-def test_a_unit_that_was_never_asked_and_a_bus_with_gaps_need_the_conversation() -> None:
+def test_a_unit_that_was_never_asked_needs_the_conversation() -> None:
     assert begin(known(Bus(TcpLine())), 2) is None
-    for bus in (Bus(TcpLine(), gap=0.1), Bus(TcpLine(), gaps={2: 0.1})):
-        assert begin(known(bus)) is None
-        assert bus.counters.asked == 1
+
+
+def test_a_unit_that_needs_a_pause_needs_the_conversation_and_others_do_not() -> None:
+    bus = known(known(Bus(TcpLine(), units={2: UnitOptions(gap=0.5)})), 2)
+    assert begin(bus, 2) is None
+    assert bus.counters.asked == 2
+    assert begin(bus, 1) is not None
 
 
 def test_a_line_without_numbers_needs_the_conversation_while_an_answer_is_pending() -> None:
@@ -102,7 +113,7 @@ def test_an_answer_without_a_number_is_pending_before_its_request_is_sent() -> N
 
 
 def test_a_dead_unit_needs_the_conversation_until_it_answers() -> None:
-    bus = known(Bus(TcpLine(), dead_after=1))
+    bus = known(Bus(TcpLine(), options=UnitOptions(dead_after=1)))
     assert begin(bus) is not None
     with pytest.raises(NoAnswer, match=r"within 0\.25 s"):
         play(bus.rest(1, READ, 0.25, 5.0), answering(), start=5.0)
@@ -115,7 +126,7 @@ def test_an_answer_is_recorded_for_its_unit_and_time() -> None:
     bus = known(known(Bus(TcpLine()), 2))
     bus.answered(2, 9.0)
     assert bus.counters.answered == 3
-    slow = Bus(TcpLine(), gap=0.5)
+    slow = Bus(TcpLine(), options=UnitOptions(gap=0.5))
     slow.answered(2, 9.0)
     assert (slow.state.units[2].free_at, slow.state.units[2].settled) == (9.5, True)
 
@@ -160,7 +171,7 @@ def test_a_write_abandoned_after_it_was_sent_is_outcome_unknown() -> None:
 
 
 def test_a_sibling_shares_units_and_counters_and_has_its_own_line() -> None:
-    bus, line = known(Bus(TcpLine(), dead_after=5)), TcpLine(number=lambda: 0x1234)
+    bus, line = known(Bus(TcpLine(), options=UnitOptions(dead_after=5))), TcpLine(number=lambda: 0x1234)
     sibling = bus.sibling_bus(line)
     assert (sibling.line, sibling is bus) == (line, False)
     assert repr(sibling) == f"<Bus: {line!r}>"

@@ -6,7 +6,7 @@ import pytest
 
 from barewire.conversation import Abandoned, Heard
 from barewire.errors import NoAnswer
-from barewire.modbus import Bus, ReadHoldingRegisters, WriteOutcomeUnknown, WriteSingleRegister
+from barewire.modbus import Bus, ReadHoldingRegisters, UnitOptions, WriteOutcomeUnknown, WriteSingleRegister
 from barewire.tcp import TcpLine
 from tests.helpers import refused
 from tests.modbus.client.slow import Clock, Slow, read, rtu_bus
@@ -90,7 +90,7 @@ def test_a_request_has_the_retries_of_the_bus_unless_it_is_given_others(
 
 
 def test_a_write_that_is_abandoned_is_not_repeated() -> None:
-    bus = Bus(TcpLine(), dead_after=1)
+    bus = Bus(TcpLine(), options=UnitOptions(dead_after=1))
     asking = bus.ask(1, WriteSingleRegister(7, 7), retries=1, repeat_writes=True)
     next(asking)
     asking.send(Heard(None, 0.0))

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
 
 import pytest
 
 from barewire.conversation import Heard, Listen, Send, Wire, play
 from barewire.errors import NoAnswer
-from barewire.modbus import Bus, EchoLine, Line, ReadHoldingRegisters, ReadInputRegisters, WriteSingleRegister
+from barewire.modbus import (
+    Bus,
+    EchoLine,
+    Line,
+    ReadHoldingRegisters,
+    ReadInputRegisters,
+    UnitOptions,
+    WriteSingleRegister,
+)
 from barewire.rtu import RtuLine, Timing, encode
 from barewire.tcp import TcpLine, encode as tcp_frame
 from tests.helpers import answering
-from tests.modbus.client.slow import read, rtu_bus
+from tests.modbus.client.slow import Clock, Slow, read, rtu_bus
 
 CHARACTER = 1 / 2048
 EXACT = Timing(CHARACTER, 1.5 * CHARACTER, 3.5 * CHARACTER)
@@ -72,16 +82,53 @@ def test_on_tcp_a_request_is_sent_without_listening_first() -> None:
     assert next(read(Bus(TcpLine()), 10)) == Send(frame)
 
 
-@pytest.mark.parametrize("options", [{"gap": 0.5}, {"gaps": {1: 0.5}}])
-def test_on_tcp_the_gap_of_a_unit_is_kept_too(options: dict[str, float]) -> None:
-    bus, wire = Bus(TcpLine(), **options), Wire(on_tcp)  # type: ignore[arg-type]
+@pytest.mark.parametrize("options", [{"options": UnitOptions(gap=0.5)}, {"units": {1: UnitOptions(gap=0.5)}}])
+def test_on_tcp_the_gap_of_a_unit_is_kept_too(options: dict[str, Any]) -> None:
+    bus, wire = Bus(TcpLine(), **options), Wire(on_tcp)
     for _ in range(3):
         wire.play(read(bus, 10))
     assert wire.now == 1.0
 
 
+def test_the_gap_is_kept_after_a_time_out_and_after_a_probe() -> None:
+    """A unit that needs a pause needs it whatever came before: an answer, silence, or the answer to a probe."""
+    slow = Slow([None])
+    sent: list[float] = []
+
+    def unit(item: bytes, now: float) -> list[tuple[float, bytes]]:
+        sent.append(now)
+        return list(slow(item, now))
+
+    bus, clock = rtu_bus(units={1: UnitOptions(gap=0.5)}), Clock(unit)
+    with pytest.raises(NoAnswer):
+        clock.play(read(bus, 1, timeout=0.3))
+    clock.play(read(bus, 2, timeout=0.3))
+    assert bus.counters.probes == 1
+    assert [later - before >= 0.5 for before, later in pairwise(sent)] == [True, True]
+
+
+def test_after_the_gap_of_a_unit_the_line_is_idle_too() -> None:
+    bus = Bus(RtuLine(EXACT, patience=0.0), options=UnitOptions(gap=0.5))
+    play(read(bus, 10), answering((0.0, LATE)))
+    conversation = read(bus, 10)
+    assert next(conversation) == Listen(float("-inf"))
+    step = conversation.send(Heard(None, 0.25))
+    free_at = bus.state.units[1].free_at
+    assert step == Listen(free_at)
+    # A character of another station, just before the gap is over: t3.5 must pass after it.
+    assert conversation.send(Heard(b"\xff", free_at - 0.0001)) == Listen(float("-inf"))
+    assert conversation.send(Heard(None, free_at)) == Listen(free_at - 0.0001 + 3.5 * CHARACTER)
+
+
+def test_the_window_is_three_times_the_longest_time_out_of_any_unit() -> None:
+    bus = Bus(RtuLine(EXACT), options=UnitOptions(timeout=0.3), units={2: UnitOptions(timeout=2.0)})
+    with pytest.raises(NoAnswer):
+        play(read(bus, 10, timeout=0.3), answering())
+    assert 6.0 < bus.state.pending[0].until < 6.1
+
+
 def test_a_dead_unit_is_asked_again_exactly_when_its_pause_is_over() -> None:
-    bus, wire = Bus(TcpLine(), dead_after=1), Wire[bytes](lambda item, now: [])
+    bus, wire = Bus(TcpLine(), options=UnitOptions(dead_after=1)), Wire[bytes](lambda item, now: [])
     for now, text in (
         (0.0, "unit 1 did not answer Read Holding Registers within 1 s"),
         (1.5, "unit 1 left 1 requests unanswered: asked again in 0.5 s"),

@@ -10,7 +10,7 @@ import pytest
 
 from barewire.conversation import Abandoned, Conversation, Listen, Wire
 from barewire.errors import NoAnswer
-from barewire.modbus import Bus, Diagnostics, ReadCoils, ReadHoldingRegisters, ReadInputRegisters, Request
+from barewire.modbus import Bus, Diagnostics, ReadCoils, ReadHoldingRegisters, ReadInputRegisters, Request, UnitOptions
 from barewire.modbus.framing import Line
 from barewire.rtu import RtuLine
 from barewire.tcp import TcpLine
@@ -80,7 +80,7 @@ def test_the_window_of_a_request_with_a_short_time_out_is_that_of_the_bus() -> N
 
 
 def test_the_usual_time_out_counts_from_the_first_request_on() -> None:
-    bus = rtu_bus(timeout=1.0)
+    bus = rtu_bus(options=UnitOptions(timeout=1.0))
     assert outcomes(bus, Wire(Slow([None])), range(1), timeout=0.05) == [None]
     assert bus.state.pending[0].until == pytest.approx(3.0, abs=0.04)
 

@@ -24,7 +24,7 @@ from barewire.io.engine.asyncio import exchange, run
 from barewire.io.engine.connections import OPENED_BEFORE_FORK, end_after_fork, random_fraction
 from barewire.io.engine.methods import AsyncioClient
 from barewire.io.log import watch_both
-from barewire.io.modbus.carriers import bus_options, modbus_line
+from barewire.io.modbus.carriers import bus_options, modbus_line, of_units
 from barewire.io.modbus.connection import ConnectionBase
 from barewire.io.modbus.methods import ModbusMethods
 from barewire.io.ports.async_links import Mailbox, connect
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from barewire.conversation import Conversation
     from barewire.io.endpoint import Endpoint, SetDirection
-    from barewire.io.modbus.carriers import ModbusOptions
+    from barewire.io.modbus.carriers import ModbusOptions, UnitKeywords
     from barewire.io.ports.base import AsyncLink, Watch
     from barewire.modbus.messages.base import Request, Response
 
@@ -308,7 +308,7 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         unit: int | None = None,
         timeout: float | None = None,
         in_flight: int = 1,
-        gaps: Mapping[int, float] | None = None,
+        units: Mapping[int, UnitKeywords] | None = None,
         watch: Watch | None = None,
         on_lost: Callable[[str], object] | None = None,
         set_direction: SetDirection | None = None,
@@ -318,8 +318,9 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         **options: Unpack[ModbusOptions],
     ) -> None:
         check_callbacks("on_lost", on_lost=on_lost)
-        endpoint = self._configure(url, set_direction, ssl_context, {"unit": unit, "timeout": timeout, **options})
-        self.connection = AsyncConnection(endpoint, in_flight, jitter, bus_options(endpoint, gaps), watch)
+        given = {"unit": unit, "timeout": timeout, **of_units(units), **options}
+        endpoint = self._configure(url, set_direction, ssl_context, given)
+        self.connection = AsyncConnection(endpoint, in_flight, jitter, bus_options(endpoint), watch)
         self.connection.on_lost = on_lost
         self._lazy = lazy
 
@@ -370,7 +371,8 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
         unit = 1 if self.unit is None else self.unit
         if self.retries:
             return take(await self.ask(request, unit=unit))
-        return take(await self.connection.ask(unit, request, self.timeout, self.timeout))
+        timeout = self.timeout_for(unit) if self._timeouts else self.timeout
+        return take(await self.connection.ask(unit, request, timeout, self.timeout))
 
     async def fetch_all(
         self, unit: int, requests: Sequence[Request[Any]], notes: Sequence[str], take: Callable[[list[Any]], T]
@@ -382,7 +384,7 @@ class AsyncModbusClient(ModbusMethods, AsyncioClient):
                 if self.retries:
                     responses.append(await self.ask(request, unit=unit))
                 else:
-                    responses.append(await self.connection.ask(unit, request, self.timeout, self.timeout))
+                    responses.append(await self.connection.ask(unit, request, self.timeout_for(unit), self.timeout))
             except BarewireError as error:
                 error.add_context(note)
                 raise

@@ -11,7 +11,8 @@ The table of schemes is `endpoint.CARRIERS`. A framing, and a port with its libr
 The types of the keyword options of Modbus clients and servers. `endpoint` describes each option.
 
 A keyword is an option of the URL and overrides it: `ModbusClient("tcp://10.0.0.7", gap=0.1)` is the same as
-`ModbusClient("tcp://10.0.0.7?gap=0.1")`. The scheme of a URL determines which options it may have.
+`ModbusClient("tcp://10.0.0.7?gap=0.1")`. The scheme of a URL determines which options it may have. How a single unit is
+asked is written `gap.7=0.1` in a URL, and `units={7: {"gap": 0.1}}` as a keyword.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from collections.abc import Callable, Container, Mapping
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 from barewire.io.endpoint import CARRIERS, DEFAULT_ASCII_PATIENCE, LATENCIES, Endpoint
+from barewire.modbus.client.line_state import UnitOptions
 from barewire.tcp import DatagramLine, TcpLine
 
 if TYPE_CHECKING:
@@ -30,12 +32,21 @@ if TYPE_CHECKING:
     from barewire.rtu.frame import Timing
 
 
-class ModbusOptions(TypedDict, total=False):
-    """All options but `unit` and `timeout`. Times are in seconds."""
-
+class _Pauses(TypedDict, total=False):
     gap: float
     dead_after: int
     longest_pause: float
+
+
+class UnitKeywords(_Pauses, total=False):
+    """The options that a unit may have for itself: see `UnitOptions`."""
+
+    timeout: float
+
+
+class ModbusOptions(_Pauses, total=False):
+    """All options but `unit`, `timeout` and those of single units. Times are in seconds."""
+
     late_window: float
     recovery: Literal["probe", "wait"]
     retries: int
@@ -155,19 +166,48 @@ def dialer(endpoint: Endpoint) -> Callable[[], Port[bytes]]:
     return network_dialer(endpoint)
 
 
-def bus_options(endpoint: Endpoint, gaps: Mapping[int, float] | None = None) -> dict[str, Any]:
+def of_units(units: Mapping[int, UnitKeywords] | None) -> dict[str, object]:
+    """Return the options of single units as a URL has them.
+
+    >>> of_units({7: {"gap": 0.1, "timeout": 3}})
+    {'gap.7': 0.1, 'timeout.7': 3}
+    """
+    try:
+        return {f"{name}.{unit}": value for unit, given in (units or {}).items() for name, value in given.items()}
+    except AttributeError:
+        text = "expected the options of units by their addresses, such as {7: {'gap': 0.1}}"
+        raise EncodeError(f"units={shown(units)}: {text}", "units") from None
+
+
+def unit_options(
+    endpoint: Endpoint,
+    unit: int | None = None,
+    default: UnitOptions = UnitOptions(),  # noqa: B008  # cannot be changed
+) -> UnitOptions:
+    """Return how a unit is asked: by its own options, else by those of all units. With None, by the latter alone.
+
+    >>> unit_options(Endpoint.parse("tcp://10.0.0.5?gap=0.1&timeout.7=3"), 7)
+    UnitOptions(timeout=3.0, gap=0.1, dead_after=0, longest_pause=30.0)
+    """
+
+    def name(option: str) -> str:
+        own = f"{option}.{unit}"
+        return own if own in endpoint.options else option
+
+    return UnitOptions(
+        endpoint.seconds(name("timeout"), default.timeout),
+        endpoint.seconds(name("gap"), default.gap),
+        endpoint.integer(name("dead_after"), default.dead_after),
+        endpoint.seconds(name("longest_pause"), default.longest_pause),
+    )
+
+
+def bus_options(endpoint: Endpoint) -> dict[str, Any]:
     """Return the arguments of `Bus` that an endpoint has."""
-    options: dict[str, Any] = {
+    return {
         "recovery": endpoint.choice("recovery", "probe"),
-        "timeout": endpoint.timeout,
-        "gap": endpoint.seconds("gap", 0.0),
-        "gaps": gaps,
+        "late_window": endpoint.seconds("late_window", 0.0) if "late_window" in endpoint.options else None,
         "retries": endpoint.integer("retries", 0),
+        "options": unit_options(endpoint),
+        "units": {unit: unit_options(endpoint, unit) for unit in endpoint.own_units},
     }
-    if "late_window" in endpoint.options:
-        options["late_window"] = endpoint.seconds("late_window", 0.0)
-    if "longest_pause" in endpoint.options:
-        options["longest_pause"] = endpoint.seconds("longest_pause", 0.0)
-    if "dead_after" in endpoint.options:
-        options["dead_after"] = endpoint.integer("dead_after", 0) or None
-    return options

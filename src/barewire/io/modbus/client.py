@@ -21,7 +21,7 @@ from barewire.io.engine.blocking import exchange, run
 from barewire.io.engine.connections import OPENED_BEFORE_FORK, end_after_fork, random_fraction
 from barewire.io.engine.methods import BlockingClient
 from barewire.io.log import watch_both
-from barewire.io.modbus.carriers import bus_options, dialer, modbus_line
+from barewire.io.modbus.carriers import bus_options, dialer, modbus_line, of_units
 from barewire.io.modbus.connection import ConnectionBase
 from barewire.io.modbus.methods import ModbusMethods
 from barewire.io.ports.base import Trace
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from barewire.conversation import Conversation
     from barewire.io.endpoint import Endpoint, SetDirection
-    from barewire.io.modbus.carriers import ModbusOptions
+    from barewire.io.modbus.carriers import ModbusOptions, UnitKeywords
     from barewire.io.ports.base import Port, Watch
     from barewire.modbus.messages.base import Request, Response
 
@@ -208,7 +208,7 @@ class ModbusClient(ModbusMethods, BlockingClient):
 
     unit            0..255, the unit that methods address; by default the device's own, or 1
     timeout         seconds that a request waits for its response; by default 1
-    gaps            by unit, the pause in seconds that a slow unit needs between two exchanges; by default `gap`
+    units           options of single units, such as {7: {"gap": 0.1}}: timeout, gap, dead_after, longest_pause
     watch           called as watch("sent" or "received", data) with all bytes
     on_lost         called as on_lost(why) when the connection is lost; the next request opens another one
     set_direction   called as set_direction(sending) to set the direction of a two-wire line, for example by a GPIO pin
@@ -228,7 +228,7 @@ class ModbusClient(ModbusMethods, BlockingClient):
         *,
         unit: int | None = None,
         timeout: float | None = None,
-        gaps: Mapping[int, float] | None = None,
+        units: Mapping[int, UnitKeywords] | None = None,
         watch: Watch | None = None,
         on_lost: Callable[[str], object] | None = None,
         set_direction: SetDirection | None = None,
@@ -238,8 +238,9 @@ class ModbusClient(ModbusMethods, BlockingClient):
         **options: Unpack[ModbusOptions],
     ) -> None:
         check_callbacks("on_lost", on_lost=on_lost)
-        endpoint = self._configure(url, set_direction, ssl_context, {"unit": unit, "timeout": timeout, **options})
-        self.connection = Connection(endpoint, jitter, bus_options(endpoint, gaps), watch)
+        given = {"unit": unit, "timeout": timeout, **of_units(units), **options}
+        endpoint = self._configure(url, set_direction, ssl_context, given)
+        self.connection = Connection(endpoint, jitter, bus_options(endpoint), watch)
         self.connection.on_lost = on_lost
         if not lazy:
             self.connection.open(self.timeout)
@@ -282,7 +283,8 @@ class ModbusClient(ModbusMethods, BlockingClient):
         unit = 1 if self.unit is None else self.unit
         if self.retries:
             return take(self.ask(request, unit=unit))
-        return take(self.connection.ask(unit, request, self.timeout, self.timeout))
+        timeout = self.timeout_for(unit) if self._timeouts else self.timeout
+        return take(self.connection.ask(unit, request, timeout, self.timeout))
 
     def fetch_all(
         self, unit: int, requests: Sequence[Request[Any]], notes: Sequence[str], take: Callable[[list[Any]], T]
@@ -294,7 +296,7 @@ class ModbusClient(ModbusMethods, BlockingClient):
                 if self.retries:
                     responses.append(self.ask(request, unit=unit))
                 else:
-                    responses.append(self.connection.ask(unit, request, self.timeout, self.timeout))
+                    responses.append(self.connection.ask(unit, request, self.timeout_for(unit), self.timeout))
             except BarewireError as error:
                 error.add_context(note)
                 raise

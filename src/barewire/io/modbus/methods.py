@@ -24,7 +24,7 @@ from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import EncodeError, shown
 from barewire.io.endpoint import check_timeout
 from barewire.io.engine.methods import bus_conversation, exchange, exchanges
-from barewire.io.modbus.carriers import modbus_endpoint
+from barewire.io.modbus.carriers import modbus_endpoint, unit_options
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -94,7 +94,8 @@ class ModbusMethods:
     unit: int | None
     """The unit that methods address. None means the unit of the device that is passed, or 1."""
     timeout: float = DEFAULT_TIMEOUT
-    """Seconds that a request waits for its response."""
+    """Seconds that a request waits for its response, except to a unit that has a time-out for itself."""
+    _timeouts: Mapping[int, float]
     retries: int = 0
     """How often a read that got no response is repeated."""
 
@@ -117,11 +118,13 @@ class ModbusMethods:
         self.url = str(endpoint)
         self.unit = endpoint.integer("unit", 0) if "unit" in endpoint.options else None
         self.timeout = endpoint.timeout
+        self._timeouts = {unit: unit_options(endpoint, unit).timeout for unit in endpoint.own_units}
         self.retries = endpoint.integer("retries", 0)
         return endpoint
 
     def at(self, unit: int | None = None, timeout: float | None = None) -> Self:
-        """Return the same client on the same connection, with another unit, another time-out in seconds, or both.
+        """Return the same client on the same connection, with another unit, another time-out in seconds, or both. This
+        time-out is that of every unit.
 
         Closing either of them, also by `with`, closes the connection of both.
         """
@@ -130,8 +133,13 @@ class ModbusMethods:
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other.unit = self.unit if unit is None else unit
-        other.timeout = self.timeout if timeout is None else timeout
+        if timeout is not None:
+            other.timeout, other._timeouts = timeout, {}
         return other
+
+    def timeout_for(self, unit: int) -> float:
+        """Return the seconds that a request to a unit waits for its response."""
+        return self._timeouts.get(unit, self.timeout)
 
     def unit_for(self, unit: int | None = None, device: Device | None = None) -> int:
         """Return the given unit, or the client's, or the device's own, or 1."""
@@ -147,8 +155,9 @@ class ModbusMethods:
         """Check the arguments of `ask`, and return the unit, the time-out and the number of retries."""
         checked_request(request)
         check_timeout(timeout)
-        limit = self.timeout if timeout is None else timeout
-        return self.unit_for(unit), limit, self.retries if retries is None else retries
+        address = self.unit_for(unit)
+        limit = self.timeout_for(address) if timeout is None else timeout
+        return address, limit, self.retries if retries is None else retries
 
     @exchange
     def read_coils(self, address: int, quantity: int) -> Exchange[tuple[bool, ...]]:
@@ -249,7 +258,8 @@ class ModbusMethods:
         from barewire.modbus.client.read_identification import read_device_identification
 
         unit = self.unit_for()
-        return (lambda bus: read_device_identification(bus, unit, read_code, timeout=self.timeout)), unit
+        timeout = self.timeout_for(unit)
+        return (lambda bus: read_device_identification(bus, unit, read_code, timeout=timeout)), unit
 
     @exchanges
     def read(self, device: str | Path | Device, *names: str, unit: int | None = None) -> Exchanges[list[Reading]]:
@@ -280,7 +290,8 @@ class ModbusMethods:
 
         description = _described(device)
         address = self.unit_for(unit, description)
-        return (lambda bus: write_modbus(bus, address, description, values, timeout=self.timeout, force=force)), address
+        timeout = self.timeout_for(address)
+        return (lambda bus: write_modbus(bus, address, description, values, timeout=timeout, force=force)), address
 
     @bus_conversation
     def broadcast(self, request: Request[Any], *, turnaround: float = 0.1) -> BusConversation[None]:

@@ -46,11 +46,13 @@ from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Conversation, Hear
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus.adu import BROADCAST, Adu, describe_event
 from barewire.modbus.client.line_state import (
-    LONGEST_PAUSE,
     NEVER,
     LineState,
     NotSent,
     PendingAnswer,
+    UnitOptions,
+    Units,
+    UnitState,
     no_answer,
     note_stray,
 )
@@ -67,20 +69,20 @@ _MOST_PROBES = 16
 """How many unanswered probes of a unit are pending at most. Of every other function it is one request."""
 
 
+_NO_OPTIONS = UnitOptions(timeout=0.0)
+
+
 class Bus:
     """A client's line. It runs one conversation at a time; a caller with several puts them in a `FairQueue`.
 
     line           the framing; after a reconnect `continue_on` replaces it between two requests
     recovery       how a pending answer is excluded: "probe" (default) or "wait", see above
     late_window    seconds after a request was sent in which its answer may come (default: three times the longest
-                   time-out of a request on this bus so far, or of `timeout`, if that is longer)
-    timeout        the time-out that requests usually have, for the default of `late_window` (default 0)
-    gap            seconds of pause between two exchanges with a unit (default 0)
-    gaps           the same for single units: unit -> seconds
+                   time-out of a request on this bus so far, or of the options, if that is longer)
     retries        how often a read without a response is repeated, where a call gives no other number (default 0)
-    dead_after     the number of unanswered requests in a row after which a unit is not asked for a while, longer
-                   each time (default None: never)
-    longest_pause  the longest of these times, in seconds (default 30)
+    options        how units are asked: their pauses, and the time-out that requests usually have, which is only for the
+                   default of `late_window`
+    units          the options of single units: unit -> `UnitOptions`
     """
 
     def __init__(
@@ -89,24 +91,20 @@ class Bus:
         *,
         recovery: Recovery = "probe",
         late_window: float | None = None,
-        timeout: float = 0.0,
-        gap: float = 0.0,
-        gaps: Mapping[int, float] | None = None,
-        dead_after: int | None = None,
-        longest_pause: float = LONGEST_PAUSE,
         retries: int = 0,
+        options: UnitOptions = _NO_OPTIONS,
+        units: Mapping[int, UnitOptions] | None = None,
     ) -> None:
         any_unit = getattr(line, "any_unit", False) and not line.numbered
         self.line = line
-        self.state = LineState(
-            gap=gap, gaps=gaps, dead_after=dead_after, longest_pause=longest_pause, any_unit=any_unit
-        )
+        self.state = LineState(Units(options, units or {}), any_unit=any_unit)
         self.counters = self.state.counters
         self.retries = retries
         self.recovery: Recovery = recovery
         self.late_window = late_window
-        # A slow unit is slow for every request: the window must not depend on the time-out of a single one.
-        self._longest_timeout = timeout
+        # A slow unit is slow for every request, and behind a serial server it delays the others: the window must not
+        # depend on the time-out of a single request, nor on that of a single unit.
+        self._longest_timeout = max(of_unit.timeout for of_unit in (options, *(units or {}).values()))
         self._nonce = 0
         self._open: tuple[int, Request[Any]] | None = None
         self._sent_at: float | None = None  # when it was sent, if that is known
@@ -235,7 +233,7 @@ class Bus:
         """
         line, state = self.line, self.state
         unit_state = state.units.get(unit)
-        if unit_state is None or unit_state.dead_until > NEVER or state.has_gaps:
+        if unit_state is None or unit_state.dead_until > NEVER or unit_state.free_at > NEVER:
             return None
         if not line.numbered:
             # Nothing may be under way that would pass for the response.
@@ -273,13 +271,14 @@ class Bus:
         """Leave the answer of the open request pending, if there is one: its exchange is over."""
         if self._open is None:
             return
-        pending = self.state.pending
+        pending, unit_state = self.state.pending, self.state.units[self._open[0]]
         if not self.line.numbered:
             window = 3 * self._longest_timeout if self.late_window is None else self.late_window
             # Interrupted while it was being sent, the request may leave a little later than `now`.
             sent_at = now + self._longest_timeout if self._sent_at is None else self._sent_at
             # A line may know only at a silence that bytes are a frame, so an answer is recognised that much later.
             pending = [*pending, PendingAnswer(*self._open, sent_at + window + self.line.delay)]
+            unit_state.begin_gap(sent_at)
         # One statement: an exception in between would count the request twice, or not at all.
         self.state.pending, self._open, self.counters.lost = pending, None, self.counters.lost + 1
 
@@ -395,7 +394,7 @@ class Bus:
                 self.counters.lost -= 1  # only an exception response could still come, late
                 unit_state.listens_only = request.without_answer() is not None
                 return silence
-            self.state.timed_out(unit_state, now)
+            unit_state.was_silent(now)
             if line.held:
                 note_stray(passed_over, f"{len(line.held)} bytes without an end")
             instead = f"; received instead: {'; '.join(passed_over)}" if passed_over else ""
@@ -428,12 +427,18 @@ class Bus:
             raise NoAnswer(
                 f"unit {unit} left {unit_state.silent} requests unanswered: asked again in {remaining:.1f} s"
             )
+        now = yield from self._pause(unit_state, timeout, now)
+        if self.state.pending:
+            now = yield from self._prove_gone(unit, request, timeout, now, may_probe and self.recovery == "probe")
+            now = yield from self._pause(unit_state, timeout, now)  # after a probe too
+        return now
+
+    def _pause(self, unit_state: UnitState, timeout: float, now: float) -> Conversation[bytes, float]:
+        """Wait on the idle line until the pause of a unit is over, and return the time. The line is idle then too."""
         while now < unit_state.free_at:
-            heard = yield Listen(unit_state.free_at)
-            now = self._pass_over(heard)
-        if not self.state.pending:
-            return now
-        return (yield from self._prove_gone(unit, request, timeout, now, may_probe and self.recovery == "probe"))
+            self._pass_over((yield Listen(unit_state.free_at)))
+            now = yield from self.wait_until_idle(timeout)
+        return now
 
     def _prove_gone(
         self, unit: int, request: Request[Any], timeout: float, now: float, may_probe: bool

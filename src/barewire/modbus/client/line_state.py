@@ -10,10 +10,11 @@ settled.
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from barewire.conversation import DEFAULT_TIMEOUT
 from barewire.errors import DecodeError, NoAnswer
 from barewire.modbus.adu import Adu
 from barewire.modbus.exceptions import ModbusException
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
 
 _KEPT = 16
 """How many late replies are kept at most, so that a bad line does not fill the memory."""
-
-LONGEST_PAUSE = 30.0
-"""The longest time, in seconds, for which no request is sent to a dead unit."""
 
 NEVER = float("-inf")
 """A time that is always in the past."""
@@ -80,15 +78,64 @@ class PendingAnswer(NamedTuple):
         return True
 
 
+class UnitOptions(NamedTuple):
+    """How a unit is asked, by a client and by a gateway. Times are in seconds.
+
+    timeout        how long a request waits for its response
+    gap            the pause between two exchanges with the unit
+    dead_after     unanswered requests in a row after which the unit is dead: it is not asked for a while; 0: never
+    longest_pause  the longest such time: the first is 1 s, and it doubles with each further unanswered request
+    """
+
+    timeout: float = DEFAULT_TIMEOUT
+    gap: float = 0.0
+    dead_after: int = 0
+    longest_pause: float = 30.0
+
+
 class UnitState:
     """The state of one unit."""
 
-    def __init__(self) -> None:
+    def __init__(self, options: UnitOptions) -> None:
+        self.options = options
+        self.gap = options.gap
         self.free_at = NEVER  # its pause is over at this time
         self.silent = 0  # requests in a row without a response
         self.dead_until = NEVER
         self.settled = False  # it has answered in time, so no answer to an older request can come
         self.listens_only = False  # Force Listen Only Mode was sent, and not answered
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether it left so many requests unanswered that it is asked only now and then."""
+        return 0 < self.options.dead_after <= self.silent
+
+    def begin_gap(self, now: float) -> None:
+        """Begin the pause after an exchange with the unit, if it needs one."""
+        if self.gap:
+            self.free_at = now + self.gap
+
+    def was_silent(self, now: float) -> None:
+        """Count a request without a response. If the unit is dead, it is so for a time that grows."""
+        self.begin_gap(now)
+        self.silent += 1
+        if self.is_dead:
+            pause = 2.0 ** min(self.silent - self.options.dead_after, 32)  # a float ends at 2.0 ** 1023
+            self.dead_until = now + min(pause, self.options.longest_pause)
+
+
+class Units(dict[int, UnitState]):
+    """The states of the units by address. That of a unit is made when it is first asked for."""
+
+    def __init__(self, default: UnitOptions, own: Mapping[int, UnitOptions]) -> None:
+        super().__init__()
+        self.default = default
+        self.own = dict(own)
+        """The options of single units, before they are first asked."""
+
+    def __missing__(self, unit: int) -> UnitState:
+        state = self[unit] = UnitState(self.own.get(unit, self.default))
+        return state
 
 
 class BusCounters:
@@ -108,27 +155,14 @@ class BusCounters:
 
 
 class LineState:
-    """The state of a bus. `gap`, `gaps`, `dead_after` and `longest_pause` are the options of `Bus`."""
+    """The state of a bus."""
 
-    def __init__(
-        self,
-        *,
-        gap: float,
-        gaps: Mapping[int, float] | None,
-        dead_after: int | None,
-        longest_pause: float = LONGEST_PAUSE,
-        any_unit: bool,
-    ) -> None:
+    def __init__(self, units: Units, *, any_unit: bool) -> None:
         self.counters = BusCounters()
-        self.units: defaultdict[int, UnitState] = defaultdict(UnitState)
+        self.units = units
         self.pending: list[PendingAnswer] = []
         """The requests whose responses may still come, the oldest first."""
         self._any_unit = any_unit  # the unit in a response means nothing, so any pending answer can be it
-        self.has_gaps = bool(gap or gaps)
-        self._gap = gap
-        self._gaps = gaps or {}
-        self._dead_after = dead_after
-        self._longest_pause = longest_pause
         self.on_stray: Callable[[LineEvent, PendingAnswer | None], object] | None = None
         """Called with each frame or noise that does not answer the open request, and with the request that it answers
         late, if that is known."""
@@ -141,17 +175,10 @@ class LineState:
             unit_state.silent = 0
             unit_state.dead_until = NEVER
         unit_state.listens_only = False
-        if self.has_gaps and (gap := self._gaps.get(unit, self._gap)):
-            unit_state.free_at = now + gap
+        if unit_state.gap:
+            unit_state.begin_gap(now)
         if self.pending:
             self.pending = [pending for pending in self.pending if pending.unit != unit]
-
-    def timed_out(self, unit_state: UnitState, now: float) -> None:
-        """Count a request without a response. From `dead_after` on the unit is dead for a time that grows."""
-        unit_state.silent += 1
-        if self._dead_after is not None and unit_state.silent >= self._dead_after:
-            pause = 2.0 ** min(unit_state.silent - self._dead_after, 32)  # a float ends at 2.0 ** 1023
-            unit_state.dead_until = now + min(pause, self._longest_pause)
 
     def expire(self, now: float) -> None:
         """Drop the pending answers that cannot come any more because their time is over."""

@@ -207,6 +207,7 @@ def barewire_command(verbose: int) -> None:
     Options of every ENDPOINT:   timeout=1            seconds that a request waits for its response
     Options for Modbus:          retries=0            how often a read without a response is repeated
                                  late_window=3        seconds in which a late response is expected
+                                 gap=0                seconds between two requests to a unit; gap.7: to unit 7
     All of them are in docs/reference/endpoints.md.
     """
     if verbose:
