@@ -134,8 +134,10 @@ def test_a_gap_that_ends_during_an_exchange_of_another_unit_is_noticed_once(
     async def act(gateway: Gateway, client: AsyncModbusClient) -> None:
         assert await answer(client, 1, "03 00 00 00 01") == "03 02 00 00"
         async with AsyncModbusClient(gateway.urls[0], timeout=WAIT) as other:
-            answers = await asyncio.gather(answer(client, 1, "03 00 01 00 01"), answer(other, 2, "03 00 00 00 01"))
-        assert answers == ("03 02 00 01", "83 0b")
+            read, silence = await asyncio.gather(
+                answer(client, 1, "03 00 01 00 01"), answer(other, 2, "03 00 00 00 01")
+            )
+        assert (read, silence) == ("03 02 00 01", "83 0b")
 
     through(config(backend(line.url, "1-2", "timeout = 0.5\ngap = 0.2")), act)
     assert len(rounds) < 20
