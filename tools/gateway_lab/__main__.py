@@ -11,6 +11,7 @@
     publish      values in a second from ten machines to Mosquitto
     outages      the broker and the publisher are killed at random
     week         seven days in virtual time, with a fault every few seconds
+    memory       a control group with little memory and a fifth of a processor; needs root
 
 All of them are programs of their own, on pseudo-terminals and loopback; the CAN bus is in a guest (user-mode-linux).
 mbusd is used if its program is in PATH or named by the variable MBUSD. Each number is the median of RUNS runs, which
@@ -21,7 +22,7 @@ alternate.
 A scenario writes its own part of the page, and its plot in docs/reference/gateway/; without RUNS there are five.
 
 In reading order: `programs` and `stand_ins` (what runs), `beside_others`, `faults` and `can_guest`, `broker`,
-`week` with `virtual_time`, `simulated_units` and `mqtt_broker`, `plots`.
+`week` with `virtual_time`, `simulated_units` and `mqtt_broker`, `control_group` with tools/small_machine.py, `plots`.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ import sys
 import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 
+from tools import small_machine
 from tools.gateway_lab import beside_others, broker, faults, week
 from tools.gateway_lab.programs import MBUSD, ROOT
 
@@ -48,6 +50,7 @@ SCENARIOS = {
     "publish": broker.measure_publish,
     "outages": broker.measure_outages,
     "week": week.measure_week,
+    "memory": small_machine.measure_memory,
 }
 
 

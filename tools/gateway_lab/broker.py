@@ -10,7 +10,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -159,9 +159,23 @@ class Gate:
 
 
 class Outages:
-    """Broker and publisher are killed at random, and started again, while a subscriber judges what arrives."""
+    """Broker and publisher are killed at random, and started again, while a subscriber judges what arrives.
 
-    def __init__(self, file: Path, broker: Path, port: int, seed: int) -> None:
+    `victims` is who is killed next, by chance: "broker", "publisher" or "both"; `steady` is the longest time in seconds
+    between two kills. Both are started by the commands in `prefixes`, such as one that enters a control group.
+    """
+
+    def __init__(
+        self,
+        file: Path,
+        broker: Path,
+        port: int,
+        seed: int,
+        victims: Sequence[str] = ("broker", "broker", "publisher", "both"),
+        prefixes: tuple[Sequence[str], Sequence[str]] = ((), ()),
+        steady: float = 6.0,
+    ) -> None:
+        self.victims, self.prefixes, self.steady = victims, prefixes, steady
         self.file, self.buffer = file, file.parent / "buffer"
         self.broker_file, self.broker_port = broker, free_port()
         broker.write_text(broker.read_text().replace(str(port), str(self.broker_port)))
@@ -170,11 +184,14 @@ class Outages:
         self.received = Received()
         self.moments: list[float] = []
         """When each reading arrived."""
+        self.delays: list[float] = []
+        """Seconds from when it was read."""
         self.broker: subprocess.Popen[bytes] | None = None
         self.publisher: subprocess.Popen[bytes] | None = None
         self.absences: list[tuple[float, float]] = []
         self.kills = {"broker": 0, "publisher": 0}
-        self.peak = 0.0
+        self.peaks = {"broker": 0.0, "publisher": 0.0}
+        """The largest resident memory of each, in MiB."""
         self.buffered: list[tuple[float, int]] = []
         self.listening: asyncio.Task[None] | None = None
 
@@ -183,7 +200,9 @@ class Outages:
         import aiomqtt
 
         assert MOSQUITTO is not None
-        self.broker = subprocess.Popen([MOSQUITTO, "-c", str(self.broker_file)], stderr=subprocess.DEVNULL)
+        self.broker = subprocess.Popen(
+            [*self.prefixes[0], MOSQUITTO, "-c", str(self.broker_file)], stderr=subprocess.DEVNULL
+        )
         subscribed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
         async def listen() -> None:
@@ -198,6 +217,7 @@ class Outages:
                             if isinstance(payload, bytes | bytearray) and b'"sequence"' in payload:
                                 self.received.hear(topic, payload)
                                 self.moments.append(time.monotonic())
+                                self.delays.append(time.time() - json.loads(payload)["at"])
                 if subscribed.done():
                     return
                 await asyncio.sleep(0.05)
@@ -219,7 +239,9 @@ class Outages:
     def start_publisher(self) -> None:
         """Start the publisher."""
         nowhere = subprocess.DEVNULL
-        self.publisher = subprocess.Popen(publisher(self.file), cwd=ROOT, stdout=nowhere, stderr=nowhere)
+        self.publisher = subprocess.Popen(
+            [*self.prefixes[1], *publisher(self.file)], cwd=ROOT, stdout=nowhere, stderr=nowhere
+        )
 
     def kill_publisher(self) -> None:
         """Kill the publisher."""
@@ -237,8 +259,9 @@ class Outages:
             ):
                 (count,) = rows.execute("SELECT count(*) FROM reading").fetchone()
                 self.buffered.append((time.monotonic(), count))
-                if isinstance(self.publisher, subprocess.Popen) and self.publisher.poll() is None:
-                    self.peak = max(self.peak, peak_memory(self.publisher))
+                for name, running in (("broker", self.broker), ("publisher", self.publisher)):
+                    if running is not None and running.poll() is None:
+                        self.peaks[name] = max(self.peaks[name], peak_memory(running))
             await asyncio.sleep(0.25)
 
     async def run(self, seconds: float) -> None:
@@ -248,9 +271,9 @@ class Outages:
         watching = asyncio.create_task(self.watch())
         begin = time.monotonic()
         while time.monotonic() < begin + seconds:
-            await asyncio.sleep(self.dice.uniform(1.0, 6.0))
+            await asyncio.sleep(self.dice.uniform(1.0, self.steady))
             since = time.monotonic()
-            which = self.dice.choice(("broker", "broker", "publisher", "both"))
+            which = self.dice.choice(self.victims)
             if which in ("broker", "both"):
                 await self.kill_broker()
             if which in ("publisher", "both"):
@@ -317,7 +340,7 @@ def measure_outages(runs: int) -> list[str]:
         f"| **out of order** | {heard.backwards:,} |",
         f"| came twice, and say so | {heard.again - heard.unmarked:,} |",
         f"| **came twice, and do not** | {heard.unmarked:,} |",
-        f"| memory of the publisher at most | {outages.peak:.1f} MiB |",
+        f"| memory of the publisher at most | {outages.peaks['publisher']:.1f} MiB |",
         "",
         picture,
         "",

@@ -10,7 +10,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -75,12 +75,12 @@ def peak_memory(running: subprocess.Popen[Any]) -> float:
 
 
 @contextmanager
-def gateway(backend: str, *, more: str = "") -> Iterator[tuple[Program, int]]:
-    """A running gateway with this backend, and the port of its listener."""
+def gateway(backend: str, *, more: str = "", prefix: Sequence[str] = ()) -> Iterator[tuple[Program, int]]:
+    """A running gateway with this backend, and the port of its listener. `prefix` is a command that starts it."""
     with TemporaryDirectory() as folder:
         file, port = Path(folder) / "gateway.toml", free_port()
         file.write_text(f'[[listen]]\nurl = "tcp://127.0.0.1:{port}?connections=400"\n[[backend]]\n{backend}\n{more}')
-        with program(sys.executable, "-m", "barewire.gateway", str(file)) as running:
+        with program(*prefix, sys.executable, "-m", "barewire.gateway", str(file)) as running:
             yield running, port
 
 
@@ -118,24 +118,25 @@ class Load(NamedTuple):
 
 
 def load(
-    running: Program,
+    running: Program | None,
     port: int,
     seconds: float,
     count: int,
     units: tuple[int, int] = (1, 10),
     greedy: int = 1,
     pause: float = 0.0,
+    every: float = 0.0,
 ) -> Load:
     """Let clients read from units first to last; the first client has `greedy` requests open at once. They wait for
-    `pause` seconds after an exception."""
-    before = processor_time(running)
-    command = stand_in("clients", port, seconds, count, *units, greedy, pause)
+    `pause` seconds after an exception, and for `every` seconds after each response."""
+    before = processor_time(running) if running else 0.0
+    command = stand_in("clients", port, seconds, count, *units, greedy, pause, every)
     output = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     if output.returncode:
         raise OSError(output.stderr)
     rows, moments = json.loads(output.stdout)
     right, wrong, declined, _, lost = (sum(row[place] for row in rows) for place in range(5))
-    used = processor_time(running) - before
+    used = processor_time(running) - before if running else 0.0
     each = [row[0] for row in rows]
     longest = max(row[3] for row in rows)
     return Load(right, wrong, declined, lost, longest, each, used / max(right, 1), right / seconds, moments)

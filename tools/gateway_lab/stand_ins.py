@@ -7,7 +7,7 @@ field         units on a pseudo-terminal, with faults        FAULTS UNITS PACE
 adapter       the same, but it is pulled out again and again PATH UNITS SEED
 machines      units 1 to 10 on a TCP port
 subscriber    counts the values that a broker delivers       PORT SECONDS
-clients       read registers, and check what they get        PORT SECONDS COUNT FIRST LAST PIPELINED PAUSE
+clients       read registers, and check what they get        PORT SECONDS COUNT FIRST LAST PIPELINED PAUSE EVERY
 """
 
 from __future__ import annotations
@@ -211,11 +211,13 @@ _PATIENCE = 12.0
 class Client:
     """A client that reads two registers, which hold their addresses, of one unit after the other."""
 
-    def __init__(self, units: list[int], pipelined: int, pause: float) -> None:
+    def __init__(self, units: list[int], pipelined: int, pause: float, every: float) -> None:
         self.units = units
         self.pipelined = pipelined
         self.pause = pause
         """Seconds after an exception."""
+        self.every = every
+        """Seconds after each response."""
         self.right = self.wrong = self.declined = 0
         self.moments: list[float] = []
         """When each right answer came."""
@@ -256,14 +258,18 @@ class Client:
                 self.moments.append(time.monotonic())
             else:
                 self.wrong += 1
+            if self.every:
+                await asyncio.sleep(self.every)
             if time.monotonic() < until:
                 ask()
         writer.close()
 
 
-async def _clients(port: int, seconds: float, count: int, units: list[int], greedy: int, pause: float) -> None:
+async def _clients(
+    port: int, seconds: float, count: int, units: list[int], greedy: int, pause: float, every: float
+) -> None:
     """`count` clients, the first of which sends `greedy` requests at once. Prints what each got, and when, as JSON."""
-    clients = [Client(units, greedy if place == 0 else 1, pause) for place in range(count)]
+    clients = [Client(units, greedy if place == 0 else 1, pause, every) for place in range(count)]
     until = time.monotonic() + seconds
     await asyncio.gather(*(client.run(port, until, 1000 * place) for place, client in enumerate(clients)))
     rows = [[row.right, row.wrong, row.declined, row.longest, len(row.asked)] for row in clients]
@@ -289,7 +295,7 @@ def main(name: str, *arguments: str) -> None:
     elif name == "clients":
         port, count, first, last, pipelined = (int(arguments[place]) for place in (0, 2, 3, 4, 5))
         units = list(range(first, last + 1))
-        asyncio.run(_clients(port, float(arguments[1]), count, units, pipelined, float(arguments[6])))
+        asyncio.run(_clients(port, float(arguments[1]), count, units, pipelined, *map(float, arguments[6:8])))
 
 
 if __name__ == "__main__":
