@@ -24,6 +24,7 @@ from tests.workbench.cli.helpers import (
     output_of,
     read_until,
     run_command,
+    run_here,
     simulated_at,
 )
 
@@ -303,3 +304,29 @@ def test_an_eds_in_place_of_a_device_is_told_where_it_is_read(tmp_path: Path) ->
     (tmp_path / "fan.eds").write_text("[1000]\n")
     text = error_of("read", "can://socketcand/127.0.0.1:1/can0", str(tmp_path / "fan.eds"), "speed", status=2)
     assert "an EDS is read in Python, bus.node(5, eds=...), or its objects by address: raw object:2000h:i32" in text
+
+
+# Everything at once
+
+
+def test_all_values_of_a_machine_in_each_form() -> None:
+    with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
+        lines = output_of("read", endpoint, "csd-mt", "--all").splitlines()
+        rows = output_of("read", endpoint, "csd-mt", "--all", "--csv").splitlines()
+        objects = output_of("read", endpoint, "csd-mt", "*velocity*", "--json").splitlines()
+        settings = output_of("read", endpoint, "csd-mt", "--group", "homing", "--access", "rw").splitlines()
+    assert len(lines) > 100
+    assert rows[0] == "name,value,unit,text,error"
+    assert len(rows) == len(lines) + 1
+    assert "Profile Velocity" in {json.loads(line)["name"] for line in objects}
+    assert settings[0].startswith("Homing Method = ")
+
+
+def test_a_refused_register_of_a_range_costs_only_itself() -> None:
+    with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
+        run = run_here("read", endpoint, "raw", "holding:1000-1003", "--csv")
+    assert run.returncode == 1
+    rows = run.stdout.splitlines()[1:]
+    assert [row.partition(",")[0] for row in rows] == [f"holding:{address}" for address in range(1000, 1004)]
+    assert ["exception 02" in row for row in rows] == [True, False, False, True]
+    assert run.stderr == "barewire: 2 of 4 values were not read\n"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -16,6 +18,7 @@ from barewire.devices.request_checks import parse_value, to_write
 from barewire.errors import shown
 from barewire.io.machine import MachineClient
 from barewire_workbench.cli.arguments import (
+    Choice,
     device_argument,
     endpoint_argument,
     no_wait_option,
@@ -25,18 +28,43 @@ from barewire_workbench.cli.arguments import (
 from barewire_workbench.cli.ending import late_response_awaited
 from barewire_workbench.cli.output import Output, note, output_option
 from barewire_workbench.cli.shown_frames import frames_option, frames_shown
+from barewire_workbench.live.read_values import (
+    COLUMNS,
+    ReadValue,
+    is_pattern,
+    read_values,
+    readable_names,
+    selected,
+)
 
 
 @click.command("read")
 @endpoint_argument
 @device_argument
-@click.argument("names", nargs=-1, required=True, metavar="NAME...")
+@click.argument("names", nargs=-1, metavar="NAME...")
+@click.option("--all", "everything", is_flag=True, help="Read every value that can be read.")
+@click.option("--group", "groups", multiple=True, help="Read the values of this group; `barewire devices` lists them.")
+@click.option("--access", type=Choice(["ro", "rw"]), help="Of these, only what is read only, or writable.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print a table for a spreadsheet.")
 @output_option
 @timing_option
 @no_wait_option
 @frames_option
+@click.pass_context
 def read_command(
-    endpoint: str, device: str, names: tuple[str, ...], output: Output, timing: bool, no_wait: bool, frames: bool
+    context: click.Context,
+    /,
+    endpoint: str,
+    device: str,
+    names: tuple[str, ...],
+    everything: bool,
+    groups: tuple[str, ...],
+    access: str | None,
+    as_csv: bool,
+    output: Output,
+    timing: bool,
+    no_wait: bool,
+    frames: bool,
 ) -> None:
     """Read named values of a device.
 
@@ -44,23 +72,53 @@ def read_command(
     barewire read "rtu:///dev/ttyUSB0?unit=1" adxl "Thyristors temperature" "Status"
     barewire read "tcp://127.0.0.1:1502" raw holding:100 input:0x0FB1:u32 coil:7
     barewire read "can://socketcan/can0?node=5" raw object:1018h.1:u32
+    barewire read "tcp://127.0.0.1:1502" csd-mt --all --access rw --csv
+    barewire read "tcp://127.0.0.1:1502" csd-mt "*velocity*"
 
     DEVICE is a name of `barewire devices`, or the directory of your own description. Instead of a NAME, give an
     address: TABLE:ADDRESS[:TYPE[:ORDER]], counted from 0 as on the wire, or object:INDEX[.SUB]:TYPE. holding:0-9 is
-    each register from 0 to 9. DEVICE `raw` is any device, by addresses only.
+    each register from 0 to 9. DEVICE `raw` is any device, by addresses only. A NAME with * or ? in it is each value
+    that has such a name.
+
+    Of several values, one that the device refuses, or does not answer, costs only itself: its line says why, the
+    others are read, and the exit status is 1.
 
     A request waits `timeout` seconds for its response (1, an option of ENDPOINT). If there is none on a serial line,
     the command waits until `late_window` is over (3 time-outs): a late response must not reach the next command.
     """
+    if not (names or everything or groups):
+        raise click.UsageError("no NAME given: expected names, --group or --all; see barewire read --help")
+    if everything and (names or groups):
+        raise click.UsageError("--all reads every value: expected no NAME and no --group beside it")
+    if as_csv and output.as_json:
+        raise click.UsageError("--csv and --json: give one of them")
     names = expanded(names)
-    description = device_with(device, names)
-    for name in names:
-        description.find(name)  # an unknown name is reported before a port is opened
+    description = device_with(device, [name for name in names if not is_pattern(name)])
+    readable = readable_names(description, endpoint)
+    # An unknown name is reported before a port is opened.
+    wanted = selected(description, readable, names, groups=groups, access=access)
+    if not wanted:
+        raise click.UsageError(f"{device} has no such value that can be read over {endpoint.partition(':')[0]}")
     if timing:
         print_timing(endpoint)
+    table = csv.DictWriter(sys.stdout, COLUMNS, restval="", lineterminator="\n") if as_csv else None
+    failed = 0
     with _connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
-        for reading in machine.read_all(names):
-            output.show(reading, _fields(reading))
+        if len(wanted) == 1 and not (as_csv or everything or groups):
+            reading = machine.read(wanted[0])  # one value: its error is that of the command
+            output.show(reading, ReadValue(reading.parameter, reading).as_dict())
+            return
+        if table is not None:
+            table.writeheader()
+        for value in read_values(machine, wanted):
+            failed += value.reading is None
+            if table is not None:
+                table.writerow(value.as_dict())
+            else:
+                output.show(value, value.as_dict)
+    if failed:
+        note(f"{failed} of {len(wanted)} values were not read")
+        context.exit(1)
 
 
 @click.command("write")
@@ -110,7 +168,7 @@ def write_command(
             for name, value in values.items():
                 reading = Reading(description.find(name), value)
                 how = _how_written(reading.parameter, endpoint) + (_read_back(machine, reading) if force else "")
-                output.show(f"{reading}, {how}", _fields(reading) | {"how": how})
+                output.show(f"{reading}, {how}", ReadValue(reading.parameter, reading).as_dict() | {"how": how})
 
 
 @contextmanager
@@ -177,8 +235,3 @@ def _read_back(machine: MachineClient, written: Reading) -> str:
     except BarewireError as error:
         return f"; not read back: {error}"
     return "" if present == parameter.text(written.value) else f", but the device has {present}"
-
-
-def _fields(reading: Reading) -> dict[str, object]:
-    text = reading.parameter.text(reading.value)
-    return {"name": reading.name, "value": reading.value, "unit": reading.unit, "text": text}

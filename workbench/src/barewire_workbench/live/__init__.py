@@ -4,6 +4,7 @@
     canopen_conformance    a CANopen device, on any bus
     scan_modbus            the units of a line, server or gateway, and their addresses
     scan_canopen           the nodes of a bus
+    read_values            many values of a machine, of which a bad one costs only itself
     ports                  the serial ports and CAN interfaces of this machine
     results                the line of a case; the errors of a run that ended early, or did not begin
     vector_adapter         a program that answers the questions of the vectors

@@ -1,0 +1,146 @@
+"""Read many values of a machine so that a bad one costs only itself.
+
+    A B C D E F G H        one request for all of them: exception 02
+    A B C D | E F G H      the first half: values           the second half: exception 02
+              E F | G H    ...                              down to the single value, whose row has the error
+
+The first three values are asked for one by one: a machine that answers none of them is not asked for the rest, whose
+rows say so. One that stops answering later is given up after eight values in a row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
+from typing import NamedTuple
+
+from barewire.devices import Device, Parameter, Reading, UnknownName
+from barewire.errors import DecodeError, NoAnswer, Refused, shown
+from barewire.io.endpoint import Endpoint
+from barewire.io.machine import MachineClient
+
+_TOGETHER = 64
+"""Values that are asked for in one call, so that the first appear while the others are read."""
+
+_FIRST, _SILENT = 3, 8
+"""Values that are asked for one by one at the beginning; and later, values in a row without an answer that end it."""
+
+COLUMNS = ("name", "value", "unit", "text", "error")
+"""The keys of `ReadValue.as_dict`; a value that was read has no error."""
+
+
+class ReadValue(NamedTuple):
+    """A parameter with what was read, or why it was not."""
+
+    parameter: Parameter
+    reading: Reading | None
+    problem: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.parameter.name}: not read: {self.problem}" if self.reading is None else str(self.reading)
+
+    def as_dict(self) -> dict[str, object]:
+        """The value, for JSON and CSV."""
+        parameter = self.parameter
+        if self.reading is None:
+            return {"name": parameter.name, "value": None, "unit": parameter.unit, "text": "", "error": self.problem}
+        value = self.reading.value
+        return {"name": parameter.name, "value": value, "unit": parameter.unit, "text": parameter.text(value)}
+
+
+def read_values(machine: MachineClient, names: Sequence[str]) -> Iterator[ReadValue]:
+    """Yield each of these parameters, in their order, with its value or its error. Raises PortError if the port fails.
+
+    >>> from barewire import ModbusServer, connect
+    >>> from barewire.devices.sim import simulator
+    >>> with ModbusServer("tcp://127.0.0.1:0", {1: simulator("csd-mt").modbus}) as server:
+    ...     with connect("csd-mt", server.url) as drive:
+    ...         [str(value) for value in read_values(drive, ["Current Ratio", "Homing Method"])]
+    ['Current Ratio = 70 %', 'Homing Method = 0']
+    """
+    parameters = [machine.device.find(name) for name in names]
+    blocks = [parameters[place : place + 1] for place in range(min(_FIRST, len(parameters)))]
+    blocks += [parameters[start : start + _TOGETHER] for start in range(_FIRST, len(parameters), _TOGETHER)]
+    blocks.reverse()
+    silent, patience = 0, _FIRST
+    while blocks:
+        block = blocks.pop()
+        try:
+            readings = machine.read_all([parameter.name for parameter in block])
+        except (Refused, DecodeError, NoAnswer) as error:
+            if len(block) > 1:
+                half = len(block) // 2
+                blocks += [block[half:], block[:half]]
+                continue
+            # The names of what was being read are in the row.
+            problem = str(error).partition("; while reading ")[0]
+            yield ReadValue(block[0], None, problem)
+            silent = silent + 1 if isinstance(error, NoAnswer) else 0
+            if silent == patience:
+                rest = [parameter for left in reversed(blocks) for parameter in left]
+                yield from (ReadValue(parameter, None, f"not asked for: {problem}") for parameter in rest)
+                return
+        else:
+            silent, patience = 0, _SILENT
+            yield from (ReadValue(reading.parameter, reading) for reading in readings)
+
+
+def readable_names(device: Device, url: str) -> list[str]:
+    """Return the names of all parameters that can be read over the wire of a URL."""
+    is_can = Endpoint.parse(url).scheme == "can"
+    return [row.name for row in device.parameters if row.readable and (row.object if is_can else row.modbus)]
+
+
+def selected(
+    device: Device,
+    readable: Sequence[str],
+    patterns: Sequence[str],
+    *,
+    groups: Sequence[str] = (),
+    access: str | None = None,
+) -> list[str]:
+    """Return the names that are asked for, in the order of the description; without patterns and groups all readable
+    ones.
+
+    `patterns` are names, or have * and ? in them; `access` is ro or rw. Raises UnknownName for a pattern or a group
+    that nothing has.
+
+    >>> from barewire import load
+    >>> adxl = load("adxl")
+    >>> names = [row.name for row in adxl.parameters if row.readable]
+    >>> selected(adxl, names, ["*temperature*"])[:1]
+    ['Thyristors temperature']
+    """
+    by_group = [_of_group(device, group) for group in groups]
+    wanted: list[str] = []
+    for pattern in patterns:
+        if not is_pattern(pattern):
+            wanted.append(device.find(pattern).name)
+            continue
+        matching = [name for name in readable if fnmatchcase(name.casefold(), pattern.casefold())]
+        if not matching:
+            raise UnknownName(f"no readable parameter of {device.name} has a name like {shown(pattern)}")
+        wanted += matching
+    for group in by_group:
+        wanted += [name for name in group if name in set(readable)]
+    if not patterns and not groups:
+        wanted = list(readable)
+    if access:
+        wanted = [name for name in wanted if device.find(name).access == access]
+    return list(dict.fromkeys(wanted))
+
+
+def is_pattern(name: str) -> bool:
+    """Return whether a name has a star or a question mark in it."""
+    return "*" in name or "?" in name
+
+
+def _of_group(device: Device, group: str) -> list[str]:
+    names = [row.name for row in device.parameters if row.group.casefold() == group.casefold()]
+    if names:
+        return names
+    from barewire.devices.device import suggest
+
+    groups = list(dict.fromkeys(row.group for row in device.parameters if row.group))
+    expected = f"its groups are {', '.join(groups)}" if groups else "its parameters have no groups"
+    raise UnknownName(f"{device.name} has no group {shown(group)}: {expected}{suggest(group, groups)}")
