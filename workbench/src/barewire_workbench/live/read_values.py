@@ -4,8 +4,8 @@
     A B C D | E F G H      the first half: values           the second half: exception 02
               E F | G H    ...                              down to the single value, whose row has the error
 
-The first three values are asked for one by one: a machine that answers none of them is not asked for the rest, whose
-rows say so. One that stops answering later is given up after eight values in a row.
+Of more than eight values the first three are asked for one by one: a machine that answers none of them is not asked for
+the rest, whose rows say so. One that stops answering later is given up after eight values in a row.
 """
 
 from __future__ import annotations
@@ -59,8 +59,9 @@ def read_values(machine: MachineClient, names: Sequence[str]) -> Iterator[ReadVa
     ['Current Ratio = 70 %', 'Homing Method = 0']
     """
     parameters = [machine.device.find(name) for name in names]
-    blocks = [parameters[place : place + 1] for place in range(min(_FIRST, len(parameters)))]
-    blocks += [parameters[start : start + _TOGETHER] for start in range(_FIRST, len(parameters), _TOGETHER)]
+    first = _FIRST if len(parameters) > _SILENT else 0
+    blocks = [parameters[place : place + 1] for place in range(first)]
+    blocks += [parameters[start : start + _TOGETHER] for start in range(first, len(parameters), _TOGETHER)]
     blocks.reverse()
     silent, patience = 0, _FIRST
     while blocks:
