@@ -10,13 +10,13 @@ import pytest
 from barewire.codecs import Text, Value, codec, to_registers
 from barewire.conversation import Conversation, play
 from barewire.devices import Reading, UnknownName, load, read_modbus, write_modbus
-from barewire.devices.raw_address import device_with
 from barewire.devices.sim import simulator
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus import Bus, ModbusException, Server, Table
 from barewire.modbus.messages.base import Response
 from barewire.modbus.messages.registers import ReadHoldingRegisters, ReadHoldingRegistersResponse
 from barewire.tcp import TcpLine
+from barewire_workbench.cli.raw_address import device_with
 from tests.helpers import Peer, refused, serving
 
 AZ3, ADXL, CSD = load("az3"), load("adxl"), load("csd-mt")

@@ -15,7 +15,6 @@ The files, in reading order:
     request_checks    typed text -> a value; checks before anything is sent
     modbus_access     read and write by name over Modbus, with the fewest requests
     canopen_access    the same over CANopen, one transfer for each object
-    raw_address       parameters by address instead of a name
     sdo_dialects      SDO variants of known devices
     cia402            states, status words and control words of a drive
     drive             moves any drive of CiA 402

@@ -330,3 +330,13 @@ def test_a_refused_register_of_a_range_costs_only_itself() -> None:
     assert [row.partition(",")[0] for row in rows] == [f"holding:{address}" for address in range(1000, 1004)]
     assert ["exception 02" in row for row in rows] == [True, False, False, True]
     assert run.stderr == "barewire: 2 of 4 values were not read\n"
+
+
+def test_numbers_of_a_manual_are_read_and_written() -> None:
+    with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
+        assert output_of("read", endpoint, "raw", "41002") == output_of("read", endpoint, "raw", "holding:1001")
+        assert output_of("write", endpoint, "raw", "hr:1080=70").startswith("holding:1080 = 70, written")
+        assert output_of("read", endpoint, "raw", "41081-41081").startswith("holding:1080 = 70")
+        hint = "; if 41002 is the number in the manual, the address is holding:1001"
+        assert error_of("read", endpoint, "raw", "holding:41002").rstrip().endswith(hint)
+        assert hint in run_here("read", endpoint, "raw", "holding:1001", "holding:41002").stdout

@@ -18,10 +18,10 @@ import pytest
 
 from barewire import ModbusServer
 from barewire.devices import Reading, load
-from barewire.devices.raw_address import device_with
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.modbus import ModbusException, Table
 from barewire_workbench.cli.plot import check_plot_file, draw_plot
+from barewire_workbench.cli.raw_address import device_with
 from barewire_workbench.cli.watch import Poller, next_poll, polls
 from tests.helpers import free_port, refused
 from tests.workbench.cli.helpers import (

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -37,8 +38,29 @@ def endpoint_url(value: str) -> str:
             context = click.get_current_context()
             usage = " ".join([context.command_path, *context.command.collect_usage_pieces(context)])
             raise click.BadParameter(f"{shown(value)} is a device: expected {usage}") from None
-        raise click.BadParameter(str(error)) from None
+        raise click.BadParameter(f"{error}{_url_hint(value)}") from None
     return value
+
+
+def _url_hint(value: str) -> str:
+    """Return the URL that was probably meant, for an endpoint without a scheme.
+
+    >>> for value in ("/dev/ttyUSB0", "COM3", "192.168.1.20:1502", "can0"):
+    ...     print(_url_hint(value))
+    ; did you mean 'rtu:///dev/ttyUSB0'?
+    ; did you mean 'rtu://COM3'?
+    ; did you mean 'tcp://192.168.1.20:1502'?
+    ; did you mean 'can://socketcan/can0'?
+    """
+    forms = {
+        r"/dev/[^?]+(\?.*)?|COM\d+(\?.*)?": "rtu://",
+        r"(\d+\.){3}\d+(:\d+)?(\?.*)?|localhost(:\d+)?(\?.*)?": "tcp://",
+        r"v?can\d+(\?.*)?": "can://socketcan/",
+    }
+    for form, start in forms.items():
+        if re.fullmatch(form, value, re.IGNORECASE):
+            return f"; did you mean {start + value!r}?"
+    return ""
 
 
 def _is_device(name: str) -> bool:

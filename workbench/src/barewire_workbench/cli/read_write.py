@@ -13,10 +13,10 @@ from barewire import BarewireError, connect
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
-from barewire.devices.raw_address import device_with, expanded
 from barewire.devices.request_checks import parse_value, to_write
 from barewire.errors import shown
 from barewire.io.machine import MachineClient
+from barewire.modbus.exceptions import ModbusException
 from barewire_workbench.cli.arguments import (
     Choice,
     device_argument,
@@ -27,6 +27,7 @@ from barewire_workbench.cli.arguments import (
 )
 from barewire_workbench.cli.ending import late_response_awaited
 from barewire_workbench.cli.output import Output, note, output_option
+from barewire_workbench.cli.raw_address import device_with, expanded, is_raw_address, printed_number_hint, wire_address
 from barewire_workbench.cli.shown_frames import frames_option, frames_shown
 from barewire_workbench.live.read_values import (
     COLUMNS,
@@ -77,8 +78,8 @@ def read_command(
 
     DEVICE is a name of `barewire devices`, or the directory of your own description. Instead of a NAME, give an
     address: TABLE:ADDRESS[:TYPE[:ORDER]], counted from 0 as on the wire, or object:INDEX[.SUB]:TYPE. holding:0-9 is
-    each register from 0 to 9. DEVICE `raw` is any device, by addresses only. A NAME with * or ? in it is each value
-    that has such a name.
+    each register from 0 to 9; 40001, 400001, 4x0001 and hr:0 are holding:0. DEVICE `raw` is any device, by addresses
+    only. A NAME with * or ? in it is each value that has such a name.
 
     Of several values, one that the device refuses, or does not answer, costs only itself: its line says why, the
     others are read, and the exit status is 1.
@@ -105,13 +106,21 @@ def read_command(
     failed = 0
     with _connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
         if len(wanted) == 1 and not (as_csv or everything or groups):
-            reading = machine.read(wanted[0])  # one value: its error is that of the command
+            parameter = description.find(wanted[0])
+            try:
+                reading = machine.read(wanted[0])  # one value: its error is that of the command
+            except ModbusException as error:
+                if hint := _hint(parameter):
+                    error.add_context(hint)
+                raise
             output.show(reading, ReadValue(reading.parameter, reading).as_dict())
             return
         if table is not None:
             table.writeheader()
         for value in read_values(machine, wanted):
             failed += value.reading is None
+            if value.reading is None and (hint := _hint(value.parameter)):
+                value = value._replace(problem=f"{value.problem}; {hint}")
             if table is not None:
                 table.writerow(value.as_dict())
             else:
@@ -154,6 +163,8 @@ def write_command(
     barewire write "tcp://127.0.0.1:1502" csd-mt "Control Word=0x0006"
     barewire write "tcp://127.0.0.1:1502" raw holding:100:f32=1.5 coil:7=on
     """
+    pairs = [text.partition("=") for text in assignments]
+    assignments = tuple(f"{wire_address(name)}{equals}{value}" for name, equals, value in pairs)
     description = device_with(device, [text.partition("=")[0] for text in assignments])
     wanted = [_assignment(description, text) for text in assignments]
     for name, value in wanted:
@@ -169,6 +180,14 @@ def write_command(
                 reading = Reading(description.find(name), value)
                 how = _how_written(reading.parameter, endpoint) + (_read_back(machine, reading) if force else "")
                 output.show(f"{reading}, {how}", ReadValue(reading.parameter, reading).as_dict() | {"how": how})
+
+
+def _hint(parameter: Parameter) -> str:
+    """Return what the address of a parameter that was not read probably is; empty if it is none of a manual."""
+    place = parameter.modbus
+    if place is None or not is_raw_address(parameter.name):
+        return ""
+    return printed_number_hint(place.table, place.address)
 
 
 @contextmanager

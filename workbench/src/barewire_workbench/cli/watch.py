@@ -28,11 +28,11 @@ from barewire import connect
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
-from barewire.devices.raw_address import device_with, expanded
 from barewire.errors import BarewireError, EncodeError, PortError, Refused
 from barewire_workbench.cli.arguments import device_argument, duration, endpoint_argument, no_wait_option
 from barewire_workbench.cli.ending import EndedBySignal, ended_by_signals, late_response_awaited
 from barewire_workbench.cli.output import note, print_json, text_with_notes
+from barewire_workbench.cli.raw_address import device_with, expanded
 
 
 @click.command("watch")

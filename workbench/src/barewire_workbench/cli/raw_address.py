@@ -7,9 +7,13 @@
         holding:40:text8           text in eight registers
         object:6041h:u16           index, always hexadecimal              object:INDEX[.SUB]:TYPE
         object:1018h.1:u32         and sub-index
+        40001, 400001, 4x0001      holding:0                              as manuals print them, from 1:
+        30001, 3x0001, 10001, 1x0001, 00001, 0x0001                       input, discrete, coil
+        hr:0, ir:0, di:0, co:0     the tables by their short names
 
-Addresses are those on the wire, from 0. Without an order, long values have the order of the long values of the device,
-or the high word first if it has none. The device `raw` has no parameters but such addresses, and stands for any device.
+Addresses are those on the wire, from 0, and printed as such. Without an order, long values have the order of the long
+values of the device, or the high word first if it has none. The device `raw` has no parameters but such addresses, and
+stands for any device.
 """
 
 from __future__ import annotations
@@ -38,6 +42,10 @@ RAW = Device("raw", "any device", (), modbus=ModbusSettings(), canopen=CanopenSe
 _TYPES = tuple(name for name in VALUE_TYPES if name != "text")
 _REGISTERS_MAX = 125
 """The most registers in one response."""
+_FIRST_DIGIT = {"0": "coil", "1": "discrete", "3": "input", "4": "holding"}
+_SHORT = {"hr": "holding", "ir": "input", "di": "discrete", "co": "coil"}
+_PRINTED = re.compile(r"[0134](?:(?P<short>\d{4})|(?P<long>\d{5})|x(?P<x>\d{1,5}))", re.IGNORECASE)
+"""A number that says its table: five digits, six, or the first digit and an x."""
 _FORM = "TABLE:ADDRESS[:TYPE[:ORDER]] with holding, input, coil or discrete, or object:INDEX[.SUB]:TYPE"
 
 
@@ -70,7 +78,48 @@ def expanded(names: Iterable[str]) -> tuple[str, ...]:
 
     Raises EncodeError for a range that is wrong.
     """
-    return tuple(name for text in names for name in _spread(text))
+    return tuple(name for text in names for name in _spread(wire_address(text)))
+
+
+def wire_address(text: str) -> str:
+    """Return an address as manuals print it in the form on the wire; every other text as it is.
+
+    >>> [wire_address(text) for text in ("40001", "400011:f32", "3x0002", "10001-10004", "00001", "hr:7", "Status")]
+    ['holding:0', 'holding:10:f32', 'input:1', 'discrete:0-3', 'coil:0', 'holding:7', 'Status']
+    """
+    plain = text.strip()
+    table, colon, rest = plain.partition(":")
+    if colon and table.lower() in _SHORT:
+        return f"{_SHORT[table.lower()]}:{rest}"
+    addresses, colon, form = plain.partition(":")
+    numbers = [number for part in addresses.split("-") if (number := _printed_number(part)) is not None]
+    tables = {table for table, _ in numbers}
+    if len(numbers) != addresses.count("-") + 1 or len(tables) > 1:
+        return text
+    return f"{tables.pop()}:{'-'.join(str(address) for _, address in numbers)}{colon}{form}"
+
+
+def _printed_number(text: str) -> tuple[str, int] | None:
+    """Return table and address of 40001, 400001 or 4x0001; None for anything else."""
+    match = _PRINTED.fullmatch(text.strip())
+    if match is None:
+        return None
+    number = int(match["short"] or match["long"] or match["x"])
+    return (_FIRST_DIGIT[text.strip()[0]], number - 1) if 1 <= number <= 0x10000 else None
+
+
+def printed_number_hint(table: str, address: int) -> str:
+    """Return what an address that the device does not have probably is, if it looks like the number of a manual.
+
+    >>> printed_number_hint("holding", 40001)
+    'if 40001 is the number in the manual, the address is holding:0'
+    >>> printed_number_hint("input", 1)
+    ''
+    """
+    meant = _printed_number(str(address))
+    if meant is None or meant[0] != table:
+        return ""
+    return f"if {address} is the number in the manual, the address is {meant[0]}:{meant[1]}"
 
 
 def _spread(text: str) -> Iterable[str]:

@@ -7,11 +7,11 @@ import pytest
 from barewire.codecs import Value
 from barewire.conversation import play
 from barewire.devices import ModbusAt, ObjectAt, UnknownName, read_modbus, write_modbus
-from barewire.devices.raw_address import RAW, device_with, expanded, raw_parameter
 from barewire.devices.request_checks import parse_value
 from barewire.errors import EncodeError
 from barewire.modbus import Bus, Server, Table
 from barewire.tcp import TcpLine
+from barewire_workbench.cli.raw_address import RAW, device_with, expanded, raw_parameter, wire_address
 from tests.helpers import refused, serving
 
 
@@ -132,3 +132,33 @@ def test_what_is_written_is_read() -> None:
     assert [reading.value for reading in readings] == [-1.5, True, "AZ3", 0]
     with refused(EncodeError, "input:5:i16 is read only"):
         write_modbus(bus, 1, device, {"input:5:i16": 1})
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("40001", "holding:0"),
+        ("400001", "holding:0"),
+        ("4x0001", "holding:0"),
+        ("4X1", "holding:0"),
+        ("465536", "holding:65535"),
+        ("30002:u32:CDAB", "input:1:u32:CDAB"),
+        ("10001-10003", "discrete:0-2"),
+        ("0x0001", "coil:0"),
+        ("00001", "coil:0"),
+        ("HR:5", "holding:5"),
+        ("ir:0x10:f32", "input:0x10:f32"),
+        ("co:1", "coil:1"),
+        ("di:1", "discrete:1"),
+        # what is none of these is left as it is
+        ("40000", "40000"),
+        ("465537", "465537"),
+        ("40001-30002", "40001-30002"),
+        ("4001", "4001"),
+        ("20001", "20001"),
+        ("Status", "Status"),
+        ("holding:40001", "holding:40001"),
+    ],
+)
+def test_numbers_as_manuals_print_them(text: str, address: str) -> None:
+    assert wire_address(text) == address
