@@ -56,6 +56,8 @@ def server_answers(
         theirs = make(server["line"], units, described) if more else make(server["line"], units)
         if not hasattr(theirs, "hear") and any("raw" in step for step in question["talk"]):
             raise NotOffered("the library is given whole frames")
+        if not hasattr(theirs, "stream") and any("stream" in step for step in question["talk"]):
+            raise NotOffered("only its PDUs are seen")
         try:
             return played(theirs, units, question["talk"])
         finally:
@@ -70,6 +72,8 @@ def played(theirs: Server, units: Units, steps: list[dict[str, Any]]) -> dict[st
     for step in steps:
         if "overrun" in step:
             answer = getattr(theirs, "overrun")()  # noqa: B009 - only some have it
+        elif "stream" in step:
+            answer = getattr(theirs, "stream")(octets(step["stream"])) or None  # noqa: B009 - only some have it
         elif "raw" in step:
             answer = getattr(theirs, "hear")(octets(step["raw"])) or None  # noqa: B009 - only some have it
         else:

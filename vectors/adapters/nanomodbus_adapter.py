@@ -253,6 +253,16 @@ class Server:
     def hear(self, data: bytes) -> bytes:
         return b"".join(one.hear(data) for one in self.units.values())
 
+    def stream(self, data: bytes) -> bytes:
+        """Return what the server sends to frames: it reads one when it is polled, and waits for its end."""
+        said = b""
+        while data:
+            size = 6 + int.from_bytes(data[4:6], "big")
+            if len(data) < size:
+                raise NotOffered("it waits for the rest of a frame while it reads")
+            said, data = said + self.hear(data[:size]), data[size:]
+        return said
+
     def values(self, unit: int, table: str, first: int, count: int) -> list[int]:
         return [self.units[unit].tables[table][first + at] for at in range(count)]
 

@@ -23,15 +23,23 @@ def size_in(line, bit):
     return int.from_bytes(line[4:], "little") if line[0] & bit else None
 
 
+def answer_to(place, says):
+    """Say lines, and return the answer about this object; one about another object is late, or another client's."""
+    line = yield says
+    while heard(line)[1:4] != place:
+        line = yield []
+    return line
+
+
 def download(given):
     """Write a value."""
     value, place = octets(given["value"]), place_of(given)
     size = len(value).to_bytes(4, "little")
     if "block" in given:
         crc = given["block"]["crc"]
-        answer = yield [line_of(0xC2 | crc << 2, place, size)]
+        answer = yield from first_answer(place, line_of(0xC2 | crc << 2, place, size))
         if not refused(answer):
-            if heard(answer)[0] & 0xE3 != 0xA0:
+            if answer[0] & 0xE3 != 0xA0:
                 raise Abort(COMMAND)
             answer = yield from send_blocks(value, answer[4], crc and answer[0] & 4)
             if answer[0] != 0xA1:
@@ -43,7 +51,7 @@ def download(given):
         first = line_of(0x23 | (4 - len(value)) << 2, place, value)
     else:
         first = line_of(0x21, place, size)
-    if heard((yield [first]))[0] != 0x60:
+    if (yield from answer_to(place, [first]))[0] != 0x60:
         raise Abort(COMMAND)
     parts = cut(value) if not first[0] & 2 else []
     for number in range(len(parts)):
@@ -53,6 +61,12 @@ def download(given):
         if answer[0] >> 4 & 1 != number & 1:
             raise Abort(TOGGLE)
     return None
+
+
+def first_answer(place, line):
+    """Say the first line of a block transfer, and return the answer; that there are no block transfers is one too."""
+    answer = yield [line]
+    return answer if refused(answer) or heard(answer)[1:4] == place else (yield from answer_to(place, []))
 
 
 def refused(answer):
@@ -65,13 +79,14 @@ def upload(given):
     place, answer = place_of(given), None
     if "block" in given:
         block = given["block"]
-        answer = yield [line_of(0xA0 | block["crc"] << 2, place, block["size"], block["switch"])]
-        if not refused(answer) and heard(answer)[0] & 0xE1 == 0xC0:
+        first = line_of(0xA0 | block["crc"] << 2, place, block["size"], block["switch"])
+        answer = yield from first_answer(place, first)
+        if not refused(answer) and answer[0] & 0xE1 == 0xC0:
             crc = block["crc"] and answer[0] & 4
             value = yield from receive_blocks(block["size"], size_in(answer, 2), crc, [line_of(0xA3)])
             return value, [line_of(0xA1)]
     if answer is None or refused(answer):
-        answer = heard((yield [line_of(0x40, place)]))
+        answer = yield from answer_to(place, [line_of(0x40, place)])
     if answer[0] & 0xE0 != 0x40:
         raise Abort(COMMAND)
     if answer[0] & 2:

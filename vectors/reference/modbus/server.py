@@ -117,15 +117,35 @@ def answer(stations, is_serial, number, pdu):
         return bytes((pdu[0] | 0x80, declined.args[0]))
 
 
+def answers(stations, held):
+    """Return the frames that answer those of a stream, each with its header; take them out of `held`."""
+    said = b""
+    while len(held) >= 6:
+        size = 6 + int.from_bytes(held[4:6], "big")
+        if held[2:4] != b"\0\0" or not 8 <= size <= 260:
+            held.clear()  # nobody knows where the next frame begins
+        elif len(held) < size:
+            break
+        else:
+            pdu = answer(stations, False, held[6], bytes(held[7:size]))
+            if pdu is not None:
+                said += held[:4] + (len(pdu) + 1).to_bytes(2, "big") + held[6:7] + pdu
+            del held[:size]
+    return said or None
+
+
 def run(question):
     """Return what the server says in each step, and its tables at the end."""
     stations = {int(number): Station(given) for number, given in question["server"]["units"].items()}
-    steps = []
+    steps, held = [], bytearray()
     for step in question["talk"]:
         said = None
-        if "ask" in step:
+        if "stream" in step:
+            held += bytes.fromhex(step["stream"])
+            said = answers(stations, held)
+        elif "ask" in step:
             said = answer(stations, question["server"]["line"] != "tcp", step["unit"], bytes.fromhex(step["ask"]))
-        for station in stations.values() if "ask" not in step else ():
+        for station in stations.values() if not {"ask", "stream"} & {*step} else ():
             station.count("12" if "overrun" in step else "0C")
             station.note((0x90 if "overrun" in step else 0x82) | station.listening())
         steps.append({"say": None if said is None else said.hex(" ").upper()})

@@ -150,10 +150,26 @@ class SerialServer {
 
 class TcpServer {
   constructor(units) {
+    this.held = [];
     this.units = Object.entries(units).map(([address, settings]) => [Number(address), { unit: new Unit(settings, 'tcp') }]);
   }
 
-  step({ unit, ask }) {
+  stream(bytes) {
+    const held = this.held = [...this.held, ...bytes];
+    const sent = [];
+    while (held.length >= 6) {
+      const end = 6 + (held[4] << 8) + held[5];
+      if (held[2] || held[3] || end < 8 || end > 260) held.length = 0;
+      if (held.length < end) break;
+      const frame = held.splice(0, end);
+      const pdu = this.step({ unit: frame[6], ask: showBytes(frame.slice(7)) });
+      if (pdu) sent.push(...frame.slice(0, 4), ...big(pdu.length + 1, 2), frame[6], ...pdu);
+    }
+    return sent.length ? sent : null;
+  }
+
+  step({ unit, ask, stream }) {
+    if (stream !== undefined) return this.stream(parseBytes(stream));
     if (ask === undefined) return null;
     const found = this.units.find(([address]) => address === unit);
     return found ? found[1].unit.answer(parseBytes(ask)) : null;

@@ -192,9 +192,16 @@ def _side(do: str, case: Case) -> Case:
     if downloads is (do == "client"):
         fields |= {"value": case["value"]}  # the side that has the value
     if case["ends"] == "done" and "value" not in fields:
-        fields["arrived"] = case["value"]
-    ends = case["ends"] if case["ends"] == "done" else {"abort": case["ends"]["abort"]}
-    return fields | ({"ends": ends} if do == "client" else {})
+        fields["arrived"] = _but_never(case["value"], case)
+    if do == "client":
+        ends = case["ends"] if case["ends"] == "done" else {"abort": case["ends"]["abort"]}
+        fields["ends"] = _but_never(ends, case) if downloads else ends
+    return fields
+
+
+def _but_never(expected: Any, case: Case) -> Any:
+    """Return what is expected, and what would be wrong in any case, `never` of the case."""
+    return {"one_of": [expected], "never": [case["never"]]} if "never" in case else expected
 
 
 _MADE: dict[str, Callable[[str, Case], Iterable[Case]]] = {

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from barewire.canopen.abort_codes import SdoAbort
+from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.communication_objects import lss_address
 from barewire.canopen.configuration.configure import ConciseValue
@@ -73,6 +73,8 @@ def _sdo_client(given: Fields) -> Fields:
         _play(conversation, given["talk"], steps, node)
     except SdoAbort as abort:
         return {"talk": steps, "ends": {"abort": f"{abort.code:08X}"}}
+    except NoAnswer:
+        return {"talk": steps, "ends": {"abort": f"{AbortCode.TIMED_OUT:08X}"}}  # what it has told the server
     except StopIteration as stop:
         arrived = {"arrived": hexed(stop.value)} if given["direction"] == "upload" else {}
         return {"talk": steps, "ends": "done", **arrived}

@@ -4,6 +4,7 @@ server: units with tables in memory behind a line, asked step by step, a second 
 
     {"unit": 1, "ask": "03 00 00 00 01"}     framed, fed to the server of that line; what it sends is the answer
     {"raw": "01 03 00 00 00 01 00 00"}       bytes that are not a frame
+    {"stream": "12 34 00 00 00 06 01 ..."}   bytes on a connection: what is sent is compared with its headers
     {"overrun": true}                        the port has lost a character
 
 server-conformance: our server with a table of 100 registers and coils, on a line of its own.
@@ -177,6 +178,9 @@ class _Bench:
         if "overrun" in step:
             self._server.overrun()
             return None
+        if "stream" in step:
+            sent, self._now = _fed(self._server, octets(step["stream"]), self._now)
+            return hexed(b"".join(sent)) if sent else None
         if "raw" in step:
             data = octets(step["raw"])
         else:
