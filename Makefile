@@ -81,6 +81,9 @@ gateway-lab: $(VENV)/installed-dev ## the gateway beside a relay and mbusd, and 
 small-machine: $(VENV)/installed-dev ## from sensor to broker with 64 MB and a fifth of a core, in a control group; needs root; ARGS=--help
 	@$(BIN)/python -m tools.small_machine $(ARGS)
 
+gateway-clients: $(VENV)/installed-dev ## what the pages Node-RED, Telegraf and ESPHome say, with those programs; Python 3.12; TELEGRAF=path
+	@TELEGRAF=$(TELEGRAF) $(BIN)/python -m tools.gateway_clients
+
 plant: $(VENV)/installed-dev ## 127 CANopen nodes booted, configured and run with SYNC at 100 Hz, and their load; ARGS=--help
 	@$(BIN)/python -m bench.plant $(ARGS)
 
@@ -113,5 +116,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers modbus-connection pictures docs docs-links hostile gateway-lab small-machine plant vectors-release vectors-mutants mutants format clean
+.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers modbus-connection pictures docs docs-links hostile gateway-lab gateway-clients small-machine plant vectors-release vectors-mutants mutants format clean
 .NOTPARALLEL:

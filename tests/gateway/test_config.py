@@ -199,7 +199,7 @@ def test_the_files_of_the_documentation_are_valid() -> None:
     assert [fault.text.partition(":")[0] for fault in wrong.value.faults] == ["eds 'node.eds'"]
 
 
-@pytest.mark.parametrize("name", ["home-assistant"])
+@pytest.mark.parametrize("name", ["home-assistant", "node-red", "telegraf", "esphome"])
 def test_the_gateways_for_other_programs_are_valid(name: str) -> None:
     page = Path(__file__).parents[2] / "docs" / "how-to" / f"{name}.md"
     blocks = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
