@@ -81,9 +81,7 @@ def endpoint(params: Params) -> tuple[str, dict[str, Any]]:
     if params.framer == "socket":
         return f"{'udp' if isinstance(params, ModbusUdpParams) else 'tcp'}://{place}", {}
     if isinstance(params, ModbusUdpParams):
-        raise ValueError(
-            f"barewire has no {params.framer} framing over UDP; use modbus_connection.pymodbus.ModbusConnection"
-        )
+        raise ValueError(f"no {params.framer} framing over UDP: use modbus_connection.pymodbus.ModbusConnection")
     return f"{params.framer}+tcp://{place}", {}
 
 
@@ -323,12 +321,10 @@ class BarewireUnit:
 
 # What the other backends offer besides: functions that connect at once ------------------------------------------------
 
-_TUNING = ("timeout", "message_spacing", "connect_delay")
-
 
 async def _connected(params: Callable[..., Params], options: dict[str, Any]) -> ModbusConnection:
     """Return an open connection. The options that are not those of a connection are the fields of its params."""
-    tuning = {name: options.pop(name) for name in _TUNING if name in options}
+    tuning = {name: options.pop(name) for name in ("timeout", "message_spacing", "connect_delay") if name in options}
     connection = ModbusConnection(params(**options), **tuning)
     await connection.connect()
     return connection
