@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 import tomllib
@@ -14,6 +15,7 @@ from barewire.gateway.__main__ import run_program
 from barewire.gateway.config import OPTIONS, ConfigError, config_schema, example, read_config
 from barewire.gateway.dispatch import UnitConfig
 from barewire.modbus import UnitOptions
+from tools import gateway_clients
 
 GOOD = """\
 drain = 1
@@ -207,6 +209,16 @@ def test_the_gateways_for_other_programs_are_valid(name: str) -> None:
     assert ours
     for block in ours:
         read_config(block)
+
+
+def test_the_configurations_of_other_programs_hold_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TELEGRAF", raising=False)
+    assert "every option is one of its plugin" in asyncio.run(gateway_clients.telegraf())
+    (flow,) = gateway_clients.blocks("node-red", "json")
+    nodes = {node["id"]: node for node in json.loads(flow)}
+    for node in nodes.values():
+        named = {node.get("z"), node.get("server"), *(other for wire in node.get("wires", []) for other in wire)}
+        assert named - {None} <= nodes.keys(), node["id"]
 
 
 def test_the_publisher_of_the_documentation_is_valid() -> None:
