@@ -18,7 +18,7 @@ UNIT = ROOT / "packaging" / "barewire-gateway.service"
 @pytest.mark.long
 @pytest.mark.needs("systemd")
 def test_it_may_do_little(tmp_path: Path) -> None:
-    command = ["systemd-analyze", "security", "--offline=true", UNIT]
+    command = ["systemd-analyze", "security", "--offline=true", str(UNIT)]
     shown = subprocess.run(command, check=True, capture_output=True, text=True, timeout=60).stdout
     level = re.search(r"Overall exposure level for \S+: ([\d.]+)", shown)
     assert level is not None, shown
@@ -30,7 +30,7 @@ def test_it_may_do_little(tmp_path: Path) -> None:
 def test_systemd_finds_nothing_wrong(tmp_path: Path) -> None:
     unit = tmp_path / UNIT.name
     unit.write_text(UNIT.read_text(encoding="utf-8").replace("/opt/barewire/bin/python", "/usr/bin/python3"))
-    command = ["systemd-analyze", "verify", unit]
+    command = ["systemd-analyze", "verify", str(unit)]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stderr) == (0, "")
 
