@@ -61,6 +61,7 @@ WORKBENCH: dict[str, set[str]] = {
     "pictures": {"frames", "monitor", "recordings", "steps", "wire"},
     "replay": {"frames", "monitor", "recordings"},
     "vectors": {"conform", "recordings"},
+    "vendor": set(),
     "api": {"diagnosis", "frames", "recordings"},
     "live": {"conform", "scan", "vectors"},
     "__init__": {"api", "frames"},

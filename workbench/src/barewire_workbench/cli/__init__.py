@@ -27,6 +27,7 @@
     eds               `eds`: export and check electronic data sheets
     vectors           `vectors`: the reference vectors, listed and run against any implementation
     vectors_show      one case of them, explained and drawn
+    vendor            `vendor`: a client or server as one file, updated and checked
 
 Exit status: 0 done, 1 failed, 2 wrong usage, 128 + n ended by signal n.
 """

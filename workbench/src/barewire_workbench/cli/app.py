@@ -47,6 +47,7 @@ COMMANDS = {
     "gateway": ("gateway", "Serve lines and buses to many Modbus clients; publish values to MQTT."),
     "canopen-gateway": ("canopen_gateway", "Serve a CANopen network as text over TCP (CiA 309-3)."),
     "eds": ("eds", "Export or check electronic data sheets (CiA 306)."),
+    "vendor": ("vendor", "Print NAME as one file that needs the standard library only."),
 }
 """Command -> (file, first line of its help). A file is loaded when the command is used: `explain` loads no CAN bus,
 and `--help` none of them. In the file, the click command of `canopen-gateway` is `canopen_gateway_command`."""

@@ -8,6 +8,7 @@
     ports                  the serial ports and CAN interfaces of this machine
     results                the line of a case; the errors of a run that ended early, or did not begin
     vector_adapter         a program that answers the questions of the vectors
+    one_file/              parts of the files that `barewire vendor` makes
 
 With `cli` the only room that has clocks and ports.
 """

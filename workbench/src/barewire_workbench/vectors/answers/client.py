@@ -37,6 +37,8 @@ from barewire_workbench.vectors.questions import Fields
 
 _TURNAROUND = 100_000
 _MICROSECOND = 1e-6
+_BITS = 11
+"""Of a character."""
 
 
 def run_client(given: Fields) -> Fields:
@@ -66,7 +68,7 @@ class _Session:
         self.peer = ClientPeer(given)
         self.outcomes: list[str] = [""] * len(self.asks)
         self.now = 1.0
-        self.timing = Timing.of(self.setup.get("baud", 19200))
+        self.baud = self.setup.get("baud", 19200)
         self.fan: FanOut | None = None
         lines = self._lines()
         late_window = self.setup.get("late_window")
@@ -82,7 +84,7 @@ class _Session:
         if self.setup["framing"] == "tcp":
             self.fan = FanOut(self.setup.get("at_once", 1), first_number=self.setup.get("first_number", 1))
             return list(self.fan.lines)
-        line: Line = RtuLine(self.timing) if self.setup["framing"] == "rtu" else AsciiLine()
+        line: Line = RtuLine(Timing.of(self.baud)) if self.setup["framing"] == "rtu" else AsciiLine()
         return [EchoLine(line)] if self.setup.get("echo") else [line]
 
     def run(self) -> None:
@@ -142,7 +144,7 @@ class _Session:
             while not isinstance(step, Listen):
                 for frame in step.items:
                     if self.fan is None:
-                        self.now += self.timing.duration(len(frame))
+                        self.now += _BITS * len(frame) / self.baud
                     self.peer.hear(frame, round(self.now / _MICROSECOND))
                 step = conversation.send(Heard(None, self.now))
             lane.until = step.until

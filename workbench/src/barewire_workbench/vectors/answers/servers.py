@@ -39,12 +39,12 @@ from barewire_workbench.vectors.answers.modbus import FRAMINGS
 from barewire_workbench.vectors.answers.values import Answers, bits, bitted, hexed, octets, worded, words
 from barewire_workbench.vectors.questions import Fields
 
-_TIMING = Timing.of(19200)
+_BAUD = 19200
 
 
 def _server_line(framing: str, units: Collection[int]) -> Line:
     if framing == "rtu":
-        return RtuLine(_TIMING, role="server", units=units)
+        return RtuLine(Timing.of(_BAUD), role="server", units=units)
     if framing not in ("ascii", "tcp"):
         raise DecodeError("value", framing.encode(), 0, f"line {framing}: expected rtu, ascii or tcp")
     return AsciiLine() if framing == "ascii" else TcpLine()
@@ -164,7 +164,7 @@ class _Bench:
     def __init__(self, framing: str, units: dict[int, ServedUnit]) -> None:
         self._framing, self._now, self._number = framing, 1.0, 0
         self._server = Server(_server_line(framing, units), units, serial=framing != "tcp")
-        self._client: Line = RtuLine(_TIMING) if framing == "rtu" else _server_line(framing, ())
+        self._client: Line = RtuLine(Timing.of(_BAUD)) if framing == "rtu" else _server_line(framing, ())
 
     def set_counters(self, number: int, unit: Fields) -> None:
         counters: SerialCounters = self._server.counters[number]
@@ -263,7 +263,7 @@ class _ScriptedLine:
         self.answered_at: deque[float] = deque()
         """When the requests of the present bytes were answered, in their order."""
         self._heard = deque((step["at"] / 1e6, step) for step in steps if step.get("from") == "line" or "port" in step)
-        self._bus = Bus(RtuLine(_TIMING))
+        self._bus = Bus(RtuLine(Timing.of(_BAUD)))
         self._timeout = timeout
         self._is_up = True
 

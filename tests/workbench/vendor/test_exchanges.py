@@ -1,0 +1,196 @@
+"""The files of `barewire vendor` on real ports: with our servers, and with units that answer late and wrongly."""
+
+from __future__ import annotations
+
+import os
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from barewire import ModbusServer, Table
+from barewire.ascii import frame as ascii_frame
+from barewire.rtu import frame as rtu_frame
+from tests.workbench.vendor.made import imported, run_alone, written
+
+pytestmark = pytest.mark.long
+
+
+def served(scheme: str) -> ModbusServer:
+    return ModbusServer(scheme, units={7: Table(holding_registers={107: [555, 0, 100]}, coils=[True, False])})
+
+
+@pytest.mark.parametrize("framing", ["rtu", "ascii"])
+def test_a_serial_client_alone(framing: str, tmp_path: Path) -> None:
+    """Without pyserial: the file opens the port by itself."""
+    path = written(tmp_path, f"modbus-{framing}-client", "coils")
+    with served(f"{framing}://pty") as server:
+        port = server.url.partition("://")[2].partition("?")[0]
+        done = run_alone(tmp_path, f"from {path.stem} import *\n" + EXCHANGES.format(
+            client=f"Modbus{framing.title()}Client({port!r}, unit=7, timeout=20)"
+        ))  # fmt: skip
+    assert (done.stdout, done.stderr) == (EXCHANGED, "")
+
+
+def test_a_tcp_client_alone(tmp_path: Path) -> None:
+    path = written(tmp_path, "modbus-tcp-client", "coils")
+    with served("tcp://127.0.0.1:0") as server:
+        port = server.url.rpartition(":")[2]
+        done = run_alone(tmp_path, f"from {path.stem} import *\n" + EXCHANGES.format(
+            client=f"ModbusTcpClient('127.0.0.1', {port}, unit=7, timeout=20)"
+        ))  # fmt: skip
+    assert (done.stdout, done.stderr) == (EXCHANGED, "")
+
+
+EXCHANGES = """
+with {client} as client:
+    print(client.read_holding_registers(107, 3))
+    client.write_multiple_registers(107, [1, 65535])
+    client.write_single_register(109, 7)
+    print(client.read_holding_registers(107, 3))
+    client.write_single_coil(1, True)
+    print(client.read_coils(0, 2))
+    try:
+        client.read_input_registers(65535, 2)
+    except ModbusException as error:
+        print(error)
+    print(client.bus.counters.asked, client.bus.counters.strays)
+"""
+EXCHANGED = """\
+(555, 0, 100)
+(1, 65535, 7)
+(True, True)
+unit 7, address 65535: exception 02 (illegal data address) to function 04
+7 0
+"""
+
+
+class Unit:
+    """A unit at the other end of a pseudo-terminal: it answers each frame with what `answer` returns for it."""
+
+    def __init__(self, end_of: Callable[[bytes], int], answer: Callable[[bytes], bytes]) -> None:
+        self._end_of, self._answer = end_of, answer
+        self.ours, other = os.openpty()
+        tty.setraw(other)
+        self.path = os.ttyname(other)
+        self._other = other
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def _run(self) -> None:
+        held = b""
+        while True:
+            try:
+                held += os.read(self.ours, 256)
+            except OSError:
+                return  # closed
+            while end := self._end_of(held):
+                frame, held = held[:end], held[end:]
+                os.write(self.ours, self._answer(frame))
+
+    @contextmanager
+    def running(self) -> Iterator[str]:
+        self._thread.start()
+        try:
+            yield self.path
+        finally:
+            os.close(self._other)
+            self._thread.join(10)
+            os.close(self.ours)
+
+
+def rtu_end(held: bytes) -> int:
+    """Return the end of a request of eight bytes: reads, and the probe."""
+    return 8 if len(held) >= 8 else 0
+
+
+class Late:
+    """A unit that keeps its first answer until it gets the next request."""
+
+    def __init__(self, framing: Any) -> None:
+        self.framing = framing
+        self.kept: bytes | None = None
+        self.probes = 0
+
+    def __call__(self, frame: bytes) -> bytes:
+        unit, pdu, _ = self.framing.decode(frame)
+        if pdu[0] == 8:
+            self.probes += 1
+            answer = frame
+        else:
+            answer = self.framing.encode(unit, bytes([3, 2]) + pdu[1:3])  # the register has its own address
+        if self.kept is None:
+            self.kept = answer
+            return b""
+        late, self.kept = self.kept, b""
+        return late + answer
+
+
+@pytest.mark.parametrize("framing", ["rtu", "ascii"])
+def test_a_late_answer_is_not_given_to_the_next_request(framing: str, tmp_path: Path) -> None:
+    """The answer to register 5 comes when register 6 is asked: a probe tells it apart."""
+    module = imported(tmp_path, f"modbus-{framing}-client")
+    frames: Any = rtu_frame if framing == "rtu" else ascii_frame
+    late = Late(frames)
+    end = rtu_end if framing == "rtu" else lambda held: held.find(b"\n") + 1
+    client_class = getattr(module, f"Modbus{framing.title()}Client")
+    with Unit(end, late).running() as path, client_class(path, timeout=20.0) as client:
+        with pytest.raises(module.NoAnswer, match="did not answer Read Holding Registers within"):
+            client.ask(module.ReadHoldingRegisters(5, 1), timeout=0.05)
+        assert client.read_holding_registers(6, 1) == (6,)
+        assert late.probes == 1
+        assert client.bus.counters.late == 1
+        assert [reply.request for reply in client.bus.counters.replies] == [module.ReadHoldingRegisters(5, 1)]
+
+
+def test_damaged_bytes_are_not_an_answer(tmp_path: Path) -> None:
+    """A frame with a wrong CRC comes before the answer, a bit of it is wrong; and a write whose answer is damaged."""
+    module = imported(tmp_path, "modbus-rtu-client")
+
+    def answer(frame: bytes) -> bytes:
+        unit, pdu, _ = rtu_frame.decode(frame)
+        if pdu[0] == 8:
+            return frame
+        good = rtu_frame.encode(unit, bytes([3, 2]) + pdu[1:3] if pdu[0] == 3 else pdu)
+        return bytes([good[0], good[1] ^ 0x10, *good[2:]])
+
+    with Unit(rtu_end, answer).running() as path, module.ModbusRtuClient(path, timeout=0.3) as client:
+        with pytest.raises(module.NoAnswer, match=r"received instead: .*CRC is 38 46, should be 3C 86"):
+            client.read_holding_registers(6, 1)
+        with pytest.raises(module.WriteOutcomeUnknown):
+            client.write_single_register(6, 1)
+
+
+def test_a_port_that_fails_is_opened_again(tmp_path: Path) -> None:
+    module = imported(tmp_path, "modbus-tcp-client")
+    with served("tcp://127.0.0.1:0") as server:
+        port = int(server.url.rpartition(":")[2])
+        client = module.ModbusTcpClient("127.0.0.1", port, unit=7, timeout=20)
+        assert client.read_holding_registers(107, 1) == (555,)
+    with pytest.raises(module.PortError):
+        client.read_holding_registers(107, 1)
+    with ModbusServer(f"tcp://127.0.0.1:{port}", units={7: Table(holding_registers={107: [556]})}):
+        assert client.read_holding_registers(107, 1) == (556,)
+        client.close()
+
+
+def test_ports_that_cannot_be_opened(tmp_path: Path) -> None:
+    module = imported(tmp_path, "modbus-rtu-client")
+    plain = tmp_path / "a_file"
+    plain.touch()
+    for path, text in (("/dev/nowhere", "no such file or directory"), (str(plain), "not a serial port with 19200 8E1")):
+        with pytest.raises(module.PortError, match=text), module.ModbusRtuClient(path):
+            pass
+    with pytest.raises(module.EncodeError, match="no such speed"), module.ModbusRtuClient(str(plain), baudrate=12345):
+        pass
+    with served("rtu://pty") as server:
+        path = server.url.partition("://")[2].partition("?")[0]
+        with (
+            module.ModbusRtuClient(path, unit=7),
+            pytest.raises(module.PortError, match="another program has it open"),
+            module.ModbusRtuClient(path),
+        ):
+            pass

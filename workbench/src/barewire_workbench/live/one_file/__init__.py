@@ -1,0 +1,9 @@
+"""Parts of the files that `barewire vendor` makes: what a small file has in place of a larger part of the stack.
+
+crc, registry            a table for each, in place of folded numbers and of files loaded when needed
+probe, rtu_shape         only what a client needs
+serial_port, tcp_port    ports by the standard library alone
+modbus_client            the methods of all clients; rtu_client, ascii_client and tcp_client open its ports
+rtu_server, tcp_server   the loops of servers
+adapter                  no part: the program that answers the questions of the vectors with a file
+"""

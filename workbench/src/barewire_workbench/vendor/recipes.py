@@ -1,0 +1,157 @@
+"""What each file is made of: its public names, the families of messages, and what small files do without.
+
+    modbus-rtu-client   =   ModbusRtuClient, the coils and registers, and all that they need
+                            without: methods that are only quicker, or only for `explain`, and what only a listener has
+
+What is taken from `live/one_file` is the same as in the stack and shorter, because a file has no URLs, no lazy loading
+and one kind of port. A patch removes a branch that the file never takes; it names the text, which must be there once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from barewire_workbench.vendor.patches import NO_LISTENER, NUMBERED, ONLY_RESPONSES, Patch
+from barewire_workbench.vendor.sources import Place
+
+PARTS = "barewire_workbench.live.one_file"
+MESSAGES = "barewire.modbus.messages"
+
+FAMILIES = {
+    "registers": "ReadHoldingRegisters ReadInputRegisters WriteSingleRegister WriteMultipleRegisters",
+    "coils": "ReadCoils ReadDiscreteInputs WriteSingleCoil WriteMultipleCoils",
+    "combined": "MaskWriteRegister ReadWriteMultipleRegisters",
+    "fifo": "ReadFifoQueue",
+    "files": "ReadFileRecord WriteFileRecord",
+    "diagnostics": "ReadExceptionStatus Diagnostics",
+    "comm_events": "GetCommEventCounter GetCommEventLog",
+    "identification": "ReportServerId ReadDeviceIdentification",
+}
+"""The families of messages, as `barewire.modbus.messages` has them, and the requests of each."""
+NEVER_INSIDE = (f"{MESSAGES}.canopen_reference", f"{MESSAGES}.raw", "barewire.modbus.messages")
+
+Patches = Mapping[str, tuple[Patch, ...]]
+
+
+class Recipe(NamedTuple):
+    """How a file is made.
+
+    subject     what it is, for its first line
+    file        what it is called in examples
+    usage       a program that uses it
+    families    the messages that it has without further options
+    optional    the families that `--with` adds
+    roots       its public names, by module; the requests of the families are public too
+    in_place    names that are replaced by those of a module of `live/one_file`
+    without     methods that are left out
+    patches     by module: texts that are replaced
+    kinds       the kinds of vectors that it answers
+    """
+
+    subject: str
+    file: str
+    usage: str
+    families: tuple[str, ...]
+    optional: tuple[str, ...]
+    roots: tuple[Place, ...]
+    in_place: Mapping[Place, Place]
+    without: frozenset[Place]
+    patches: Patches
+    kinds: tuple[str, ...]
+
+
+def _replaced(module: str, part: str, *names: str) -> dict[Place, Place]:
+    return {Place(module, name): Place(f"{PARTS}.{part}", name) for name in names}
+
+
+_REGISTRY = _replaced(
+    f"{MESSAGES}.registry",
+    "registry",
+    *("AnyRequest", "request_class", "response_class"),
+    *("measure_request", "measure_response", "decode_request", "decode_response"),
+)
+_CRC = _replaced("barewire.rtu.crc", "crc", "INITIAL", "TABLE", "crc16", "is_one_bit_off")
+_PROBE = _replaced(f"{MESSAGES}.diagnostics", "probe", "RETURN_QUERY_DATA", "Diagnostics")
+_RESPONSES = _replaced("barewire.rtu.shape", "rtu_shape", "Shape")
+
+_EXPLAINING = frozenset(
+    Place(f"{MESSAGES}.{module}", f"{cls}.fields")
+    for module, classes in {
+        "base": "ExceptionResponse",
+        "coils": "ReadCoilsResponse _CoilValue WriteMultipleCoils",
+        "registers": "ReadHoldingRegistersResponse WriteMultipleRegisters",
+        "combined": "ReadWriteMultipleRegistersResponse ReadWriteMultipleRegisters",
+        "fifo": "ReadFifoQueueResponse",
+        "files": "ReadFileRecord ReadFileRecordResponse WriteFileRecord",
+        "diagnostics": "ReadExceptionStatusResponse DiagnosticsResponse Diagnostics",
+    }.items()
+    for cls in classes.split()
+)
+"""The fields of a message with names and meanings, for `explain`; the offsets in errors do not need them."""
+_QUICKER = frozenset(
+    Place(f"{MESSAGES}.registers", f"ReadHoldingRegisters.{method}") for method in ("decode", "read_response")
+)
+"""Shortcuts of the most frequent request. Without them its base class does the same."""
+
+_SETTING = frozenset({Place(f"{MESSAGES}.base", "Message.__init_subclass__")})
+"""A better text of the error of those who set a field of a message, which is frozen."""
+
+_LINE = "barewire.rtu.line"
+TEXTS = {
+    "barewire.codecs.bits": "Rows of bits: coil 0 of a packed row is bit 0 of byte 0.                    [MB-APP 6.1]",
+    "barewire.codecs.order": "Registers: 16 bits each, the more significant byte first.                  [MB-APP 4.2]",
+    "barewire.modbus.framing": "What a line, the framing state of one connection, makes of received bytes.",
+    "barewire.io.ports.base": "What the engine needs of a port: any object with these three methods.",
+    "barewire.io.ports.network": "Sizes and texts that all ports share.",
+}
+"""The docstrings of modules of which a file has one or two things only, in place of their own."""
+
+_IS_LINE = {Place("barewire.modbus.framing", "Line"): Place(_LINE, "RtuLine")}
+_CLIENT_MESSAGES = _EXPLAINING | _QUICKER | _SETTING
+_OF_CLIENTS = ("combined", "fifo", "files", "diagnostics", "comm_events", "identification")
+
+
+def _client(
+    framing: str, usage: str, in_place: Mapping[Place, Place], line: Place, patches: Patches, *kinds: str
+) -> Recipe:
+    return Recipe(
+        f"A Modbus {framing.upper()} client",
+        f"modbus_{framing}.py",
+        usage,
+        ("registers",),
+        ("coils", *_OF_CLIENTS),
+        (Place(f"{PARTS}.{framing}_client", f"Modbus{framing.title()}Client"),),
+        {**_REGISTRY, **_PROBE, **in_place, Place("barewire.modbus.framing", "Line"): line},
+        _CLIENT_MESSAGES | {Place(line.module, f"{line.name}.response")},
+        patches,
+        (*kinds, f"{framing}-frame", f"{framing}-talk", "pdu", "exchange", "client"),
+    )
+
+
+_READ = "client.read_holding_registers(107, 3)          # (555, 0, 100)"
+RECIPES = {
+    "modbus-rtu-client": _client(
+        "rtu",
+        f'with ModbusRtuClient("/dev/ttyUSB0", baudrate=19200, unit=1) as client:\n    {_READ}',
+        _CRC | _RESPONSES,
+        Place(_LINE, "RtuLine"),
+        {_LINE: NO_LISTENER + ONLY_RESPONSES},
+        *("crc16", "rtu-timing"),
+    ),
+    "modbus-tcp-client": _client(
+        "tcp",
+        f'with ModbusTcpClient("192.0.2.7", unit=1) as client:\n    {_READ}',
+        {},
+        Place("barewire.tcp.line", "TcpLine"),
+        {"barewire.modbus.client.bus": NUMBERED},
+    ),
+    "modbus-ascii-client": _client(
+        "ascii",
+        f'with ModbusAsciiClient("/dev/ttyUSB0", baudrate=9600, bytesize=7, unit=1) as client:\n    {_READ}',
+        {},
+        Place("barewire.ascii.line", "AsciiLine"),
+        {},
+        "lrc",
+    ),
+}
