@@ -29,8 +29,12 @@ def make(name: str, families: Sequence[str], version: str) -> str:
     requests = [Place(f"{MESSAGES}.{family}", request) for family in inside for request in FAMILIES[family].split()]
     # A part in place of a family that is inside after all: the probe, which is one message of the diagnostics.
     in_place = {ours: part for ours, part in recipe.in_place.items() if ours.module.rpartition(".")[2] not in added}
+    patches = [recipe.patches, *(texts for family, texts in recipe.absent.items() if family not in inside)]
+    by_module = {
+        module: [patch for some in patches for patch in some.get(module, ())] for some in patches for module in some
+    }
     file = OneFile(
-        Sources(recipe.patches, in_place),
+        Sources(by_module, in_place),
         [*recipe.roots, *requests],
         is_public=lambda module: module.startswith(PARTS),
         left_out=[*NEVER_INSIDE, *out],

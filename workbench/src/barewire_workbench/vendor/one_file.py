@@ -107,7 +107,9 @@ class OneFile:
             elif use.target.name:
                 self._waiting.append(use.target)
         for part in _walk(node, skipped):
-            if isinstance(part, ast.Attribute):
+            if isinstance(node, ast.ClassDef) and isinstance(part, ast.Name):
+                self._attributes.add(part.id)  # in the body of a class, a method may have a second name
+            elif isinstance(part, ast.Attribute):
                 self._attributes.add(part.attr)
             elif isinstance(part, ast.Constant) and isinstance(part.value, str):
                 self._attributes.update(_names_in(part.value))

@@ -99,3 +99,97 @@ NUMBERED: tuple[Patch, ...] = (
     ),
 )
 """Of the bus: on TCP each answer has the number of its request, so none is pending, and none needs a probe."""
+
+CLIENT_OR_SERVER: tuple[Patch, ...] = (
+    (
+        '"client" (default), "server", or "listener", which receives both kinds of message',
+        '"client" (default) or "server"',
+    ),
+)
+"""Of `rtu.line`."""
+TWO_ROLES: tuple[Patch, ...] = (
+    ('Role = Literal["client", "server", "listener"]', 'Role = Literal["client", "server"]'),
+    _without("    a listener                    receives both\n"),
+)
+"""Of `rtu.shape`."""
+
+ONE_KIND_OF_UNIT: tuple[Patch, ...] = (
+    _without("""\
+        if not hasattr(unit, "handle"):
+            return self._pass_on(adu, unit, answered)
+"""),
+    ("AnyUnit: TypeAlias = Unit | PduUnit", "AnyUnit: TypeAlias = Unit"),
+    ("self._transactions - self.caller.open_requests", "self._transactions"),
+    _without("            self._latest = event\n"),
+    _without("""\
+        self.caller = Caller() if caller is None else caller
+        self._send_later = send_later
+        self._wait_for = wait_for
+        self._latest: Adu | None = None  # the latest request on a serial line: only that may be answered later
+"""),
+    _without("""\
+        caller: Caller | None = None,
+        send_later: Callable[[Reply, Caller], None] | None = None,
+        wait_for: Callable[[Awaitable[bytes | None]], LaterResponse] | None = None,
+"""),
+    _without("""\
+    caller          the client, for units that are a `PduUnit`
+    send_later      called as send_later(reply, caller) with the reply of a `LaterResponse`; without it a unit that
+                    returns one has failed
+    wait_for        makes a `LaterResponse` of what an `async def handle_pdu` returns; without it that is a failure too
+"""),
+    (
+        """\
+        answer: Response = ExceptionResponse(pdu[0] | EXCEPTION_BIT, declined.code)
+        if isinstance(declined, SdoAborted):
+            answer = ExtendedExceptionResponse(declined.abort_code)
+        data = answer.encode()
+""",
+        "        data = ExceptionResponse(pdu[0] | EXCEPTION_BIT, declined.code).encode()\n",
+    ),
+)
+"""Of the server: no units that get bytes and answer later, which a gateway has, and no SDO behind Modbus."""
+
+TABLE_WITHOUT: dict[str, tuple[Patch, ...]] = {
+    "identification": (
+        _without("""\
+        vendor: str = "barewire",
+        product: str = "table",
+        revision: str = "1",
+        objects: Mapping[int, str | bytes] | None = None,
+"""),
+        _without("""\
+        others = dict(_dict("objects", objects, "{128: 'serial 42'}"))
+        self.identity = Identity({0: vendor, 1: product, 2: revision} | others)
+"""),
+        _without("""\
+        vendor, product, revision    the three mandatory identification objects
+        objects                      further identification objects: number -> text or bytes
+"""),
+        ('Table(objects={0x80: "serial 42"})', "Table()"),
+    ),
+    "files": (
+        _without("        files: Mapping[int, Sequence[int]] | None = None,\n"),
+        _without("""\
+        self.files = {number: _file(number, content) for number, content in _dict("files", files, "{1: [0, 0]}")}
+"""),
+        _without("        files                        file records: file number -> registers\n"),
+    ),
+    "fifo": (
+        _without("        self.queues: dict[int, list[int]] = {}\n"),
+        (
+            """ The application may set
+    `queues` (registers by address) and `exception_status` (eight bits).
+""",
+            "\n",
+        ),
+    ),
+    "combined": (
+        _without("""\
+    >>> table.handle(combined.ReadWriteMultipleRegisters(4, 2, write_address=4, registers=(7,)), now=0.0)
+    ReadWriteMultipleRegistersResponse(registers=(7, 42))
+"""),
+    ),
+    "diagnostics": (_without("        self.exception_status = 0\n"),),
+}
+"""Of the table of a server, by the family of messages that the file does not have."""

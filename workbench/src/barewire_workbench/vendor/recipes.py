@@ -12,7 +12,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from barewire_workbench.vendor.patches import NO_LISTENER, NUMBERED, ONLY_RESPONSES, Patch
+from barewire_workbench.vendor.patches import (
+    CLIENT_OR_SERVER,
+    NO_LISTENER,
+    NUMBERED,
+    ONE_KIND_OF_UNIT,
+    ONLY_RESPONSES,
+    TABLE_WITHOUT,
+    TWO_ROLES,
+    Patch,
+)
 from barewire_workbench.vendor.sources import Place
 
 PARTS = "barewire_workbench.live.one_file"
@@ -46,6 +55,7 @@ class Recipe(NamedTuple):
     in_place    names that are replaced by those of a module of `live/one_file`
     without     methods that are left out
     patches     by module: texts that are replaced
+    absent      the same for a family that the file does not have
     kinds       the kinds of vectors that it answers
     """
 
@@ -59,6 +69,7 @@ class Recipe(NamedTuple):
     without: frozenset[Place]
     patches: Patches
     kinds: tuple[str, ...]
+    absent: Mapping[str, Patches] = {}
 
 
 def _replaced(module: str, part: str, *names: str) -> dict[Place, Place]:
@@ -102,13 +113,13 @@ TEXTS = {
     "barewire.codecs.bits": "Rows of bits: coil 0 of a packed row is bit 0 of byte 0.                    [MB-APP 6.1]",
     "barewire.codecs.order": "Registers: 16 bits each, the more significant byte first.                  [MB-APP 4.2]",
     "barewire.modbus.framing": "What a line, the framing state of one connection, makes of received bytes.",
+    "barewire.modbus.server.table": "A unit kept in memory: coils, discrete inputs, holding and input registers.",
     "barewire.io.ports.base": "What the engine needs of a port: any object with these three methods.",
     "barewire.io.ports.network": "Sizes and texts that all ports share.",
 }
 """The docstrings of modules of which a file has one or two things only, in place of their own."""
 
-_IS_LINE = {Place("barewire.modbus.framing", "Line"): Place(_LINE, "RtuLine")}
-_CLIENT_MESSAGES = _EXPLAINING | _QUICKER | _SETTING
+_MESSAGES = _EXPLAINING | _QUICKER | _SETTING
 _OF_CLIENTS = ("combined", "fifo", "files", "diagnostics", "comm_events", "identification")
 
 
@@ -123,13 +134,35 @@ def _client(
         ("coils", *_OF_CLIENTS),
         (Place(f"{PARTS}.{framing}_client", f"Modbus{framing.title()}Client"),),
         {**_REGISTRY, **_PROBE, **in_place, Place("barewire.modbus.framing", "Line"): line},
-        _CLIENT_MESSAGES | {Place(line.module, f"{line.name}.response")},
+        _MESSAGES | {Place(line.module, f"{line.name}.response")},
         patches,
         (*kinds, f"{framing}-frame", f"{framing}-talk", "pdu", "exchange", "client"),
     )
 
 
+def _server(
+    framing: str, usage: str, in_place: Mapping[Place, Place], line: Place, patches: Patches, *kinds: str
+) -> Recipe:
+    room = "barewire.modbus.server"
+    counters = _replaced(f"{room}.serial_counters", "serial_counters", "ANSWERED", "SerialCounters")
+    roots = (Place(f"{PARTS}.{framing}_server", f"Modbus{framing.title()}Server"), Place(f"{room}.table", "Table"))
+    return Recipe(
+        f"A Modbus {framing.upper()} server",
+        f"modbus_{framing}_server.py",
+        usage,
+        ("registers", "coils"),
+        ("combined", "fifo", "files", "identification"),
+        roots,
+        {**_REGISTRY, **counters, **in_place, Place("barewire.modbus.framing", "Line"): line},
+        _MESSAGES,
+        {f"{room}.server": ONE_KIND_OF_UNIT, **patches},
+        (*kinds, f"{framing}-frame", f"{framing}-talk", "pdu", "server"),
+        {family: {f"{room}.table": texts} for family, texts in TABLE_WITHOUT.items()},
+    )
+
+
 _READ = "client.read_holding_registers(107, 3)          # (555, 0, 100)"
+_SERVE = "table = Table(holding_registers={{107: [555, 0, 100]}})\n{}.serve()"
 RECIPES = {
     "modbus-rtu-client": _client(
         "rtu",
@@ -153,5 +186,20 @@ RECIPES = {
         Place("barewire.ascii.line", "AsciiLine"),
         {},
         "lrc",
+    ),
+    "modbus-rtu-server": _server(
+        "rtu",
+        _SERVE.format('ModbusRtuServer("/dev/ttyUSB0", {1: table}, baudrate=19200)'),
+        _CRC,
+        Place(_LINE, "RtuLine"),
+        {_LINE: NO_LISTENER + CLIENT_OR_SERVER, "barewire.rtu.shape": TWO_ROLES},
+        *("crc16", "rtu-timing"),
+    ),
+    "modbus-tcp-server": _server(
+        "tcp",
+        _SERVE.format('ModbusTcpServer("0.0.0.0", 502, {255: table})'),
+        {},
+        Place("barewire.tcp.line", "TcpLine"),
+        {},
     ),
 }

@@ -15,6 +15,7 @@ import sys
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import module_from_spec, spec_from_file_location
+from inspect import signature
 from itertools import count
 from types import ModuleType
 from typing import Any, get_args
@@ -123,6 +124,10 @@ def add_stand_ins(vendored: Any) -> None:
     if hasattr(vendored, "RtuLine") and not hasattr(vendored, "Role"):
         own_line = vendored.RtuLine
         vendored.RtuLine = lambda timing, role="client", units=(), patience=0.03: own_line(timing, patience=patience)
+    if hasattr(vendored, "Table"):
+        vendored.Table = _table_of(vendored)
+    if hasattr(vendored, "TcpLine") and not hasattr(vendored.TcpLine, "sent"):
+        vendored.TcpLine.sent = lambda line, now: None
     stand_ins = {
         "decode_request": decode_request,
         "decode_response": lambda pdu: (response_class(pdu) or _missing(f"response {pdu[:1].hex()}")).decode(pdu),
@@ -134,6 +139,17 @@ def add_stand_ins(vendored: Any) -> None:
     for name, stand_in in stand_ins.items():
         if not hasattr(vendored, name):
             setattr(vendored, name, stand_in)
+
+
+def _table_of(vendored: Any) -> Any:
+    """Return the table of the file, which passes over arguments for families that the file does not have."""
+    known = signature(vendored.Table).parameters
+
+    class Table(vendored.Table):  # type: ignore[misc]  # of a file that is not known here
+        def __init__(self, *arguments: Any, **named: Any) -> None:
+            super().__init__(*arguments, **{name: value for name, value in named.items() if name in known})
+
+    return Table
 
 
 _STANDARD = frozenset((*range(0x01, 0x09), 0x0B, 0x0C, 0x0F, 0x10, 0x11, *range(0x14, 0x19), 0x2B))
@@ -172,6 +188,8 @@ class Limits:
         kind = question["kind"]
         if kind == "client":
             texts = [ask["pdu"] for ask in question["ask"]]
+        elif kind == "server":
+            texts = [step["ask"] for step in question["talk"] if "ask" in step]
         elif kind == "rtu-frame" and question["do"] == "receive":
             received = " ".join(question["pieces"])
             texts = [received[2:], *(["AB"] if "AB FF" in received else [])]  # the code is behind the unit
