@@ -37,10 +37,13 @@ def imported(folder: Path, name: str, *families: str) -> Any:
     return module
 
 
+ALONE = "import sys; sys.path = [place for place in sys.path if 'site-packages' not in place] + [{!r}]; "
+"""The start of code for a Python that knows only its standard library and one folder."""
+
+
 def run_alone(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
-    """Run code in a folder, in a Python that knows only its standard library and that folder."""
-    start = f"import sys; sys.path = [p for p in sys.path if 'site-packages' not in p] + [{str(folder)!r}]; "
+    """Run code in a folder, in a Python that knows nothing else but its standard library."""
     return subprocess.run(
-        [sys.executable, "-I", "-S", "-W", "error", "-c", start + code],
+        [sys.executable, "-I", "-S", "-W", "error", "-c", ALONE.format(str(folder)) + code],
         cwd=folder, capture_output=True, text=True, check=False, timeout=60,
     )  # fmt: skip

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import os
+import socket
+import subprocess
+import sys
 import threading
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from barewire import ModbusServer, Table
+from barewire import ModbusClient, ModbusException, ModbusServer, Table
 from barewire.ascii import frame as ascii_frame
+from barewire.io.ports.pty import PseudoTerminal
 from barewire.rtu import frame as rtu_frame
-from tests.workbench.vendor.made import imported, run_alone, written
+from tests.workbench.vendor.made import ALONE, imported, run_alone, written
 
 pytestmark = pytest.mark.long
 
@@ -194,3 +198,69 @@ def test_ports_that_cannot_be_opened(tmp_path: Path) -> None:
             module.ModbusRtuClient(path),
         ):
             pass
+
+
+# Servers
+
+
+SERVED = "{{1: Table(holding_registers={{107: [555, 0, 100]}}), 2: Table(100, on_write=print)}}"
+
+
+@contextmanager
+def serving(folder: Path, name: str, opened: str) -> Iterator[str]:
+    """Run a server alone, until the block ends. Yields its first line."""
+    path = written(folder, name)
+    code = f"{ALONE.format(str(folder))}from {path.stem} import *; server = {opened.replace('{}', SERVED.format())}; "
+    code += "print(getattr(server, 'port', 'ready'), flush=True); server.serve()"
+    command = [sys.executable, "-I", "-S", "-c", code]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process.stdout.readline().strip()
+        finally:
+            process.kill()
+
+
+def test_a_serial_server_alone(tmp_path: Path) -> None:
+    """It opens one end of a pseudo-terminal by itself; the client of another file is at the other end."""
+    module = imported(tmp_path, "modbus-rtu-client")
+    terminal = PseudoTerminal()
+    opened = f"ModbusRtuServer({terminal.path!r}, {{}})"
+    with (
+        serving(tmp_path, "modbus-rtu-server", opened),
+        module.ModbusRtuClient(terminal, timeout=5.0, retries=3) as client,
+    ):
+        assert client.read_holding_registers(107, 3) == (555, 0, 100)
+        client.ask(module.WriteMultipleRegisters(7, [1, 2]), unit=2)
+        assert client.ask(module.ReadHoldingRegisters(7, 2), unit=2).registers == (1, 2)
+        with pytest.raises(module.ModbusException, match="unit 1, address 110: exception 02"):
+            client.read_holding_registers(110, 1)
+        terminal.send(rtu_frame.encode(1, bytes.fromhex("03006B0003"))[:-1] + b"\0")  # a wrong CRC
+        assert terminal.receive(0.3) is None
+        assert client.read_holding_registers(107, 1) == (555,)
+    terminal.close()
+
+
+def test_a_tcp_server_alone(tmp_path: Path) -> None:
+    opened = "ModbusTcpServer('127.0.0.1', 0, {}, connections=2)"
+    with serving(tmp_path, "modbus-tcp-server", opened) as port, ExitStack() as stack:
+        clients = [
+            stack.enter_context(ModbusClient(f"tcp://127.0.0.1:{port}", unit=1, timeout=20, lazy=True))
+            for _ in range(3)
+        ]
+        for client in (*clients, *clients):  # a third connection ends the one that was silent longest
+            assert client.read_holding_registers(107, 3) == (555, 0, 100)
+        clients[0].at(unit=2).write_multiple_coils(0, [True, False, True])
+        assert clients[1].at(unit=2).read_coils(0, 3) == (True, False, True)
+        with pytest.raises(ModbusException) as caught:
+            clients[2].at(unit=9).read_coils(0, 3)
+        assert caught.value.code == 0x0B
+
+
+def test_a_client_that_sends_no_modbus_is_disconnected(tmp_path: Path) -> None:
+    with serving(tmp_path, "modbus-tcp-server", "ModbusTcpServer('127.0.0.1', 0, {})") as port:
+        with socket.create_connection(("127.0.0.1", int(port)), 20) as browser:
+            browser.sendall(b"GET / HTTP/1.1\r\n\r\n")
+            assert browser.recv(100) == b""
+        with ModbusClient(f"tcp://127.0.0.1:{port}", unit=1, timeout=20) as client:
+            assert client.read_holding_registers(107, 1) == (555,)

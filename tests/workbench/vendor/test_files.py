@@ -15,13 +15,21 @@ from barewire_workbench.vendor.recipes import RECIPES
 from tests.workbench.cli.helpers import run_here
 from tests.workbench.vendor.made import imported, made, run_alone, written
 
-LONGEST = {"modbus-rtu-client": 2600, "modbus-tcp-client": 2300, "modbus-ascii-client": 2600}
+LONGEST = {
+    "modbus-rtu-client": 2600,
+    "modbus-tcp-client": 2300,
+    "modbus-ascii-client": 2600,
+    "modbus-rtu-server": 3200,
+    "modbus-tcp-server": 3200,
+}
 """Lines with their docstrings."""
 
 PASSED = {
     "modbus-rtu-client": {"client": 174, "pdu": 170, "exchange": 31, "rtu-talk": 10, "rtu-frame": 106, "crc16": 32},
     "modbus-tcp-client": {"client": 183, "pdu": 167, "exchange": 31, "tcp-talk": 17, "tcp-frame": 25},
     "modbus-ascii-client": {"client": 174, "pdu": 167, "exchange": 31, "ascii-talk": 28, "ascii-frame": 53, "lrc": 20},
+    "modbus-rtu-server": {"server": 189, "pdu": 217, "rtu-talk": 52, "rtu-frame": 106, "crc16": 32, "rtu-timing": 16},
+    "modbus-tcp-server": {"server": 26, "pdu": 217, "tcp-talk": 17, "tcp-frame": 25},
 }
 """Cases that each file is asked at least, with coils: what it does not have is not asked."""
 

@@ -150,6 +150,12 @@ ONE_KIND_OF_UNIT: tuple[Patch, ...] = (
 )
 """Of the server: no units that get bytes and answer later, which a gateway has, and no SDO behind Modbus."""
 
+PLAIN_EXAMPLES: tuple[Patch, ...] = (
+    ("table.handle(registers.WriteSingleRegister(5, 42)", "table.handle(WriteSingleRegister(5, 42)"),
+    ("table.handle(combined.ReadWriteMultipleRegisters(4, 2", "table.handle(ReadWriteMultipleRegisters(4, 2"),
+)
+"""Of the table: in one file messages have no module."""
+
 TABLE_WITHOUT: dict[str, tuple[Patch, ...]] = {
     "identification": (
         _without("""\
@@ -186,7 +192,7 @@ TABLE_WITHOUT: dict[str, tuple[Patch, ...]] = {
     ),
     "combined": (
         _without("""\
-    >>> table.handle(combined.ReadWriteMultipleRegisters(4, 2, write_address=4, registers=(7,)), now=0.0)
+    >>> table.handle(ReadWriteMultipleRegisters(4, 2, write_address=4, registers=(7,)), now=0.0)
     ReadWriteMultipleRegistersResponse(registers=(7, 42))
 """),
     ),

@@ -18,6 +18,7 @@ from barewire_workbench.vendor.patches import (
     NUMBERED,
     ONE_KIND_OF_UNIT,
     ONLY_RESPONSES,
+    PLAIN_EXAMPLES,
     TABLE_WITHOUT,
     TWO_ROLES,
     Patch,
@@ -89,7 +90,7 @@ _RESPONSES = _replaced("barewire.rtu.shape", "rtu_shape", "Shape")
 _EXPLAINING = frozenset(
     Place(f"{MESSAGES}.{module}", f"{cls}.fields")
     for module, classes in {
-        "base": "ExceptionResponse",
+        "exception_response": "ExceptionResponse",
         "coils": "ReadCoilsResponse _CoilValue WriteMultipleCoils",
         "registers": "ReadHoldingRegistersResponse WriteMultipleRegisters",
         "combined": "ReadWriteMultipleRegistersResponse ReadWriteMultipleRegisters",
@@ -155,7 +156,7 @@ def _server(
         roots,
         {**_REGISTRY, **counters, **in_place, Place("barewire.modbus.framing", "Line"): line},
         _MESSAGES,
-        {f"{room}.server": ONE_KIND_OF_UNIT, **patches},
+        {f"{room}.server": ONE_KIND_OF_UNIT, f"{room}.table": PLAIN_EXAMPLES, **patches},
         (*kinds, f"{framing}-frame", f"{framing}-talk", "pdu", "server"),
         {family: {f"{room}.table": texts} for family, texts in TABLE_WITHOUT.items()},
     )

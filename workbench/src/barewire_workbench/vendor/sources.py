@@ -204,7 +204,10 @@ class Sources:
             return self._in_place.get(Place(module.name, name), Place(module.name, name))
         brought = module.imports.get(name)
         if isinstance(brought, Place) and brought.name:
-            return self.resolve(Place(brought.module), brought.name)
+            target = self.resolve(Place(brought.module), brought.name)
+            if target is None:
+                raise LookupError(f"{home} imports {brought.name}, which {brought.module} does not define")
+            return target
         if brought is not None:
             return brought
         if module.text and self._is_submodule(module.name, name):

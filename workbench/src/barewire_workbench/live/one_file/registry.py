@@ -8,11 +8,12 @@ from __future__ import annotations
 from typing import Any, TypeAlias, TypeVar
 
 from barewire.errors import DecodeError
-from barewire.modbus.messages.base import EXCEPTION_BIT, ExceptionResponse, Message, Request, Response
+from barewire.modbus.messages.base import EXCEPTION_BIT, Message, Request, Response
 from barewire.modbus.messages.coils import ReadCoils, ReadDiscreteInputs, WriteMultipleCoils, WriteSingleCoil
 from barewire.modbus.messages.combined import MaskWriteRegister, ReadWriteMultipleRegisters
 from barewire.modbus.messages.comm_events import GetCommEventCounter, GetCommEventLog
 from barewire.modbus.messages.diagnostics import Diagnostics, ReadExceptionStatus
+from barewire.modbus.messages.exception_response import ExceptionResponse
 from barewire.modbus.messages.fifo import ReadFifoQueue
 from barewire.modbus.messages.files import ReadFileRecord, WriteFileRecord
 from barewire.modbus.messages.identification import ReadDeviceIdentification, ReportServerId
