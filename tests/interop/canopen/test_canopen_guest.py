@@ -18,6 +18,7 @@ import pytest
 from tests.interop.canopen.canopen_exchanges import EXCHANGES, Exchange
 from tests.interop.canopen.guest import Done, in_guest
 from tests.interop.canopen.test_canopen_exchanges import proofs
+from tests.workbench.vendor.made import written
 
 pytestmark = pytest.mark.needs("uml", "busybox", "cc", "candump", "ip")
 TESTS = "tests/interop/canopen/test_canopen_exchanges.py"
@@ -74,11 +75,13 @@ def _running() -> str:
 
 
 @pytest.fixture(scope="module")
-def programs() -> Iterator[Done]:
+def programs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Done]:
     """Run the programs for the guest kernel in one guest, one after the other."""
-    names = "link_down", "kernel_cycles"
+    folder = tmp_path_factory.mktemp("one_file")
+    written(folder, "sdo-client")
+    names = "link_down", "kernel_cycles", "one_file"
     lines = [f"{sys.executable} -m tests.interop.canopen.{name}; echo {name} ended with $?" for name in names]
-    with in_guest(["sh", "-c", "; ".join(lines)], {}) as done:
+    with in_guest(["sh", "-c", "; ".join(lines)], {"BAREWIRE_ONE_FILE": str(folder)}) as done:
         yield done
 
 
@@ -92,3 +95,9 @@ def test_the_kernel_sends_cyclic_frames(programs: Done) -> None:
     assert "kernel_cycles ended with 0" in programs.out, str(programs)
     for part in ("check_data", "check_stopped", "check_down"):
         assert f"{part}: ok" in programs.out, str(programs)
+
+
+def test_the_sdo_client_that_is_one_file(programs: Done) -> None:
+    assert "one_file ended with 0" in programs.out, str(programs)
+    assert "value -1500\nbytes 4\n" in programs.out, str(programs)
+    assert "abort 0x6020000\nvcan7: no such device\n" in programs.out, str(programs)

@@ -35,6 +35,11 @@ def test_a_file_of_somebody_else_is_neither_updated_nor_checked(tmp_path: Path) 
         assert "No such file" in error_of("vendor", option, str(tmp_path / "none.py"), status=1)
 
 
+def test_without_ruff_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("barewire_workbench.cli.vendor.find_spec", lambda name: None)
+    assert "pip install 'barewire-workbench[vendor]'" in error_of("vendor", "modbus-tcp-client")
+
+
 def test_an_update_says_what_changed(tmp_path: Path) -> None:
     path = written(tmp_path, "modbus-tcp-client", "coils")
     assert output_of("vendor", "--update", str(path)) == f"{path}: modbus-tcp-client 0.1.0, no change\n"

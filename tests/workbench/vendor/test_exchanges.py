@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -17,6 +18,8 @@ import pytest
 
 from barewire import ModbusClient, ModbusException, ModbusServer, Table
 from barewire.ascii import frame as ascii_frame
+from barewire.canopen import CanFrame, Entry, ObjectDictionary
+from barewire.canopen.sdo import SdoServer
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.rtu import frame as rtu_frame
 from tests.workbench.vendor.made import ALONE, imported, run_alone, written
@@ -264,3 +267,75 @@ def test_a_client_that_sends_no_modbus_is_disconnected(tmp_path: Path) -> None:
             assert browser.recv(100) == b""
         with ModbusClient(f"tcp://127.0.0.1:{port}", unit=1, timeout=20) as client:
             assert client.read_holding_registers(107, 1) == (555,)
+
+
+# SDO
+
+
+class Bus:
+    """A CAN bus with one node, as a port: it answers each request with the frames that `answer` returns."""
+
+    def __init__(self, answer: Callable[[Any], list[Any]]) -> None:
+        self._answer = answer
+        self.coming: list[Any] = []
+
+    def send(self, frame: Any) -> None:
+        self.coming += self._answer(frame)
+
+    def receive(self, timeout: float) -> Any:
+        if self.coming:
+            return self.coming.pop(0)
+        time.sleep(min(timeout, 0.01))
+        return None
+
+    def close(self) -> None: ...
+
+
+def test_a_late_answer_is_not_taken_for_that_of_the_next_transfer(tmp_path: Path) -> None:
+    """6041h is read twice: the answer to the first request, 1, comes when the second one is about to be sent."""
+    module = imported(tmp_path, "sdo-client")
+    values = iter([None, 2])
+
+    def answer(frame: Any) -> list[Any]:
+        if frame.data[0] != 0x40:  # the abort after the time-out
+            return []
+        value = next(values)
+        return [] if value is None else [module.CanFrame(0x585, bytes([0x4B, 0x41, 0x60, 0, value, 0, 0, 0]))]
+
+    bus = Bus(answer)
+    with module.SdoClient(bus, 5, timeout=0.2) as client:
+        with pytest.raises(module.NoAnswer, match=r"node 5 did not answer the upload of 6041h:00 within 0\.2 s"):
+            client.upload(0x6041)
+        bus.coming.append(module.CanFrame(0x585, bytes([0x4B, 0x41, 0x60, 0, 1, 0, 0, 0])))
+        client.timeout = 20
+        assert client.read_number(0x6041, "u16") == 2
+        assert client.late_responses == 1
+
+
+def test_numbers_and_texts_over_sdo(tmp_path: Path) -> None:
+    module = imported(tmp_path, "sdo-client")
+    objects = ObjectDictionary(
+        [
+            Entry(0x1008, 0, "name", "domain", "ro", b"a device with a long name"),
+            Entry(0x60FF, 0, "speed", "i32", "rw", 0),
+            Entry(0x2100, 0, "text", "domain", "rw", b""),
+        ]
+    )
+    server = SdoServer(5, objects)
+    bus = Bus(lambda frame: [module.CanFrame(*reply) for reply in server.feed(CanFrame(*frame), 0.0)])
+    with module.SdoClient(bus, 5, timeout=20) as client:
+        assert client.upload(0x1008) == b"a device with a long name"
+        client.write_number(0x60FF, "i32", -1500)
+        assert objects.read(0x60FF, 0) == bytes.fromhex("24FAFFFF")
+        assert client.read_number(0x60FF, "i32") == -1500
+        client.download(0x2100, 0, bytes(range(20)))
+        assert client.upload(0x2100) == bytes(range(20))
+        with pytest.raises(module.SdoAbort) as caught:
+            client.upload(0x5FFF)
+        assert caught.value.code == 0x0602_0000
+        with pytest.raises(module.DecodeError, match="1008h:00 has 25 bytes, u16 takes 2"):
+            client.read_number(0x1008, "u16")
+        with pytest.raises(module.EncodeError, match="300 as u8"):
+            client.write_number(0x60FF, "u8", 300)
+        with pytest.raises(module.EncodeError, match="expected one of u8, u16"):
+            client.write_number(0x60FF, "word", 300)

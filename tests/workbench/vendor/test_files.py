@@ -21,6 +21,7 @@ LONGEST = {
     "modbus-ascii-client": 2600,
     "modbus-rtu-server": 3200,
     "modbus-tcp-server": 3200,
+    "sdo-client": 2500,
 }
 """Lines with their docstrings."""
 
@@ -29,9 +30,12 @@ PASSED = {
     "modbus-tcp-client": {"client": 183, "pdu": 167, "exchange": 31, "tcp-talk": 17, "tcp-frame": 25},
     "modbus-ascii-client": {"client": 174, "pdu": 167, "exchange": 31, "ascii-talk": 28, "ascii-frame": 53, "lrc": 20},
     "modbus-rtu-server": {"server": 189, "pdu": 217, "rtu-talk": 52, "rtu-frame": 106, "crc16": 32, "rtu-timing": 16},
+    "sdo-client": {"sdo": 110, "sdo-talk": 29},
     "modbus-tcp-server": {"server": 26, "pdu": 217, "tcp-talk": 17, "tcp-frame": 25},
 }
 """Cases that each file is asked at least, with coils: what it does not have is not asked."""
+
+RUFF = [sys.executable, "-m", "ruff"]
 
 every_file = pytest.mark.parametrize("name", RECIPES)
 
@@ -57,9 +61,9 @@ def test_nothing_in_it_is_undefined_or_unused(name: str, tmp_path: Path) -> None
     path = written(tmp_path, name, *families(name))
     rules = ["--isolated", "--target-version", "py311", "--line-length", "120"]
     checks = ["--select", "F,E9,I", "--ignore", "F402", "--config", "lint.isort.combine-as-imports=true"]
-    subprocess.run(["ruff", "format", "--check", *rules, str(path)], check=True)
+    subprocess.run([*RUFF, "format", "--check", *rules, str(path)], check=True)
     done = subprocess.run(
-        ["ruff", "check", *rules, *checks, str(path)],
+        [*RUFF, "check", *rules, *checks, str(path)],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
@@ -68,6 +72,7 @@ def test_nothing_in_it_is_undefined_or_unused(name: str, tmp_path: Path) -> None
 @every_file
 def test_examples_of_its_docstrings_run(name: str, tmp_path: Path) -> None:
     module = imported(tmp_path, name)
+    assert not re.search(r"(>>> |^ *)(from|import) barewire", made(name), re.MULTILINE)
     results = doctest.testmod(module, optionflags=doctest.IGNORE_EXCEPTION_DETAIL)
     assert results.failed == 0
     assert results.attempted > 20

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import click
@@ -19,7 +20,7 @@ from barewire_workbench.vendor.make import make
 from barewire_workbench.vendor.recipes import RECIPES
 from barewire_workbench.vendor.sources import folder_of
 
-_FORMAT = ["ruff", "format", "--isolated", "--line-length", "120", "--target-version", "py311", "-"]
+_FORMAT = [sys.executable, "-m", "ruff", "format", "--isolated", "--line-length=120", "--target-version=py311", "-"]
 _file = click.Path(dir_okay=False, path_type=Path)
 
 
@@ -68,10 +69,9 @@ def vendor_command(
 def _made(name: str, families: tuple[str, ...]) -> str:
     """Return a file, formatted and sealed."""
     text = make(name, families, __version__)
-    try:
-        done = subprocess.run(_FORMAT, input=text.encode(), capture_output=True, check=True)
-    except FileNotFoundError:
-        raise PortError("vendor formats the file with ruff: pip install 'barewire-workbench[vendor]'") from None
+    if find_spec("ruff") is None:
+        raise PortError("vendor formats the file with ruff: pip install 'barewire-workbench[vendor]'")
+    done = subprocess.run(_FORMAT, input=text.encode(), capture_output=True, check=True)
     return sealed(done.stdout.decode())
 
 

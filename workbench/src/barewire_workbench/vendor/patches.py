@@ -8,6 +8,9 @@ from __future__ import annotations
 Patch = tuple[str, str]
 
 
+_PROMPT = ">" * 3  # so that no test takes a patch for an example
+
+
 def _without(text: str) -> Patch:
     return text, ""
 
@@ -191,11 +194,101 @@ TABLE_WITHOUT: dict[str, tuple[Patch, ...]] = {
         ),
     ),
     "combined": (
-        _without("""\
-    >>> table.handle(ReadWriteMultipleRegisters(4, 2, write_address=4, registers=(7,)), now=0.0)
+        _without(f"""\
+    {_PROMPT} table.handle(ReadWriteMultipleRegisters(4, 2, write_address=4, registers=(7,)), now=0.0)
     ReadWriteMultipleRegistersResponse(registers=(7, 42))
 """),
     ),
     "diagnostics": (_without("        self.exception_status = 0\n"),),
 }
 """Of the table of a server, by the family of messages that the file does not have."""
+
+NO_BLOCKS: tuple[Patch, ...] = (
+    (
+        "BlockUploadResponse | DownloadInitiated | BlockDownloadInitiated | Abort",
+        "UploadResponse | DownloadInitiated | Abort",
+    ),
+    (
+        """\
+    *BLOCK_UPLOAD_RESPONSES,
+    DownloadInitiated,
+    BlockDownloadInitiated,
+""",
+        """\
+    *UPLOAD_RESPONSES,
+    DownloadInitiated,
+""",
+    ),
+    ("(SdoSegment, SegmentTaken, BlockAck, BlockEnd, BlockEnded)", "(SdoSegment, SegmentTaken)"),
+    (
+        """\
+decode_one_of(bytes.fromhex("A2 02 7F 00 00 00 00 00"), RECEIVER_MESSAGES)
+    BlockAck(sequence=2, blksize=127)
+""",
+        """\
+decode_one_of(bytes.fromhex("60 00 21 00 00 00 00 00"), (DownloadInitiated,))
+    DownloadInitiated(index=8448, sub=0)
+""",
+    ),
+    ("is_any_response(BlockEnded().encode())", "is_any_response(SegmentTaken(0).encode())"),
+    _without("""\
+
+A block transfer: up to 127 segments in a row for one acknowledgement.   [CiA 301, SDO block]
+
+        c  this side supports the CRC (used only if both do); in a segment: this is the last one
+        q  number of the segment in its block, from 1
+
+               client                                    server                            byte 0
+        InitiateBlockDownload  110- -cs0    ->                                             C6 C4 C2 C0
+                                            <-    BlockDownloadInitiated  101- -c00        A4 A0
+        InitiateBlockUpload    101- -c00    ->                                             A4 A0
+                                            <-    BlockUploadInitiated    110- -cs0        C6 C4 C2 C0
+        StartBlockUpload       101- --11    ->                                             A3
+
+               sender of the value                       receiver of the value
+        BlockSegment           cqqq qqqq    ->                                             01 ... 7F, last: 81 ... FF
+                                            <-    BlockAck                101- --10        A2
+        BlockEnd               110n nn-1    ->                                             C1 C5 ... DD
+                                            <-    BlockEnded              101- --01        A1
+
+In a download the client is the sender, in an upload the server. There is no segment 0, so 80h is an abort inside a
+block too. Only BlockEnd states how many bytes of the last segment are data.
+"""),
+)
+"""Of the messages of SDO: none of block transfers."""
+
+NO_MONITOR: tuple[Patch, ...] = (
+    _without("        node_monitor: NodeMonitor | None = None,\n"),
+    _without("        self.node_monitor = node_monitor\n"),
+    _without("        self._mark: TrafficMark | None = None\n"),
+    _without("        self._mark = None if self.node_monitor is None else self.node_monitor.mark(self.response_id)\n"),
+    ("self.rival = channel._rival_until(timeout)", "self.rival = _PAST"),
+    _without("""\
+        if self.quiet_for is not None and self._was_answered(place):
+            self.note_answer(place)
+            return _PAST
+"""),
+    (
+        """\
+        if self.node_monitor is None or self._mark is None:
+            return self.counters.explain(self.node, self.response_id)
+        monitor, count = self.node_monitor, self.counters.responses
+        text = monitor.explain_silence(self.node, self.response_id, self._mark, now, responses=count)
+        return ", ".join([text, *self.counters.oddities()])
+""",
+        "        return self.counters.explain(self.node, self.response_id)\n",
+    ),
+    ('("_mark", "_plain"', '("_plain"'),
+    ('                 "node_monitor", "own_frames"', '                 "own_frames"'),
+    _without("        dialect: SdoDialect = STANDARD,\n"),
+    _without("        self.dialect = dialect\n"),
+    ('"busy", "counters", "dialect", "node"', '"busy", "counters", "node"'),
+    (
+        """\
+ A bus that passes
+a channel only its own frames gives it a `node_monitor`, which explains a time-out by what the node sent before.
+""",
+        "\n",
+    ),
+)
+"""Of the channel: one client on one port sees all frames itself, and every device has the dialect of the standard."""

@@ -14,7 +14,9 @@ from typing import NamedTuple
 
 from barewire_workbench.vendor.patches import (
     CLIENT_OR_SERVER,
+    NO_BLOCKS,
     NO_LISTENER,
+    NO_MONITOR,
     NUMBERED,
     ONE_KIND_OF_UNIT,
     ONLY_RESPONSES,
@@ -115,6 +117,7 @@ TEXTS = {
     "barewire.codecs.order": "Registers: 16 bits each, the more significant byte first.                  [MB-APP 4.2]",
     "barewire.modbus.framing": "What a line, the framing state of one connection, makes of received bytes.",
     "barewire.modbus.server.table": "A unit kept in memory: coils, discrete inputs, holding and input registers.",
+    "barewire.canopen.sdo.client": "The segments of a transfer, each with its confirmation; the toggle bit alternates.",
     "barewire.io.ports.base": "What the engine needs of a port: any object with these three methods.",
     "barewire.io.ports.network": "Sizes and texts that all ports share.",
 }
@@ -202,5 +205,17 @@ RECIPES = {
         {},
         Place("barewire.tcp.line", "TcpLine"),
         {},
+    ),
+    "sdo-client": Recipe(
+        "A CANopen SDO client",
+        "sdo_client.py",
+        'with SdoClient("can0", 5) as client:\n    client.read_number(0x6041, "u16")          # 1591',
+        (),
+        (),
+        (Place(f"{PARTS}.sdo_client", "SdoClient"),),
+        {},
+        frozenset(),
+        {"barewire.canopen.sdo.messages": NO_BLOCKS, "barewire.canopen.sdo.channel": NO_MONITOR},
+        ("sdo", "sdo-talk"),
     ),
 }

@@ -141,6 +141,23 @@ def add_stand_ins(vendored: Any) -> None:
             setattr(vendored, name, stand_in)
 
 
+def add_sdo_stand_ins(vendored: Any) -> None:
+    """Let the transfers of a file be called as those of barewire: for a node, with options that it does not have."""
+    own_upload, own_download = vendored.upload, vendored.download
+
+    def upload(node: int, index: int, sub: int, *, block: object = False) -> Any:
+        if block:
+            raise NotInFile("the file has no block transfers")
+        return own_upload(vendored.Channel(node), index, sub)
+
+    def download(node: int, index: int, sub: int, data: bytes, *, indicated: bool, block: object = False) -> Any:
+        if block or not indicated:
+            raise NotInFile("the file has no block transfers, and states each size")
+        return own_download(vendored.Channel(node), index, sub, data)
+
+    vendored.upload, vendored.download = upload, download
+
+
 def _table_of(vendored: Any) -> Any:
     """Return the table of the file, which passes over arguments for families that the file does not have."""
     known = signature(vendored.Table).parameters
@@ -210,9 +227,11 @@ def main(file: str, name: str, workbench: str, barewire: str, kinds: str) -> Non
     limits = Limits(vendored)
     if hasattr(vendored, "Request"):
         add_stand_ins(vendored)
+    if hasattr(vendored, "SdoClient"):
+        add_sdo_stand_ins(vendored)
     sys.meta_path.insert(0, Finder(vendored, workbench, barewire))
     answers: dict[str, dict[str, Any]] = {}
-    for part in ("modbus", "servers", "client", "canopen"):
+    for part in ("modbus", "servers", "client", "canopen", "nodes"):
         try:
             module = __import__(f"barewire_workbench.vectors.answers.{part}", fromlist=["ANSWERS"])
         except NotInFile:

@@ -13,11 +13,10 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import Any, Self, TypeVar
 
-from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Conversation, Heard, Listen
-from barewire.errors import BarewireError, NoAnswer, PortError
+from barewire.conversation import DEFAULT_TIMEOUT, Conversation
+from barewire.errors import BarewireError, PortError
 from barewire.io.ports.base import Port
 from barewire.modbus.client.bus import Bus, Recovery
 from barewire.modbus.exceptions import ModbusException
@@ -30,43 +29,10 @@ from barewire.modbus.messages.registers import (
     WriteMultipleRegisters,
     WriteSingleRegister,
 )
+from barewire_workbench.live.one_file.carry_out import carry_out
 
 R = TypeVar("R", bound="Response")
 Result = TypeVar("Result")
-
-
-def carry_out(conversation: Conversation[bytes, Result], port: Port[bytes]) -> Result:
-    """Carry out a conversation on a port, and return its result.
-
-    If the port fails, or the user interrupts, it is abandoned: then a write raises WriteOutcomeUnknown.
-    """
-    try:
-        step = next(conversation)
-        while True:
-            data = None
-            try:
-                if isinstance(step, Listen):
-                    data = port.receive(max(0.0, step.until - time.monotonic()))
-                else:
-                    for frame in step.items:
-                        port.send(frame)
-            except BaseException as error:
-                with suppress(Abandoned, StopIteration):
-                    _abandon(conversation, error)
-                raise
-            step = conversation.send(Heard(data, time.monotonic()))
-    except StopIteration as end:
-        result: Result = end.value
-        return result
-
-
-def _abandon(conversation: Conversation[bytes, Any], error: BaseException) -> None:
-    """End a conversation that cannot go on. Raise its error in place of that of the port, which says less."""
-    try:
-        conversation.throw(Abandoned(str(error)))
-    except NoAnswer as unknown:
-        if isinstance(error, PortError):
-            raise unknown from error
 
 
 class ModbusClient:
