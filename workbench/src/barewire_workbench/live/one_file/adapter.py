@@ -103,7 +103,9 @@ def add_stand_ins(vendored: Any) -> None:
 
     def response_class(pdu: bytes) -> Any:
         request = by_code.get(pdu[:1])
-        return vendored.ExceptionResponse if pdu[:1] >= b"\x80" else request and request.response
+        if pdu[:1] >= b"\x80":
+            return getattr(vendored, "ExceptionResponse", None) or _missing("ExceptionResponse")
+        return request and request.response
 
     def decode(frame: bytes) -> Any:
         """Decode a request that the client has sent over TCP."""
