@@ -23,9 +23,8 @@ The rooms in reading order. Only `live` and `cli` use clocks and ports; the othe
     scan/        the units of a line, their settings, addresses and names
     conform/     the behaviour that every server and every CANopen device must show, as data
     vectors/     the reference vectors, their questions, the judgement of answers
-    live/        both batteries, scans, and the questions of vectors, on real ports
     vendor/      a client or server of the stack as one file; its shorter parts are in live/one_file
-    live/        both batteries, and the questions of vectors, on real ports
+    live/        both batteries, scans, and the questions of vectors, on real ports
     cli/         the command `barewire`, one file per command
     api          `explain` and `explain_text`
 
