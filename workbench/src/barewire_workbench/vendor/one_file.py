@@ -62,10 +62,11 @@ class OneFile:
         self._dropped: dict[ast.AST, list[_Edit]] = {}
         self._without_items: dict[ast.AST, set[ast.AST]] = {}
         self._waiting = list(roots)
-        while self._waiting:
+        has_grown = True
+        while self._waiting or has_grown:
             while self._waiting:
                 self._add(self._waiting.pop())
-            self._add_methods()
+            has_grown = self._add_methods()
         self.modules = [self._sources.module(name) for name in self._order()]
         """The modules that have something in the file, each behind those that it imports."""
         self._names = self._distinct_names()
@@ -84,7 +85,9 @@ class OneFile:
                 kept.add(part)
                 self._scan(module, part.node, {node for name, node in _methods(part.node)})
 
-    def _add_methods(self) -> None:
+    def _add_methods(self) -> bool:
+        """Add the methods whose names are used by now, and what they need. Return whether there were any."""
+        before = len(self._methods)
         for name, kept in self._statements.items():
             for statement in kept:
                 for method, node in _methods(statement.node):
@@ -97,6 +100,7 @@ class OneFile:
                         continue  # a method for messages that are not in the file
                     self._methods.add(node)
                     self._scan(module, node, set())
+        return len(self._methods) > before
 
     def _scan(self, module: Module, node: ast.AST, skipped: set[ast.AST]) -> None:
         """Note what a node uses: names of modules, and the names of attributes."""
@@ -127,17 +131,16 @@ class OneFile:
                 items = [(key, value) for key, value in zip(part.keys, part.values) if key is not None]
             else:
                 continue
-            out = [any(self._is_left_out(module, node) for node in item) for item in items]
-            kept_end = None  # of the item before, if that is in the file
-            for place, ((first, last), is_out) in enumerate(zip(items, out)):
-                if not is_out:
-                    kept_end = _end(module, last)
+            kept: list[ast.expr] = []
+            for place, item in enumerate(items):
+                if not any(self._is_left_out(module, node) for node in item):
+                    kept.append(item[1])
                     continue
-                dropped.update((first, last))
-                is_end = all(out[place:])
-                start = kept_end if is_end and kept_end is not None else _offset(module, first)
-                end = _end(module, last) if is_end else _offset(module, items[place + 1][0])
-                self._dropped.setdefault(part, []).append(_Edit(start, end))
+                dropped.update(item)
+                following = items[place + 1][0] if place + 1 < len(items) else None
+                start = _end(module, kept[-1]) if kept else _offset(module, part) + 1
+                end = _end(module, part) - 1 if following is None else _offset(module, following)
+                self._dropped.setdefault(part, []).append(_Edit(start, end, ", " if kept else ""))
         return dropped
 
     def _is_left_out(self, module: Module, node: ast.AST) -> bool:

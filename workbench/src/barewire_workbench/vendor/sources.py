@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 HOUSES = ("barewire", "barewire_workbench")
+_COMPREHENSIONS = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 
 
 class Place(NamedTuple):
@@ -143,9 +144,9 @@ def folder_of(package: str) -> Path:
 
 
 def parts(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield a node and all nodes inside it, without what is inside functions and classes."""
+    """Yield a node and all nodes inside it, without what is inside functions, classes and comprehensions."""
     yield node
-    if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Lambda):
+    if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Lambda | _COMPREHENSIONS):
         for child in ast.iter_child_nodes(node):
             yield from parts(child)
 
@@ -239,7 +240,7 @@ class Sources:
             inside.update(node.body if isinstance(node.body, list) else [node.body])
         elif isinstance(node, ast.ClassDef):
             inside.update(node.body)
-        elif isinstance(node, ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp):
+        elif isinstance(node, _COMPREHENSIONS):
             inside.update(ast.iter_child_nodes(node))
         within = [*scopes, self._scope(node)] if inside else scopes
         for child in ast.iter_child_nodes(node):
