@@ -116,3 +116,16 @@ def test_types(name: str, tmp_path: Path) -> None:
         cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.proof
+@every_file
+def test_with_all_families(name: str, tmp_path: Path) -> None:
+    path = written(tmp_path, name, *RECIPES[name].optional)
+    done = run_here("vendor", "--check", str(path), "--python", f"{sys.executable} -S", timeout=120)
+    assert done.returncode == 0, done.stdout
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--python-version", "3.11", "--config-file=", path.name],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout

@@ -35,7 +35,7 @@ class OneFile:
 
     roots       what the file is for
     is_public   whether the classes of a module keep all their methods, except those that use what is left out
-    without     methods that are left out, as Place(module, "Class.method")
+    without     methods that are left out, as Place(module, "Class.method") or Place(module, "*.method")
     docstrings  of modules of which little is in the file, in place of their own
     left_out    modules of which nothing may be in the file: items of lists that name something of them are left out
     """
@@ -92,8 +92,8 @@ class OneFile:
             for statement in kept:
                 for method, node in _methods(statement.node):
                     is_used = method in self._attributes or self._is_public(name) or method.startswith("__")
-                    place = Place(name, f"{statement.names[0]}.{method}")
-                    if not is_used or place in self._without or node in self._methods:
+                    places = {Place(name, f"{statement.names[0]}.{method}"), Place(name, f"*.{method}")}
+                    if not is_used or places & self._without or node in self._methods:
                         continue
                     module = self._sources.module(name)
                     if self._is_public(name) and self._is_left_out(module, node):

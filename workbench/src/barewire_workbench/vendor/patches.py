@@ -69,9 +69,18 @@ ONLY_RESPONSES: tuple[Patch, ...] = (
         role: Role = "client",
         units: Container[int] = (),
 """),
+    (
+        """\
+        patience: float | None = PATIENCE,
+    ) -> None:
+""",
+        """\
+        patience: float | None = PATIENCE
+    ) -> None:
+""",
+    ),
     _without("        self.role: Role = role\n"),
     ("Shape(role, units)", "Shape()"),
-    ('f"<RtuLine: {self.role}>"', '"<RtuLine>"'),
     (
         "One line. A client receives responses. A server receives requests, and also the responses of other units.",
         "One line of a client, which receives responses.",
@@ -91,15 +100,30 @@ a response whose CRC ends with 00 has a good CRC without that byte too. `Shape.l
 )
 """Of `rtu.line`: a client hears responses only, so bytes are never two messages, and a line has one role."""
 
+NO_EXPLANATION: tuple[Patch, ...] = (("self.response.fields(pdu)", "self.response.layout.fields(pdu)"),)
+"""Of the base of messages: offsets come from the layout alone."""
+NO_SHORTCUTS: tuple[Patch, ...] = (
+    _without("""\
+
+Reads of registers are the most frequent requests, so `ReadHoldingRegisters` has shortcuts: see `_SHORTCUTS` below.
+"""),
+)
+"""Of the registers."""
+ONE_ENGINE: tuple[Patch, ...] = (
+    _without("""\
+
+There are three interpreters: the blocking engine, the asyncio engine (both in `io.engine`), and `Wire` below, which
+runs conversations in virtual time for tests. All three give these words the same meaning.
+"""),
+)
+"""Of conversations."""
+
 NUMBERED: tuple[Patch, ...] = (
-    (
-        """\
-        if not self.state.pending:
-            return now
-        return (yield from self._prove_gone(unit, request, timeout, now, may_probe and self.recovery == "probe"))
-""",
-        "        return now\n",
-    ),
+    _without("""\
+        if self.state.pending:
+            now = yield from self._prove_gone(unit, request, timeout, now, may_probe and self.recovery == "probe")
+            now = yield from self._pause(unit_state, timeout, now)  # after a probe too
+"""),
 )
 """Of the bus: on TCP each answer has the number of its request, so none is pending, and none needs a probe."""
 

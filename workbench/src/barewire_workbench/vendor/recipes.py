@@ -15,9 +15,12 @@ from typing import NamedTuple
 from barewire_workbench.vendor.patches import (
     CLIENT_OR_SERVER,
     NO_BLOCKS,
+    NO_EXPLANATION,
     NO_LISTENER,
     NO_MONITOR,
+    NO_SHORTCUTS,
     NUMBERED,
+    ONE_ENGINE,
     ONE_KIND_OF_UNIT,
     ONLY_RESPONSES,
     PLAIN_EXAMPLES,
@@ -56,7 +59,7 @@ class Recipe(NamedTuple):
     optional    the families that `--with` adds
     roots       its public names, by module; the requests of the families are public too
     in_place    names that are replaced by those of a module of `live/one_file`
-    without     methods that are left out
+    without     methods that are left out, as "Class.method" or "*.method"
     patches     by module: texts that are replaced
     absent      the same for a family that the file does not have
     kinds       the kinds of vectors that it answers
@@ -90,17 +93,7 @@ _PROBE = _replaced(f"{MESSAGES}.diagnostics", "probe", "RETURN_QUERY_DATA", "Dia
 _RESPONSES = _replaced("barewire.rtu.shape", "rtu_shape", "Shape")
 
 _EXPLAINING = frozenset(
-    Place(f"{MESSAGES}.{module}", f"{cls}.fields")
-    for module, classes in {
-        "exception_response": "ExceptionResponse",
-        "coils": "ReadCoilsResponse _CoilValue WriteMultipleCoils",
-        "registers": "ReadHoldingRegistersResponse WriteMultipleRegisters",
-        "combined": "ReadWriteMultipleRegistersResponse ReadWriteMultipleRegisters",
-        "fifo": "ReadFifoQueueResponse",
-        "files": "ReadFileRecord ReadFileRecordResponse WriteFileRecord",
-        "diagnostics": "ReadExceptionStatusResponse DiagnosticsResponse Diagnostics",
-    }.items()
-    for cls in classes.split()
+    Place(f"{MESSAGES}.{module}", "*.fields") for module in ("base", "exception_response", *FAMILIES)
 )
 """The fields of a message with names and meanings, for `explain`; the offsets in errors do not need them."""
 _QUICKER = frozenset(
@@ -108,10 +101,15 @@ _QUICKER = frozenset(
 )
 """Shortcuts of the most frequent request. Without them its base class does the same."""
 
-_SETTING = frozenset({Place(f"{MESSAGES}.base", "Message.__init_subclass__")})
-"""A better text of the error of those who set a field of a message, which is frozen."""
-
 _LINE = "barewire.rtu.line"
+_SETTING = frozenset(
+    {
+        Place(f"{MESSAGES}.base", "Message.__init_subclass__"),
+        *(Place(module, "*.__repr__") for module in ("barewire.codecs.layout", _LINE, "barewire.modbus.client.bus")),
+    }
+)
+"""A better text of the error of those who set a field of a message, which is frozen; and short texts of objects."""
+
 TEXTS = {
     "barewire.codecs.bits": "Rows of bits: coil 0 of a packed row is bit 0 of byte 0.                    [MB-APP 6.1]",
     "barewire.codecs.order": "Registers: 16 bits each, the more significant byte first.                  [MB-APP 4.2]",
@@ -124,6 +122,11 @@ TEXTS = {
 """The docstrings of modules of which a file has one or two things only, in place of their own."""
 
 _MESSAGES = _EXPLAINING | _QUICKER | _SETTING
+_ALWAYS: Patches = {
+    f"{MESSAGES}.base": NO_EXPLANATION,
+    f"{MESSAGES}.registers": NO_SHORTCUTS,
+    "barewire.conversation": ONE_ENGINE,
+}
 _OF_CLIENTS = ("combined", "fifo", "files", "diagnostics", "comm_events", "identification")
 
 
@@ -139,7 +142,7 @@ def _client(
         (Place(f"{PARTS}.{framing}_client", f"Modbus{framing.title()}Client"),),
         {**_REGISTRY, **_PROBE, **in_place, Place("barewire.modbus.framing", "Line"): line},
         _MESSAGES | {Place(line.module, f"{line.name}.response")},
-        patches,
+        {**_ALWAYS, **patches},
         (*kinds, f"{framing}-frame", f"{framing}-talk", "pdu", "exchange", "client"),
     )
 
@@ -159,7 +162,7 @@ def _server(
         roots,
         {**_REGISTRY, **counters, **in_place, Place("barewire.modbus.framing", "Line"): line},
         _MESSAGES,
-        {f"{room}.server": ONE_KIND_OF_UNIT, f"{room}.table": PLAIN_EXAMPLES, **patches},
+        {f"{room}.server": ONE_KIND_OF_UNIT, f"{room}.table": PLAIN_EXAMPLES, **_ALWAYS, **patches},
         (*kinds, f"{framing}-frame", f"{framing}-talk", "pdu", "server"),
         {family: {f"{room}.table": texts} for family, texts in TABLE_WITHOUT.items()},
     )
@@ -215,7 +218,11 @@ RECIPES = {
         (Place(f"{PARTS}.sdo_client", "SdoClient"),),
         {},
         frozenset(),
-        {"barewire.canopen.sdo.messages": NO_BLOCKS, "barewire.canopen.sdo.channel": NO_MONITOR},
+        {
+            "barewire.canopen.sdo.messages": NO_BLOCKS,
+            "barewire.canopen.sdo.channel": NO_MONITOR,
+            "barewire.conversation": ONE_ENGINE,
+        },
         ("sdo", "sdo-talk"),
     ),
 }

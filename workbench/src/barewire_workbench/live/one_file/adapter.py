@@ -96,13 +96,13 @@ def add_stand_ins(vendored: Any) -> None:
     """Give a file what only the questions need: messages by their code, one connection without others."""
     classes: list[Any] = [cls for cls in vars(vendored).values() if isinstance(cls, type)]
     requests = [cls for cls in classes if issubclass(cls, vendored.Request) and hasattr(cls, "response")]
-    by_code = {bytes([cls.function_code]): cls for cls in requests if hasattr(cls, "function_code")}
+    by_code = {_code(cls): cls for cls in requests if hasattr(cls, "function_code")}
 
     def decode_request(pdu: bytes) -> Any:
-        return (by_code.get(pdu[:1]) or _missing(f"request {pdu[:1].hex()}")).decode(pdu)
+        return (by_code.get(_code_in(pdu)) or _missing(f"request {pdu[:1].hex()}")).decode(pdu)
 
     def response_class(pdu: bytes) -> Any:
-        request = by_code.get(pdu[:1])
+        request = by_code.get(_code_in(pdu))
         if pdu[:1] >= b"\x80":
             return getattr(vendored, "ExceptionResponse", None) or _missing("ExceptionResponse")
         return request and request.response
@@ -133,7 +133,7 @@ def add_stand_ins(vendored: Any) -> None:
     stand_ins = {
         "decode_request": decode_request,
         "decode_response": lambda pdu: (response_class(pdu) or _missing(f"response {pdu[:1].hex()}")).decode(pdu),
-        "request_class": lambda pdu: by_code.get(pdu[:1]),
+        "request_class": lambda pdu: by_code.get(_code_in(pdu)),
         "response_class": response_class,
         "FanOut": OneConnection,
         "decode": decode,
@@ -171,6 +171,22 @@ def _table_of(vendored: Any) -> Any:
     return Table
 
 
+_MEI = 0x2B00
+"""Function 2B has a second byte, which selects the function."""
+_EXTENDED_EXCEPTION = 0xAB
+
+
+def _code(message: Any) -> int:
+    """Return the function code of a message class, of function 2B with the second byte."""
+    number: int | None = getattr(message, "mei_type", None)
+    return int(message.function_code) if number is None else _MEI | number
+
+
+def _code_in(pdu: bytes) -> int:
+    """Return the function code of a PDU, of function 2B with the second byte; 0 for an empty one."""
+    return _MEI | pdu[1] if pdu[:1] == b"\x2b" and len(pdu) > 1 else (pdu or b"\0")[0]
+
+
 _STANDARD = frozenset((*range(0x01, 0x09), 0x0B, 0x0C, 0x0F, 0x10, 0x11, *range(0x14, 0x19), 0x2B))
 """The function codes of the standard. One of them that is not in a file is as unknown to it as any other code."""
 
@@ -180,7 +196,7 @@ class Limits:
 
     def __init__(self, vendored: Any) -> None:
         classes: list[Any] = [cls for cls in vars(vendored).values() if isinstance(cls, type)]
-        codes = {cls.function_code for cls in classes if isinstance(getattr(cls, "function_code", None), int)}
+        codes = {_code(cls) for cls in classes if isinstance(getattr(cls, "function_code", None), int)}
         # The probe of a client is one sub-function of 08, and not the message.
         self._codes = codes if hasattr(vendored, "SUB_FUNCTIONS") else codes - {0x08}
         self._roles = get_args(getattr(vendored, "Role", None)) or ("client",)
@@ -197,7 +213,7 @@ class Limits:
         if do == "decode" and kind.endswith("-frame") and not self._decodes:
             return "the file decodes frames in a stream only"
         for code in self._codes_of(question):
-            if code not in self._codes and (code & 0x7F in _STANDARD) and (code < 0x80 or code == 0xAB):
+            if code not in self._codes and (code in _STANDARD or code == _EXTENDED_EXCEPTION or code >= _MEI):
                 return f"the file has no function {code:02X}"
         return ""
 
@@ -216,7 +232,7 @@ class Limits:
             texts = [question[field] for field in ("function", "pdu", "request") if field in question]
         else:
             return []
-        return [data[0] for text in texts if (data := bytes.fromhex(text))]
+        return [_code_in(data) for text in texts if (data := bytes.fromhex(text))]
 
 
 def main(file: str, name: str, workbench: str, barewire: str, kinds: str) -> None:

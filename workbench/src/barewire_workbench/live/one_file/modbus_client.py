@@ -19,6 +19,7 @@ from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import BarewireError, PortError
 from barewire.io.ports.base import Port
 from barewire.modbus.client.bus import Bus, Recovery
+from barewire.modbus.client.line_state import UnitOptions
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.framing import Line
 from barewire.modbus.messages.base import Request, Response
@@ -68,9 +69,8 @@ class ModbusClient:
         self._new_line = new_line
         self._port: Port[bytes] | None = None
         self._lock = threading.RLock()
-        self.bus = Bus(
-            new_line(), recovery=recovery, late_window=late_window, timeout=timeout, gap=gap, retries=retries
-        )
+        options = UnitOptions(timeout=timeout, gap=gap)
+        self.bus = Bus(new_line(), recovery=recovery, late_window=late_window, retries=retries, options=options)
 
     def __enter__(self) -> Self:
         """Open the port now, and not with the first request."""
