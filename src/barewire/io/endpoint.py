@@ -60,6 +60,8 @@ from barewire.errors import EncodeError, shown
 if TYPE_CHECKING:
     from ssl import SSLContext
 
+    from barewire.io.ports.adapter import Adapter
+
 PSEUDO_TERMINAL = "pty"
 DEFAULT_BAUDRATE = 19200
 """Of a serial line, in bit/s [MB-SERIAL 2.5.1]."""
@@ -274,7 +276,8 @@ def _checked_place(url: str, scheme: str, place: str) -> str:
 class Endpoint(NamedTuple):
     """The parts of a URL. `place` is HOST:PORT, the path of a serial device, or INTERFACE/CHANNEL.
 
-    `set_direction` and `ssl_context` are what a URL cannot hold: see `with_direction` and `with_context`.
+    `set_direction`, `ssl_context` and `adapter` are what a URL cannot hold: see `with_direction`, `with_context`, and
+    `barewire.io.ports.adapter`.
 
     >>> endpoint = Endpoint.parse("rtu:///dev/ttyUSB0?baudrate=9600&unit=7")
     >>> endpoint.scheme, endpoint.place, endpoint.integer("unit", 1), endpoint.integer("baudrate", 19200)
@@ -286,6 +289,7 @@ class Endpoint(NamedTuple):
     options: Mapping[str, str]
     set_direction: SetDirection | None = None
     ssl_context: SSLContext | None = None
+    adapter: Adapter | None = None
 
     @classmethod
     def parse(cls, url: str, options: Mapping[str, object] | None = None) -> Endpoint:

@@ -61,7 +61,7 @@ class Connection(ConnectionBase):
         self.port: Port[bytes] | None = None
         self.bus = Bus(modbus_line(endpoint, "client"), **bus_options)
         self.bus.state.on_stray = self._log.stray
-        self._dial = dialer(endpoint)
+        self._dial = dialer(self.endpoint)
         self._new_queue()
 
     def _new_queue(self) -> None:

@@ -37,6 +37,10 @@ class ClientLog(PortLog):
         """Log that the port could not be opened, and the pause before the next attempt."""
         self.info("not connected", f"not connected: {self.short(error)}; next attempt after {pause:.2f} s")
 
+    def renamed(self, text: str) -> None:
+        """Log that an adapter has another name than it had."""
+        self.warning("renamed", text)
+
     def lost(self, why: str) -> None:
         """Log that the connection ended, and why; without a reason the program closed it."""
         self.info("closed", f"connection given up: {self.short(why)}" if why else "closed")
@@ -67,9 +71,13 @@ class ConnectionBase:
     def __init__(self, endpoint: Endpoint, jitter: Callable[[], float], watch: Watch | None) -> None:
         first, longest = endpoint.pauses
         self.back_off = BackOff(jitter, first=first, longest=longest)
-        self.endpoint = endpoint
         self._watch = watch
         self._log = ClientLog(endpoint)
+        self.endpoint = endpoint
+        if endpoint.is_serial_port:
+            from barewire.io.ports.adapter import Adapter
+
+            self.endpoint = endpoint._replace(adapter=Adapter(endpoint.place, self._log.renamed))
         self._closed = ""  # why requests are refused, if they are
         self.on_lost: Callable[[str], object] | None = None
         """Called with the reason when the connection is lost, not when the program closes it."""

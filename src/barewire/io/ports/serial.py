@@ -107,13 +107,17 @@ class SerialPort:
         if endpoint.place == PSEUDO_TERMINAL:
             text = "rtu://pty is for servers, which make a new pseudo-terminal; a client opens the path that they print"
             raise EncodeError(f"endpoint {str(endpoint)!r}: {text}")
-        return cls(
-            endpoint.place,
+        adapter = endpoint.adapter
+        port = cls(
+            endpoint.place if adapter is None else adapter.find(),
             SerialSettings.of(endpoint),
             pace=endpoint.flag("pace"),
             rs485=endpoint.choice("rs485", "off"),
             set_direction=endpoint.set_direction,
         )
+        if adapter is not None:
+            adapter.opened(port.name)
+        return port
 
     @classmethod
     def of_server(cls, endpoint: Endpoint) -> SerialPort:

@@ -60,7 +60,29 @@ class Service(Protocol):
     def close(self) -> None: ...
 
 
-class ModbusServer(ThreadedServer):
+class _Served:
+    """What both servers tell of the service that serves their port."""
+
+    url: str
+    _service: Any
+
+    @property
+    def port(self) -> int:
+        """The number of the TCP or UDP port that it listens on. Raises PortError for a serial line, which has none."""
+        return _port_number(self.url)
+
+    @property
+    def connections(self) -> ConnectionTable[Any]:
+        """The open connections, and why others were closed. Empty for UDP and serial lines."""
+        return self._service.connections
+
+    @property
+    def statistics(self) -> ServerStatistics:
+        """Counters of requests and connections, and the latest errors in the code of units."""
+        return self._service.statistics
+
+
+class ModbusServer(_Served, ThreadedServer):
     """A server of units on a port. The constructor opens the port; `with`, `start()` or `run(stop)` serve.
 
     url             one of the forms that `barewire.io.endpoint` lists; port 0 takes a free port
@@ -104,21 +126,6 @@ class ModbusServer(ThreadedServer):
         self._service = _service(endpoint, SharedUnits(units), authorization, model)
         self.url = self._service.url
 
-    @property
-    def port(self) -> int:
-        """The number of the TCP or UDP port that it listens on. Raises PortError for a serial line, which has none."""
-        return _port_number(self.url)
-
-    @property
-    def connections(self) -> ConnectionTable[Any]:
-        """The open connections, and why others were closed. Empty for UDP and serial lines."""
-        return self._service.connections
-
-    @property
-    def statistics(self) -> ServerStatistics:
-        """Counters of requests and connections, and the latest errors in the code of units."""
-        return self._service.statistics
-
     def _serve(self, stop: threading.Event) -> None:
         self._service.serve(lambda: self.is_over(stop))
 
@@ -126,7 +133,7 @@ class ModbusServer(ThreadedServer):
         self._service.close()
 
 
-class AsyncModbusServer(AsyncServer):
+class AsyncModbusServer(_Served, AsyncServer):
     """A server of units on a port of the running loop. The arguments are those of `ModbusServer`, and:
 
     listener        a socket that is already bound, on which the server listens; by default it binds one
@@ -163,47 +170,31 @@ class AsyncModbusServer(AsyncServer):
             from barewire.io.fault_injection.ports import LoopFaultInjector
 
             inject = LoopFaultInjector(model)
-        self._server: StreamServer | DatagramServer | SerialServer
         if self._endpoint.is_serial_port:
             from barewire.io.server.serial import SerialServer
 
-            self._server = SerialServer(self._endpoint, units, inject)
+            self._service = SerialServer(self._endpoint, units, inject)
         else:
             from barewire.io.server.asyncio_network import server_at
 
-            self._server = server_at(self._endpoint, units, authorization, inject)
-
-    @property
-    def port(self) -> int:
-        """The number of the TCP or UDP port that it listens on. Raises PortError for a serial line, which has none."""
-        return _port_number(self.url)
-
-    @property
-    def connections(self) -> ConnectionTable[Any]:
-        """The open connections, and why others were closed. Empty for UDP and serial lines."""
-        return self._server.connections
-
-    @property
-    def statistics(self) -> ServerStatistics:
-        """Counters of requests and connections, and the latest errors in the code of units."""
-        return self._server.statistics
+            self._service = server_at(self._endpoint, units, authorization, inject)
 
     @property
     def authorization(self) -> Authorization | None:
         """The rights of each role. They cannot be set later: connections without a role would not be checked."""
-        return getattr(self._server, "authorization", None)
+        return getattr(self._service, "authorization", None)
 
     @property
     def failure(self) -> PortError | None:
         """The error of the serial port that ended the server, or None."""
-        return self._server.failure
+        return self._service.failure
 
     async def _open(self) -> None:
-        await self._server.listen(self._listener)
-        self.url = self._server.url
+        await self._service.listen(self._listener)
+        self.url = self._service.url
 
     async def _release(self) -> None:
-        await self._server.close()
+        await self._service.close()
 
 
 def _service(

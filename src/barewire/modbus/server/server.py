@@ -358,11 +358,13 @@ class Server:
     def _reply(self, adu: Adu, now: float) -> list[Reply]:
         """Return the reply to a request on a serial line; none if the unit stays silent."""
         pdu = self.answer(adu, now)
-        if pdu is None:
-            return []
+        return [] if pdu is None else [self._reply_with(adu, pdu, now + self._delay)]
+
+    def _reply_with(self, adu: Adu, pdu: bytes, at: float) -> Reply:
+        """Return the reply with this response, sent at this time at the earliest, and count it."""
         self.statistics.replies += 1
         self._sent = Adu(adu.unit, pdu)
-        return [Reply(self.line.response(adu, pdu), max(self.line.quiet_at, now + self._delay), adu.pdu)]
+        return Reply(self.line.response(adu, pdu), max(self.line.quiet_at, at), adu.pdu)
 
     def _overload(self, pdu: bytes) -> bytes | None:
         """Return the response to a request beyond the limit of transactions."""
@@ -469,10 +471,8 @@ class Server:
         pdu = self._given(adu, response)
         if pdu is None or not answered or caller.is_gone or (self.serial and adu is not self._latest):
             return
-        self.statistics.replies += 1
-        self._sent = Adu(adu.unit, pdu)
         assert self._send_later is not None, "without it no response comes later"
-        self._send_later(Reply(self.line.response(adu, pdu), self.line.quiet_at, adu.pdu), caller)
+        self._send_later(self._reply_with(adu, pdu, 0.0), caller)
 
     def _given(self, adu: Adu, response: Any) -> bytes | None:
         """Return the PDU of what a `PduUnit` returned or raised: its bytes, None, or an exception response."""
