@@ -1,6 +1,6 @@
 """Input and output: carries out conversations on real ports. Below `gateway` only this room has clocks and sockets.
 
-    endpoint           URLs and their options
+    endpoint           URLs and their options       adapter   serial adapters that return under another name
     engine/            carries out a conversation or an exchange: blocking, asyncio, and the fast path
     ports/             TCP, UDP, TLS, serial ports, pseudo-terminals, CAN buses
     modbus/            ModbusClient, AsyncModbusClient, listening in

@@ -60,7 +60,7 @@ from barewire.errors import EncodeError, shown
 if TYPE_CHECKING:
     from ssl import SSLContext
 
-    from barewire.io.ports.adapter import Adapter
+    from barewire.io.adapter import Adapter
 
 PSEUDO_TERMINAL = "pty"
 DEFAULT_BAUDRATE = 19200
@@ -277,7 +277,7 @@ class Endpoint(NamedTuple):
     """The parts of a URL. `place` is HOST:PORT, the path of a serial device, or INTERFACE/CHANNEL.
 
     `set_direction`, `ssl_context` and `adapter` are what a URL cannot hold: see `with_direction`, `with_context`, and
-    `barewire.io.ports.adapter`.
+    `barewire.io.adapter`.
 
     >>> endpoint = Endpoint.parse("rtu:///dev/ttyUSB0?baudrate=9600&unit=7")
     >>> endpoint.scheme, endpoint.place, endpoint.integer("unit", 1), endpoint.integer("baudrate", 19200)

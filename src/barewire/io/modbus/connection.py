@@ -75,7 +75,7 @@ class ConnectionBase:
         self._log = ClientLog(endpoint)
         self.endpoint = endpoint
         if endpoint.is_serial_port:
-            from barewire.io.ports.adapter import Adapter
+            from barewire.io.adapter import Adapter
 
             self.endpoint = endpoint._replace(adapter=Adapter(endpoint.place, self._log.renamed))
         self._closed = ""  # why requests are refused, if they are

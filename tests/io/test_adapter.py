@@ -14,8 +14,8 @@ import pytest
 
 from barewire import AsyncModbusClient, ModbusClient, ModbusServer, Table
 from barewire.errors import PortError
-from barewire.io.ports import adapter as adapter_module
-from barewire.io.ports.adapter import Adapter
+from barewire.io import adapter as adapter_module
+from barewire.io.adapter import Adapter
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="links of udev")
 
