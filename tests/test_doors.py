@@ -86,7 +86,7 @@ def test_these_rooms_have_lazy_doors() -> None:
             "barewire.modbus",
             "barewire.modbus.messages",
             "barewire.canopen",
-            "barewire.canopen.gateway",
+            "barewire.canopen.ascii_gateway",
             "barewire.canopen.sdo",
         ),
         *("barewire", "barewire.codecs", "barewire.devices", "barewire.gateway", "barewire.io", "barewire.rtu"),

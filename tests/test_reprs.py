@@ -23,7 +23,7 @@ from barewire.canopen import (
     SdoServer,
     eds,
 )
-from barewire.canopen.gateway import GatewaySession
+from barewire.canopen.ascii_gateway import GatewaySession
 from barewire.codecs import Layout
 from barewire.devices import CanopenAccess, Drive, ModbusAccess, Reading, load, names
 from barewire.devices.drive import DriveStatus
@@ -39,7 +39,13 @@ from barewire_workbench.eds.export import export
 
 ROOMS = [
     *("barewire", "barewire.modbus", "barewire.canopen", "barewire.canopen.sdo", "barewire.canopen.eds"),
-    *("barewire.canopen.gateway", "barewire.devices", "barewire.devices.sim", "barewire_workbench", "barewire.rtu"),
+    *(
+        "barewire.canopen.ascii_gateway",
+        "barewire.devices",
+        "barewire.devices.sim",
+        "barewire_workbench",
+        "barewire.rtu",
+    ),
     *("barewire.ascii", "barewire.tcp", "barewire.codecs", "barewire.io"),
 ]
 AZ3 = load("az3")

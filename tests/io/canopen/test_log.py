@@ -13,7 +13,7 @@ import barewire
 from barewire.canopen import CanFrame, ErrorFrame
 from barewire.errors import NoAnswer, PortError
 from barewire.io import CanBus
-from barewire.io.server.gateway import GATEWAY_CONNECTIONS, serve_gateway
+from barewire.io.server.ascii_gateway import GATEWAY_CONNECTIONS, serve_gateway
 from tests.helpers import PATIENCE
 
 LOGGERS = {name: f"barewire.canopen.{name}" for name in ("bus", "server", "client", "gateway")}

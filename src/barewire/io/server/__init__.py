@@ -11,5 +11,5 @@ The files, in reading order:
     asyncio_network     connections, datagrams
     tls_session         TLS of a connection
     can                 a node on a CAN bus; a bus between processes
-    gateway             the text gateway of CiA 309-3
+    ascii_gateway       the ASCII gateway of CiA 309-3: a CANopen network in lines of text over TCP
 """

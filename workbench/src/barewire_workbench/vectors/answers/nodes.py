@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
+from barewire.canopen.ascii_gateway.session import GatewaySession
 from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.communication_objects import lss_address
 from barewire.canopen.configuration.configure import ConciseValue
 from barewire.canopen.datatypes import object_codec, type_name
 from barewire.canopen.device.device import LocalNode
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.gateway.session import GatewaySession
 from barewire.canopen.lss import master
 from barewire.canopen.lss.messages import LssAddress, LssRefused, LssState
 from barewire.canopen.lss.slave import LssSlave
@@ -326,7 +326,7 @@ def _lss_result(do: str, result: Any) -> Fields:
 
 
 def _talk_gateway(given: Fields) -> Fields:
-    """Execute lines of the text gateway, one after the other. Comments of its answers are left out."""
+    """Execute lines of the ASCII gateway, one after the other. Comments of its answers are left out."""
     session = GatewaySession(given.get("net", 1))
     steps = []
     for step in given["lines"]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, ObjectDictionary, PdoConfig, standard_objects
-from barewire.canopen.gateway import GatewayNode, GatewaySession
-from barewire.canopen.gateway.own_node import gateway_node
+from barewire.canopen.ascii_gateway import GatewayNode, GatewaySession
+from barewire.canopen.ascii_gateway.own_node import gateway_node
 from barewire.conversation import play
 
 

@@ -1,4 +1,4 @@
-"""The CiA 309-3 text gateway on a TCP port: many connections, one bus.
+"""The ASCII gateway of CiA 309-3 on a TCP port: many connections, one bus.
 
         netcat ----+                         +--- transfers with different nodes at the same time
         a script --+-- one session each -----+--- one transfer at a time on each SDO channel
@@ -19,10 +19,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Self
 
+from barewire.canopen.ascii_gateway.lines import GatewayCode, error_line
+from barewire.canopen.ascii_gateway.own_node import GatewayNode
+from barewire.canopen.ascii_gateway.session import MAX_LINE, GatewaySession
 from barewire.canopen.frame import CanFrame, ErrorFrame
-from barewire.canopen.gateway.lines import GatewayCode, error_line
-from barewire.canopen.gateway.own_node import GatewayNode
-from barewire.canopen.gateway.session import MAX_LINE, GatewaySession
 from barewire.conversation import Conversation
 from barewire.errors import EncodeError, PortError, shown
 from barewire.io.canopen.async_client import AsyncCanopenClient

@@ -19,9 +19,8 @@ from functools import partial
 from typing import Any, Literal, NamedTuple
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
-from barewire.canopen.frame import CanFrame
-from barewire.canopen.gateway import lss_commands as lss
-from barewire.canopen.gateway.lines import (
+from barewire.canopen.ascii_gateway import lss_commands as lss
+from barewire.canopen.ascii_gateway.lines import (
     GatewayCode,
     GatewayError,
     Words,
@@ -32,8 +31,9 @@ from barewire.canopen.gateway.lines import (
     to_text,
     width,
 )
-from barewire.canopen.gateway.notices import EVENT, RTR, Notices, PdoSettings
-from barewire.canopen.gateway.own_node import GatewayNode
+from barewire.canopen.ascii_gateway.notices import EVENT, RTR, Notices, PdoSettings
+from barewire.canopen.ascii_gateway.own_node import GatewayNode
+from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.master import store_configuration
 from barewire.canopen.lss.messages import LssRefused
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage

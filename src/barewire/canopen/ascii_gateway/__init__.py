@@ -1,4 +1,5 @@
-"""The text gateway: a CANopen net in lines of text, for netcat and scripts.   [CiA 309-3]
+"""The ASCII gateway: a CANopen net in lines of text, for netcat and scripts. `barewire.gateway` is another program.
+[CiA 309-3]
 
         people and scripts                   the gateway                          the bus
         [1] 5 read 0x6041 0 u16      ->      parsed, executed             ->      605h | 40 41 60 00 ...
@@ -21,10 +22,10 @@ from typing import TYPE_CHECKING
 from barewire._lazy import lazy
 
 if TYPE_CHECKING:
-    from barewire.canopen.gateway.lines import GatewayCode as GatewayCode, GatewayError as GatewayError
-    from barewire.canopen.gateway.notices import Notices as Notices
-    from barewire.canopen.gateway.own_node import GatewayNode as GatewayNode
-    from barewire.canopen.gateway.session import GatewaySession as GatewaySession
+    from barewire.canopen.ascii_gateway.lines import GatewayCode as GatewayCode, GatewayError as GatewayError
+    from barewire.canopen.ascii_gateway.notices import Notices as Notices
+    from barewire.canopen.ascii_gateway.own_node import GatewayNode as GatewayNode
+    from barewire.canopen.ascii_gateway.session import GatewaySession as GatewaySession
 
 __getattr__, __dir__, __all__ = lazy(
     __name__,

@@ -14,7 +14,7 @@ from barewire.canopen import (
     PdoConfig,
     standard_objects,
 )
-from barewire.canopen.gateway import GatewayCode, GatewaySession
+from barewire.canopen.ascii_gateway import GatewayCode, GatewaySession
 from barewire.codecs import Value
 from barewire.conversation import play
 from tests.canopen.virtual_bus import VirtualBus

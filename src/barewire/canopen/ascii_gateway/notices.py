@@ -25,9 +25,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from barewire.canopen.emcy import EmcyConsumer
-from barewire.canopen.frame import CanFrame
-from barewire.canopen.gateway.lines import (
+from barewire.canopen.ascii_gateway.lines import (
     TYPE_NAMES,
     GatewayCode,
     GatewayError,
@@ -36,6 +34,8 @@ from barewire.canopen.gateway.lines import (
     width,
     word_count,
 )
+from barewire.canopen.emcy import EmcyConsumer
+from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.error_control import Guard, GuardEvent, GuardingMaster, HeartbeatConsumer, HeartbeatEvent
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
 from barewire.canopen.pdo.config import RTR_AT_ONCE, PdoConfig

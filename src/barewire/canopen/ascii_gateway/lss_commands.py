@@ -12,9 +12,9 @@ A service without a response ends with ERROR:103, except the global ones, which 
 
 from __future__ import annotations
 
+from barewire.canopen.ascii_gateway.lines import GatewayCode, GatewayError
 from barewire.canopen.cob_ids import NODE_MAX
 from barewire.canopen.frame import CanFrame
-from barewire.canopen.gateway.lines import GatewayCode, GatewayError
 from barewire.canopen.lss.master import (
     LSS_TIMEOUT,
     activate_bit_timing,

@@ -13,11 +13,11 @@ import pytest
 
 from barewire import CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, ErrorFrame
-from barewire.canopen.gateway.own_node import gateway_node
+from barewire.canopen.ascii_gateway.own_node import gateway_node
 from barewire.devices.sim import simulator
 from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.server.gateway import GATEWAY_CONNECTIONS, UNREAD_LIMIT, CanopenGateway, serve_gateway
+from barewire.io.server.ascii_gateway import GATEWAY_CONNECTIONS, UNREAD_LIMIT, CanopenGateway, serve_gateway
 from tests.helpers import refused
 
 
