@@ -178,6 +178,20 @@ def test_the_program_checks_a_file(tmp_path: Path, capsys: pytest.CaptureFixture
     assert [line.partition(": ")[0] for line in lines] == [f"{file}:1:1", f"{file}:12:3"]
 
 
+def test_the_check_says_which_units_on_can_have_no_registers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "gateway.toml"
+    backend = '[[backend]]\nname = "bus"\nurl = "can://memory/check"\nunits = "5-7"\n[backend.unit.6]\ndevice = "az3"'
+    file.write_text(f'[[listen]]\nurl = "tcp://127.0.0.1:0"\n{backend}\n')
+    assert run_program(["--check", str(file)]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        f"{file}: 1 listener, 1 backend: nothing wrong",
+        f"{file}: backend 'bus', unit 5, 7: no registers without [backend.unit.N] device or eds: "
+        "only function 2B/0D reaches it",
+    ]
+
+
 @pytest.mark.parametrize("content", [None, b"\xff\xfe"])
 def test_a_file_that_cannot_be_read_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None

@@ -363,7 +363,7 @@ class ObjectDictionary:
         """Return the value after a reset."""
         return self._default(self.entry(index, sub))
 
-    def restore(self, first: int = 0x1000, last: int = 0x9FFF) -> None:
+    def restore(self, first: int = 0x1000, last: int = 0xFFFF) -> None:
         """Reset the objects of the indices `first` to `last` to their defaults; no `on_write` is called."""
         for address, entry in self._entries.items():
             if first <= address[0] <= last:

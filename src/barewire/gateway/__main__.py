@@ -56,6 +56,10 @@ def run_program(arguments: list[str] | None = None) -> int:
         counts = ((len(config.listeners), "listener"), (len(config.backends), "backend"), (len(machines), "machine"))
         parts = [f"{number} {name}{'' if number == 1 else 's'}" for number, name in counts if number]
         print(f"{given.config}: {', '.join(parts)}: nothing wrong")
+        for backend in config.backends:
+            if units := ", ".join(map(str, backend.without_registers)):
+                text = "no registers without [backend.unit.N] device or eds: only function 2B/0D reaches it"
+                print(f"{given.config}: backend {backend.name!r}, unit {units}: {text}")
         return 0
     if given.status:
         return _print_status(config)

@@ -155,6 +155,11 @@ class BackendConfig:
     devices: Mapping[int, Device] = field(default_factory=dict)
     """On CAN: what the nodes are, by the address that clients use."""
 
+    @property
+    def without_registers(self) -> list[int]:
+        """The units on CAN without a description, which only function 2B/0D reaches."""
+        return [unit for unit in self.units if self.endpoint.scheme == "can" and unit not in self.devices]
+
 
 @dataclass(frozen=True)
 class GatewayConfig:

@@ -8,6 +8,7 @@ from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, LssSlave, O
 from barewire.canopen.communication_objects import standard_objects
 
 SUBS = range(1, 5)
+INDICES = 0x1017, 0x2000, 0x6000, 0x6001, 0xA000
 
 
 def device() -> LocalNode:
@@ -19,6 +20,7 @@ def device() -> LocalNode:
             Entry(0x2000, 0, "own", "u16", "rw", 1),
             Entry(0x6000, 0, "profile's", "u16", "rw", 2),
             Entry(0x6001, 0, "measured", "u16", "ro", 3),
+            Entry(0xA000, 0, "network's", "u16", "rw", 4),
         ]
     )
     device = LocalNode(5, objects)
@@ -27,11 +29,11 @@ def device() -> LocalNode:
 
 
 def values(device: LocalNode) -> list[int]:
-    return [int(device.objects.get(index)) for index in (0x1017, 0x2000, 0x6000, 0x6001)]
+    return [int(device.objects.get(index)) for index in INDICES]
 
 
 def change(device: LocalNode, by: int) -> None:
-    for index in (0x1017, 0x2000, 0x6000, 0x6001):
+    for index in INDICES:
         device.objects.set(index, 0, int(device.objects.get(index)) + by)
 
 
@@ -43,10 +45,10 @@ def reset(device: LocalNode, command: str) -> list[int]:
 @pytest.mark.parametrize(
     ("sub", "after_node", "after_communication"),
     [
-        (1, [10, 11, 12, 3], [10, 111, 112, 113]),
-        (2, [10, 1, 2, 3], [10, 111, 112, 113]),
-        (3, [0, 1, 12, 3], [0, 111, 112, 113]),
-        (4, [0, 11, 2, 3], [0, 111, 112, 113]),
+        (1, [10, 11, 12, 3, 14], [10, 111, 112, 113, 114]),
+        (2, [10, 1, 2, 3, 4], [10, 111, 112, 113, 114]),
+        (3, [0, 1, 12, 3, 4], [0, 111, 112, 113, 114]),
+        (4, [0, 11, 2, 3, 4], [0, 111, 112, 113, 114]),
     ],
 )
 def test_areas_of_store_parameters(sub: int, after_node: list[int], after_communication: list[int]) -> None:
@@ -63,8 +65,8 @@ def test_load_takes_effect_at_the_reset() -> None:
     change(node, 10)
     node.objects.write(0x1010, 1, b"save")
     node.objects.write(0x1011, 1, b"load")
-    assert values(node) == [10, 11, 12, 13]
-    assert reset(node, "81") == [0, 1, 2, 3]
+    assert values(node) == [10, 11, 12, 13, 14]
+    assert reset(node, "81") == [0, 1, 2, 3, 4]
 
 
 def test_only_the_signature_stores() -> None:

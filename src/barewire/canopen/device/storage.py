@@ -27,7 +27,7 @@ _STORE, _RESTORE = 0x1010, 0x1011
 _SDO_CHANNELS = range(0x1200, 0x1300)
 _SAVE, _LOAD = (int.from_bytes(word, "little") for word in (b"save", b"load"))
 _ON_COMMAND = 1
-_AREAS = {1: (0x1000, 0x9FFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF)}
+_AREAS = {1: (0x1000, 0xFFFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF)}
 _MANUFACTURER = (0x2000, 0x5FFF)
 
 
@@ -40,7 +40,7 @@ class StoredParameters:
     >>> objects.set(0x2000, 0, 7)
     >>> objects.write(0x1010, 1, b"save")
     >>> objects.set(0x2000, 0, 8)
-    >>> stored.restore(0x2000, 0x9FFF)
+    >>> stored.restore(0x2000, 0xFFFF)
     >>> objects.get(0x2000)
     7
     """
@@ -89,7 +89,7 @@ class StoredParameters:
         self.objects.restore(first, last)
         self.apply(first, last)
 
-    def apply(self, first: int = 0x1000, last: int = 0x9FFF) -> None:
+    def apply(self, first: int = 0x1000, last: int = 0xFFFF) -> None:
         """Set the objects of these indices to their stored values."""
         for (index, sub), value in self.values.items():
             if first <= index <= last:

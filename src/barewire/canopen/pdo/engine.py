@@ -44,9 +44,9 @@ class ActivePdo:
     """One PDO and its state: `config` is its factory setting, all other attributes are those of its records, which are
     read once. When one of them is written, the engine makes a new one."""
 
-    __slots__ = ("_refused", "_start", "_syncs", "_waits_for_start", "cob", "config", "event_timer", "held", "inhibit",
-                 "is_on", "is_tpdo", "key", "mapping", "mpdo_consumer", "mpdo_producer", "objects", "received_at",
-                 "sent", "sent_at", "type")  # fmt: skip
+    __slots__ = ("_misfit", "_refused", "_start", "_syncs", "_waits_for_start", "cob", "config", "event_timer", "held",
+                 "inhibit", "is_on", "is_tpdo", "key", "mapping", "mpdo_consumer", "mpdo_producer", "objects",
+                 "received_at", "sent", "sent_at", "type")  # fmt: skip
 
     def __init__(self, config: PdoConfig, objects: ObjectDictionary, node: int) -> None:
         def number(index: int, sub: int) -> int:
@@ -77,6 +77,7 @@ class ActivePdo:
         self._syncs = 0
         self._waits_for_start = self._start != 0
         self._refused = 0
+        self._misfit = ""  # the value that does not fit, which is reported once and not at each look
 
     @property
     def refused(self) -> int:
@@ -122,12 +123,15 @@ class ActivePdo:
                 for mapped in self.mapping.entries
                 if not mapped.is_dummy
             }
-            return self.mapping.pack(values)
+            data = self.mapping.pack(values)
         except BarewireError as error:
             self._refused += to_send
-            if isinstance(error, EncodeError):
+            if isinstance(error, EncodeError) and str(error) != self._misfit:
+                self._misfit = str(error)
                 self._report_misfit()
             return bytes(self.mapping.size)
+        self._misfit = ""
+        return data
 
     def _report_misfit(self) -> None:
         # Read one by one, so that the dictionary reports the value of the application that does not fit.

@@ -124,7 +124,7 @@ class CanopenAdapter:
 
     def power_on(self, now: float) -> None:
         """Switch the power on: the node boots at the next `feed`, with the saved PDO records."""
-        self.node.stored.restore(_COMMUNICATION.start, 0x9FFF)
+        self.node.stored.restore(_COMMUNICATION.start, 0xFFFF)
         self._pending.clear()
         self._boots_at = now
 

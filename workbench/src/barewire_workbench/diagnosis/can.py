@@ -51,9 +51,9 @@ node 5: initiate upload, 6041h:00
     """
     if not isinstance(frame, CanFrame) or frame.remote or frame.extended:
         return []
-    owner = None if pdos is None else pdos.owner(frame)
-    if owner is not None and owner[2] is not None:
-        return list(_short_pdo(frame, *owner[:2], owner[2].size))
+    pdo = None if pdos is None else pdos.owner(frame)
+    if pdo is not None and pdo.mapping is not None:
+        return list(_short_pdo(frame, pdo.node, pdo.name, pdo.mapping.size))
     found = classify(frame)
     if found is None:
         return list(_foreign(frame))

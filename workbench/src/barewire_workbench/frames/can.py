@@ -59,7 +59,7 @@ from barewire_workbench.frames.result import (
 
 if TYPE_CHECKING:
     from barewire.codecs import Value
-    from barewire_workbench.frames.known_node import KnownObject
+    from barewire_workbench.frames.known_node import KnownObject, KnownPdo
 
 
 # LSS ----------------------------------------------------------------------------------------------------------------
@@ -461,8 +461,8 @@ _Parts = tuple[list[Field], DecodeError | None, str]
 class PdoDescriptions(Protocol):
     """The PDOs and objects of nodes that have a description."""
 
-    def owner(self, frame: CanFrame) -> tuple[int, str, PdoMapping | None] | None:
-        """Return node, name and mapping of the PDO with this identifier; None if it is not a known PDO."""
+    def owner(self, frame: CanFrame) -> KnownPdo | None:
+        """Return the PDO with this identifier; None if it is not a known PDO."""
 
     def unpack(self, node: int, mapping: PdoMapping, data: bytes) -> tuple[dict[str, Value], tuple[str, ...]]:
         """Return the values by name, and each as text with its name."""
@@ -483,9 +483,9 @@ def explain_can(frame: AnyFrame, pdos: PdoDescriptions | None = None) -> Explana
     """
     if not isinstance(frame, CanFrame):
         return _not_classical(frame)
-    owner = None if pdos is None or frame.remote else pdos.owner(frame)
-    if pdos is not None and owner is not None and owner[2] is not None:
-        return _process_data(frame, pdos, owner[0], owner[1], owner[2])
+    pdo = None if pdos is None or frame.remote else pdos.owner(frame)
+    if pdos is not None and pdo is not None and pdo.mapping is not None:
+        return _process_data(frame, pdos, pdo.node, pdo.name, pdo.mapping)
     sender = classify(frame)
     title = _title(frame, sender)
     name = sender[0].name if sender else ""

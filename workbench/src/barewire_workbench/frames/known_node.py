@@ -14,6 +14,7 @@ from barewire.canopen.datatypes import TimeDifference, TimeOfDay, object_codec
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.config import PdoConfig, PdoDirection, pdos_of
+from barewire.canopen.pdo.mapping import PdoMapping
 from barewire.canopen.sdo.dialect import STANDARD
 from barewire.codecs import Value
 from barewire.devices.device import Device
@@ -53,6 +54,14 @@ class KnownObject(NamedTuple):
             return self.text(object_codec("string" if self.type == "text" else self.type).decode(data))
         except BarewireError:
             return ""
+
+
+class KnownPdo(NamedTuple):
+    """The PDO of a node. Without a description of the node its mapping is not known."""
+
+    node: int
+    name: str
+    mapping: PdoMapping | None
 
 
 class KnownNode(NamedTuple):

@@ -253,10 +253,10 @@ class CanMonitor:
 
     def _process_data(self, frame: CanFrame, now: float) -> list[MonitorEvent]:
         self.counts["PDO"] += 1
-        owner = self.pdos.owner(frame)
+        pdo = self.pdos.owner(frame)
         events: list[MonitorEvent] = []
-        if owner is not None and owner[1].startswith("T") and not frame.remote:
-            events += self.nodes.check_allowed(owner[0], owner[1], True, frame, now)
+        if pdo is not None and pdo.name.startswith("T") and not frame.remote:
+            events += self.nodes.check_allowed(pdo.node, pdo.name, True, frame, now)
         return [*events, *self.pdos.feed(frame, now)]
 
     # SDO, and the configuration that it shows

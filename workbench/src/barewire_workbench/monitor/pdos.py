@@ -17,7 +17,7 @@ from barewire.canopen.pdo.mapping import ENTRIES_MAX, MappedObject, PdoMapping
 from barewire.codecs import Value
 from barewire.devices.parameter import show
 from barewire.errors import DecodeError, EncodeError
-from barewire_workbench.frames.known_node import KnownNode, KnownObject
+from barewire_workbench.frames.known_node import KnownNode, KnownObject, KnownPdo
 from barewire_workbench.monitor.events import MonitorEvent, PdoMappingReport, PdoReport, Violation
 
 _RECORDS_MAX = 1024
@@ -104,15 +104,15 @@ class PdoTracker:
             self._by_key[record.key] = record
         record.build_mapping(self._objects.get(record.node, {}))
 
-    def owner(self, frame: CanFrame) -> tuple[int, str, PdoMapping | None] | None:
-        """Return node, name and mapping of the PDO with this identifier; None if it is not a known PDO."""
+    def owner(self, frame: CanFrame) -> KnownPdo | None:
+        """Return the PDO with this identifier; None if it is not a known PDO."""
         record = self._by_key.get(frame.key)
         if record is not None:
-            return record.node, record.name, record.mapping
+            return KnownPdo(record.node, record.name, record.mapping)
         sender = classify(frame)
         if sender is None or "PDO" not in sender[0].name:
             return None
-        return sender[1], sender[0].name, None
+        return KnownPdo(sender[1], sender[0].name, None)
 
     def object(self, node: int, index: int | None, sub: int | None) -> KnownObject | None:
         """Return an object of a node that has a description; None for others."""

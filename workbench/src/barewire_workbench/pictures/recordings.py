@@ -264,20 +264,17 @@ def can_drive_words(
 
 
 def _add_mapped(drives: dict[int, DriveWords], monitor: CanMonitor, frame: CanFrame, at: float) -> None:
-    owner = monitor.pdos.owner(frame)
-    if owner is None or frame.remote:
-        return
-    node, _, mapping = owner
-    if mapping is None:
+    pdo = monitor.pdos.owner(frame)
+    if pdo is None or pdo.mapping is None or frame.remote:
         return
     try:
-        values = mapping.unpack(frame.data)
+        values = pdo.mapping.unpack(frame.data)
     except DecodeError:
         return
-    for entry in mapping.entries:
+    for entry in pdo.mapping.entries:
         kind, value = WORD_OBJECTS.get(entry.index), values.get(entry.name)
         if kind is not None and entry.sub == 0 and isinstance(value, int) and 0 <= value <= 0xFFFF:
-            drives.setdefault(node, DriveWords()).add(kind, value, at)
+            drives.setdefault(pdo.node, DriveWords()).add(kind, value, at)
 
 
 def modbus_drive_words(events: Iterable[SnifferEvent], device: Device) -> dict[int, DriveWords]:
