@@ -75,7 +75,7 @@ class Adapter:
 
     def _links_now(self) -> dict[str, str]:
         """Return the devices to which the links in `serial` lead."""
-        links = {}
+        links: dict[str, str] = {}
         for kind in _KINDS:
             folder = os.path.join(self._folder, "serial", kind)
             with suppress(OSError):

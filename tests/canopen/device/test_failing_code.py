@@ -156,8 +156,10 @@ def test_a_value_that_does_not_fit_its_pdo_is_reported_once_and_again_after_it_d
     """The engine looks at the value at each deadline, to find out whether it changed."""
     application = Application()
     device = application.device(PdoConfig("TPDO", 1, (0x20010010,), type=255))
+    measured = [0]
+    device.objects.hook(0x2001, on_read=lambda: measured[0])
     for value, reports in ((70_000, 1), (70_001, 2), (5, 2), (70_001, 3)):
-        device.objects.hook(0x2001, on_read=lambda value=value: value)
+        measured[0] = value
         feed(device, "000#0105")
         for _ in range(3):
             assert device.deadline is not None

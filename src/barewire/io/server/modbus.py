@@ -46,14 +46,19 @@ _SERVED = ("tcp", "tls", "udp", "serial")
 """The transports that have a server."""
 
 
-class Service(Protocol):
-    """Serves units on one kind of port, which its constructor opens."""
+class Counted(Protocol):
+    """What is counted of a port."""
 
-    url: str
     statistics: ServerStatistics
 
     @property
     def connections(self) -> ConnectionTable[Any]: ...
+
+
+class Service(Counted, Protocol):
+    """Serves units on one kind of port, which its constructor opens."""
+
+    url: str
 
     def serve(self, is_over: Callable[[], bool]) -> None: ...
 
@@ -64,7 +69,7 @@ class _Served:
     """What both servers tell of the service that serves their port."""
 
     url: str
-    _service: Any
+    _service: Counted
 
     @property
     def port(self) -> int:
@@ -105,6 +110,7 @@ class ModbusServer(_Served, ThreadedServer):
     """
 
     _logger = "barewire.modbus.server"
+    _service: Service
 
     def __init__(
         self,
@@ -143,6 +149,8 @@ class AsyncModbusServer(_Served, AsyncServer):
 
     Raises EncodeError for a wrong URL or option when it is constructed, PortError for a port that cannot be opened.
     """
+
+    _service: StreamServer | DatagramServer | SerialServer
 
     def __init__(
         self,
