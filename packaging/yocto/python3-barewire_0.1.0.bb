@@ -47,7 +47,7 @@ FILES:${PN}-canopen += "\
     ${PYTHON_SITEPACKAGES_DIR}/barewire/io/canopen \
     ${PYTHON_SITEPACKAGES_DIR}/barewire/io/ports/can \
     ${PYTHON_SITEPACKAGES_DIR}/barewire/io/server/can.py \
-    ${PYTHON_SITEPACKAGES_DIR}/barewire/io/server/gateway.py \
+    ${PYTHON_SITEPACKAGES_DIR}/barewire/io/server/ascii_gateway.py \
 "
 
 FILES:${PN}-devices += "${PYTHON_SITEPACKAGES_DIR}/barewire/devices"
