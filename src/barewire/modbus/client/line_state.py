@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 _KEPT = 16
 """How many late replies are kept at most, so that a bad line does not fill the memory."""
 
+_FIRST_PAUSE = 1.0
+"""The first time for which a dead unit is not asked, in seconds; each one is twice the one before."""
+
 NEVER = float("-inf")
 """A time that is always in the past."""
 
@@ -120,7 +123,7 @@ class UnitState:
         self.begin_gap(now)
         self.silent += 1
         if self.is_dead:
-            pause = 2.0 ** min(self.silent - self.options.dead_after, 32)  # a float ends at 2.0 ** 1023
+            pause = _FIRST_PAUSE * 2 ** min(self.silent - self.options.dead_after, 32)  # a float ends at 2.0 ** 1023
             self.dead_until = now + min(pause, self.options.longest_pause)
 
 
