@@ -39,6 +39,9 @@ suite: $(VENV)/installed-dev ## layers, unit tests, vectors, doc examples, inter
 pyodide: $(VENV)/installed-dev ## tests of everything that needs no ports on CPython 3.14, as Pyodide in node
 	@VENV=$(VENV) tests/pyodide/run $(ARGS)
 
+micropython: $(VENV)/installed-dev ## the small edition: the vectors on MicroPython in node
+	@PYTHON=$(abspath $(BIN))/python $(BIN)/python -m tools.micropython vectors
+
 bench: $(VENV)/installed-bench ## our work beside that of other libraries and hand-written code; writes docs/reference/speed.md
 	@mkdir -p build
 	$(BIN)/python -m pytest bench -W default -rs --benchmark-columns=median,iqr,ops --benchmark-sort=name \
@@ -116,5 +119,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide bench proof scoreboard peers modbus-connection pictures docs docs-links hostile gateway-lab gateway-clients small-machine plant vectors-release vectors-mutants mutants format clean
+.PHONY: help demo check test style types suite pyodide micropython bench proof scoreboard peers modbus-connection pictures docs docs-links hostile gateway-lab gateway-clients small-machine plant vectors-release vectors-mutants mutants format clean
 .NOTPARALLEL:

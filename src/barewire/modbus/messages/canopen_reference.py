@@ -142,8 +142,9 @@ def _encode(message: CanopenReference | CanopenReferenceResponse) -> bytes:
     return layout.pack(message.function_code, MEI_CANOPEN, *control, *place, tail=message.data)
 
 
-def _decode(pdu: bytes, *, has_data: bool) -> dict[str, Any]:
-    """Decode the fields of either message. `has_data`: writes carry data (requests), otherwise reads (responses)."""
+def _decode(pdu: bytes, *, has_data: bool) -> tuple[Any, ...]:
+    """Return the fields of either message, in their order. `has_data`: writes have data (requests), or reads
+    (responses)."""
     dialect = _dialect(pdu)
     _, mei_type, control, *rest, data = _LAYOUTS[dialect].unpack(pdu)
     if mei_type != MEI_CANOPEN:
@@ -155,8 +156,7 @@ def _decode(pdu: bytes, *, has_data: bool) -> dict[str, Any]:
     if len(data) != expected:
         at = _LAYOUTS[dialect].size - 2
         raise DecodeError("length", pdu, at, f"count {count}, but {len(data)} bytes of data where {expected} belong")
-    place = {"node": node, "index": index, "sub_index": sub_index, "start": start, "count": count}
-    return {**place, "data": bytes(data), "write": control == WRITE, "dialect": dialect}
+    return node, index, sub_index, start, count, bytes(data), control == WRITE, dialect
 
 
 def _measure(pdu: bytes, *, has_data: bool) -> int:
@@ -212,8 +212,7 @@ class CanopenReferenceResponse(Response):
     def decode(cls, pdu: bytes) -> Self:
         """Decode a PDU of either dialect."""
         cls.check_function(pdu)
-        fields = _decode(pdu, has_data=False)
-        return cls.make(pdu, *fields.values())
+        return cls.make(pdu, *_decode(pdu, has_data=False))
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:
@@ -282,7 +281,7 @@ class CanopenReference(Request[CanopenReferenceResponse]):
     def decode(cls, pdu: bytes) -> Self:
         """Decode a PDU of either dialect."""
         cls.check_function(pdu)
-        return cls.make(pdu, *_decode(pdu, has_data=True).values())
+        return cls.make(pdu, *_decode(pdu, has_data=True))
 
     @classmethod
     def measure(cls, pdu: bytes) -> int | None:

@@ -32,11 +32,10 @@ from barewire.modbus.messages.registry import decode_request
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import FanOut
 from barewire_workbench.vectors.answers.modbus import FRAMINGS
-from barewire_workbench.vectors.answers.values import Answers, bits, octets, words
+from barewire_workbench.vectors.answers.values import MICROSECOND, START, Answers, bits, octets, words
 from barewire_workbench.vectors.questions import Fields
 
 _TURNAROUND = 100_000
-_MICROSECOND = 1e-6
 _BITS = 11
 """Of a character."""
 
@@ -67,7 +66,7 @@ class _Session:
         self.asks = given["ask"]
         self.peer = ClientPeer(given)
         self.outcomes: list[str] = [""] * len(self.asks)
-        self.now = 1.0
+        self.now = START + 1.0
         self.baud = self.setup.get("baud", 19200)
         self.fan: FanOut | None = None
         lines = self._lines()
@@ -75,7 +74,7 @@ class _Session:
         first = Bus(
             lines[0],
             retries=self.setup.get("retries", 0),
-            late_window=None if late_window is None else late_window * _MICROSECOND,
+            late_window=None if late_window is None else late_window * MICROSECOND,
         )
         self.lanes = [_Lane(first), *(_Lane(first.sibling_bus(line)) for line in lines[1:])]
 
@@ -94,12 +93,12 @@ class _Session:
             free = next((lane for lane in self.lanes if lane.conversation is None), None)
             ask_at = float("inf")
             if free is not None and next_ask < len(self.asks):
-                ask_at = max(self.now, begin + self.asks[next_ask]["at"] * _MICROSECOND)
+                ask_at = max(self.now, begin + self.asks[next_ask]["at"] * MICROSECOND)
             busy = [lane for lane in self.lanes if lane.conversation is not None]
             due = max(self.now, min([ask_at, *(lane.until for lane in busy)]))
-            if self.peer.coming and self.peer.coming[0][0] * _MICROSECOND <= due:
+            if self.peer.coming and self.peer.coming[0][0] * MICROSECOND <= due:
                 at, data = self.peer.coming.pop(0)
-                self.now = max(self.now, at * _MICROSECOND)
+                self.now = max(self.now, at * MICROSECOND)
                 self._receive(data)
             elif free is not None and ask_at <= due:
                 self.now = due
@@ -124,12 +123,12 @@ class _Session:
             self._go_on(lane, data)
 
     def _ask(self, lane: _Lane, place: int) -> None:
-        ask, timeout = self.asks[place], self.setup["timeout"] * _MICROSECOND
+        ask, timeout = self.asks[place], self.setup["timeout"] * MICROSECOND
         request = decode_request(octets(ask["pdu"]))
         self.peer.begin(place)
         lane.place = place
         if ask["unit"] == 0 and self.setup["framing"] != "tcp":
-            turnaround = self.setup.get("turnaround", _TURNAROUND) * _MICROSECOND
+            turnaround = self.setup.get("turnaround", _TURNAROUND) * MICROSECOND
             lane.conversation = lane.bus.broadcast(request, turnaround=turnaround)
         else:
             lane.conversation = lane.bus.ask(ask["unit"], request, timeout=timeout)
@@ -144,8 +143,8 @@ class _Session:
             while not isinstance(step, Listen):
                 for frame in step.items:
                     if self.fan is None:
-                        self.now += _BITS * len(frame) / self.baud
-                    self.peer.hear(frame, round(self.now / _MICROSECOND))
+                        self.now += round(_BITS * len(frame) * 1e6 / self.baud) * MICROSECOND
+                    self.peer.hear(frame, round(self.now / MICROSECOND))
                 step = conversation.send(Heard(None, self.now))
             lane.until = step.until
             return
@@ -295,7 +294,7 @@ class ClientPeer:
             return bytes((function | 0x80, 1))
         table = tables["coils" if function in (1, 2, 5, 15) else "registers"]
         places = range(address, address + (1 if function in (5, 6) else second))
-        if not set(places) <= table.keys():
+        if not all(place in table for place in places):
             return bytes((function | 0x80, 2))
         if function in (1, 2):
             packed = pack_bits([table[place] for place in places])

@@ -17,6 +17,8 @@ from barewire.modbus.framing import Line
 from barewire.modbus.messages.registry import decode_request, decode_response, request_class, response_class
 from barewire.modbus.server.authorization import role_in
 from barewire_workbench.vectors.answers.values import (
+    MICROSECOND,
+    START,
     Answers,
     bits,
     bitted,
@@ -137,7 +139,7 @@ def _timing(given: Fields) -> Fields:
 # Frames and lines
 
 _LATER = 1e6
-"""A time long after every time-out of a line."""
+"""Seconds that are longer than every time-out of a line."""
 _LONG_SILENCE = 10_000_000
 """Microseconds that are longer than any time-out."""
 _CHARACTER = 11 / 19200
@@ -163,7 +165,7 @@ def _rtu_frame_line(given: Fields) -> Line:
 
 
 def _rtu_talk_line(setup: Fields) -> Line:
-    patience = None if setup["patience"] is None else setup["patience"] / 1e6
+    patience = None if setup["patience"] is None else setup["patience"] * MICROSECOND
     timing = rtu.Timing.of(setup["baud"], setup["bits"])
     return rtu.RtuLine(timing, role=setup["role"], units=set(setup.get("units", ())), patience=patience)
 
@@ -178,7 +180,9 @@ FRAMINGS = {
         *("text", latin, lambda data: data.decode("latin-1")),
         *(lambda unit, pdu, number: ascii.encode(unit, pdu), ascii.decode),
         frame_line=lambda given: ascii.AsciiLine(),
-        talk_line=lambda setup: ascii.AsciiLine(character_timeout=setup["timeout"] / 1e6, data_bits=setup["data_bits"]),
+        talk_line=lambda setup: ascii.AsciiLine(
+            character_timeout=setup["timeout"] * MICROSECOND, data_bits=setup["data_bits"]
+        ),
     ),
     "tcp": Framing(
         *("frame", octets, hexed, tcp.encode, tcp.decode),
@@ -206,12 +210,12 @@ def _receive(framing: Framing, given: Fields) -> Fields:
     """Feed the pieces at 19200 bit/s, then let time pass; return the frames. No byte may be lost."""
     line = framing.frame_line(given)
     events: list[Adu | Noise] = []
-    now, fed = 1.0, 0
+    now, fed = START + 1.0, 0
     for piece in map(framing.read, given["pieces"]):
         now += len(piece) * _CHARACTER
         fed += len(piece)
         events += line.feed(piece, now)
-    events += line.feed(None, _LATER)
+    events += line.feed(None, now + _LATER)
     frames = [event for event in events if isinstance(event, Adu)]
     noise = sum(len(event.data) for event in events if isinstance(event, Noise))
     out = noise + len(line.held) + sum(len(framing.encode(adu.unit, adu.pdu, 0)) for adu in frames)
@@ -228,7 +232,7 @@ def _talk(framing: Framing, given: Fields) -> Fields:
             {"noise": framing.write(event.data), "reason": event.reason}
             if isinstance(event, Noise)
             else _adu_fields(event)
-            for event in line.feed(data, step["at"] / 1e6)
+            for event in line.feed(data, START + step["at"] * MICROSECOND)
         ]
         steps.append({"events": events})
     return {"talk": steps, "held": framing.write(line.held)}
@@ -249,10 +253,15 @@ ANSWERS: Answers = {
     "rtu-timing": {"encode": _timing},
     "tls-role": {"decode": lambda given: {"role": role_in(octets(given["extensions"]))}},
 }
-for _name, _framing in FRAMINGS.items():
-    ANSWERS[f"{_name}-frame"] = {
-        "encode": partial(_encode_frame, _framing),
-        "decode": partial(_decode_frame, _framing),
-        "receive": partial(_receive, _framing),
+ANSWERS |= {
+    f"{name}-frame": {
+        "encode": partial(_encode_frame, framing),
+        "decode": partial(_decode_frame, framing),
+        "receive": partial(_receive, framing),
     }
-    ANSWERS[f"{_name}-talk"] = {"run": partial(_talk, _framing), "frames": partial(_talk_frames, _framing)}
+    for name, framing in FRAMINGS.items()
+}
+ANSWERS |= {
+    f"{name}-talk": {"run": partial(_talk, framing), "frames": partial(_talk_frames, framing)}
+    for name, framing in FRAMINGS.items()
+}

@@ -27,7 +27,7 @@ from barewire.canopen.sdo import BlockSettings, SdoServer, download, upload
 from barewire.codecs import Value
 from barewire.conversation import Conversation, Heard, Listen, play
 from barewire.errors import NoAnswer
-from barewire_workbench.vectors.answers.values import Answers, hexed, number, octets, word
+from barewire_workbench.vectors.answers.values import START, Answers, hexed, number, octets, word
 from barewire_workbench.vectors.questions import Fields
 
 _RESPONSE_TIME = 0.001
@@ -83,7 +83,7 @@ def _sdo_client(given: Fields) -> Fields:
 
 def _play(conversation: Conversation[CanFrame, Any], talk: list[Fields], steps: list[Fields], node: int) -> None:
     """Feed the lines of each step, and then, until the client says something, nothing but time."""
-    now, place = 0.0, 0
+    now, place = START, 0
     lines = list(talk[0]["hear"])
     step = next(conversation)
     while True:

@@ -36,7 +36,7 @@ from barewire.rtu import RtuLine, Timing
 from barewire.tcp import TcpLine
 from barewire_workbench.conform.modbus import CLOSED, answer_text, read_step
 from barewire_workbench.vectors.answers.modbus import FRAMINGS
-from barewire_workbench.vectors.answers.values import Answers, bits, bitted, hexed, octets, worded, words
+from barewire_workbench.vectors.answers.values import START, Answers, bits, bitted, hexed, octets, worded, words
 from barewire_workbench.vectors.questions import Fields
 
 _BAUD = 19200
@@ -139,8 +139,7 @@ class ServedUnit(Table):
                 sizes = {first: len(_values(name, text)) for first, text in self._given[name].items()}
                 block = getattr(self, name)
                 fields[name] = {
-                    first: _text(name, block.stored(slice(int(first), int(first) + size)))
-                    for first, size in sizes.items()
+                    first: _text(name, block[int(first) : int(first) + size]) for first, size in sizes.items()
                 }
         if "files" in self._given:
             fields["files"] = {str(number): _text("", registers) for number, registers in self.files.items()}
@@ -162,7 +161,7 @@ class _Bench:
     """A server on a line of its own, asked frame by frame in virtual time."""
 
     def __init__(self, framing: str, units: dict[int, ServedUnit]) -> None:
-        self._framing, self._now, self._number = framing, 1.0, 0
+        self._framing, self._now, self._number = framing, START + 1.0, 0
         self._server = Server(_server_line(framing, units), units, serial=framing != "tcp")
         self._client: Line = RtuLine(Timing.of(_BAUD)) if framing == "rtu" else _server_line(framing, ())
 
@@ -174,7 +173,7 @@ class _Bench:
 
     def step(self, step: Fields) -> str | None:
         """Carry out one step, and return the response, or None."""
-        self._now += 1
+        self._now += 1.0
         if "overrun" in step:
             self._server.overrun()
             return None
@@ -189,10 +188,10 @@ class _Bench:
         sent, self._now = _fed(self._server, data, self._now)
         if not sent:
             return None
-        self._now += 1
+        self._now += 1.0
         self._server.line.sent(self._now)
         self._client.request(step["unit"], octets(step["ask"]))
-        events = [*self._client.feed(b"".join(sent), self._now), *self._client.feed(None, self._now + 1)]
+        events = [*self._client.feed(b"".join(sent), self._now), *self._client.feed(None, self._now + 1.0)]
         frames = [event for event in events if isinstance(event, Adu)]
         others = [frame.unit for frame in frames if frame.unit != step["unit"]]
         return "; ".join(hexed(frame.pdu) for frame in frames) + "".join(f" from unit {unit}" for unit in others)

@@ -31,6 +31,11 @@ from barewire_workbench.vectors.questions import Fields
 Answers: TypeAlias = dict[str, dict[str, Callable[[Fields], Fields]]]
 """By kind and operation: the function that answers."""
 
+MICROSECOND = 1e-6
+"""In seconds, which are the unit of barewire; the vectors have microseconds."""
+START = 0.0
+"""What the clock of barewire shows where the vectors begin to count."""
+
 
 def octets(text: str) -> bytes:
     """Return the bytes of a text of hexadecimal digits."""

@@ -1,0 +1,40 @@
+"""The command: `python -m tools.micropython build rtu client coils registers --out edition`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from tools.micropython import sizes, vectors
+from tools.micropython.build import FAMILIES, PARTS, Edition
+from tools.micropython.sources import Unknown
+
+
+def main() -> int:
+    """Read the arguments and run a command."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.micropython", description="the small edition, for MicroPython"
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    build = commands.add_parser("build", help="write the files of an edition")
+    build.add_argument("parts", nargs="+", metavar="PART", help=f"some of {' '.join((*PARTS, *FAMILIES))}")
+    build.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where its files go")
+    commands.add_parser("vectors", help="run the vectors on MicroPython, with two clocks")
+    commands.add_parser("sizes", help="measure editions, and write the table into docs/how-to/micropython.md")
+    options = parser.parse_args()
+    if options.command == "vectors":
+        return vectors.main()
+    if options.command == "sizes":
+        return sizes.main()
+    try:
+        edition = Edition(options.parts)
+    except Unknown as error:
+        parser.error(str(error))
+    edition.write(options.out)
+    sys.stdout.write(f"{len(edition.files)} modules in {options.out}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
