@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from tools.micropython import sizes, vectors
+from tools.micropython import sizes, talks, vectors
 from tools.micropython.build import FAMILIES, PARTS, Edition
 from tools.micropython.sources import Unknown
 
@@ -22,9 +22,13 @@ def main() -> int:
     build.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where its files go")
     commands.add_parser("vectors", help="run the vectors on MicroPython, with two clocks")
     commands.add_parser("sizes", help="measure editions, and write the table into docs/how-to/micropython.md")
+    talk = commands.add_parser("talks", help="serial lines to mbpoll and to barewire on CPython")
+    talk.add_argument("--seconds", type=float, default=10.0, help="how long (default 10)")
     options = parser.parse_args()
     if options.command == "vectors":
         return vectors.main()
+    if options.command == "talks":
+        return talks.main(options.seconds)
     if options.command == "sizes":
         return sizes.main()
     try:

@@ -19,6 +19,7 @@ SMALL = "barewire._small"
 OWN = {
     SMALL: "_small.py",
     "barewire.modbus.server.table": "table.py",
+    "barewire.ports": "ports.py",
 }
 """Modules of the edition that are written for it, in small/: they are not lowered."""
 REPLACED = {
