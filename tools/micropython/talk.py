@@ -22,7 +22,8 @@ from barewire.rtu.frame import Timing
 from barewire.rtu.line import RtuLine
 
 UNIT = 1
-TIMEOUT = 1.0
+TIMEOUT = 5.0
+"""Seconds: a busy machine answers within them."""
 
 
 class ServerSide:
@@ -32,6 +33,8 @@ class ServerSide:
         units = {UNIT: Table(200)}
         self._server = Server(RtuLine(Timing.of(baudrate), role="server", units=units), units, serial=True)
         self._due: list[Any] = []
+        self.counts: dict[str, int] = {}
+        self.failures: list[str] = []
 
     def hear(self, data: bytes | None, now: int) -> dict[str, Any]:
         """Take what arrived, or None if bytes were sent or time has passed."""
@@ -55,6 +58,7 @@ class ClientSide:
     def __init__(self, baudrate: int) -> None:
         self._bus = Bus(RtuLine(Timing.of(baudrate)))
         self._number = 0
+        self.failures: list[str] = []
         self.counts = {"exchanges": 0, "wrong": 0, "failed": 0}
         self._next()
 
@@ -85,8 +89,9 @@ class ClientSide:
         except StopIteration:
             self._next()
             return {"until": str(now)}
-        except BarewireError:
+        except BarewireError as error:
             self.counts["failed"] += 1
+            self.failures = [*self.failures[-4:], str(error)]
             self._next()
             return {"until": str(now)}
         if isinstance(self._step, Listen):
@@ -97,11 +102,24 @@ class ClientSide:
         """Do nothing: the conversation records it."""
 
 
-def begin(role: str, baudrate: int) -> Any:
-    """Return the side of a role."""
-    return ServerSide(baudrate) if role == "server" else ClientSide(baudrate)
+_SIDES: list[Any] = []
 
 
-def hear(side: Any, text: str, now: str) -> str:
-    """Let a side hear bytes, as hexadecimal digits, at a time in microseconds; return what it wants, as JSON."""
-    return json.dumps(side.hear(bytes.fromhex(text) if text else None, int(now)))
+def begin(role: str, baudrate: int) -> None:
+    """Begin to play a role, with a line of this rate."""
+    _SIDES.append(ServerSide(baudrate) if role == "server" else ClientSide(baudrate))
+
+
+def hear(text: str, now: str) -> str:
+    """Take bytes, as hexadecimal digits, at a time in microseconds; return what is wanted, as JSON."""
+    return json.dumps(_SIDES[0].hear(bytes.fromhex(text) if text else None, int(now)))
+
+
+def sent(now: str) -> None:
+    """Record that the bytes of `say` were transmitted."""
+    _SIDES[0].sent(int(now))
+
+
+def result() -> str:
+    """Return the counts, and the latest failures, as JSON."""
+    return json.dumps([_SIDES[0].counts, _SIDES[0].failures])

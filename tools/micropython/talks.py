@@ -32,16 +32,25 @@ _IN_A_ROW = 50
 
 
 class Line:
-    """A pseudo-terminal with MicroPython at one end; `path` is the other one."""
+    """A pseudo-terminal with MicroPython at one end; `path` is the other one, which exists before it is started."""
 
-    def __init__(self, role: str, edition: str) -> None:
-        ours, self._kept = pty.openpty()  # kept open, so that MicroPython gets no error between two programs at `path`
+    def __init__(self) -> None:
+        self._ours, self._kept = pty.openpty()  # kept open: without a program at `path` MicroPython would get an error
         tty.setraw(self._kept)
         self.path = os.ttyname(self._kept)
-        node = [str(ROOT / "tools" / "with-node"), "node", str(HERE / "talk.mjs"), modules(), edition, role, str(BAUDRATE)]
-        self._program = subprocess.Popen(node, stdin=ours, stdout=ours, stderr=subprocess.PIPE, text=True)
-        os.close(ours)
         self.url = f"rtu://{self.path}?baudrate={BAUDRATE}&parity=N"
+
+    def start(self, role: str, edition: str) -> None:
+        """Start MicroPython in this role, and return when it listens or asks."""
+        program = [str(ROOT / "tools" / "with-node"), "node", str(HERE / "talk.mjs")]
+        command = [*program, modules(), edition, role, str(BAUDRATE)]
+        self._program = subprocess.Popen(
+            command, stdin=self._ours, stdout=self._ours, stderr=subprocess.PIPE, text=True
+        )
+        os.close(self._ours)
+        assert self._program.stderr is not None
+        if (said := self._program.stderr.readline()) != "ready\n":
+            raise SystemExit(f"MicroPython does not start: {said}{self._program.stderr.read()}")
 
     def close(self) -> dict[str, int]:
         """End MicroPython, and return its counts."""
@@ -49,15 +58,16 @@ class Line:
         _, errors = self._program.communicate(timeout=20)
         os.close(self._kept)
         try:
-            counts: dict[str, int] = json.loads(errors.splitlines()[-1])
+            counts, failures = json.loads(errors.splitlines()[-1])
         except (IndexError, ValueError):
             raise SystemExit(f"MicroPython ended with: {errors}") from None
-        return counts
+        sys.stdout.write("".join(f"{failure}\n" for failure in failures))
+        return dict(counts)
 
 
 def ask_ours(url: str, counts: Counter[str], seed: random.Random) -> None:
     """Write and read registers and coils with our client."""
-    with barewire.ModbusClient(url, unit=1, timeout=1.0) as client:
+    with barewire.ModbusClient(url, unit=1, timeout=5.0) as client:
         for _ in range(_IN_A_ROW):
             row = tuple(seed.randrange(65536) for _ in range(seed.randrange(1, 100)))
             bits = tuple(value % 2 == 1 for value in row)
@@ -76,7 +86,24 @@ def ask_ours(url: str, counts: Counter[str], seed: random.Random) -> None:
 def ask_mbpoll(path: str, counts: Counter[str], seed: random.Random) -> None:
     """Write and read registers with mbpoll."""
     row = [str(seed.randrange(65536)) for _ in range(4)]
-    always = ["mbpoll", "-m", "rtu", "-b", str(BAUDRATE), "-P", "none", "-a", "1", "-0", "-r", "20", "-t", "4", "-1", "-q"]
+    always = [
+        "mbpoll",
+        "-m",
+        "rtu",
+        "-b",
+        str(BAUDRATE),
+        "-P",
+        "none",
+        "-a",
+        "1",
+        "-0",
+        "-r",
+        "20",
+        "-t",
+        "4",
+        "-1",
+        "-q",
+    ]
     for command in ([*always, path, *row], [*always, "-c", "4", path]):
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=30)
         counts["wrong"] += done.returncode != 0
@@ -92,17 +119,23 @@ def main(seconds: float) -> int:
     ours, poll, seed = Counter[str](), Counter[str](), random.Random(25)
     with tempfile.TemporaryDirectory() as folder:
         talk = "tools.micropython.talk"
-        roots = [Place(talk, "begin"), Place(talk, "hear")]
+        roots = [Place(talk, name) for name in ("begin", "hear", "sent", "result")]
         Edition(("rtu", "client", "server", "coils", "registers"), roots).write(Path(folder))
-        served, asking = Line("server", folder), Line("client", folder)
-        until = time.monotonic() + seconds
+        served, asking = Line(), Line()
         with barewire.ModbusServer(asking.url, units={1: barewire.Table(200)}):
+            served.start("server", folder)
+            asking.start("client", folder)
+            until = time.monotonic() + seconds
             while time.monotonic() < until:
                 ask_ours(served.url, ours, seed)
                 ask_mbpoll(served.path, poll, seed)
-        served.close()
         of_micropython = asking.close()
-    rows = {"our client, MicroPython's server": ours, "mbpoll, MicroPython's server": poll, "MicroPython's client": of_micropython}
+        served.close()
+    rows = {
+        "our client, MicroPython's server": ours,
+        "mbpoll, MicroPython's server": poll,
+        "MicroPython's client": of_micropython,
+    }
     for name, counts in rows.items():
         numbers = ", ".join(f"{counts[what]} {what}" for what in ("exchanges", "wrong", "failed") if what in counts)
         sys.stdout.write(f"{name}: {numbers}\n")

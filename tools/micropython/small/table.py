@@ -66,7 +66,7 @@ class Table:
 
     def __init__(self, size=0, coils=None, discrete_inputs=None, holding_registers=None, input_registers=None,
                  read_only=None, on_write=None, on_read=None, **_):  # fmt: skip
-        zeros = bytes(size)
+        zeros = [0] * size
         self.coils = Block("B", zeros if coils is None else coils)
         self.discrete_inputs = Block("B", zeros if discrete_inputs is None else discrete_inputs)
         self.holding_registers = Block("H", zeros if holding_registers is None else holding_registers)
