@@ -39,8 +39,10 @@ suite: $(VENV)/installed-dev ## layers, unit tests, vectors, doc examples, inter
 pyodide: $(VENV)/installed-dev ## tests of everything that needs no ports on CPython 3.14, as Pyodide in node
 	@VENV=$(VENV) tests/pyodide/run $(ARGS)
 
-micropython: $(VENV)/installed-dev ## the small edition: the vectors on MicroPython in node
+micropython: $(VENV)/installed-dev ## the small edition: vectors and talks on MicroPython in node, sizes
 	@PYTHON=$(abspath $(BIN))/python $(BIN)/python -m tools.micropython vectors
+	@$(BIN)/python -m tools.micropython sizes --check
+	@PYTHON=$(abspath $(BIN))/python $(BIN)/python -m tools.micropython talks
 
 bench: $(VENV)/installed-bench ## our work beside that of other libraries and hand-written code; writes docs/reference/speed.md
 	@mkdir -p build

@@ -15,5 +15,6 @@ LibCST would also keep comments and blank lines, which have no place on a board.
 edition is a subset of Python (tests/micropython). `make micropython` runs the vectors on MicroPython:
 
     vectors    the vectors, from 0 on and from a clock that shows 30 days      answers, answer.mjs: inside MicroPython
-    sizes      bytes of bytecode, for docs/how-to/micropython.md
+    talks      with mbpoll and CPython on pseudo-terminals                     talk, talk.mjs: inside MicroPython
+    sizes      bytes of bytecode, for docs/how-to/micropython.md; measure-memory, which is not a part of CI
 """

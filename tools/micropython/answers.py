@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from typing import Any
 
 from barewire.conversation import Listen
@@ -27,6 +28,13 @@ def kinds() -> str:
     """Return the kinds and operations that are offered, as JSON. From here on a wrong time is an error."""
     Listen.__init__ = _check_time  # type: ignore[method-assign, assignment]
     return json.dumps({kind: list(row) for table in TABLES for kind, row in table.items()})
+
+
+def serve() -> None:
+    """Answer the questions that come as lines, where MicroPython is a program with a standard input."""
+    for line in sys.stdin:
+        hello = {"name": "barewire on MicroPython", "version": sys.version, "kinds": json.loads(kinds())}
+        sys.stdout.write((json.dumps(hello) if "hello" in json.loads(line) else answer(line)) + "\n")
 
 
 def _is_beyond_table(question: dict[str, Any]) -> bool:

@@ -48,6 +48,9 @@ PARTS: dict[str, Part] = {
             "barewire.canopen.sdo.client:_initiate_block_upload",
         ),
     ),
+    "ports": Part(
+        {"barewire.ports": "UartPort SocketPort run run_async serving"}, "send receive receive_async arrived items"
+    ),
     "codecs": Part({"barewire.codecs.numbers": "codec", "barewire.codecs.text": "Text"}),
 }
 FAMILIES = (

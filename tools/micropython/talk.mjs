@@ -6,8 +6,8 @@ import { load } from './load.mjs';
 
 const [modules, edition, role, baudrate] = process.argv.slice(2);
 const python = await load(modules, edition);
-python.runPython(`from tools.micropython.talk import begin, hear, result, sent\nbegin('${role}', ${baudrate})`);
-const [hear, sent, result] = ['hear', 'sent', 'result'].map((name) => python.globals.get(name));
+python.runPython(`from tools.micropython.talk import begin, hear, result\nbegin('${role}', ${baudrate})`);
+const [hear, result] = ['hear', 'result'].map((name) => python.globals.get(name));
 
 const begun = process.hrtime.bigint();
 const now = () => 30n * 86400000000n + (process.hrtime.bigint() - begun) / 1000n;
@@ -25,7 +25,6 @@ function act(data = arrived.splice(0)) {
     isSending = true;
     setTimeout(() => {
       isSending = false;
-      sent(String(now()));
       act([]);
     }, milliseconds(wish.say.length / 2));
   } else if (arrived.length) {

@@ -1,4 +1,4 @@
-"""A client and a server on a serial line, for the talks of `talks`: lowered with an edition, and run in MicroPython.
+"""A client or a server on a serial line, for `talks`: lowered with an edition, and run in MicroPython.
 
 The program outside, talk.mjs, has the port and the clock. It calls `hear`, and carries out what that returns, as JSON:
 
@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import json
 from typing import Any
+
+from barewire.ports import serving  # type: ignore[import-not-found]  # of the edition
 
 from barewire.conversation import Conversation, Heard, Listen
 from barewire.errors import BarewireError
@@ -26,44 +28,21 @@ TIMEOUT = 5.0
 """Seconds: a busy machine answers within them."""
 
 
-class ServerSide:
-    """A table of registers and coils behind an RTU line."""
+class Side:
+    """One end of the line: a server, or a client that writes numbers and reads them back without end."""
 
-    def __init__(self, baudrate: int) -> None:
-        units = {UNIT: Table(200)}
-        self._server = Server(RtuLine(Timing.of(baudrate), role="server", units=units), units, serial=True)
-        self._due: list[Any] = []
-        self.counts: dict[str, int] = {}
-        self.failures: list[str] = []
-
-    def hear(self, data: bytes | None, now: int) -> dict[str, Any]:
-        """Take what arrived, or None if bytes were sent or time has passed."""
-        if data is not None or not self._due:
-            self._due = []  # bytes in the silence before a response: it is not sent
-            self._due += self._server.feed(data, now)
-        if self._due and now >= self._due[0].at:
-            reply = self._due.pop(0)
-            return {"say": reply.data.hex()}
-        due = [reply.at for reply in self._due] + [self._server.deadline or now + TIMEOUT]
-        return {"until": str(min(due))}
-
-    def sent(self, now: int) -> None:
-        """Record that the bytes of `say` were transmitted."""
-        self._server.line.sent(now)
-
-
-class ClientSide:
-    """Writes numbers and reads them back, without end; counts what is wrong."""
-
-    def __init__(self, baudrate: int) -> None:
-        self._bus = Bus(RtuLine(Timing.of(baudrate)))
-        self._number = 0
-        self.failures: list[str] = []
+    def __init__(self, role: str, baudrate: int) -> None:
         self.counts = {"exchanges": 0, "wrong": 0, "failed": 0}
-        self._next()
+        self.failures: list[str] = []
+        self._is_server = role == "server"
+        timing, units = Timing.of(baudrate), {UNIT: Table(200)}
+        self._server = Server(RtuLine(timing, role="server", units=units), units, serial=True)
+        self._bus = Bus(RtuLine(timing))
+        self._number = 0
+        self._begin()
 
-    def _next(self) -> None:
-        self._conversation = self._round()
+    def _begin(self) -> None:
+        self._conversation: Conversation[bytes, None] = serving(self._server) if self._is_server else self._round()
         self._step: Any = None
 
     def _round(self) -> Conversation[bytes, None]:
@@ -79,7 +58,7 @@ class ClientSide:
         self.counts["wrong"] += coils.bits != bits
         self.counts["exchanges"] += 4
 
-    def hear(self, data: bytes | None, now: int) -> dict[str, Any]:
+    def hear(self, data: bytes | None, now: int) -> dict[str, str]:
         """Resume the conversation with what arrived, or None."""
         try:
             if self._step is None:
@@ -87,37 +66,29 @@ class ClientSide:
             else:
                 self._step = self._conversation.send(Heard(data, now))
         except StopIteration:
-            self._next()
+            self._begin()
             return {"until": str(now)}
         except BarewireError as error:
             self.counts["failed"] += 1
             self.failures = [*self.failures[-4:], str(error)]
-            self._next()
+            self._begin()
             return {"until": str(now)}
         if isinstance(self._step, Listen):
             return {"until": str(max(self._step.until, 0))}
         return {"say": self._step.items[0].hex()}
 
-    def sent(self, now: int) -> None:
-        """Do nothing: the conversation records it."""
 
-
-_SIDES: list[Any] = []
+_SIDES: list[Side] = []
 
 
 def begin(role: str, baudrate: int) -> None:
-    """Begin to play a role, with a line of this rate."""
-    _SIDES.append(ServerSide(baudrate) if role == "server" else ClientSide(baudrate))
+    """Begin to play a role, on a line of this rate."""
+    _SIDES.append(Side(role, baudrate))
 
 
 def hear(text: str, now: str) -> str:
     """Take bytes, as hexadecimal digits, at a time in microseconds; return what is wanted, as JSON."""
     return json.dumps(_SIDES[0].hear(bytes.fromhex(text) if text else None, int(now)))
-
-
-def sent(now: str) -> None:
-    """Record that the bytes of `say` were transmitted."""
-    _SIDES[0].sent(int(now))
 
 
 def result() -> str:

@@ -3,7 +3,7 @@
     MicroPython, server     <-- pseudo-terminal -->    barewire on CPython, and mbpoll, in turn
     MicroPython, client     <-- pseudo-terminal -->    barewire on CPython, server
 
-Both lines run at the same time, from a clock that shows 30 days. Each side that asks writes numbers and reads them back.
+Both lines run at the same time, from a clock that shows 30 days. Who asks writes numbers and reads them back.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def main(seconds: float) -> int:
     ours, poll, seed = Counter[str](), Counter[str](), random.Random(25)
     with tempfile.TemporaryDirectory() as folder:
         talk = "tools.micropython.talk"
-        roots = [Place(talk, name) for name in ("begin", "hear", "sent", "result")]
+        roots = [Place(talk, name) for name in ("begin", "hear", "result")]
         Edition(("rtu", "client", "server", "coils", "registers"), roots).write(Path(folder))
         served, asking = Line(), Line()
         with barewire.ModbusServer(asking.url, units={1: barewire.Table(200)}):

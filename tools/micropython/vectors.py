@@ -28,7 +28,7 @@ THIRTY_DAYS = 30 * 86400 * PER_SECOND
 def answering_edition(start: int) -> Edition:
     """Return an edition with all parts and our answers, whose clock shows `start` where the vectors begin to count."""
     answers = "tools.micropython.answers"
-    roots = [Place(answers, "answer"), Place(answers, "kinds")]
+    roots = [Place(answers, "answer"), Place(answers, "kinds"), Place(answers, "serve")]
     constants = {"barewire_workbench.vectors.answers.values:START": start}
     return Edition((*PARTS, *FAMILIES), roots, KINDS, constants)
 
@@ -40,12 +40,16 @@ def modules() -> str:
     return done.stdout.strip()
 
 
-def check(start: int) -> CheckSummary:
+def check(start: int, program: str | None = None) -> CheckSummary:
     """Ask every question of these kinds, and return the numbers; what has failed is printed."""
     summary = CheckSummary()
     with tempfile.TemporaryDirectory() as folder:
         answering_edition(start).write(Path(folder))
-        command = [str(ROOT / "tools" / "with-node"), "node", str(HERE / "answer.mjs"), modules(), folder]
+        if program is None:
+            command = [str(ROOT / "tools" / "with-node"), "node", str(HERE / "answer.mjs"), modules(), folder]
+        else:
+            script = f"import sys; sys.path.insert(0, '{folder}'); from tools.micropython.answers import serve; serve()"
+            command = [program, "-X", "heapsize=32M", "-c", script]
         with VectorAdapter(shlex.join(command)) as adapter:
             for case in run_cases(selected(load_vectors(), kinds=KINDS), adapter):
                 summary.add(case)
@@ -54,9 +58,12 @@ def check(start: int) -> CheckSummary:
     return summary
 
 
-def main() -> int:
-    """Print the numbers of both runs. Return 1 if a case has failed, or if the runs differ."""
-    summaries = [check(start) for start in (0, THIRTY_DAYS)]
+def main(program: str | None = None) -> int:
+    """Print the numbers of both runs. Return 1 if a case has failed, or if the runs differ.
+
+    `program` is a MicroPython of this machine, in place of the one in node.
+    """
+    summaries = [check(start, program) for start in (0, THIRTY_DAYS)]
     first, late = summaries
     sys.stdout.write(f"{'kind':16}{'passed':>8}{'not offered':>13}{'after 30 days':>15}\n")
     for kind, counts in first.by_kind.items():

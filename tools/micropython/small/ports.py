@@ -1,20 +1,20 @@
-"""Ports of a board, and what carries out a conversation or serves a server on them, blocking and with asyncio.
+"""Ports of a board, and what carries out a conversation on them, blocking or with asyncio; a server is one too.
 
-All times are whole microseconds of one `Clock`.
+All times are whole microseconds of the port's `clock`.
 """
 
 import asyncio
 import select
 import time
 
-from barewire.conversation import Heard, Listen
+from barewire.conversation import Heard, Listen, Send
 
 
 class Clock:
     """Calling it returns the microseconds since it was made, which never begin again at 0.
 
-    `time.ticks_us` does, after 18 minutes on most ports, so what passed is counted at each call. After a pause above 100
-    seconds `time.ticks_ms` counts it, which is right up to six days.
+    `time.ticks_us` does, after 18 minutes on most ports; so what has passed is added at each call. After 100 seconds
+    without a call `time.ticks_ms` tells it, which is right for up to six days.
     """
 
     def __init__(self):
@@ -33,67 +33,81 @@ class Clock:
         return self._now
 
 
-class UartPort:
-    """A serial line on a `machine.UART`, which must be made with `timeout=0` and a receive buffer of 512 bytes or more.
+class Port:
+    """What ports have in common. `arrived()` returns what was received, or None."""
+
+    def __init__(self):
+        self.clock = Clock()
+
+    def receive(self, until):
+        """Return bytes as soon as there are some, None if there are none until that time."""
+        while True:
+            data = self.arrived()
+            if data or self.clock() >= until:
+                return data
+            time.sleep_us(200)
+
+    async def receive_async(self, until):
+        """Do the same, and let other tasks run meanwhile."""
+        while True:
+            data = self.arrived()
+            if data or self.clock() >= until:
+                return data
+            await asyncio.sleep_ms(1)
+
+
+class UartPort(Port):
+    """A serial line on a `machine.UART`, made with `timeout=0` and with a receive buffer of 300 bytes or more.
 
     character    microseconds of a character: `timing.character`
     enable       the pin that turns on the transmitter of RS-485, if there is one
     """
 
     def __init__(self, uart, character, enable=None):
-        self.clock = Clock()
+        super().__init__()
         self._uart = uart
-        self._character = round(character)
+        self._character = int(character) + 1
         self._enable = enable
 
     def send(self, data):
-        """Send the bytes, and return when the last bit is on the line: from here on the silence is counted."""
+        """Send the bytes, and return when the last bit has left: from then on the silence counts."""
         if self._enable is not None:
             self._enable.value(1)
         self._uart.write(data)
         self._uart.flush()
-        # On some ports `flush` returns while the last character is still being sent.
-        time.sleep_us(self._character + 100)
+        time.sleep_us(self._character)  # on some ports `flush` returns while the last character is still being sent
         if self._enable is not None:
             self._enable.value(0)
 
-    def receive(self, until):
-        """Return bytes as soon as there are some, None if there are none until that time."""
-        while True:
-            data = self._uart.read() if self._uart.any() else None
-            if data:
-                return data
-            rest = until - self.clock()
-            if rest <= 0:
-                return None
-            time.sleep_us(rest if rest < 500 else 500)  # `rest` may be infinite
+    def arrived(self):
+        """Return what the UART has received."""
+        return self._uart.read() if self._uart.any() else None
 
 
-class SocketPort:
-    """A connection over TCP, for a `TcpLine`, or for an `RtuLine` behind a converter."""
+class SocketPort(Port):
+    """A connection: Modbus TCP with a `TcpLine`, or RTU behind a converter with an `RtuLine`."""
 
-    def __init__(self, connected):
-        self.clock = Clock()
-        self._socket = connected
-        self._socket.setblocking(False)
+    def __init__(self, connection):
+        super().__init__()
+        self._connection = connection
+        connection.setblocking(False)
         self._poll = select.poll()
-        self._poll.register(connected, select.POLLIN)
+        self._poll.register(connection, select.POLLIN)
 
     def send(self, data):
-        """Send the bytes. Raise OSError if the connection has ended."""
+        """Send the bytes. Raises OSError if the connection has ended."""
+        self._connection.setblocking(True)
         while data:
-            sent = self._socket.send(data)
-            data = data[sent:] if sent else data
+            data = data[self._connection.send(data) :]
+        self._connection.setblocking(False)
 
-    def receive(self, until):
-        """Return bytes as soon as there are some, None if there are none until that time."""
-        rest = until - self.clock()
-        milliseconds = 0 if rest <= 0 else -(-rest // 1000) if rest < 1000000000 else 1000000
-        if not self._poll.poll(milliseconds):
+    def arrived(self):
+        """Return what was received. Raises OSError if the connection has ended."""
+        if not self._poll.poll(0):
             return None
-        data = self._socket.recv(256)
+        data = self._connection.recv(512)
         if not data:
-            raise OSError("the connection was closed")
+            raise OSError("the connection has ended")
         return data
 
 
@@ -111,19 +125,40 @@ def run(conversation, port):
             step = conversation.send(Heard(data, port.clock()))
     except StopIteration as end:
         return end.value
+    finally:
+        conversation.close()  # after KeyboardInterrupt too: the bus then knows that an answer may still come
 
 
-def serve(server, port):
-    """Answer what arrives at a port, for ever."""
+async def run_async(conversation, port):
+    """Do the same, and let other tasks run while it waits. Of one bus, one conversation runs at a time: use a lock."""
+    step = next(conversation)
+    try:
+        while True:
+            data = None
+            if isinstance(step, Listen):
+                data = await port.receive_async(step.until)
+            else:
+                for item in step.items:
+                    port.send(item)
+            step = conversation.send(Heard(data, port.clock()))
+    except StopIteration as end:
+        return end.value
+    finally:
+        conversation.close()
+
+
+def serving(server):
+    """Return what serves a server on a port, until the port fails: `run(serving(server), port)`."""
+    replies = []
+    heard = yield Listen(0)
     while True:
-        now = port.clock()
-        deadline = server.deadline
-        data = port.receive(now + 1000000 if deadline is None else deadline)
-        for reply in server.feed(data, port.clock()):
-            # On a serial line the silence comes first. Bytes that arrive in it follow the request: it is not answered.
-            late = port.receive(reply.at)
-            if late:
-                server.feed(late, port.clock())
-                break
-            port.send(reply.data)
-            server.line.sent(port.clock())
+        if replies and heard.item is None and heard.now >= replies[0].at:
+            heard = yield Send(replies.pop(0).data)
+            server.line.sent(heard.now)
+        else:
+            if heard.item and server.serial:  # in the silence before a response: its client does not expect it any more
+                replies.clear()
+            replies += server.feed(heard.item, heard.now)
+        until = server.deadline
+        until = heard.now + 1000000 if until is None else until
+        heard = yield Listen(replies[0].at if replies else until)
