@@ -9,6 +9,7 @@
     class Heard(NamedTuple, Generic[Item])       class Heard(Row)          iterates, and has items by number
     class AbortCode(IntEnum)                     class AbortCode           whose members are numbers
     class EncodeError(BarewireError, ValueError) class EncodeError(BarewireError)
+    class Units(dict), with `__missing__`        class Units(Missing)
 
 MicroPython ignores `__slots__`, because an instance is a table of its attributes; so nothing keeps a message from being
 changed. An exception has one builtin base there, so `except ValueError` does not catch an `EncodeError`.
@@ -76,7 +77,9 @@ class Classes:
         kept = [base for base, name in zip(bases, names) if name not in _FOR_TYPES | _ENUMS | {"NamedTuple"}]
         if len(kept) > 1:
             kept = [base for base in kept if ast.unparse(base) not in _BUILTIN_ERRORS]
-        if is_row:
+        if "__missing__" in [part.name for part in node.body if isinstance(part, ast.FunctionDef)]:
+            kept = [ast.Name(self.small("Missing"), ast.Load())]
+        elif is_row:
             kept.append(ast.Name(self.small("Row"), ast.Load()))
         elif is_record and not inherited:
             kept.append(ast.Name(self.small("Record"), ast.Load()))

@@ -60,16 +60,33 @@ class collections_deque(list):
         return self.pop(0)
 
 
-class collections_defaultdict:  # a dict cannot be asked for a missing key here
-    def __init__(self, make):
-        self._make = make
+class Missing:
+    """The base of what was a dict with `__missing__`, which a dict does not call here."""
+
+    def __init__(self):
         self._known = {}
         self.get = self._known.get
+        self.items = self._known.items
+        self.values = self._known.values
+
+    def __contains__(self, key):
+        return key in self._known
 
     def __getitem__(self, key):
-        if key not in self._known:
-            self._known[key] = self._make()
-        return self._known[key]
+        return self._known[key] if key in self._known else self.__missing__(key)
+
+    def __setitem__(self, key, value):
+        self._known[key] = value
+
+
+class collections_defaultdict(Missing):
+    def __init__(self, make):
+        super().__init__()
+        self._make = make
+
+    def __missing__(self, key):
+        made = self[key] = self._make()
+        return made
 
 
 collections_abc_Iterable = (list, tuple, bytes, bytearray, memoryview, type(_ for _ in ()))  # for isinstance
