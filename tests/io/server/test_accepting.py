@@ -19,9 +19,10 @@ import pytest
 
 from barewire import ModbusClient, ModbusServer, Table
 from barewire.io.endpoint import Endpoint
-from barewire.io.server import asyncio_network, tls_session
+from barewire.io.ports import tls
+from barewire.io.ports.tls import TlsSession
+from barewire.io.server import asyncio_network
 from barewire.io.server.limits import BATCH, Acceptor, ConnectionTable
-from barewire.io.server.tls_session import TlsSession
 from tests.certificates import tls_url
 
 SERVER = """
@@ -237,7 +238,7 @@ def test_the_tls_session_of_a_client_that_left_is_freed_at_once(
         sessions.add(found := TlsSession(context))
         return found
 
-    monkeypatch.setattr(tls_session, "TlsSession", session)
+    monkeypatch.setattr(tls, "TlsSession", session)
     with ModbusServer(tls_url(certificates, "server", roles="any"), {1: Table()}) as server:
         gc.disable()
         try:

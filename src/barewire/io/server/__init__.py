@@ -8,8 +8,7 @@ The files, in reading order:
     modbus              ModbusServer, AsyncModbusServer; by kind of port:
     tcp                 a thread without an event loop
     serial              a thread, or an event loop
-    asyncio_network     connections, datagrams
-    tls_session         TLS of a connection
+    asyncio_network     connections with and without TLS, datagrams
     can                 a node on a CAN bus; a bus between processes
     ascii_gateway       the ASCII gateway of CiA 309-3: a CANopen network in lines of text over TCP
 """

@@ -28,7 +28,7 @@ from barewire.modbus.server.server import counters_for
 if TYPE_CHECKING:
     from ssl import SSLContext
 
-    from barewire.io.server.tls_session import TlsSession
+    from barewire.io.ports.tls import TlsSession
 
 _HANDSHAKE = 10.0
 """Seconds that a TLS handshake may take."""
@@ -153,7 +153,7 @@ class _Connection(UnitsConnection, asyncio.BufferedProtocol):
         self._loop = asyncio.get_running_loop()
         self._tls: TlsSession | None = None
         if server.context is not None:
-            from barewire.io.server.tls_session import TlsSession
+            from barewire.io.ports.tls import TlsSession
 
             self._tls = TlsSession(server.context)
         # One read takes at most this buffer. It is small where frames are searched byte by byte, so that a client which
