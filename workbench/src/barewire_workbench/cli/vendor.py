@@ -30,7 +30,9 @@ _file = click.Path(dir_okay=False, path_type=Path)
 @click.option("--update", type=_file, metavar="FILE", help="Make FILE again, and say what changed.")
 @click.option("--force", is_flag=True, help="With --update: also if FILE was edited by hand.")
 @click.option("--check", type=_file, metavar="FILE", help="Run the reference vectors against FILE.")
-@click.option("--python", default=sys.executable, metavar="COMMAND", help="With --check: the Python that runs FILE.")
+@click.option(
+    "--python", default=shlex.quote(sys.executable), metavar="COMMAND", help="With --check: the Python that runs FILE."
+)
 @click.pass_context
 def vendor_command(
     context: click.Context,
@@ -87,7 +89,11 @@ def _update(path: Path, families: tuple[str, ...], force: bool) -> int:
         return 0
     with port_error(path):
         path.write_text(after, encoding="utf-8")
-    print(f"{path}: {head.name} {head.version} -> {__version__}\n{changes(before, after)}")
+    print(f"{path}: {head.name} {head.version} -> {__version__}")
+    try:
+        print(changes(before, after))
+    except SyntaxError:
+        print("  all of it: it was not Python any more")
     return 0
 
 
@@ -99,7 +105,6 @@ def _check(context: click.Context, path: Path, python: str) -> int:
     workbench, stack = folder_of("barewire_workbench"), folder_of("barewire")
     adapter = workbench / "live" / "one_file" / "adapter.py"
     kinds = RECIPES[head.name].kinds
-    arguments = [adapter, path, head.name, workbench, stack, ",".join(kinds)]
-    words = [*shlex.split(python), "-I", *map(str, arguments)]
-    status: int = context.invoke(check_command, kinds=kinds, adapter=shlex.join(words), output=Output("text"))
+    arguments = shlex.join(map(str, [adapter, path, head.name, workbench, stack, ",".join(kinds)]))
+    status: int = context.invoke(check_command, kinds=kinds, adapter=f"{python} -I {arguments}", output=Output("text"))
     return status
