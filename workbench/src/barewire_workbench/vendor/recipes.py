@@ -1,6 +1,6 @@
 """What each file is made of: its public names, the families of messages, and what small files do without.
 
-    modbus-rtu-client   =   ModbusRtuClient, the coils and registers, and all that they need
+    modbus-rtu-client   =   ModbusRtuClient, the registers, and all that they need; the coils with an option
                             without: methods that are only quicker, or only for `explain`, and what only a listener has
 
 What is taken from `live/one_file` is the same as in the stack and shorter, because a file has no URLs, no lazy loading
