@@ -17,13 +17,13 @@ from tools.gateway_lab.week import play
 
 @pytest.mark.long
 def test_nothing_is_lost_among_faults() -> None:
-    outcome = play(1200.0)
+    outcome = play(1200.0, quiet=300.0)
     assert outcome.errors == []
     assert sum(outcome.faults.values()) > 200
     assert outcome.responses["right"] > 200
     assert outcome.responses["wrong"] == outcome.responses["lost"] == 0
     heard = outcome.received
-    assert heard.latest > 200
+    assert heard.latest > 100
     assert heard.missing == outcome.dropped
     assert heard.unmarked == heard.backwards == outcome.wrong_readings == 0
 

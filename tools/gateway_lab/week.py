@@ -76,8 +76,8 @@ class Outcome:
 class Week:
     """The world: places, broker, clients, faults, and the gateway among them."""
 
-    def __init__(self, folder: Path, seconds: float, seed: int) -> None:
-        self.folder, self.seconds = folder, seconds
+    def __init__(self, folder: Path, seconds: float, quiet: float, seed: int) -> None:
+        self.folder, self.seconds, self.quiet = folder, seconds, quiet
         self.dice = random.Random(seed)
         self.places = [
             Place(range(1, 5), 1.0, self.dice),
@@ -159,7 +159,7 @@ home_assistant = "homeassistant"
             for task in tasks[4:]:
                 task.cancel()
             self.broker.speak()
-            await asyncio.sleep(3 * HOUR)  # everything is mended: what waits arrives
+            await asyncio.sleep(self.quiet)  # everything is mended: what waits arrives
             for task in (*tasks, *self.tasks):
                 task.cancel()
             await asyncio.gather(*tasks, *self.tasks, return_exceptions=True)
@@ -374,11 +374,12 @@ class _Errors(logging.Handler):
             self.outcome.errors.append(text)
 
 
-def play(seconds: float, seed: int = 1) -> Outcome:
-    """Play so many seconds, and three quiet hours after them."""
+def play(seconds: float, quiet: float = 3 * HOUR, seed: int = 1) -> Outcome:
+    """Play so many seconds, and some without new faults after them: a fault lasts two hours at most."""
     began = time.monotonic()
+    random.seed(seed)  # of the pauses between attempts to connect
     with TemporaryDirectory() as folder:
-        week = Week(Path(folder), seconds, seed)
+        week = Week(Path(folder), seconds, quiet, seed)
         handler = _Errors(week.outcome)
         loggers = [
             logging.getLogger(name)
