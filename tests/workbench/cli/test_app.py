@@ -176,7 +176,7 @@ main()
 
 
 @pytest.mark.parametrize(
-    ("name", "end"), [("reed", "eds; did you mean 'read' or 'record'?\n"), ("xyz", "canopen-gateway, eds\n")]
+    ("name", "end"), [("reed", "vendor; did you mean 'read' or 'record'?\n"), ("xyz", "eds, vendor\n")]
 )
 def test_an_unknown_command_is_reported_with_the_nearest_one(name: str, end: str) -> None:
     error = error_of(name, "tcp://127.0.0.1:1", status=2)
