@@ -6,8 +6,9 @@ Their tests take a backend by the name of its module. With the option, `modbus_c
 all of them, before the first is imported; without it they test their own. `tools/modbus_connection.py` fetches the
 tests and runs them in all three ways.
 
-A test of EXEMPT is about the inside of the other backend, such as a function of its library that the test replaces. It
-is run all the same and must fail; so must a name be that of a test. The list has none too many.
+A test of EXEMPT is about the inside of the other backend, such as a function of its library that the test replaces, or
+about what that backend alone can do. It is run all the same, and must fail, and each name must be that of a test: so
+the list has none too many.
 """
 
 from __future__ import annotations
