@@ -31,22 +31,16 @@ from barewire.devices.sim import MachineUnits, simulator
 from barewire.io import CanBus
 from barewire.io.canopen.node import ObjectReading, ObjectReadings
 from barewire.modbus import Authorization, Bus, DeviceIdentification, Identity, ReadHoldingRegisters, Server
-from barewire.modbus.sniffer import Sniffer
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import DatagramLine, FanOut, TcpLine
 from barewire_workbench import explain
 from barewire_workbench.eds.export import export
+from barewire_workbench.sniffer import Sniffer
 
 ROOMS = [
     *("barewire", "barewire.modbus", "barewire.canopen", "barewire.canopen.sdo", "barewire.canopen.eds"),
-    *(
-        "barewire.canopen.ascii_gateway",
-        "barewire.devices",
-        "barewire.devices.sim",
-        "barewire_workbench",
-        "barewire.rtu",
-    ),
-    *("barewire.ascii", "barewire.tcp", "barewire.codecs", "barewire.io"),
+    *("barewire.canopen.ascii_gateway", "barewire.devices", "barewire.devices.sim", "barewire_workbench"),
+    *("barewire.rtu", "barewire.ascii", "barewire.tcp", "barewire.codecs", "barewire.io"),
 ]
 AZ3 = load("az3")
 OBJECTS = ObjectDictionary([Entry(0x2000, 1, "speed", "u16", "rw", 5)])

@@ -15,12 +15,12 @@ import pytest
 
 from barewire.modbus import decode_request
 from barewire.modbus.exceptions import EXCEPTIONS
-from barewire.modbus.sniffer import ResponseSeen
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from barewire_workbench import explain
 from barewire_workbench.recordings.capture import PacketBuilder, file_header, packet_block
 from barewire_workbench.recordings.modbus_replay import replay
+from barewire_workbench.sniffer import ResponseSeen
 from tests.helpers import unhex
 from tests.interop.dissector import ALL, PAIRED, RTU, TCP, UNIT, assert_same_fields, tshark
 from tests.interop.services import PUBLIC, service

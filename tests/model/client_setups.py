@@ -144,7 +144,7 @@ def every_option(name: str) -> Clients:
     setup = default_options(name)
     in_flight = (1, 2, 16) if setup.line.numbered else (1,)
     stretches: tuple[Stretch, ...] = (*setup.stretches, "dead")
-    worlds: tuple[World, ...] = ("blocking", "asyncio", "gateway")
+    worlds: tuple[World, ...] = ("blocking", "asyncio", "asyncio", "gateway")
     return replace(setup, worlds=worlds, options=OPTIONS, calls=CALLS, in_flight=in_flight, stretches=stretches)
 
 

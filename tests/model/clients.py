@@ -38,11 +38,13 @@ from typing import Any
 from unittest.mock import patch
 
 import barewire
+from barewire.conversation import Heard
 from barewire.errors import NoAnswer, PortError
 from barewire.gateway.backend import BackendOptions, ModbusBackend
 from barewire.gateway.dispatch import BUSY, NO_PATH, NO_RESPONSE, Exchange, Query, UnitConfig
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine import blocking
+from barewire.io.engine.callbacks import CallbackBox
 from barewire.io.modbus import async_client, client as client_module
 from barewire.io.modbus.async_client import AsyncModbusClient, Lane
 from barewire.io.modbus.carriers import of_units, unit_options
@@ -242,11 +244,33 @@ def _play_tasks(line: ClientLine, shares: list[Iterator[Step]]) -> AsyncModbusCl
         loop.close()
 
 
+class AskingBox(CallbackBox):
+    """The mailbox of a lane. Several lanes have exchanges under way, and each may write in any round of the loop."""
+
+    question: Ask
+    backend: AskingBackend
+
+    def _resume(self, heard: Heard[bytes] | None) -> None:
+        self.backend.asking = self.question
+        super()._resume(heard)
+
+
 class AskingBackend(ModbusBackend):
     """A backend that notes which question it sends, or answers: that of the first query of the exchange."""
 
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.connection.new_box = self._new_box  # type: ignore[method-assign]
+
+    def _new_box(self, lane: Lane) -> AskingBox:
+        box = AskingBox(self.endpoint.place, lane.bus)
+        box.backend = self
+        return box
+
     def _send(self, lane: Lane, exchange: Exchange) -> None:
         self.asking = self.questions[exchange.queries[0]]
+        assert isinstance(lane.box, AskingBox)
+        lane.box.question = self.asking
         super()._send(lane, exchange)
 
     def _ended(self, lane: Lane, response: bytes | int | None, *, is_silence: bool = True) -> None:

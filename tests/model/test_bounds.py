@@ -14,7 +14,6 @@ pytestmark = pytest.mark.long
 RUNS = 16
 """Of each carrier, with default options and with every option."""
 CHECKED_ELSEWHERE = {
-    "io/modbus/sniff.py: ": "listens, and asks nothing: tests/workbench/cli/test_sniff.py",
     "modbus/client/read_identification.py: ": "requests in a row: tests/modbus/client/test_read_identification.py",
     "rtu/shape.py: ": "lengths of messages, most of them of other functions: tests/rtu/test_shape.py",
     "rtu/line.py: min(due, ": "several possible lengths, which only a listener has: tests/rtu/test_line.py",

@@ -3,7 +3,7 @@
     endpoint           URLs and their options       adapter   serial adapters that return under another name
     engine/            carries out a conversation or an exchange: blocking, asyncio, and the fast path
     ports/             TCP, UDP, TLS, serial ports, pseudo-terminals, CAN buses
-    modbus/            ModbusClient, AsyncModbusClient, listening in
+    modbus/            ModbusClient, AsyncModbusClient
     canopen/           CanopenClient, AsyncCanopenClient, shared buses, nodes that run on them
     log                what is logged, and the limit of lines
     machine            a machine by name, on Modbus or CANopen; `named_values`: its values; `drive`: its motion

@@ -11,7 +11,6 @@ In reading order:
     messages/       every function code: one page per message, and the registry that finds the class of a PDU
     client/         bus (what is remembered between requests), line_state, fair_queue, read_identification
     server/         server, serial_counters, authorization, identity; ready units: table, handlers
-    sniffer         pairs the requests and responses of other stations
 
 Each name below loads only the file that defines it, so a line that needs `Adu` loads no messages. The message classes
 are listed in `messages/__init__.py`.

@@ -10,11 +10,11 @@ from typing import get_args
 import pytest
 
 from barewire.ascii import encode as ascii_frame
-from barewire.modbus.sniffer import WINDOW
 from barewire.rtu import RtuLine, Timing, encode
 from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDiagnosis
 from barewire_workbench.diagnosis.verdict import VERDICTS, VerdictCode
 from barewire_workbench.recordings.modbus_log import read_modbus_log
+from barewire_workbench.sniffer import WINDOW
 from barewire_workbench.wire import CharacterFormat, ReceiverFault, UartLine
 from tests.workbench.diagnosis.modbus_cases import (
     DEVICES,

@@ -11,14 +11,6 @@ from hypothesis import given, strategies as st
 
 from barewire.ascii import encode as ascii_frame
 from barewire.errors import BarewireError, DecodeError, EncodeError
-from barewire.modbus.sniffer import (
-    AmbiguousFrame,
-    NoiseSeen,
-    RequestSeen,
-    ResponseMissing,
-    ResponseSeen,
-    SnifferEvent,
-)
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from barewire_workbench.frames.modbus_exchanges import ExchangeLines, exchange_as_dict
@@ -34,6 +26,14 @@ from barewire_workbench.recordings.capture import (
 from barewire_workbench.recordings.modbus_log import LoggedBytes, read_modbus_log
 from barewire_workbench.recordings.modbus_log.octets import STEP, Chunk, parse_log
 from barewire_workbench.recordings.modbus_replay import replay
+from barewire_workbench.sniffer import (
+    AmbiguousFrame,
+    NoiseSeen,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    SnifferEvent,
+)
 from tests.helpers import modest, refused, unhex
 
 READ, VALUES = unhex("03 0000 0002"), unhex("03 04 0017 0007")

@@ -21,7 +21,6 @@ from barewire.modbus import (
     WriteSingleRegister,
     WriteSingleRegisterResponse,
 )
-from barewire.modbus.sniffer import Sniffer, SnifferEvent
 from barewire.rtu import RtuLine, Timing, encode
 from barewire_workbench.replay.recorded import (
     RecordedAnswer,
@@ -32,6 +31,7 @@ from barewire_workbench.replay.recorded import (
     learn_line,
     to_toml,
 )
+from barewire_workbench.sniffer import Sniffer, SnifferEvent
 from tests.helpers import refused
 
 Heard = tuple[float, int, Message]

@@ -28,12 +28,12 @@ from barewire.modbus import (
     WriteSingleRegister,
 )
 from barewire.modbus.messages.registry import AnyRequest
-from barewire.modbus.sniffer import RequestSeen, ResponseMissing, ResponseSeen
 from barewire.rtu import encode
 from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from barewire_workbench.recordings.modbus_replay import replay
 from barewire_workbench.replay.recorded import from_toml, learn_line, to_toml
 from barewire_workbench.replay.unit_replay import ReplayedUnit, recorded_units
+from barewire_workbench.sniffer import RequestSeen, ResponseMissing, ResponseSeen
 from tests.helpers import refused
 
 

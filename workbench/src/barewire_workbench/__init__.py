@@ -11,6 +11,7 @@
 
 The rooms in reading order. Only `live` and `cli` use clocks and ports; the others work on bytes and recordings.
 
+    sniffer      pairs the requests and responses of other stations on a Modbus line
     frames/      any frame field by field: every byte is in exactly one field, however broken the frame is
     recordings/  pcapng, candump, ASC, BLF, logs of programs; Modbus and CAN in them
     monitor/     a monitor for CANopen buses: transfers, states, broken rules

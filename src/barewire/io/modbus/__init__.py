@@ -1,4 +1,4 @@
-"""Modbus on real ports: clients, and listening in.
+"""Modbus on real ports: clients.
 
 The files, in reading order:
 
@@ -6,5 +6,4 @@ The files, in reading order:
     methods                 the base class of both clients: read_coils and all other methods
     connection              what the connections of both clients have in common: log, pauses, errors
     client, async_client    the blocking and the asyncio client, each with its connection
-    sniff                   listens in on a serial line
 """

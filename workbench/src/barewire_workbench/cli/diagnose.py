@@ -9,9 +9,7 @@ from collections.abc import Iterable
 import click
 
 from barewire.io.endpoint import Endpoint
-from barewire.io.modbus.sniff import listen_with
 from barewire.modbus.framing import Line
-from barewire.modbus.sniffer import WINDOW
 from barewire_workbench.cli.arguments import Choice, json_option, known_nodes, nodes_option
 from barewire_workbench.cli.output import Output, output_form
 from barewire_workbench.cli.sources import (
@@ -27,7 +25,9 @@ from barewire_workbench.cli.sources import (
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDiagnosis
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
+from barewire_workbench.live.listen import listen_with
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
+from barewire_workbench.sniffer import WINDOW
 
 _SHOWN = 5
 """Findings with the same code and place that are printed; the others are counted."""

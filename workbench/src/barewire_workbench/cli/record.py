@@ -10,14 +10,14 @@ import click
 
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.io.endpoint import Endpoint
-from barewire.io.modbus.sniff import listen
-from barewire.modbus.sniffer import WINDOW, SnifferEvent
 from barewire_workbench.cli.arguments import duration
 from barewire_workbench.cli.output import check_not_overwritten, port_error
 from barewire_workbench.cli.sources import Source, ports_option, protocol_option, stopped_by_interrupt
 from barewire_workbench.frames.modbus_exchanges import ExchangeLines
+from barewire_workbench.live.listen import listen
 from barewire_workbench.recordings.modbus_replay import SerialProtocol, replay_log
 from barewire_workbench.replay.recorded import ANSWERS_LIMIT, READS, RecordedLine, RecordedRequest, learn_line, to_toml
+from barewire_workbench.sniffer import WINDOW, SnifferEvent
 
 _FOR_CAN = "`barewire sniff --write` records a bus, `barewire replay` plays the recording against a device"
 

@@ -12,16 +12,6 @@ import click
 
 from barewire.devices import load
 from barewire.errors import DecodeError, EncodeError
-from barewire.io.modbus.sniff import listen
-from barewire.modbus.sniffer import (
-    WINDOW,
-    AmbiguousFrame,
-    NoiseSeen,
-    RecordingEnds,
-    RequestSeen,
-    ResponseMissing,
-    SnifferEvent,
-)
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from barewire_workbench.cli.arguments import (
@@ -47,6 +37,7 @@ from barewire_workbench.cli.sources import (
     window_option,
 )
 from barewire_workbench.frames.modbus_exchanges import ExchangeLines, UnitNames, exchange_as_dict
+from barewire_workbench.live.listen import listen
 from barewire_workbench.monitor import event_as_dict, event_kind, event_line, is_repeated
 from barewire_workbench.monitor.events import EVENT_KINDS, MonitorEvent
 from barewire_workbench.monitor.recording import BUSES_MAX, BusMonitors, CanRecordingWriter
@@ -55,6 +46,15 @@ from barewire_workbench.pictures.recordings import RecordingOptions, recording_p
 from barewire_workbench.recordings.capture import PacketBuilder, file_header, packet_block
 from barewire_workbench.recordings.modbus_replay import SerialProtocol, replay_parts
 from barewire_workbench.recordings.model import Recorded, Unread
+from barewire_workbench.sniffer import (
+    WINDOW,
+    AmbiguousFrame,
+    NoiseSeen,
+    RecordingEnds,
+    RequestSeen,
+    ResponseMissing,
+    SnifferEvent,
+)
 
 
 @click.command("sniff")

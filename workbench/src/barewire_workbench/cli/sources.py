@@ -20,7 +20,6 @@ from barewire.errors import BarewireError, DecodeError, EncodeError, PortError
 from barewire.io.canopen.bus.port import listen_can
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.network import reason
-from barewire.modbus.sniffer import WINDOW
 from barewire_workbench.cli.arguments import Choice, duration
 from barewire_workbench.cli.output import Output, note, opened_file, print_json
 from barewire_workbench.monitor.recording import LOG_ENDINGS, is_can_recording, read_recording
@@ -36,6 +35,7 @@ from barewire_workbench.recordings.modbus_log.reader import is_can_capture
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
 from barewire_workbench.recordings.model import Recorded, RecordedItem, Unread
 from barewire_workbench.recordings.source import RecordingSource
+from barewire_workbench.sniffer import WINDOW
 
 FORMATS = "a recording: pcapng, pcap, candump, ASC, BLF, a log of a Modbus program, or lines of bytes in hexadecimal"
 _LIVE_BUS = "can0"

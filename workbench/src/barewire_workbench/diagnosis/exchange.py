@@ -22,7 +22,6 @@ from barewire.modbus.adu import Adu
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ModbusException
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.registry import decode_request, measure_response, response_class
-from barewire.modbus.sniffer import RequestSeen, ResponseSeen
 from barewire.rtu import frame as rtu_frame
 from barewire.rtu.crc import crc16
 from barewire.rtu.frame import encode
@@ -42,6 +41,7 @@ from barewire_workbench.diagnosis.tcp import diagnose_tcp
 from barewire_workbench.frames.findings import DiagnosisCode, Finding
 from barewire_workbench.frames.modbus import explain_ascii, explain_pdu, explain_rtu, explain_tcp
 from barewire_workbench.frames.result import Explanation, FrameRole, ProtocolName, counted
+from barewire_workbench.sniffer import RequestSeen, ResponseSeen
 
 _DIAGNOSES = {"rtu": diagnose_rtu, "ascii": diagnose_ascii, "tcp": diagnose_tcp}
 

@@ -19,21 +19,6 @@ from typing import NamedTuple
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.registry import request_class
-from barewire.modbus.sniffer import (
-    LATE_AFTER,
-    WINDOW,
-    AmbiguousFrame,
-    HeardLine,
-    NoiseSeen,
-    RecordingEnds,
-    RequestSeen,
-    ResponseMissing,
-    ResponseSeen,
-    Sniffer,
-    SnifferEvent,
-    answers,
-    shapes,
-)
 from barewire_workbench.diagnosis.can_log import PROVES
 from barewire_workbench.diagnosis.exchange import (
     exchange_findings,
@@ -57,6 +42,21 @@ from barewire_workbench.frames.result import FrameRole, ProtocolName, counted
 from barewire_workbench.recordings.modbus_log import UNREADABLE, LoggedBytes, ModbusLog
 from barewire_workbench.recordings.modbus_replay import LogSniffers, SerialProtocol
 from barewire_workbench.recordings.model import LEFT_OUT
+from barewire_workbench.sniffer import (
+    LATE_AFTER,
+    WINDOW,
+    AmbiguousFrame,
+    HeardLine,
+    NoiseSeen,
+    RecordingEnds,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    Sniffer,
+    SnifferEvent,
+    answers,
+    shapes,
+)
 
 _STRAY = 3
 """The most bytes beside a frame that are noise of the line, and not a damaged frame."""

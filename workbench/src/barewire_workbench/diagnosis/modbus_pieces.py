@@ -18,13 +18,13 @@ from typing import NamedTuple
 
 from barewire.modbus.adu import Adu, Noise
 from barewire.modbus.framing import LineEvent
-from barewire.modbus.sniffer import HeardLine
 from barewire_workbench.diagnosis.ascii import diagnose_ascii
 from barewire_workbench.diagnosis.resample import misread, misread_parity
 from barewire_workbench.diagnosis.rtu import RTU_TRIALS, diagnose_rtu, first_findings
 from barewire_workbench.diagnosis.tcp import diagnose_tcp
 from barewire_workbench.frames.findings import Finding
 from barewire_workbench.frames.result import FrameRole, ProtocolName
+from barewire_workbench.sniffer import HeardLine
 
 _KEPT = 4096
 """Chunks whose place is kept; a line holds far fewer."""

@@ -34,7 +34,8 @@ from barewire.modbus.messages import (
     WriteSingleRegister,
 )
 from barewire.modbus.messages.base import EXCEPTION_BIT, Request, Response
-from barewire.modbus.sniffer import (
+from barewire_workbench.frames.modbus import explain_pdu
+from barewire_workbench.sniffer import (
     AmbiguousFrame,
     NoiseSeen,
     RecordingEnds,
@@ -43,7 +44,6 @@ from barewire.modbus.sniffer import (
     ResponseSeen,
     SnifferEvent,
 )
-from barewire_workbench.frames.modbus import explain_pdu
 
 
 class UnitNames:

@@ -1,10 +1,11 @@
-"""What runs on real ports: the batteries of `conform`, scans, and the questions of the vectors.
+"""What runs on real ports: the batteries of `conform`, scans, listening in, and the questions of the vectors.
 
     modbus_conformance     a Modbus server, over any transport
     canopen_conformance    a CANopen device, on any bus
     scan_modbus            the units of a line, server or gateway, and their addresses
     scan_canopen           the nodes of a bus
     read_values            many values of a machine, of which a bad one costs only itself
+    listen                 what others say on a serial line
     ports                  the serial ports and CAN interfaces of this machine
     results                the line of a case; the errors of a run that ended early, or did not begin
     vector_adapter         a program that answers the questions of the vectors

@@ -28,16 +28,6 @@ from barewire.devices.device import Device, drive_roles
 from barewire.devices.parameter import ModbusAt
 from barewire.errors import BarewireError, DecodeError
 from barewire.modbus.messages.base import EXCEPTION_BIT
-from barewire.modbus.sniffer import (
-    WINDOW,
-    AmbiguousFrame,
-    NoiseSeen,
-    RecordingEnds,
-    RequestSeen,
-    ResponseMissing,
-    ResponseSeen,
-    SnifferEvent,
-)
 from barewire_workbench.frames.can import explain_can, explain_segment
 from barewire_workbench.frames.known_node import KnownNode
 from barewire_workbench.frames.modbus import explain_pdu
@@ -53,6 +43,16 @@ from barewire_workbench.pictures.states import DriveWord, StatesPicture, WordKin
 from barewire_workbench.recordings.capture import MODBUS_PORTS
 from barewire_workbench.recordings.modbus_replay import SerialProtocol, replay_log
 from barewire_workbench.recordings.model import Dropped, Recorded, RecordedItem, Unread
+from barewire_workbench.sniffer import (
+    WINDOW,
+    AmbiguousFrame,
+    NoiseSeen,
+    RecordingEnds,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    SnifferEvent,
+)
 
 _VALUES_SHOWN = 8
 """The most registers in the text of a response; the data of the picture have all bytes."""

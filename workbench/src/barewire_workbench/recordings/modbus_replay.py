@@ -15,13 +15,13 @@ from barewire.ascii import AsciiLine
 from barewire.errors import EncodeError
 from barewire.modbus.adu import Adu, Noise
 from barewire.modbus.messages.registry import measure_request, measure_response
-from barewire.modbus.sniffer import WINDOW, HeardLine, NumberedSniffer, Sniffer, SnifferEvent
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import TcpLine
 from barewire.tcp.frame import PREFIX
 from barewire_workbench.frames.result import ProtocolName
 from barewire_workbench.recordings.capture import MODBUS_PORTS, is_capture
 from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog, read_modbus_log
+from barewire_workbench.sniffer import WINDOW, HeardLine, NumberedSniffer, Sniffer, SnifferEvent
 
 _ANY_BITRATE = Timing(0.0, 0.0, 0.0)
 """The bit rate of a recording is unknown: only pauses end a frame of unknown length."""

@@ -55,7 +55,7 @@ from barewire.devices.device import suggest
 from barewire.errors import BarewireError, EncodeError, shown
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.exceptions import ModbusException
-from barewire.modbus.sniffer import (
+from barewire_workbench.sniffer import (
     NoiseSeen,
     RecordingEnds,
     RequestSeen,

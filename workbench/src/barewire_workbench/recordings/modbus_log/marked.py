@@ -49,12 +49,12 @@ from barewire import ascii, rtu, tcp
 from barewire.errors import DecodeError
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.registry import measure_request, measure_response
-from barewire.modbus.sniffer import shapes
 from barewire.rtu.crc import crc16
 from barewire_workbench.frames.result import ProtocolName, counted
 from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry, LoggedBytes, Stamp
 from barewire_workbench.recordings.modbus_log.octets import Octets, find_stamp, split_octets, without_stamp
 from barewire_workbench.recordings.model import Unread
+from barewire_workbench.sniffer import shapes
 
 _RARE = 4
 """One of so many pieces at least is a frame in a log of Modbus TCP."""

@@ -17,7 +17,7 @@ from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import dialer, modbus_line
 from barewire.modbus.framing import Line
-from barewire.modbus.sniffer import WINDOW, Sniffer, SnifferEvent
+from barewire_workbench.sniffer import WINDOW, Sniffer, SnifferEvent
 
 _POLL = 0.1
 """Seconds between two checks whether to stop."""

@@ -11,7 +11,9 @@ from barewire.ascii import AsciiLine, encode as ascii_frame
 from barewire.errors import EncodeError
 from barewire.modbus import Noise, ReadHoldingRegisters, ReadHoldingRegistersResponse
 from barewire.modbus.framing import Line
-from barewire.modbus.sniffer import (
+from barewire.rtu import RtuLine, Timing, encode
+from barewire.tcp import TcpLine, encode as tcp_frame
+from barewire_workbench.sniffer import (
     OPEN_LIMIT,
     AmbiguousFrame,
     NoiseSeen,
@@ -24,8 +26,6 @@ from barewire.modbus.sniffer import (
     SnifferEvent,
     shapes,
 )
-from barewire.rtu import RtuLine, Timing, encode
-from barewire.tcp import TcpLine, encode as tcp_frame
 from tests.helpers import modest, refused, unhex
 
 TIMING = Timing.of(19200)
