@@ -49,21 +49,22 @@ FROM_STACK = {f"barewire.{room}" for room in MEANING}
 FROM_STACK_AND_PORTS = FROM_STACK | {"barewire.gateway", "barewire.io"}
 FROM_STACK_AND_PORTS |= {f"barewire.{name}" for name in barewire.__all__}
 WORKBENCH: dict[str, set[str]] = {
-    "frames": set(),
+    "sniffer": set(),
+    "frames": {"sniffer"},
     "wire": set(),
     "conform": set(),
     "scan": set(),
     "eds": set(),
-    "recordings": {"frames"},
+    "recordings": {"frames", "sniffer"},
     "steps": {"frames", "wire"},
     "monitor": {"frames", "recordings"},
-    "diagnosis": {"frames", "monitor", "recordings", "wire"},
-    "pictures": {"frames", "monitor", "recordings", "steps", "wire"},
-    "replay": {"frames", "monitor", "recordings"},
+    "diagnosis": {"frames", "monitor", "recordings", "sniffer", "wire"},
+    "pictures": {"frames", "monitor", "recordings", "sniffer", "steps", "wire"},
+    "replay": {"frames", "monitor", "recordings", "sniffer"},
     "vectors": {"conform", "recordings"},
     "vendor": set(),
     "api": {"diagnosis", "frames", "recordings"},
-    "live": {"conform", "scan", "vectors"},
+    "live": {"conform", "scan", "sniffer", "vectors"},
     "__init__": {"api", "frames"},
 }
 OFFERED = {"explain", "explain_exchange", "explain_text", "Explanation", "FrameRole", "__version__"}  # by its door
