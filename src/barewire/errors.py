@@ -14,7 +14,8 @@ machines (objects with `feed`) never raise on received data: they report noise a
 from __future__ import annotations
 
 import sys
-from typing import Literal
+from collections.abc import Iterable
+from typing import Any, Literal
 
 Reason = Literal[
     "short",
@@ -59,6 +60,31 @@ def shown(value: object, most: int = 60) -> str:
     except ValueError:
         return f"a {type(value).__name__} with a number of more than {sys.get_int_max_str_digits()} digits"
     return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def fold(name: str) -> str:
+    """Return a name in the form in which names are compared: lower case, single blanks.
+
+    >>> fold("  Thyristors   Temperature ")
+    'thyristors temperature'
+    """
+    return " ".join(name.casefold().split())
+
+
+def suggest(name: str, known: Iterable[str], title: Any = str) -> str:
+    """Return '; did you mean ...?' with up to three similar names, or an empty text. `title` changes how one is shown.
+
+    >>> suggest("abce", ("ABCD", "CDAB"))
+    "; did you mean 'ABCD'?"
+    """
+    from difflib import get_close_matches  # only errors need it
+
+    wanted, by_folded = fold(name), {fold(candidate): candidate for candidate in known}
+    similar = get_close_matches(wanted, by_folded, n=3, cutoff=0.6)
+    # A part of a long name is not similar to it, and is what people type.
+    longer = [folded for folded in by_folded if wanted and wanted in folded and folded not in similar]
+    nearest = (similar + longer)[:3]
+    return f"; did you mean {' or '.join(repr(title(by_folded[folded])) for folded in nearest)}?" if nearest else ""
 
 
 class BarewireError(Exception):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 from barewire.codecs.order import Order
 from barewire.devices.parameter import Parameter, TableName
-from barewire.errors import BarewireError, EncodeError, shown
+from barewire.errors import BarewireError, EncodeError, fold, shown, suggest
 
 _UNORDERED = ("bool", "text")
 
@@ -152,28 +152,3 @@ def drive_roles(device: Device) -> DriveRoles:
     if device.drive is None:
         raise EncodeError(f"{device.name} is not a drive: its description has no table [drive]")
     return device.drive
-
-
-def fold(name: str) -> str:
-    """Return a name in the form in which names are compared: lower case, single blanks.
-
-    >>> fold("  Thyristors   Temperature ")
-    'thyristors temperature'
-    """
-    return " ".join(name.casefold().split())
-
-
-def suggest(name: str, known: Iterable[str], title: Any = str) -> str:
-    """Return '; did you mean ...?' with up to three similar names, or an empty text. `title` changes how one is shown.
-
-    >>> suggest("abce", ("ABCD", "CDAB"))
-    "; did you mean 'ABCD'?"
-    """
-    from difflib import get_close_matches  # only errors need it
-
-    wanted, by_folded = fold(name), {fold(candidate): candidate for candidate in known}
-    similar = get_close_matches(wanted, by_folded, n=3, cutoff=0.6)
-    # A part of a long name is not similar to it, and is what people type.
-    longer = [folded for folded in by_folded if wanted and wanted in folded and folded not in similar]
-    nearest = (similar + longer)[:3]
-    return f"; did you mean {' or '.join(repr(title(by_folded[folded])) for folded in nearest)}?" if nearest else ""

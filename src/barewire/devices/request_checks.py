@@ -25,9 +25,9 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from barewire.codecs import Value
-from barewire.devices.device import Device, suggest
+from barewire.devices.device import Device
 from barewire.devices.parameter import Parameter, show
-from barewire.errors import BarewireError, EncodeError, NoAnswer, shown
+from barewire.errors import BarewireError, EncodeError, NoAnswer, shown, suggest
 
 _SUFFIXED = re.compile(r"[+-]?(?:[0-9][0-9A-Fa-f]*[hH]|[0-9A-F]+h)")
 _SWITCHED = {"on": True, "true": True, "off": False, "false": False}

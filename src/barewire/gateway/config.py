@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlsplit
 
 from barewire.devices.description.load import load
-from barewire.devices.device import Device, suggest
-from barewire.errors import BarewireError, EncodeError, PortError, shown
+from barewire.devices.device import Device
+from barewire.errors import BarewireError, EncodeError, PortError, shown, suggest
 from barewire.gateway.backend import BackendOptions
 from barewire.gateway.dispatch import ASKING, UnitConfig
 from barewire.gateway.policy import AccessRule, Policy

@@ -55,7 +55,7 @@ from os import PathLike, fspath
 from typing import TYPE_CHECKING, NamedTuple
 
 from barewire.conversation import DEFAULT_TIMEOUT
-from barewire.errors import EncodeError, shown
+from barewire.errors import EncodeError, shown, suggest
 
 if TYPE_CHECKING:
     from ssl import SSLContext
@@ -203,8 +203,6 @@ def unknown_option(
 ) -> EncodeError:
     """Return the error of an option that is not in `known`, with the nearest name of those or of `keywords`. `further`
     follows the list of the known ones."""
-    from barewire.devices.device import suggest  # only errors need it
-
     of_servers = ", ".join(sorted(_OF_SERVERS.intersection(known)))
     expected = ", ".join(sorted(set(known) - _OF_SERVERS)) + (f", of servers also {of_servers}" if of_servers else "")
     other = _OTHER_NAMES.get(key)
@@ -304,8 +302,6 @@ class Endpoint(NamedTuple):
             raise EncodeError(f"endpoint {shown(url)}: expected a URL as a string, such as 'tcp://10.0.0.5:502'")
         scheme, place, query = split(url)
         if scheme not in CARRIERS and scheme != "can":
-            from barewire.devices.device import suggest  # only errors need it
-
             forms = "tcp://HOST:PORT (also tls, udp, rtu+tcp, ascii+tcp), rtu:///dev/..., ascii:///dev/..., can://..."
             raise _error(url, f"expected {forms}{suggest(scheme, (*CARRIERS, 'can'))}")
         if "#" in url:
@@ -458,8 +454,6 @@ class Endpoint(NamedTuple):
         for word in words:
             if text.lower() == word.lower():
                 return word
-        from barewire.devices.device import suggest  # only errors need it
-
         expected = f"expected one of {', '.join(words)}{suggest(text, words)}"
         raise _error(str(self), f"{key}={shown(text)}, {expected}")
 

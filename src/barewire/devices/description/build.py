@@ -16,8 +16,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from barewire.codecs.order import Order
-from barewire.devices.device import CanopenSettings, Device, DevicePdo, DriveRoles, ModbusSettings, fold
+from barewire.devices.device import CanopenSettings, Device, DevicePdo, DriveRoles, ModbusSettings
 from barewire.devices.parameter import TABLE_NAMES, ModbusAt, ObjectAt, Parameter
+from barewire.errors import fold
 
 KEYS = ("name", "title", "documents", "modbus", "canopen", "pdo", "drive", "parameter")
 """The keys of device.toml that the format defines. Tables with other names are kept in `Device.extra`."""

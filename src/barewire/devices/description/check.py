@@ -24,9 +24,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 from barewire.codecs import codec
 from barewire.devices.description.build import KEYS, Numbering, build_parameter, numbering_of, words_of
-from barewire.devices.device import ModbusSettings, fold, suggest
+from barewire.devices.device import ModbusSettings
 from barewire.devices.parameter import INTEGER_TYPES, TABLE_NAMES, Parameter, show
-from barewire.errors import BarewireError, shown
+from barewire.errors import BarewireError, fold, shown, suggest
 
 Rule: TypeAlias = Mapping[str, Any]
 KeyPath: TypeAlias = tuple[str | int, ...]

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 from barewire.codecs.order import ORDERS, Order
 from barewire.devices.description.build import build_device
-from barewire.devices.device import Device, UnknownName, fold, suggest
-from barewire.errors import EncodeError, shown
+from barewire.devices.device import Device, UnknownName
+from barewire.errors import EncodeError, fold, shown, suggest
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable

@@ -14,10 +14,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from barewire.devices.device import Device, suggest
+from barewire.devices.device import Device
 from barewire.devices.sim.modbus import ModbusAdapter
 from barewire.devices.sim.store import MachineClock, MachineStore
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, suggest
 
 if TYPE_CHECKING:
     from barewire.devices.sim.canopen import CanopenAdapter

@@ -20,9 +20,8 @@ from typing import Literal, Protocol
 
 from barewire.codecs import Value, get_bit, set_bit
 from barewire.codecs.numbers import Number
-from barewire.devices.device import fold
 from barewire.devices.parameter import Parameter
-from barewire.errors import BarewireError, EncodeError
+from barewire.errors import BarewireError, EncodeError, fold
 
 
 class MachineClock:

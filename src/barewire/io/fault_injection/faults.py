@@ -45,7 +45,7 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, TypeAlias, TypeVar
 
 from barewire.ascii import frame as ascii_frame
 from barewire.canopen import CanFrame
-from barewire.errors import DecodeError, EncodeError, shown
+from barewire.errors import DecodeError, EncodeError, shown, suggest
 from barewire.modbus import Adu
 from barewire.rtu import frame as rtu_frame
 from barewire.tcp import frame as tcp_frame
@@ -260,8 +260,6 @@ def _whole(text: str, expected: str, base: int = 10) -> int:
 
 
 def _near(name: object, known: Iterable[str]) -> str:
-    from barewire.devices.device import suggest  # only errors need it
-
     return suggest(str(name), dict.fromkeys(known))
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from barewire.errors import EncodeError, PortError, shown
+from barewire.errors import EncodeError, PortError, shown, suggest
 from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.output import file_content, note
 
@@ -99,8 +99,6 @@ class Choice(click.Choice):  # type: ignore[type-arg]  # generic since click 8.2
         """Return the word."""
         if value in self.choices:
             return str(value)
-        from barewire.devices.device import suggest  # only errors need it
-
         hint = suggest(str(value), self.choices)
         self.fail(f"{shown(value)}: expected one of {', '.join(self.choices)}{hint}", param, ctx)
 
@@ -114,8 +112,6 @@ class CommandGroup(click.Group):
         """Return the command that the arguments name."""
         names = self.list_commands(ctx)
         if args[0] not in names and not args[0].startswith("-"):
-            from barewire.devices.device import suggest  # only errors need it
-
             hint = suggest(args[0], names)
             ctx.fail(f"unknown command {shown(args[0])}: expected one of {', '.join(names)}{hint}")
         return super().resolve_command(ctx, args)

@@ -11,9 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from barewire.devices import Device, Parameter, UnknownName, load, names
-from barewire.devices.device import fold
 from barewire.devices.parameter import range_text, show
-from barewire.errors import shown
+from barewire.errors import fold, shown
 from barewire_workbench.cli.output import Output, output_option, print_json
 
 

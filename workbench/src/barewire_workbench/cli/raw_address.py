@@ -26,7 +26,7 @@ from typing import cast
 from barewire.codecs import codec
 from barewire.codecs.order import ORDERS, Order
 from barewire.devices.description.load import load
-from barewire.devices.device import CanopenSettings, Device, ModbusSettings, fold, suggest
+from barewire.devices.device import CanopenSettings, Device, ModbusSettings
 from barewire.devices.parameter import (
     TABLE_NAMES,
     VALUE_TYPES,
@@ -35,7 +35,7 @@ from barewire.devices.parameter import (
     Parameter,
     ParameterAccess,
 )
-from barewire.errors import EncodeError, shown
+from barewire.errors import EncodeError, fold, shown, suggest
 
 RAW = Device("raw", "any device", (), modbus=ModbusSettings(), canopen=CanopenSettings())
 

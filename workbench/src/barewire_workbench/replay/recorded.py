@@ -51,8 +51,7 @@ from itertools import pairwise
 from statistics import median
 from typing import Any, NamedTuple
 
-from barewire.devices.device import suggest
-from barewire.errors import BarewireError, EncodeError, shown
+from barewire.errors import BarewireError, EncodeError, shown, suggest
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.exceptions import ModbusException
 from barewire_workbench.sniffer import (

@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from fnmatch import fnmatchcase
 from typing import NamedTuple, TypeAlias
 
-from barewire.devices.device import suggest
-from barewire.errors import EncodeError, shown
+from barewire.errors import EncodeError, shown, suggest
 from barewire_workbench.vectors.files import VectorFile, Vectors
 from barewire_workbench.vectors.judge import Answer, Verdict, judge, verdict_of_case
 from barewire_workbench.vectors.questions import Case, Question

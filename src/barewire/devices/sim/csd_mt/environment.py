@@ -18,9 +18,8 @@ from dataclasses import dataclass, field
 from math import inf, isnan, nan
 from typing import NamedTuple
 
-from barewire.devices.device import suggest
 from barewire.devices.sim.store import MachineClock, MachineStore
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, suggest
 
 REVOLUTION = 12_800
 """Steps of a revolution: Step Revolution (1081) has no other value."""

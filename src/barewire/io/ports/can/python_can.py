@@ -18,7 +18,7 @@ from inspect import signature
 from typing import Any
 
 from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, CanFrame, ErrorFrame, FdFrame
-from barewire.errors import EncodeError, PortError, shown
+from barewire.errors import EncodeError, PortError, shown, suggest
 from barewire.io.endpoint import CAN_OPTIONS, DEFAULT_BITRATE, Endpoint, unknown_option
 from barewire.io.ports.base import send_when_room
 from barewire.io.ports.network import UNPLUGGED, reason
@@ -217,8 +217,6 @@ def check_python_can_options(endpoint: Endpoint) -> None:
     would ignore."""
     interface, options = endpoint.place.partition("/")[0], endpoint.options.keys() - CAN_OPTIONS
     if interface not in can.interfaces.BACKENDS:
-        from barewire.devices.device import suggest  # only errors need it
-
         names = sorted(can.interfaces.BACKENDS)
         text = f"unknown interface {shown(interface)}, expected {', '.join(names)}"
         raise EncodeError(f"endpoint {str(endpoint)!r}: {text}{suggest(interface, dict.fromkeys(names))}")
