@@ -50,6 +50,9 @@ bench: $(VENV)/installed-bench ## our work beside that of other libraries and ha
 	  --benchmark-json=build/bench.json $(ARGS)
 	@$(BIN)/python tools/bench_page.py build/bench.json
 
+small: $(VENV)/installed-bench ## memory, start, processor time and disk of small programs, beside others; writes docs/reference/small.md; MBUSD=path
+	@$(BIN)/python -m bench.small $(ARGS)
+
 proof: $(VENV)/installed-dev $(VENV)/installed-bench ## whole searches, then every order of late answers, ours and those of other clients; writes docs/explanation/late-answers.md
 	$(BIN)/pytest -rs $(WORKERS) -m proof
 	@$(BIN)/python tools/late_answers.py $(ARGS)
@@ -121,5 +124,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide micropython bench proof scoreboard peers modbus-connection pictures docs docs-links hostile gateway-lab gateway-clients small-machine plant vectors-release vectors-mutants mutants format clean
+.PHONY: help demo check test style types suite pyodide micropython bench small proof scoreboard peers modbus-connection pictures docs docs-links hostile gateway-lab gateway-clients small-machine plant vectors-release vectors-mutants mutants format clean
 .NOTPARALLEL:

@@ -6,13 +6,15 @@ stack must be in one part, in the same in both recipes.
 
 from __future__ import annotations
 
+import compileall
 import lzma
 import marshal
 import platform
 import re
+import shutil
 import subprocess
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -74,6 +76,23 @@ def parts() -> Mapping[str, set[str]]:
             before = chosen.setdefault(package, set())
             chosen[package] = before | of_row if sign == "+" else before - of_row
     return chosen
+
+
+def install(into: Path, packages: Collection[str], *, bytecode: bool = False) -> None:
+    """Write the files of packages into a folder, compiled as by `compile_files`."""
+    chosen = parts()
+    for file in sorted(set().union(*(chosen[package] for package in packages))):
+        target = into / file
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(SRC / file, target)
+    compile_files(into, bytecode=bytecode)
+
+
+def compile_files(folder: Path, *, bytecode: bool) -> None:
+    """Compile what is in a folder. With `bytecode` it is without docstrings and assertions, and no source is left."""
+    compileall.compile_dir(folder, quiet=1, legacy=bytecode, optimize=2 if bytecode else 0, stripdir=folder)
+    for source in folder.rglob("*.py") if bytecode else ():
+        source.unlink()
 
 
 def kilobytes(names: set[str]) -> tuple[int, int, int]:

@@ -226,12 +226,8 @@ with barewire.CanopenServer("can://memory/part?node=5", device=ObjectDictionary(
 """
 
 
-def install(folder: Path, packages: list[str], missing: set[str]) -> None:
-    for package in packages:
-        for file in recipe_parts.parts()[package]:
-            target = folder / file
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes((ROOT / "src" / file).read_bytes())
+def install(folder: Path, packages: list[str], missing: set[str], *, bytecode: bool = False) -> None:
+    recipe_parts.install(folder, packages, bytecode=bytecode)
     (folder / "sitecustomize.py").write_text(WITHOUT.format(names=sorted(missing)), encoding="utf-8")
 
 
@@ -243,8 +239,10 @@ def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 @needs_make
 @pytest.mark.long
-def test_the_smallest_part_is_a_client_and_a_server(tmp_path: Path) -> None:
-    install(tmp_path, ["python3-barewire"], NOT_IN_LIGHT | {"decimal"})
+@pytest.mark.parametrize("bytecode", [False, True], ids=["sources", "bytecode"])
+def test_the_smallest_part_is_a_client_and_a_server(bytecode: bool, tmp_path: Path) -> None:
+    install(tmp_path, ["python3-barewire"], NOT_IN_LIGHT | {"decimal"}, bytecode=bytecode)
+    assert bytecode == (not list(tmp_path.rglob("barewire/**/*.py")))
     done = run(tmp_path, "-c", CLIENT_AND_SERVER)
     assert done.returncode == 0, done.stderr
 
