@@ -127,7 +127,7 @@ def test_nothing_that_arrives_ends_the_gateway_or_gets_past_the_policy(scheme: s
         assert int.from_bytes(pdu[1:3], "big") <= 9
     assert gateway.refusals > 100
     (backend,) = gateway.backends
-    assert backend.dispatcher.size == backend.under_way == 0
+    assert backend.dispatcher.size == len(backend.under_way) == 0
 
 
 def test_errors_of_a_client_are_those_of_its_requests_only() -> None:

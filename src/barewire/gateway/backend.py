@@ -21,7 +21,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barewire.errors import NoAnswer, PortError
 from barewire.gateway.dispatch import NO_PATH, NO_RESPONSE, Dispatcher, Exchange, Query, UnitConfig, UnitRecord
@@ -37,6 +37,7 @@ from barewire.modbus.messages.raw import RawResponse
 if TYPE_CHECKING:
     from barewire.io.endpoint import Endpoint
     from barewire.io.ports.async_links import Mailbox
+    from barewire.io.ports.base import AsyncLink
     from barewire.modbus.client.bus import Bus
 
 FAILED = 0x04
@@ -126,7 +127,8 @@ class Backend(ABC):
         """Whether the latest attempt to open the connection failed, or to use a bus that opens itself again."""
         self._log = PortLog("barewire.gateway", name)
         self._opening: asyncio.Task[None] | None = None
-        self._under_way: dict[Any, Exchange] = {}
+        self.under_way: dict[Any, Exchange] = {}
+        """The exchange on each lane that has one."""
         self._free: list[Any] = []  # the lanes without an exchange; a kind of backend fills it
         self._is_going_on = self._must_go_on = False
         self._loop = asyncio.get_running_loop()
@@ -135,11 +137,6 @@ class Backend(ABC):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name}: {self.endpoint.scheme}://{self.endpoint.place}>"
-
-    @property
-    def under_way(self) -> int:
-        """How many exchanges are under way."""
-        return len(self._under_way)
 
     @property
     @abstractmethod
@@ -169,10 +166,11 @@ class Backend(ABC):
     def submit(self, query: Query) -> None:
         """Take a query. It may be answered before this returns."""
         now = self._loop.time()
-        if self.is_draining or not (self.is_connected or self._opening or self._may_open(now)):
+        lane = self._free_lane()
+        has_path = lane is not None or self.is_connected or self._opening or self._may_open(now)
+        if self.is_draining or not has_path:
             self.dispatcher.unit(query.unit).decline(query, NO_PATH)
             return
-        lane = self._free_lane()
         exchange = self.dispatcher.submit(query, now, is_lane_free=lane is not None)
         if exchange is not None:
             self._begin(lane, exchange)
@@ -197,7 +195,7 @@ class Backend(ABC):
             self._is_going_on = False
         if self._alarm is not None or self.dispatcher.wake is not None:
             self._set_alarm()
-        if self.is_draining and not self._under_way and not self.dispatcher.has_work:
+        if self.is_draining and not self.under_way and not self.dispatcher.has_work:
             self._idle.set()
 
     def _fill_lanes(self) -> None:
@@ -223,12 +221,12 @@ class Backend(ABC):
 
     def _begin(self, lane: Any, exchange: Exchange) -> None:
         self._free.remove(lane)
-        self._under_way[lane] = exchange
+        self.under_way[lane] = exchange
         try:
             self._send(lane, exchange)
         except Exception as error:  # whatever it is, the lane must not be lost
             self._fail(error)
-            if self._under_way.get(lane) is exchange:
+            if self.under_way.get(lane) is exchange:
                 self._ended(lane, FAILED, is_silence=False)
 
     def _set_alarm(self) -> None:
@@ -270,11 +268,12 @@ class Backend(ABC):
 
     def _ended(self, lane: Any, response: bytes | int | None, *, is_silence: bool = True) -> None:
         """An exchange has ended: pass its response on, and take the next one. See `Dispatcher.finish`."""
-        exchange = self._under_way.pop(lane)
+        exchange = self.under_way.pop(lane)
         self._free.append(lane)
-        if self._loop.time() < self._watched_until:
+        now = self._loop.time()
+        if now < self._watched_until:
             self._see(exchange, response)
-        self.dispatcher.finish(exchange, response, self._loop.time(), is_silence=is_silence)
+        self.dispatcher.finish(exchange, response, now, is_silence=is_silence)
         self._go_on()
 
     def _log_unit(self, unit: UnitRecord) -> None:
@@ -310,7 +309,7 @@ class Backend(ABC):
     async def drain(self, timeout: float) -> None:
         """Decline new queries, and wait until those that wait or are under way are answered, `timeout` s at most."""
         self.is_draining = True
-        if not self._under_way and not self.dispatcher.has_work:
+        if not self.under_way and not self.dispatcher.has_work:
             return
         try:
             async with asyncio.timeout(timeout):
@@ -334,8 +333,16 @@ class Backend(ABC):
 class _Connection(AsyncConnection):
     """The connection of a backend: its lanes carry out exchanges by callbacks."""
 
+    backend: ModbusBackend
+
     def new_box(self, lane: Lane) -> Mailbox:
         return CallbackBox(self.endpoint.place, lane.bus)
+
+    def writer(self, link: AsyncLink) -> Callable[[bytes], None]:
+        """Return a function that sends a request at once if no other is under way: a round of the loop, in which more
+        could come, costs as much as a send."""
+        under_way = self.backend.under_way
+        return lambda frame: link.write(frame) if len(under_way) == 1 else link.write_together(frame)
 
 
 class ModbusBackend(Backend):
@@ -350,6 +357,7 @@ class ModbusBackend(Backend):
             "units": {unit: config.asking._replace(dead_after=0) for unit, config in units.items()},
         }
         self.connection = _Connection(self.endpoint, self.options.in_flight, jitter, asking, watch=None)
+        self.connection.backend = self
         self._free = list(self.connection.lanes)
         self.has_broadcasts = not self.connection.lanes[0].bus.line.numbered
         self._opened_at = self._used_at = 0.0
@@ -367,7 +375,7 @@ class ModbusBackend(Backend):
         return self.connection.lanes[0].bus
 
     def _is_ready(self, lane: Lane) -> bool:
-        if self.options.lifetime and not self._under_way and self.is_connected and self._is_too_old(self._loop.time()):
+        if self.options.lifetime and not self.under_way and self.is_connected and self._is_too_old(self._loop.time()):
             self.connection.drop(f"it is {self.options.lifetime:g} s old")
         return self.connection.open_box(lane) is not None
 
@@ -388,7 +396,7 @@ class ModbusBackend(Backend):
 
     def _send(self, lane: Lane, exchange: Exchange) -> None:
         self._used_at = exchange.started
-        box = cast(CallbackBox, lane.box)
+        box: CallbackBox = lane.box  # type: ignore[assignment]  # `new_box` makes no other
 
         def done(result: Any, error: BaseException | None) -> None:
             if error is None:
@@ -420,7 +428,7 @@ class ModbusBackend(Backend):
         if not (self.options.idle or self.options.lifetime) or not self.is_connected:
             return
         now = self._loop.time()
-        if not self._under_way:
+        if not self.under_way:
             if self._is_too_old(now):
                 self.connection.drop(f"it is {self.options.lifetime:g} s old")
             elif self.options.idle and now >= self._used_at + self.options.idle:
@@ -435,7 +443,7 @@ class ModbusBackend(Backend):
     def _holds(self) -> bool:
         """An old connection is closed when nothing is under way: until then nothing new is sent, or a line that is
         always busy would never be."""
-        return bool(self._under_way) and self._is_too_old(self._loop.time())
+        return self.options.lifetime > 0.0 and bool(self.under_way) and self._is_too_old(self._loop.time())
 
     async def _close(self) -> None:
         if self._housekeeping is not None:

@@ -77,7 +77,7 @@ class Query:
     `respond` is called once: with the PDU of the response, or with None if there must be none, or the client has left.
     """
 
-    __slots__ = ("client", "followers", "must_be_alone", "request", "respond", "since", "unit")
+    __slots__ = ("client", "followers", "must_be_alone", "request", "respond", "since", "unit", "writes")
 
     def __init__(
         self, client: Caller, unit: int, request: RawRequest, respond: Callable[[bytes | None], object]
@@ -85,6 +85,7 @@ class Query:
         self.client = client
         self.unit = unit
         self.request = request
+        self.writes = request.writes
         self.respond = respond
         self.since = 0.0
         self.followers: list[Query] = []
@@ -204,7 +205,7 @@ class UnitRecord(UnitState):
 
     def answer(self, query: Query, pdu: bytes) -> None:
         """Answer a query with a response of the unit."""
-        self.counters.answered += query.size
+        self.counters.answered += 1 + len(query.followers)
         query.answer(pdu)
 
     def changed(self) -> None:
@@ -227,13 +228,13 @@ class _ClientQueue:
         """The number of the exchange until which the client owes a turn, because a write of it went first."""
 
     def add(self, query: Query) -> None:
-        by_unit = self.writes if query.request.writes else self.reads
+        by_unit = self.writes if query.writes else self.reads
         by_unit.setdefault(query.unit, deque()).append(query)
         self.size += 1
 
     def remove(self, query: Query) -> None:
         """Remove a query. Then it is the turn of the other units."""
-        by_unit = self.writes if query.request.writes else self.reads
+        by_unit = self.writes if query.writes else self.reads
         queue = by_unit.pop(query.unit)
         queue.remove(query)
         if queue:
@@ -322,7 +323,7 @@ class Dispatcher:
         """
         state = self.unit(query.unit)
         query.since = now
-        if query.request.writes:
+        if query.writes:
             self._changed(state)
         else:
             cached = state.cached.get(query.request.pdu)
@@ -335,12 +336,12 @@ class Dispatcher:
                 leader.followers.append(query)
                 state.counters.joined += 1
                 return None
-        if state.is_dead:
+        if state.silent and state.is_dead:
             self._try_dead_unit(query, state, now)
-        elif is_lane_free and not self.has_work and self._is_ready(state, now):
-            if not query.request.writes:
+        elif is_lane_free and not self.size and self._trial is None and self._is_ready(state, now):
+            if not query.writes:
                 state.joinable[query.request.pdu] = query
-            return self._exchange(query, now)
+            return self._exchange(query, state, now)
         elif self.size >= self._capacity and not self._make_room(query.client):
             state.decline(query, BUSY)
         else:
@@ -377,9 +378,10 @@ class Dispatcher:
         if own is not None and self._waiting[greedy].size <= own.size + 1:
             return False
         latest = self._waiting[greedy].latest()
+        state = self.unit(latest.unit)
         self._leave_queue(latest)
-        self._end(latest)
-        self.unit(latest.unit).decline(latest, BUSY)
+        self._end(latest, state)
+        state.decline(latest, BUSY)
         return True
 
     def _wait(self, query: Query, state: UnitRecord) -> None:
@@ -389,7 +391,7 @@ class Dispatcher:
         queue.add(query)
         self._waiting.setdefault(query.client, queue)
         self.size += 1
-        if query.request.writes:
+        if query.writes:
             return
         state.joinable.setdefault(query.request.pdu, query)
         if state.config.merge is not None and not query.must_be_alone and (span := _span(query.request)) is not None:
@@ -432,8 +434,8 @@ class Dispatcher:
                 return None
             if query.is_wanted and now < query.since + self._patience:
                 self._tried = trial or self._tried
-                return self._exchange(query, now)
-            self._end(query)
+                return self._exchange(query, self.unit(query.unit), now)
+            self._end(query, self.unit(query.unit))
             if query.is_wanted:
                 self.unit(query.unit).decline(query, BUSY)
             else:
@@ -481,8 +483,7 @@ class Dispatcher:
             self._waiting[client] = self._waiting.pop(client)
         return query
 
-    def _exchange(self, query: Query, now: float) -> Exchange:
-        state = self.unit(query.unit)
+    def _exchange(self, query: Query, state: UnitRecord, now: float) -> Exchange:
         self._exchanges += 1
         if len(self._clients) > 2 * len(self._waiting) + 64:
             self._forget_clients()
@@ -529,19 +530,20 @@ class Dispatcher:
         left unanswered; without, it says nothing about the unit. None: there is no response, and must be none.
         """
         state = self.unit(exchange.unit)
-        if exchange.request.writes:
+        if exchange.queries[0].writes:
             self._changed(state)
+        counters, took = state.counters, now - exchange.started
         state.under_way -= 1
-        self._busy += now - exchange.started
-        if self._tried in exchange.queries:
+        self._busy += took
+        if self._tried is not None and self._tried in exchange.queries:
             self._tried = None
         state.free_at = now + state.gap
         for query in exchange.queries:
-            self._end(query)
+            self._end(query, state)
         if isinstance(response, int):
             if is_silence:
-                state.counters.no_responses += 1
-                self._was_silent(state, now, now - exchange.started)
+                counters.no_responses += 1
+                self._was_silent(state, now, took)
             for query in exchange.queries:
                 state.decline(query, response)
         elif response is None:
@@ -552,9 +554,9 @@ class Dispatcher:
                 was_dead, state.silent = state.is_dead, 0
                 if was_dead and self.on_death_or_return is not None:
                     self.on_death_or_return(state)
-            state.counters.latest = now - exchange.started
-            state.counters.total += now - exchange.started
-            state.counters.exceptions += response[0] >> 7
+            counters.latest = took
+            counters.total += took
+            counters.exceptions += response[0] >> 7
             if len(exchange.queries) > 1:
                 self._give_parts(state, exchange, response, now)
             else:
@@ -570,12 +572,12 @@ class Dispatcher:
             waiting.append(self._trial)
             self._trial = None
         for query in waiting:
-            self._end(query)
-            self.unit(query.unit).decline(query, code)
+            state = self.unit(query.unit)
+            self._end(query, state)
+            state.decline(query, code)
 
-    def _end(self, query: Query) -> None:
+    def _end(self, query: Query, state: UnitRecord) -> None:
         """No further query joins this one."""
-        state = self.unit(query.unit)
         if state.joinable.get(query.request.pdu) is query:
             del state.joinable[query.request.pdu]
 
@@ -591,7 +593,7 @@ class Dispatcher:
         waiting = [query for queue in self._waiting.values() for query in queue.all() if query.unit == state.number]
         for query in waiting:
             self._leave_queue(query)
-            self._end(query)
+            self._end(query, state)
             state.decline(query, NO_RESPONSE)
 
     def _give_parts(self, state: UnitRecord, exchange: Exchange, response: bytes, now: float) -> None:
@@ -609,7 +611,7 @@ class Dispatcher:
 
     def _keep(self, state: UnitRecord, exchange: Exchange, query: Query, pdu: bytes, now: float) -> None:
         """Keep a response for identical reads, unless a write has gone out since the read did."""
-        if not state.config.cache or query.request.writes or pdu[0] & 0x80 or exchange.epoch != state.epoch:
+        if not state.config.cache or query.writes or pdu[0] & 0x80 or exchange.epoch != state.epoch:
             return
         if len(state.cached) >= _CACHED:
             state.cached.clear()

@@ -45,7 +45,7 @@ def of_backend(backend: Backend, units: Mapping[int, int], now: float) -> dict[s
         "line": f"{backend.endpoint.scheme}://{backend.endpoint.place}",
         "connected": backend.is_connected and not backend.cannot_open,
         "waiting": backend.dispatcher.size,
-        "under_way": backend.under_way,
+        "under_way": len(backend.under_way),
         # Only a Modbus line has these. No client gets a late response.
         "late": getattr(counters, "late", 0),
         "strays": getattr(counters, "strays", 0),

@@ -57,12 +57,12 @@ class FanOut:
     def feed(self, data: bytes) -> list[tuple[int, bytes]]:
         """Cut received bytes into frames, and return each with the place of its line."""
         if self._datagrams:
-            return self._assigned(data) if data else []
+            return self._assigned(int.from_bytes(data[:2], "big"), data) if data else []
         held = self._held + data if self._held else data
         frames: list[tuple[int, bytes]] = []
         at, end = 0, len(held)
         while end - at >= PREFIX:
-            _, protocol, length = BEGINNING.unpack_from(held, at)
+            number, protocol, length = BEGINNING.unpack_from(held, at)
             if protocol or length not in LENGTHS:
                 frames += [(place, held[at:]) for place in range(len(self.lines))]
                 at = end
@@ -70,14 +70,14 @@ class FanOut:
             next_at = at + PREFIX + length
             if next_at > end:
                 break
-            frames += self._assigned(held[at:next_at])
+            frames += self._assigned(number, held[at:next_at])
             at = next_at
         self._held = held[at:]
         return frames
 
-    def _assigned(self, frame: bytes) -> list[tuple[int, bytes]]:
+    def _assigned(self, number: int, frame: bytes) -> list[tuple[int, bytes]]:
         """Return the frame with the place of the line that sent its request; nothing if there is no such line."""
-        place = self._asked.get(frame[0] << 8 | frame[1]) if len(frame) > PREFIX else None
+        place = self._asked.get(number) if len(frame) > PREFIX else None
         if place is None:
             self.strays += 1
             if self.on_stray is not None:

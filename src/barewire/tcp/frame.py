@@ -30,11 +30,14 @@ def encode(unit: int, pdu: bytes, transaction: int = 0) -> bytes:
     Raises EncodeError for a unit outside 0..255, a PDU outside 1..253 bytes and a transaction outside 0..65535.
     """
     size = len(pdu)
-    if not (0 <= unit <= 255 and 1 <= size <= PDU_LIMIT and 0 <= transaction <= 0xFFFF):
-        check_unit(unit)
-        check_pdu(pdu)
-        raise EncodeError(f"transaction {transaction}: expected 0..65535", "transaction")
-    return HEADER.pack(transaction, 0, size + 1, unit) + pdu
+    if 1 <= size <= PDU_LIMIT:
+        try:
+            return HEADER.pack(transaction, 0, size + 1, unit) + pdu
+        except struct.error:
+            pass  # the checks below say what does not fit
+    check_unit(unit)
+    check_pdu(pdu)
+    raise EncodeError(f"transaction {transaction}: expected 0..65535", "transaction")
 
 
 def check_header(data: bytes) -> int:

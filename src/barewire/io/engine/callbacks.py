@@ -56,14 +56,12 @@ class CallbackBox(Mailbox):
             self.start(self._bus.ask(unit, request, timeout=timeout, retries=0), done)
             return
         self._done = done
-        self._asked = (unit, request, timeout, 0.0)
+        self._asked = (unit, request, timeout, now)
         try:
             self.write(frame)
         except BaseException as error:
             self._abandon(error)
             return
-        now = self.loop.time()
-        self._asked = (unit, request, timeout, now)
         self._listens_until = now + timeout
         self._set_alarm(now + timeout)
 

@@ -220,6 +220,10 @@ class AsyncConnection(ConnectionBase):
         """Return the mailbox of a lane for a new connection."""
         return Mailbox(self.endpoint.place)
 
+    def writer(self, link: AsyncLink) -> Callable[[bytes], None]:
+        """Return the function that sends a request of a connection with several lanes."""
+        return link.write_together
+
     async def _connect(self, lane: Lane) -> Mailbox:
         clock = asyncio.get_running_loop().time
         watch = watch_both(self._watch, self._log.watch())
@@ -251,7 +255,7 @@ class AsyncConnection(ConnectionBase):
             self._not_opened(error, clock())
             raise
         self._opened()
-        write = traced("sent", link.write if fan is None else link.write_together, watch)
+        write = traced("sent", link.write if fan is None else self.writer(link), watch)
         for other, box, line in zip(self.lanes, boxes, lines):
             box.connected(write, link.sent)
             line.sent(clock())  # a client waits for a silence of the line before its first request

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 from barewire.codecs import Field, Layout
 from barewire.codecs.order import is_whole
 from barewire.errors import DecodeError, EncodeError, shown
-from barewire.modbus.adu import check_pdu
+from barewire.modbus.adu import PDU_LIMIT, check_pdu
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ModbusException
 
 R = TypeVar("R", bound="Response")
@@ -185,9 +185,10 @@ def check_registers(values: object) -> None:
 
 def checked(pdu: bytes) -> bytes:
     """Return the PDU. Raises EncodeError unless it is 1 to 253 bytes."""
-    if not isinstance(pdu, bytes):
-        raise EncodeError(f"a PDU is bytes, and this is {type(pdu).__name__}", "pdu")
-    check_pdu(pdu)
+    if not (isinstance(pdu, bytes) and 1 <= len(pdu) <= PDU_LIMIT):
+        if not isinstance(pdu, bytes):
+            raise EncodeError(f"a PDU is bytes, and this is {type(pdu).__name__}", "pdu")
+        check_pdu(pdu)
     return pdu
 
 

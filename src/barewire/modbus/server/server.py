@@ -455,9 +455,10 @@ class Server:
                 raw = RawRequest(adu.pdu)
                 self._check_permission(adu.unit, raw.known or raw)
             response = unit.handle_pdu(adu.pdu, self.caller)
-            if self._wait_for is not None and hasattr(response, "__await__"):
-                response = self._wait_for(response)
-            if isinstance(response, LaterResponse) and self._send_later is not None:
+            is_later = isinstance(response, LaterResponse)
+            if not is_later and self._wait_for is not None and hasattr(response, "__await__"):
+                response, is_later = self._wait_for(response), True
+            if is_later and self._send_later is not None:
                 self.caller.open_requests += 1
                 response.deliver_to(partial(self._give, adu, self.caller, answered))
                 return None
