@@ -251,7 +251,7 @@ def tables(rounds: int) -> Iterator[Table]:
     """Run all races."""
     with ExitStack() as closing:
         folder = Path(closing.enter_context(TemporaryDirectory()))
-        parts.install(folder)  # compiled, as it would be installed
+        recipe_parts.install(folder, recipe_parts.parts())  # compiled, as it would be installed
         os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(folder), os.environ.get("PYTHONPATH"))))
         field = closing.enter_context(started(sys.executable, "-c", programs.FIELD)).first
         port = start_server("raw", closing)

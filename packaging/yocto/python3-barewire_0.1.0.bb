@@ -64,6 +64,7 @@ CONFFILES:barewire-gateway = "${sysconfdir}/barewire/gateway.toml"
 RDEPENDS:${PN} = "\
     python3-asyncio \
     python3-core \
+    python3-difflib \
     python3-fcntl \
     python3-io \
     python3-json \
@@ -81,7 +82,6 @@ RDEPENDS:${PN}-canopen = "\
 "
 RDEPENDS:${PN}-devices = "\
     ${PN} \
-    python3-difflib \
     python3-numbers \
     python3-tomllib \
 "

@@ -245,6 +245,8 @@ def test_the_smallest_part_is_a_client_and_a_server(bytecode: bool, tmp_path: Pa
     assert bytecode == (not list(tmp_path.rglob("barewire/**/*.py")))
     done = run(tmp_path, "-c", CLIENT_AND_SERVER)
     assert done.returncode == 0, done.stderr
+    done = run(tmp_path, "-c", "import barewire; barewire.ModbusClient('tcp://127.0.0.1?timout=1')")
+    assert "did you mean 'timeout'?" in done.stderr
 
 
 @needs_make
