@@ -274,7 +274,7 @@ class AskingBackend(ModbusBackend):
         super()._send(lane, exchange)
 
     def _ended(self, lane: Lane, response: bytes | int | None, *, is_silence: bool = True) -> None:
-        self.asking = self.questions[self._under_way[lane].queries[0]]
+        self.asking = self.questions[self.under_way[lane].queries[0]]
         super()._ended(lane, response, is_silence=is_silence)
 
     questions: dict[Query, Ask]

@@ -15,7 +15,7 @@ from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from barewire.devices import Device, Parameter, Reading, UnknownName
-from barewire.errors import DecodeError, NoAnswer, Refused, shown
+from barewire.errors import DecodeError, NoAnswer, Refused, shown, suggest
 from barewire.io.endpoint import Endpoint
 from barewire.io.machine import MachineClient
 
@@ -140,8 +140,6 @@ def _of_group(device: Device, group: str) -> list[str]:
     names = [row.name for row in device.parameters if row.group.casefold() == group.casefold()]
     if names:
         return names
-    from barewire.devices.device import suggest
-
     groups = list(dict.fromkeys(row.group for row in device.parameters if row.group))
     expected = f"its groups are {', '.join(groups)}" if groups else "its parameters have no groups"
     raise UnknownName(f"{device.name} has no group {shown(group)}: {expected}{suggest(group, groups)}")
