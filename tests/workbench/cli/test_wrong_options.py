@@ -120,6 +120,12 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("explain", "can", "605#40", "--node", "5"), "give a --device for each --node"),
     # send
     (("ports", "--jsn"), "--json"),
+    (("vendor", "nothing"), "expected one of modbus-rtu-client"),
+    (("vendor", "modbus-rtu-client", "--with", "coil"), "'coil': expected one of coils"),
+    (("vendor", "--check", __file__), "its head names no command"),
+    (("vendor", "--update", __file__), "its head names no command"),
+    (("vendor", "modbus-rtu-client", "--update", __file__), "give one of NAME, --update FILE and --check FILE"),
+    (("vendor", "--check", __file__, "--python", "python3"), "its head names no command"),
     (("scan", TCP, "--nodes", "1"), "--nodes has no meaning for tcp://"),
     (("scan", TCP, "--listen", "1"), "--listen has no meaning for tcp://"),
     (("scan", TCP, "--listen", "-1"), "expected seconds, 0 or more"),
