@@ -101,6 +101,9 @@ vectors-release: $(VENV)/installed-dev ## the vectors as an archive and as a pac
 vectors-mutants: $(VENV)/installed-dev ## which changes of the reference of the vectors no case notices
 	@$(BIN)/python -m tools.vectors_mutants $(ARGS)
 
+vectors-mistakes: $(VENV)/installed-dev ## which mistakes, planted in two stacks, no case notices; ARGS=words
+	@$(BIN)/python -m tools.vectors_mistakes $(ARGS)
+
 mutants: $(VENV)/installed-mutants ## which changes of the core no test notices; writes docs/reference/mutation.md
 	@$(BIN)/python tools/mutants.py $(ARGS)
 
@@ -124,5 +127,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide micropython bench small proof scoreboard peers modbus-connection pictures docs docs-links hostile gateway-lab gateway-clients small-machine plant vectors-release vectors-mutants mutants format clean
+.PHONY: help demo check test style types suite pyodide micropython bench small proof scoreboard peers modbus-connection pictures docs docs-links hostile gateway-lab gateway-clients small-machine plant vectors-release vectors-mutants vectors-mistakes mutants format clean
 .NOTPARALLEL:

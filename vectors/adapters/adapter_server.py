@@ -38,6 +38,8 @@ def server_answers(
         asked = {octets(step["ask"])[0] for step in question["talk"] if step.get("ask")}
         if server["line"] not in lines:
             raise NotOffered("not on this line")
+        if not hasattr(make, "stream") and any("stream" in step for step in question["talk"]):
+            raise NotOffered("only its PDUs are seen")
         if not hasattr(make, "overrun") and any("overrun" in step for step in question["talk"]):
             raise NotOffered("the library is not told of lost characters")
         if any({*unit} - {*TABLES, *more} for unit in server["units"].values()):
@@ -56,8 +58,6 @@ def server_answers(
         theirs = make(server["line"], units, described) if more else make(server["line"], units)
         if not hasattr(theirs, "hear") and any("raw" in step for step in question["talk"]):
             raise NotOffered("the library is given whole frames")
-        if not hasattr(theirs, "stream") and any("stream" in step for step in question["talk"]):
-            raise NotOffered("only its PDUs are seen")
         try:
             return played(theirs, units, question["talk"])
         finally:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import json
+from typing import Any, NamedTuple
 
 import pytest
 
-from tools import vectors_mutants
+from tools import vectors_mistakes, vectors_mutants
 
 TEXTS = vectors_mutants.sources()
 ASKED = vectors_mutants.asked_of_kinds()
@@ -130,3 +131,31 @@ def test_a_case_notices_the_mistake(name: str) -> None:
     texts = {**TEXTS, mistake.file: TEXTS[mistake.file].replace(mistake.before, mistake.after)}
     reference = vectors_mutants.Reference(vectors_mutants.compiled(texts))
     assert vectors_mutants.first_failure(reference, ASKED[mistake.kind])
+
+
+# The catalogue: mistakes in two other stacks ---------------------------------------------------------------------
+
+CATALOGUE: list[dict[str, Any]] = json.loads(vectors_mistakes.CATALOGUE.read_text(encoding="utf-8"))
+
+
+def test_each_mistake_of_the_catalogue_has_a_case_or_a_reason() -> None:
+    """`make vectors-mistakes` plants all of them, and writes the case."""
+    ids = {case["id"] for cases in ASKED.values() for case, _ in cases}
+    assert {one["case"] for one in CATALOGUE if "case" in one} <= ids
+    assert [one["what"] for one in CATALOGUE if ("case" in one) == ("why" in one)] == []
+    assert vectors_mistakes.as_lines(CATALOGUE) == vectors_mistakes.CATALOGUE.read_text(encoding="utf-8")
+    changes = [(one["stack"], one["file"], one["before"], one["after"]) for one in CATALOGUE]
+    assert len(changes) == len({*changes}), "the same change twice"
+    assert sum("why" in one for one in CATALOGUE) <= len(CATALOGUE) * 0.05
+
+
+def test_each_mistake_can_be_planted() -> None:
+    assert {one["stack"] for one in CATALOGUE} == {"javascript", "canopen"}
+    assert [problem for one in CATALOGUE if (problem := vectors_mistakes.problem(one))] == []
+
+
+@pytest.mark.needs("node")
+def test_a_mistake_is_planted_and_noticed() -> None:
+    (mistake,) = [one for one in CATALOGUE if one["what"] == "the LRC is the sum itself"]
+    known: dict[str, set[str]] = {"javascript": set()}
+    assert vectors_mistakes.noticed(mistake, vectors_mistakes.load_vectors(), known) == mistake["case"]
