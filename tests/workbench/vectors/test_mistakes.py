@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from barewire_workbench.vectors.files import load_vectors
 from tools import vectors_mistakes, vectors_mutants
 
 TEXTS = vectors_mutants.sources()
@@ -158,4 +159,4 @@ def test_each_mistake_can_be_planted() -> None:
 def test_a_mistake_is_planted_and_noticed() -> None:
     (mistake,) = [one for one in CATALOGUE if one["what"] == "the LRC is the sum itself"]
     known: dict[str, set[str]] = {"javascript": set()}
-    assert vectors_mistakes.noticed(mistake, vectors_mistakes.load_vectors(), known) == mistake["case"]
+    assert vectors_mistakes.noticed(mistake, load_vectors(), known) == mistake["case"]
