@@ -9,6 +9,7 @@ import barewire.io
 
 HOME = Path(barewire.io.__file__).parent
 FLOORS = [
+    {"adapter"},
     {"endpoint", "log"},
     {"ports"},
     {"engine"},

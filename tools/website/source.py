@@ -57,6 +57,10 @@ class Room:
     """What may be imported from the package itself: name -> the full name of where it is defined."""
 
 
+_PARTS_OF_FILES = "one_file"
+"""The folder of what `barewire vendor` puts into its files. Nobody imports it, and its classes have the names of others."""
+
+
 def rooms() -> list[Room]:
     """Return every room of both packages, in reading order, an outer one before those inside."""
     return [room for package in HOUSES for room in rooms_below(package)]
@@ -73,6 +77,7 @@ def _room(folder: Path, name: str) -> Room:
     docstring = ast.get_docstring(tree) or ""
     files = [file for file in folder.glob("*.py") if not file.name.startswith("_")]
     inner = [file.parent for file in folder.glob("*/__init__.py") if not file.parent.name.startswith("_")]
+    inner = [part for part in inner if part.name != _PARTS_OF_FILES]
     order = reading_order(docstring, {*(file.stem for file in files), *(part.name for part in inner)})
     modules = [module(file, f"{name}.{file.stem}") for file in sorted(files, key=lambda file: order.index(file.stem))]
     return Room(

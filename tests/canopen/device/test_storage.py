@@ -45,10 +45,10 @@ def reset(device: LocalNode, command: str) -> list[int]:
 @pytest.mark.parametrize(
     ("sub", "after_node", "after_communication"),
     [
-        (1, [10, 11, 12, 3, 14], [10, 111, 112, 113, 114]),
-        (2, [10, 1, 2, 3, 4], [10, 111, 112, 113, 114]),
-        (3, [0, 1, 12, 3, 4], [0, 111, 112, 113, 114]),
-        (4, [0, 11, 2, 3, 4], [0, 111, 112, 113, 114]),
+        (1, [10, 11, 12, 3, 114], [10, 111, 112, 113, 114]),
+        (2, [10, 1, 2, 3, 114], [10, 111, 112, 113, 114]),
+        (3, [0, 1, 12, 3, 114], [0, 111, 112, 113, 114]),
+        (4, [0, 11, 2, 3, 114], [0, 111, 112, 113, 114]),
     ],
 )
 def test_areas_of_store_parameters(sub: int, after_node: list[int], after_communication: list[int]) -> None:
@@ -60,13 +60,24 @@ def test_areas_of_store_parameters(sub: int, after_node: list[int], after_commun
     assert reset(node, "81") == after_node
 
 
+def test_everything_is_stored_also_what_a_reset_does_not_restore() -> None:
+    """A reset restores up to 9FFFh; what is stored above takes effect when the power comes back."""
+    node = device()
+    change(node, 10)
+    node.objects.write(0x1010, 1, b"save")
+    change(node, 100)
+    reset(node, "81")
+    node.stored.apply()
+    assert values(node)[-1] == 14
+
+
 def test_load_takes_effect_at_the_reset() -> None:
     node = device()
     change(node, 10)
     node.objects.write(0x1010, 1, b"save")
     node.objects.write(0x1011, 1, b"load")
     assert values(node) == [10, 11, 12, 13, 14]
-    assert reset(node, "81") == [0, 1, 2, 3, 4]
+    assert reset(node, "81") == [0, 1, 2, 3, 14]
 
 
 def test_only_the_signature_stores() -> None:

@@ -20,7 +20,7 @@
         LSS                      x                x               x           x
 
 Reset communication restores the defaults (or the values stored by 1010h) of 1000h to 1FFFh; reset node restores those
-of 2000h to FFFFh as well. Both end with a boot-up message in PRE-OPERATIONAL. A device without a node-ID receives and
+of 2000h to 9FFFh as well. Both end with a boot-up message in PRE-OPERATIONAL. A device without a node-ID receives and
 sends only LSS. A simulated drive is this machine with a dictionary whose values the simulation computes.
 """
 
@@ -373,7 +373,7 @@ class LocalNode:
 
     def _reset(self, command: NmtCommand, now: float) -> list[CanFrame]:
         everything = command is NmtCommand.RESET_NODE
-        self.stored.restore(0x1000, 0xFFFF if everything else 0x1FFF)
+        self.stored.restore(0x1000, 0x9FFF if everything else 0x1FFF)
         self.errors.reset(communication_only=not everything)
         if self.on_reset is not None:
             try:
