@@ -58,7 +58,7 @@ class Room:
 
 
 _PARTS_OF_FILES = "one_file"
-"""The folder of what `barewire vendor` puts into its files. Nobody imports it, and its classes have the names of others."""
+"""The folder of what `barewire vendor` puts into its files: nobody imports it, and its classes have names of others."""
 
 
 def rooms() -> list[Room]:
