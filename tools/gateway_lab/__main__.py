@@ -76,7 +76,7 @@ def main() -> None:
             conditions += ", mbusd 0.5.3"
         elif name in ("line", "late") and not MBUSD:
             conditions += ", without mbusd, which was not installed"
-        lines += [f"({conditions}; {given.runs} runs)", ""]
+        lines += [f"({conditions}; {given.runs} run{'' if given.runs == 1 else 's'})", ""]
         sys.stdout.write("\n".join(lines) + "\n")
         sys.stdout.flush()
         PAGE.write_text(_with_part(PAGE.read_text(encoding="utf-8"), name, lines), encoding="utf-8")
