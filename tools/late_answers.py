@@ -14,6 +14,7 @@ processors. It ends with status 1 if one answer of ours was delivered to another
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import time
@@ -325,6 +326,8 @@ def main() -> None:
     parser.add_argument("questions", nargs="?", type=int, default=10_000_000)
     parser.add_argument("--clients", type=int, metavar="QUESTIONS", help="only the public clients; the page stays")
     arguments = parser.parse_args()
+    # The cables of the model are pulled out a thousand times, and each time a gateway warns of it.
+    logging.getLogger("barewire").addHandler(logging.NullHandler())
     if arguments.clients is not None:
         with ProcessPoolExecutor(os.cpu_count()) as pool:
             lines, right = clients_table(clients_parts(pool, arguments.clients))
