@@ -228,10 +228,16 @@ def test_no_topic_is_that_of_another_value() -> None:
     ]
 
 
-@pytest.mark.parametrize("url", ["http://x", "mqtt://", "mqtt://x:99999", "mqtt://x?y=1", "mqtts://x?ca=/missing"])
+@pytest.mark.parametrize("url", ["http://x", "mqtt://", "mqtt://x:99999", "mqtt://x?y=1"])
 def test_a_wrong_broker_is_an_error(url: str) -> None:
     with pytest.raises(EncodeError):
         broker_options(url)
+
+
+def test_the_file_of_a_broker_that_is_missing_is_named(site: Site) -> None:
+    config = site.config().replace(f"mqtt://127.0.0.1:{site.port}", "mqtts://127.0.0.1?ca=/missing")
+    with pytest.raises(ConfigError, match="broker: ca=/missing: no such file or directory"):
+        read_config(config)
 
 
 def test_the_password_of_a_broker_is_in_no_error() -> None:

@@ -263,6 +263,8 @@ class _Reader:
                 except (AttributeError, TypeError, ValueError, EncodeError):
                     given = shown(table[option.name])
                     self._fault((*path, option.name), f"{option.name} = {given}: expected {expected}")
+                except PortError as error:  # a file that the value names
+                    self._fault((*path, option.name), f"{option.name}: {error}")
             elif option.is_required:
                 brackets = f"[[{kind}]]" if kind in _ARRAYS else f"[{kind}]"
                 self._fault(path, f"{brackets} has no {option.name}: {option.text}")

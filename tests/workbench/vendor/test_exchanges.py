@@ -43,6 +43,16 @@ def test_a_serial_client_alone(framing: str, tmp_path: Path) -> None:
     assert (done.stdout, done.stderr) == (EXCHANGED, "")
 
 
+def test_a_serial_client_opens_a_pseudo_terminal_again(tmp_path: Path) -> None:
+    """It has no parity, and the second attempt to set one would fail."""
+    path = written(tmp_path, "modbus-rtu-client")
+    with served("rtu://pty") as server:
+        port = server.url.partition("://")[2].partition("?")[0]
+        read = f"ModbusRtuClient({port!r}, unit=7, timeout=20).read_holding_registers(107, 1)"
+        done = [run_alone(tmp_path, f"from {path.stem} import *\nprint({read})") for _ in range(2)]
+    assert [(run.stdout, run.stderr) for run in done] == [("(555,)\n", "")] * 2
+
+
 def test_a_tcp_client_alone(tmp_path: Path) -> None:
     path = written(tmp_path, "modbus-tcp-client", "coils")
     with served("tcp://127.0.0.1:0") as server:

@@ -83,7 +83,7 @@ class PublishConfig:
 
 
 def broker_options(url: str) -> dict[str, Any]:
-    """Return the options of the MQTT client. Raises EncodeError for a wrong URL."""
+    """Return the options of the MQTT client. Raises EncodeError for a wrong URL, PortError for a file that it names."""
     parts = urlsplit(url)
     try:
         port = parts.port
@@ -99,7 +99,7 @@ def broker_options(url: str) -> dict[str, Any]:
         try:
             options["tls_context"] = ssl.create_default_context(cafile=query.get("ca", [None])[0])
         except OSError as error:
-            raise EncodeError(f"broker: ca={query['ca'][0]}: {error.strerror or error}") from None
+            raise PortError(f"ca={query['ca'][0]}: {(error.strerror or str(error)).lower()}") from None
     return options
 
 

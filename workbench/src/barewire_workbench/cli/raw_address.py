@@ -46,7 +46,10 @@ _FIRST_DIGIT = {"0": "coil", "1": "discrete", "3": "input", "4": "holding"}
 _SHORT = {"hr": "holding", "ir": "input", "di": "discrete", "co": "coil"}
 _PRINTED = re.compile(r"[0134](?:(?P<short>\d{4})|(?P<long>\d{5})|x(?P<x>\d{1,5}))", re.IGNORECASE)
 """A number that says its table: five digits, six, or the first digit and an x."""
-_FORM = "TABLE:ADDRESS[:TYPE[:ORDER]] with holding, input, coil or discrete, or object:INDEX[.SUB]:TYPE"
+_FORM = (
+    "TABLE:ADDRESS[:TYPE[:ORDER]] with holding, input, coil or discrete, a number as in manuals, from 40001 on, or"
+    " object:INDEX[.SUB]:TYPE"
+)
 
 
 def device_with(name: str, wanted: Iterable[str]) -> Device:

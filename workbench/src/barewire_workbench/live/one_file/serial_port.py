@@ -53,6 +53,9 @@ class SerialPort:
             self._file = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         except OSError as error:
             raise PortError(f"{path}: {reason(error)}") from None
+        if os.major(os.fstat(self._file).st_rdev) in range(136, 144):
+            # A pseudo-terminal has no parity and no 7 bits; a second attempt to set them fails with "invalid argument".
+            flags = termios.CREAD | termios.CLOCAL | termios.CS8
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             # No translation of any byte, no echo, no line editing: the four words of flags, then the speeds.
