@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from barewire.codecs import Value
@@ -162,3 +164,12 @@ def test_what_is_written_is_read() -> None:
 )
 def test_numbers_as_manuals_print_them(text: str, address: str) -> None:
     assert wire_address(text) == address
+
+
+def test_the_name_of_a_parameter_is_no_number_of_a_manual() -> None:
+    device = replace(RAW, parameters=(replace(raw_parameter("holding:100"), name="40001"),))
+    assert expanded(["40001", "40002"], device) == ("40001", "holding:1")
+    place = device_with(device, expanded(["40001"], device)).find("40001").modbus
+    assert place is not None
+    assert place.address == 100
+    assert wire_address("4\N{ARABIC-INDIC DIGIT ONE}001") != "holding:1000"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socketserver
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -89,22 +89,59 @@ def test_wrong_arguments(url: str, options: dict[str, Any], message: str) -> Non
         scan_modbus(url, **options)
 
 
-def test_a_server_that_closes_the_connection_of_unknown_units_is_scanned_to_the_end() -> None:
+@contextmanager
+def served_by(answer: Callable[[int, int], bytes | None]) -> Iterator[str]:
+    """The URL of a server that answers a unit and a function with a PDU, or closes the connection."""
+
     class Handler(socketserver.StreamRequestHandler):
         def handle(self) -> None:
-            while (header := self.rfile.read(7)) and header[6] in (2, 4):
-                self.rfile.read(header[5] - 1)
-                self.wfile.write(header[:5] + bytes([3, header[6], 0x83, 2]))
+            while len(header := self.rfile.read(7)) == 7:
+                function = self.rfile.read(header[5] - 1)[0]
+                pdu = answer(header[6], function)
+                if pdu is None:
+                    return
+                self.wfile.write(header[:5] + bytes([len(pdu) + 1, header[6]]) + pdu)
 
     with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as server:
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
         try:
-            url = f"tcp://127.0.0.1:{server.server_address[1]}?timeout=30&reconnect_first=0.001"
-            assert [unit.unit for unit in scan_modbus(url, range(1, 7)).run()] == [2, 4]
+            yield f"tcp://127.0.0.1:{server.server_address[1]}?timeout=30&reconnect_first=0.001"
         finally:
             server.shutdown()
             thread.join()
+
+
+def test_a_server_that_closes_the_connection_of_unknown_units_is_scanned_to_the_end() -> None:
+    with served_by(lambda unit, function: bytes([function | 0x80, 2]) if unit in (2, 9) else None) as url:
+        scan = scan_modbus(url, range(1, 11))
+        assert [unit.unit for unit in scan.run()] == [2, 9]
+    assert scan.closed == 8
+
+
+def test_a_unit_whose_server_closes_the_connection_when_it_is_asked_what_it_is() -> None:
+    with served_by(lambda unit, function: bytes([3, 2, 0, 1]) if function == 3 else None) as url:
+        (found,) = scan_modbus(url, [2]).run()
+    assert (found.unit, str(found.identity)) == (2, "")
+
+
+def test_a_server_of_another_protocol_is_no_unit() -> None:
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), _Babbler) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            scan = scan_modbus(f"tcp://127.0.0.1:{server.server_address[1]}?reconnect_first=0.001", range(1, 5))
+            assert list(scan.run()) == []
+        finally:
+            server.shutdown()
+            thread.join()
+    assert scan.stray > 0
+
+
+class _Babbler(socketserver.BaseRequestHandler):
+    def handle(self) -> None:
+        while self.request.recv(100):
+            self.request.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
 
 
 def test_a_server_that_is_gone_ends_the_scan() -> None:

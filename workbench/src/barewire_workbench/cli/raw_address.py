@@ -44,7 +44,7 @@ _REGISTERS_MAX = 125
 """The most registers in one response."""
 _FIRST_DIGIT = {"0": "coil", "1": "discrete", "3": "input", "4": "holding"}
 _SHORT = {"hr": "holding", "ir": "input", "di": "discrete", "co": "coil"}
-_PRINTED = re.compile(r"[0134](?:(?P<short>\d{4})|(?P<long>\d{5})|x(?P<x>\d{1,5}))", re.IGNORECASE)
+_PRINTED = re.compile(r"[0134](?:(?P<short>\d{4})|(?P<long>\d{5})|x(?P<x>\d{1,5}))", re.IGNORECASE | re.ASCII)
 """A number that says its table: five digits, six, or the first digit and an x."""
 _FORM = (
     "TABLE:ADDRESS[:TYPE[:ORDER]] with holding, input, coil or discrete, a number as in manuals, from 40001 on, or"
@@ -52,8 +52,8 @@ _FORM = (
 )
 
 
-def device_with(name: str, wanted: Iterable[str]) -> Device:
-    """Return the device of that name, with a further parameter for each of the `wanted` names that is an address.
+def device_with(name: str | Device, wanted: Iterable[str] = ()) -> Device:
+    """Return the device, or that of the name, with a further parameter for each of the `wanted` that is an address.
 
     Raises EncodeError for a wrong address.
 
@@ -63,7 +63,7 @@ def device_with(name: str, wanted: Iterable[str]) -> Device:
     >>> device.find("object:1018h.1:u32").object
     ObjectAt(index=4120, sub=1, bit=None, type='')
     """
-    device = RAW if name == RAW.name else load(name)
+    device = name if isinstance(name, Device) else RAW if name == RAW.name else load(name)
     places = (parameter.modbus for parameter in device.parameters)
     order = next((place.order for place in places if place is not None and place.words > 1), ORDERS[0])
     names = {fold(parameter.name) for parameter in device.parameters}
@@ -73,23 +73,27 @@ def device_with(name: str, wanted: Iterable[str]) -> Device:
     return replace(device, parameters=(*device.parameters, *added)) if added else device
 
 
-def expanded(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names with each range of addresses replaced by its addresses, one for each value.
+def expanded(names: Iterable[str], device: Device = RAW) -> tuple[str, ...]:
+    """Return the names with each range of addresses replaced by its addresses, one for each value. The name of a
+    parameter of `device` stays as it is.
 
     >>> expanded(["holding:0-1", "input:10-13:f32", "Status"])
     ('holding:0', 'holding:1', 'input:10:f32', 'input:12:f32', 'Status')
 
     Raises EncodeError for a range that is wrong.
     """
-    return tuple(name for text in names for name in _spread(wire_address(text)))
+    return tuple(name for text in names for name in _spread(wire_address(text, device)))
 
 
-def wire_address(text: str) -> str:
-    """Return an address as manuals print it in the form on the wire; every other text as it is.
+def wire_address(text: str, device: Device = RAW) -> str:
+    """Return an address as manuals print it in the form on the wire; every other text as it is, and so the name of a
+    parameter of `device`: 40001 may be one.
 
     >>> [wire_address(text) for text in ("40001", "400011:f32", "3x0002", "10001-10004", "00001", "hr:7", "Status")]
     ['holding:0', 'holding:10:f32', 'input:1', 'discrete:0-3', 'coil:0', 'holding:7', 'Status']
     """
+    if any(fold(parameter.name) == fold(text) for parameter in device.parameters):
+        return text
     plain = text.strip()
     table, colon, rest = plain.partition(":")
     if colon and table.lower() in _SHORT:

@@ -93,8 +93,9 @@ def read_command(
         raise click.UsageError("--all reads every value: expected no NAME and no --group beside it")
     if as_csv and output.as_json:
         raise click.UsageError("--csv and --json: give one of them")
-    names = expanded(names)
-    description = device_with(device, [name for name in names if not is_pattern(name)])
+    described = device_with(device)
+    names = expanded(names, described)
+    description = device_with(described, [name for name in names if not is_pattern(name)])
     readable = readable_names(description, endpoint)
     # An unknown name is reported before a port is opened.
     wanted = selected(description, readable, names, groups=groups, access=access)
@@ -164,8 +165,9 @@ def write_command(
     barewire write "tcp://127.0.0.1:1502" raw holding:100:f32=1.5 coil:7=on
     """
     pairs = [text.partition("=") for text in assignments]
-    assignments = tuple(f"{wire_address(name)}{equals}{value}" for name, equals, value in pairs)
-    description = device_with(device, [text.partition("=")[0] for text in assignments])
+    described = device_with(device)
+    assignments = tuple(f"{wire_address(name, described)}{equals}{value}" for name, equals, value in pairs)
+    description = device_with(described, [text.partition("=")[0] for text in assignments])
     wanted = [_assignment(description, text) for text in assignments]
     for name, value in wanted:
         # Every value is checked before the first is sent: half of a sequence may start a motor.

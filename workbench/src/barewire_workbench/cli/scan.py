@@ -201,7 +201,13 @@ def _conclude_modbus(scan: ModbusScan, found: list[FoundUnit], output: Output) -
         output.text(f"all {len(readable)} units answer: the server probably does not look at the unit; use the first")
     if scan.unreachable:
         note(f"a gateway answered for {scan.unreachable} units that nobody is there")
-    if scan.stray:
+    if scan.closed:
+        note(
+            f"the server closed the connection after {scan.closed} requests, as some do for units that they do not know"
+        )
+    if scan.stray and not scan.endpoint.is_serial_port and scan.endpoint.framing == "tcp":
+        note(f"{scan.stray} pieces of what came are no answers: is this a Modbus server?")
+    elif scan.stray:
         note(f"{scan.stray} frames or pieces of noise answer nothing that was asked: is there another master?")
     if not found:
         tried = f" with {', '.join(map(str, scan.tried))}" if scan.tried else ""

@@ -75,8 +75,9 @@ def watch_command(
     """
     if as_json and as_csv:
         raise click.UsageError("--json and --csv: expected only one of them")
-    names = expanded(names)
-    description = device_with(device, names)
+    described = device_with(device)
+    names = expanded(names, described)
+    description = device_with(described, names)
     parameters = [description.find(name) for name in names]
     if plot is not None:
         from barewire_workbench.cli.plot import check_plot_file

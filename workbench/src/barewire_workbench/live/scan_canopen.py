@@ -27,6 +27,7 @@ _NUMBERS = {"vendor": 1, "product": 2, "revision": 3, "serial": 4}
 _IDENTITY = 0x1018
 _TEXTS = {"name": 0x1008, "hardware": 0x1009, "software": 0x100A}
 _LONGEST_TEXT = 255
+"""Bytes of a text or number; a node that sends more, or without an end, is not listened to."""
 
 _REQUESTS, _RESPONSES = range(0x601, 0x680), range(0x581, 0x600)
 _NODE = 0x7F
@@ -142,12 +143,12 @@ def identify(client: CanopenClient, node: int, identity: Identity) -> None:
             identity.numbers[name] = int.from_bytes(data[:4], "little")
     for name, index in _TEXTS.items():
         if (data := _read(sdo.upload, index, 0)) is not None:
-            identity.texts[name] = data[:_LONGEST_TEXT].decode("latin-1")
+            identity.texts[name] = data.decode("latin-1")
 
 
-def _read(upload: Callable[[int, int], bytes], index: int, sub: int) -> bytes | None:
+def _read(upload: Callable[..., bytes], index: int, sub: int) -> bytes | None:
     try:
-        return upload(index, sub)
+        return upload(index, sub, limit=_LONGEST_TEXT)
     except PortError:
         raise
     except BarewireError:

@@ -88,6 +88,7 @@ class ModbusScan:
 
     unreachable   how many units a gateway reported as not answering
     stray         frames and noise that no request explains
+    closed        how many requests the server answered by closing the connection
     tried         the settings of the line that were tried
     """
 
@@ -100,6 +101,7 @@ class ModbusScan:
     progress: Callable[[Progress], None] | None = None
     unreachable: int = 0
     stray: int = 0
+    closed: int = 0
     tried: list[LineSettings] = field(default_factory=list)
 
     def run(self) -> Iterator[FoundUnit]:
@@ -161,36 +163,50 @@ class ModbusScan:
                     elif not client.bus.line.numbered:
                         client.run_with_bus(lambda bus: scanner.listen(bus.line, timeout))
                     failures = 0
-                except PortError:  # some servers close the connection when they are asked for an unknown unit
+                except PortError:
+                    if self.endpoint.is_serial_port:
+                        raise
+                    if unit in result.asked:  # some servers close the connection when they do not know the unit
+                        self.closed += 1
+                        continue
                     failures += 1
-                    if failures == _FAILURES or self.endpoint.is_serial_port:
+                    if failures == _FAILURES:
                         raise
                 for number in [number for number in result.units if number not in known]:
                     known.add(number)
-                    yield self._named(client, result.units[number], settings)
+                    found = FoundUnit(self._url(settings, number), result.units[number], settings)
+                    try:
+                        self._identify(client, found)
+                    except PortError:
+                        yield found
+                        raise
+                    yield found
         self.unreachable += len(result.unreachable - known)
         self.stray += result.stray
 
-    def _named(self, client: ModbusClient, scanned: ScannedUnit, settings: LineSettings | None) -> FoundUnit:
-        """Return a unit with what it says about itself. One with damaged answers only is not asked again."""
-        found = FoundUnit(self._url(settings, scanned.unit), scanned, settings)
-        if scanned.answers and scanned.unit:
-            timeout = max(_IDENTIFY_TIMEOUT, 3 * (scanned.answered_after or 0.0))
-            found.identity = identify(client.at(scanned.unit, timeout=timeout))
-            found.device = device_of(found.identity, self.devices)
-        return found
+    def _identify(self, client: ModbusClient, found: FoundUnit) -> None:
+        """Ask a unit what it is, unless it gave damaged answers only. Raises PortError if a serial port fails."""
+        scanned = found.scanned
+        if not (scanned.answers and scanned.unit):
+            return
+        timeout = max(_IDENTIFY_TIMEOUT, 3 * (scanned.answered_after or 0.0))
+        unit = client.at(scanned.unit, timeout=timeout)
+        found.identity = identify(unit, may_close=not self.endpoint.is_serial_port)
+        found.device = device_of(found.identity, self.devices)
 
 
 def _ask(scanner: UnitScanner, unit: int, bus: Bus) -> Conversation[bytes, None]:
     return scanner.ask(bus.line, unit)
 
 
-def identify(client: ModbusClient) -> Identity:
-    """Ask a unit what it is: 11h, and the basic objects of 2B/0Eh. What it does not answer stays empty."""
+def identify(client: ModbusClient, *, may_close: bool = False) -> Identity:
+    """Ask a unit what it is: 11h, and the basic objects of 2B/0Eh. What it does not answer stays empty; with
+    `may_close` also if it closes the connection."""
     identity = Identity()
-    with suppress(ModbusException, NoAnswer, DecodeError):
+    without_answer = (ModbusException, NoAnswer, DecodeError, *((PortError,) if may_close else ()))
+    with suppress(*without_answer):
         identity.server_id = client.ask(ReportServerId()).data
-    with suppress(ModbusException, NoAnswer, DecodeError):
+    with suppress(*without_answer):
         identity.texts = client.read_device_identification().texts()
     return identity
 

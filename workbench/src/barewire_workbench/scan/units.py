@@ -151,7 +151,8 @@ class UnitScanner:
             beginning += (heard.item or b"")[: len(frame) - len(beginning)]
             for event in line.feed(heard.item, heard.now):
                 if isinstance(event, Noise):
-                    is_damaged = True
+                    is_damaged = is_damaged or not line.numbered  # on TCP it is another protocol, not a damaged answer
+                    self.result.stray += line.numbered
                 elif event.unit == number and _is_answer(event) and line.answers(event):
                     answers += 1
                     self._add(event, heard.now - sent_at)
