@@ -14,7 +14,7 @@ from barewire.modbus.messages.identification import (
     ReportServerId,
     ReportServerIdResponse,
 )
-from barewire_workbench.scan.identity import Identity, device_of, known_devices
+from barewire_workbench.scan.identity import DeviceIdentity, device_of, known_devices
 
 DEVICE = """
 name = "pump"
@@ -35,7 +35,7 @@ def pump(folder: Path, identity: str) -> str:
     return str(folder)
 
 
-def name_of(identity: Identity, *descriptions: str) -> str | None:
+def name_of(identity: DeviceIdentity, *descriptions: str) -> str | None:
     device = device_of(identity, known_devices(descriptions))
     return device.name if device else None
 
@@ -43,31 +43,31 @@ def name_of(identity: Identity, *descriptions: str) -> str | None:
 def test_the_machines_of_the_manuals_that_say_what_they_are() -> None:
     server_id = simulator("adxl").modbus.handle(ReportServerId(), 0.0)
     assert isinstance(server_id, ReportServerIdResponse)
-    assert name_of(Identity(server_id=server_id.data)) == "adxl"
+    assert name_of(DeviceIdentity(server_id=server_id.data)) == "adxl"
     objects = simulator("az3").modbus.handle(ReadDeviceIdentification(1, 0), 0.0)
     assert isinstance(objects, ReadDeviceIdentificationResponse)
-    assert name_of(Identity({str(number): text.decode() for number, text in objects.objects})) == "az3"
+    assert name_of(DeviceIdentity({str(number): text.decode() for number, text in objects.objects})) == "az3"
 
 
 @pytest.mark.parametrize(
     "identity",
     [
-        Identity(),
-        Identity(server_id=bytes.fromhex("01 02 00 00 06 00")),  # another series
-        Identity(server_id=bytes.fromhex("01 02 00 00")),  # too short
-        Identity({"VendorName": "TEM", "ProductCode": "XY"}),
+        DeviceIdentity(),
+        DeviceIdentity(server_id=bytes.fromhex("01 02 00 00 06 00")),  # another series
+        DeviceIdentity(server_id=bytes.fromhex("01 02 00 00")),  # too short
+        DeviceIdentity({"VendorName": "TEM", "ProductCode": "XY"}),
     ],
     ids=str,
 )
-def test_others_are_not_named_after_them(identity: Identity) -> None:
+def test_others_are_not_named_after_them(identity: DeviceIdentity) -> None:
     assert name_of(identity) is None
 
 
 def test_a_description_of_the_user_is_compared_too(tmp_path: Path) -> None:
     folder = pump(tmp_path, "device_type = 0x00020191\nvendor = 7")
-    assert name_of(Identity(numbers={"device_type": 0x20191, "vendor": 7}), folder) == "pump"
-    assert name_of(Identity(numbers={"device_type": 0x20191, "vendor": 8}), folder) is None
-    assert name_of(Identity(numbers={"device_type": 0x20191}), folder) == "pump"
+    assert name_of(DeviceIdentity(numbers={"device_type": 0x20191, "vendor": 7}), folder) == "pump"
+    assert name_of(DeviceIdentity(numbers={"device_type": 0x20191, "vendor": 8}), folder) is None
+    assert name_of(DeviceIdentity(numbers={"device_type": 0x20191}), folder) == "pump"
 
 
 @pytest.mark.parametrize(
@@ -87,4 +87,4 @@ def test_a_wrong_table_is_named(tmp_path: Path, identity: str, message: str) -> 
 
 
 def test_control_characters_of_a_device_do_not_reach_the_terminal() -> None:
-    assert str(Identity({"name": "PUMP\x00\x1b[31m "})) == "PUMP[31m"
+    assert str(DeviceIdentity({"name": "PUMP\x00\x1b[31m "})) == "PUMP[31m"

@@ -20,7 +20,7 @@ from barewire.canopen import CanFrame, ScannedNode, ScanResult
 from barewire.devices import Device
 from barewire.errors import BarewireError, PortError
 from barewire.io.endpoint import Endpoint
-from barewire_workbench.scan.identity import Identity, device_of, known_devices
+from barewire_workbench.scan.identity import DeviceIdentity, device_of, known_devices
 
 _NUMBERS = {"vendor": 1, "product": 2, "revision": 3, "serial": 4}
 """The sub-indices of 1018h."""
@@ -39,7 +39,7 @@ class FoundNode:
 
     url: str
     scanned: ScannedNode
-    identity: Identity = field(default_factory=Identity)
+    identity: DeviceIdentity = field(default_factory=DeviceIdentity)
     device: Device | None = None
     is_doubled: bool = False
     is_silent: bool = False
@@ -135,7 +135,7 @@ def scan_canopen(
             yield found
 
 
-def identify(client: CanopenClient, node: int, identity: Identity) -> None:
+def identify(client: CanopenClient, node: int, identity: DeviceIdentity) -> None:
     """Ask a node what it is: 1018h, 1008h, 1009h, 100Ah. What it refuses, or does not answer, stays empty."""
     sdo = client.node(node).sdo
     for name, sub in _NUMBERS.items():

@@ -27,7 +27,7 @@ from barewire.modbus.client.bus import Bus
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.messages.identification import ReportServerId
 from barewire_workbench.scan.addresses import TABLES, AddressRange, find_addresses
-from barewire_workbench.scan.identity import Identity, device_of, known_devices
+from barewire_workbench.scan.identity import DeviceIdentity, device_of, known_devices
 from barewire_workbench.scan.serial_settings import LineSettings, combinations
 from barewire_workbench.scan.units import ScannedUnit, UnitScanner, likely_first
 
@@ -49,7 +49,7 @@ class FoundUnit:
     url: str
     scanned: ScannedUnit
     settings: LineSettings | None = None
-    identity: Identity = field(default_factory=Identity)
+    identity: DeviceIdentity = field(default_factory=DeviceIdentity)
     device: Device | None = None
 
     @property
@@ -199,10 +199,10 @@ def _ask(scanner: UnitScanner, unit: int, bus: Bus) -> Conversation[bytes, None]
     return scanner.ask(bus.line, unit)
 
 
-def identify(client: ModbusClient, *, may_close: bool = False) -> Identity:
+def identify(client: ModbusClient, *, may_close: bool = False) -> DeviceIdentity:
     """Ask a unit what it is: 11h, and the basic objects of 2B/0Eh. What it does not answer stays empty; with
     `may_close` also if it closes the connection."""
-    identity = Identity()
+    identity = DeviceIdentity()
     without_answer = (ModbusException, NoAnswer, DecodeError, *((PortError,) if may_close else ()))
     with suppress(*without_answer):
         identity.server_id = client.ask(ReportServerId()).data

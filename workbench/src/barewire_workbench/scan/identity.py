@@ -33,7 +33,7 @@ _PROFILES = {
 
 
 @dataclass(slots=True)
-class Identity:
+class DeviceIdentity:
     """What a unit or node says about itself; what it does not answer is empty.
 
     texts       the objects of 2B/0Eh by name; of a node 1008h, 1009h and 100Ah
@@ -48,7 +48,7 @@ class Identity:
     def __str__(self) -> str:
         """What is known, in words.
 
-        >>> str(Identity({"VendorName": "TEM", "ProductCode": "AZ3"}, numbers={"device_type": 0x20192}))
+        >>> str(DeviceIdentity({"VendorName": "TEM", "ProductCode": "AZ3"}, numbers={"device_type": 0x20192}))
         'TEM AZ3, profile 402 (drives)'
         """
         words = (_printable(text) for text in self.texts.values())
@@ -92,18 +92,18 @@ def known_devices(descriptions: Iterable[str] = ()) -> list[Device]:
     return known
 
 
-def device_of(identity: Identity, devices: Iterable[Device]) -> Device | None:
+def device_of(identity: DeviceIdentity, devices: Iterable[Device]) -> Device | None:
     """Return the device that gives these answers; None if none does.
 
-    >>> device_of(Identity(server_id=bytes.fromhex("0102000005000000")), known_devices()).name
+    >>> device_of(DeviceIdentity(server_id=bytes.fromhex("0102000005000000")), known_devices()).name
     'adxl'
-    >>> device_of(Identity({"VendorName": "TEM", "ProductCode": "AZ3"}), known_devices()).name
+    >>> device_of(DeviceIdentity({"VendorName": "TEM", "ProductCode": "AZ3"}), known_devices()).name
     'az3'
     """
     return next((device for device in devices if _fits(identity, device.extra["identity"])), None)
 
 
-def _fits(identity: Identity, wanted: Mapping[str, Any]) -> bool:
+def _fits(identity: DeviceIdentity, wanted: Mapping[str, Any]) -> bool:
     """Whether everything that the unit has told is as wanted, and it has told something that is wanted."""
     verdicts = []
     if "server_id" in wanted and identity.server_id:
