@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -17,6 +18,7 @@ from barewire_workbench.scan.units import unit_numbers
 
 if TYPE_CHECKING:
     from barewire.devices import Device
+    from barewire_workbench.live.scan_canopen import FoundNode
     from barewire_workbench.live.scan_modbus import FoundUnit, ModbusScan, Progress
 
 _AUTO = "auto"
@@ -121,6 +123,13 @@ def scan_command(context: click.Context, /, endpoint: str, output: Output, **opt
         context.exit(1)
 
 
+@contextmanager
+def _status() -> Iterator[Callable[[str], None]]:
+    """Yield a function that shows a text in the status line, where stderr is a terminal."""
+    with status_line() as show:
+        yield show or (lambda text: None)
+
+
 _OF_MODBUS = ("units", "baudrates", "formats", "every")
 _OF_CAN = ("nodes", "listen", "bitrates")
 
@@ -148,7 +157,7 @@ def _check_options(endpoint: Endpoint, context: click.Context, options: dict[str
 def _scan_modbus(endpoint: str, options: dict[str, Any], output: Output) -> int:
     from barewire_workbench.live.scan_modbus import scan_modbus
 
-    with status_line() as show:
+    with _status() as show:
         scan = scan_modbus(
             endpoint,
             options["units"] or range(1, 248),
@@ -156,7 +165,7 @@ def _scan_modbus(endpoint: str, options: dict[str, Any], output: Output) -> int:
             formats=options["formats"],
             every=options["every"],
             descriptions=options["descriptions"],
-            progress=show and (lambda progress: show(_progress_text(progress))),
+            progress=lambda progress: show(_progress_text(progress)),
         )
         found = list(_shown(scan.run(), output, show))
     _conclude_modbus(scan, found, output)
@@ -178,11 +187,10 @@ def _time_text(seconds: float) -> str:
     return f"{whole} s" if whole < 60 else f"{whole // 60} min {whole % 60:02d} s"
 
 
-def _shown(units: Iterator[FoundUnit], output: Output, show: Callable[[str], None] | None) -> Iterator[FoundUnit]:
+def _shown(units: Iterator[FoundUnit], output: Output, show: Callable[[str], None]) -> Iterator[FoundUnit]:
     """Print each unit when it is found, and pass it on."""
     for unit in units:
-        if show is not None:
-            show("")
+        show("")
         settings = f"  {unit.settings}" if unit.settings else ""
         output.show(f"unit {unit.unit:<3}{settings}  {unit.scanned.why}{_identity_text(unit)}", unit.as_dict)
         yield unit
@@ -223,7 +231,7 @@ def _next_line(url: str, device: Device | None) -> str:
     if device is None:
         return f'barewire scan "{url}" --addresses holding:0-999'
     drive = device.drive
-    name = drive.status_word if drive else next(row.name for row in device.parameters if "r" in row.access)
+    name = drive.status_word if drive else next(row.name for row in device.parameters if row.readable)
     return f'barewire read "{url}" {device.name} "{name}"'
 
 
@@ -233,11 +241,11 @@ def _scan_addresses(endpoint: str, wanted: tuple[str, int, int], output: Output)
 
     table, first, last = wanted
     count, example = 0, None
-    with ModbusClient(endpoint) as client, status_line() as show:
-        progress = None if show is None else lambda address: show(f"{table}:{address} of {last}")
-        for found in scan_addresses(client, table, first, last, progress=progress):
-            if show is not None:
-                show("")
+    with ModbusClient(endpoint) as client, _status() as show:
+        for found in scan_addresses(
+            client, table, first, last, progress=lambda address: show(f"{table}:{address} of {last}")
+        ):
+            show("")
             output.show(f"{table}:{found}", {"table": table, **found._asdict()})
             if not found.problem:
                 count += found.last - found.first + 1
@@ -254,39 +262,18 @@ def _scan_addresses(endpoint: str, wanted: tuple[str, int, int], output: Output)
 
 
 def _scan_can(endpoint: Endpoint, options: dict[str, Any], output: Output) -> int:
-    from barewire_workbench.live.scan_canopen import scan_canopen
-
-    nodes = options["nodes"] or range(1, 128)
-    listen = 2.0 if options["listen"] is None else options["listen"]
     count, example = 0, None
-    with status_line() as show:
-        for bitrate in options["bitrates"] or [None]:
-            if show is not None:
-                show(f"listening for {listen:g} s")
-            place = str(endpoint)
-            found_nodes = scan_canopen(
-                place,
-                nodes,
-                listen=listen,
-                bitrate=bitrate,
-                descriptions=options["descriptions"],
-                progress=show and (lambda node, result: show(f"node {node}, {len(result.nodes)} found")),
-            )
-            try:
-                for found in found_nodes:
-                    if show is not None:
-                        show("")
-                    rate = f"  {bitrate} bit/s" if bitrate else ""
-                    output.show(f"node {found.node:<3}{rate}  {found.why}{_identity_text(found)}", found.as_dict)
-                    count += 1
-                    if example is None and found.scanned.answered_after is not None:
-                        example = found
-            except BarewireError as error:
-                if bitrate is None or bitrate == options["bitrates"][-1]:
-                    raise
-                note(f"{bitrate} bit/s: {error}")
+    with _status() as show:
+        for bitrate, found in _nodes(endpoint, options, show):
+            show("")
+            rate = f"  {bitrate} bit/s" if bitrate else ""
+            output.show(f"node {found.node:<3}{rate}  {found.why}{_identity_text(found)}", found.as_dict)
+            count += 1
+            if example is None and found.scanned.answered_after is not None:
+                example = found
     if not count:
-        note(f"{endpoint}: no node sent anything, and none of {len(nodes)} answered; see docs/how-to/find.md")
+        asked = len(_asked_nodes(options))
+        note(f"{endpoint}: no node sent anything, and none of {asked} answered; see docs/how-to/find.md")
         return 0
     output.text(f"{count} found")
     if example is not None and example.device is not None:
@@ -294,3 +281,34 @@ def _scan_can(endpoint: Endpoint, options: dict[str, Any], output: Output) -> in
     elif example is not None:
         output.text(f'next: barewire read "{example.url}" raw object:1000h')
     return count
+
+
+def _asked_nodes(options: dict[str, Any]) -> Collection[int]:
+    return options["nodes"] or range(1, 128)
+
+
+def _nodes(
+    endpoint: Endpoint, options: dict[str, Any], show: Callable[[str], None]
+) -> Iterator[tuple[int | None, FoundNode]]:
+    """Yield each node with the bit rate at which it was found. What fails at one bit rate does not end the scan, unless
+    it is the last."""
+    from barewire_workbench.live.scan_canopen import scan_canopen
+
+    listen = 2.0 if options["listen"] is None else options["listen"]
+    *earlier, last = options["bitrates"] or [None]
+    for bitrate in (*earlier, last):
+        show(f"listening for {listen:g} s")
+        nodes = scan_canopen(
+            str(endpoint),
+            _asked_nodes(options),
+            listen=listen,
+            bitrate=bitrate,
+            descriptions=options["descriptions"],
+            progress=lambda node, result: show(f"node {node}, {len(result.nodes)} found"),
+        )
+        try:
+            yield from ((bitrate, node) for node in nodes)
+        except BarewireError as error:
+            if bitrate == last:
+                raise
+            note(f"{bitrate} bit/s: {error}")
