@@ -66,11 +66,15 @@ def device_with(name: str | Device, wanted: Iterable[str] = ()) -> Device:
     device = name if isinstance(name, Device) else RAW if name == RAW.name else load(name)
     places = (parameter.modbus for parameter in device.parameters)
     order = next((place.order for place in places if place is not None and place.words > 1), ORDERS[0])
-    names = {fold(parameter.name) for parameter in device.parameters}
+    names = _folded_names(device)
     unknown = [text for text in dict.fromkeys(wanted) if fold(text) not in names]
     # "raw" has nothing but addresses, so what is not one gets the error of an address there.
     added = [raw_parameter(text, order) for text in unknown if is_raw_address(text) or device is RAW]
     return replace(device, parameters=(*device.parameters, *added)) if added else device
+
+
+def _folded_names(device: Device) -> set[str]:
+    return {fold(parameter.name) for parameter in device.parameters}
 
 
 def expanded(names: Iterable[str], device: Device = RAW) -> tuple[str, ...]:
@@ -92,7 +96,7 @@ def wire_address(text: str, device: Device = RAW) -> str:
     >>> [wire_address(text) for text in ("40001", "400011:f32", "3x0002", "10001-10004", "00001", "hr:7", "Status")]
     ['holding:0', 'holding:10:f32', 'input:1', 'discrete:0-3', 'coil:0', 'holding:7', 'Status']
     """
-    if any(fold(parameter.name) == fold(text) for parameter in device.parameters):
+    if fold(text) in _folded_names(device):
         return text
     plain = text.strip()
     table, colon, rest = plain.partition(":")

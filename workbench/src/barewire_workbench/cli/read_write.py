@@ -164,11 +164,10 @@ def write_command(
     barewire write "tcp://127.0.0.1:1502" csd-mt "Control Word=0x0006"
     barewire write "tcp://127.0.0.1:1502" raw holding:100:f32=1.5 coil:7=on
     """
-    pairs = [text.partition("=") for text in assignments]
     described = device_with(device)
-    assignments = tuple(f"{wire_address(name, described)}{equals}{value}" for name, equals, value in pairs)
-    description = device_with(described, [text.partition("=")[0] for text in assignments])
-    wanted = [_assignment(description, text) for text in assignments]
+    given = [(wire_address(name, described), value) for name, value in map(_assignment, assignments)]
+    description = device_with(described, [name for name, _ in given])
+    wanted = [_parsed(description.find(name), value) for name, value in given]
     for name, value in wanted:
         # Every value is checked before the first is sent: half of a sequence may start a motor.
         to_write(description, {name: value}, force)
@@ -220,11 +219,14 @@ def _batches(wanted: list[tuple[str, Value]]) -> Iterator[dict[str, Value]]:
     yield batch
 
 
-def _assignment(device: Device, text: str) -> tuple[str, Value]:
+def _assignment(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals:
         raise click.UsageError(f"{shown(text)}: expected NAME=VALUE")
-    parameter = device.find(name)
+    return name, value
+
+
+def _parsed(parameter: Parameter, value: str) -> tuple[str, Value]:
     return parameter.name, parse_value(parameter, value)
 
 
