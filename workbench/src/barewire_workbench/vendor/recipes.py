@@ -16,6 +16,7 @@ from barewire_workbench.vendor.patches import (
     CLIENT_OR_SERVER,
     NO_BLOCKS,
     NO_EXPLANATION,
+    NO_FOLDING,
     NO_LISTENER,
     NO_MONITOR,
     NO_SHORTCUTS,
@@ -88,7 +89,6 @@ _REGISTRY = _replaced(
     *("AnyRequest", "request_class", "response_class"),
     *("measure_request", "measure_response", "decode_request", "decode_response"),
 )
-_CRC = _replaced("barewire.rtu.crc", "crc", "INITIAL", "TABLE", "crc16", "is_one_bit_off")
 _PROBE = _replaced(f"{MESSAGES}.diagnostics", "probe", "RETURN_QUERY_DATA", "Diagnostics")
 _RESPONSES = _replaced("barewire.rtu.shape", "rtu_shape", "Shape")
 
@@ -101,7 +101,7 @@ _QUICKER = frozenset(
 )
 """Shortcuts of the most frequent request. Without them its base class does the same."""
 
-_LINE = "barewire.rtu.line"
+_LINE, _CRC = "barewire.rtu.line", "barewire.rtu.crc"
 _SETTING = frozenset(
     {
         Place(f"{MESSAGES}.base", "Message.__init_subclass__"),
@@ -111,6 +111,12 @@ _SETTING = frozenset(
 """A better text of the error of those who set a field of a message, which is frozen; and short texts of objects."""
 
 TEXTS = {
+    "barewire.rtu.crc": """CRC-16 of Modbus RTU: polynomial x^16 + x^15 + x^2 + 1, reflected, from FFFFh.
+
+    02 07  ->  1241h, sent as  41 12, low byte first                                [MB-SERIAL 6.2.2]
+
+One step for each byte, with a table of 256 remainders. (barewire folds long frames, which is up to eight times faster.)
+""",
     "barewire.codecs.bits": "Rows of bits: coil 0 of a packed row is bit 0 of byte 0.                    [MB-APP 6.1]",
     "barewire.codecs.order": "Registers: 16 bits each, the more significant byte first.                  [MB-APP 4.2]",
     "barewire.modbus.framing": "What a line, the framing state of one connection, makes of received bytes.",
@@ -174,9 +180,9 @@ RECIPES = {
     "modbus-rtu-client": _client(
         "rtu",
         f'with ModbusRtuClient("/dev/ttyUSB0", baudrate=19200, unit=1) as client:\n    {_READ}',
-        _CRC | _RESPONSES,
+        _RESPONSES,
         Place(_LINE, "RtuLine"),
-        {_LINE: NO_LISTENER + ONLY_RESPONSES},
+        {_LINE: NO_LISTENER + ONLY_RESPONSES, _CRC: NO_FOLDING},
         *("crc16", "rtu-timing"),
     ),
     "modbus-tcp-client": _client(
@@ -197,9 +203,9 @@ RECIPES = {
     "modbus-rtu-server": _server(
         "rtu",
         _SERVE.format('ModbusRtuServer("/dev/ttyUSB0", {1: table}, baudrate=19200)'),
-        _CRC,
+        {},
         Place(_LINE, "RtuLine"),
-        {_LINE: NO_LISTENER + CLIENT_OR_SERVER, "barewire.rtu.shape": TWO_ROLES},
+        {_LINE: NO_LISTENER + CLIENT_OR_SERVER, "barewire.rtu.shape": TWO_ROLES, _CRC: NO_FOLDING},
         *("crc16", "rtu-timing"),
     ),
     "modbus-tcp-server": _server(

@@ -1,6 +1,6 @@
 """Parts of the files that `barewire vendor` makes: what a small file has in place of a larger part of the stack.
 
-crc, registry            a table for each, in place of folded numbers and of files loaded when needed
+registry                 a table in place of files that are loaded when needed
 serial_counters          the counters of a unit, which no function reads
 probe, rtu_shape         only what a client needs
 serial_port, tcp_port    ports by the standard library alone, also can_port
