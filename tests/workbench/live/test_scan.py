@@ -90,8 +90,20 @@ def test_wrong_arguments(url: str, options: dict[str, Any], message: str) -> Non
 
 
 @contextmanager
-def served_by(answer: Callable[[int, int], bytes | None]) -> Iterator[str]:
-    """The URL of a server that answers a unit and a function with a PDU, or closes the connection."""
+def served_by(handler: type[socketserver.BaseRequestHandler]) -> Iterator[str]:
+    """The URL of a TCP server with this handler."""
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            yield f"tcp://127.0.0.1:{server.server_address[1]}?reconnect_first=0.001"
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def answering(answer: Callable[[int, int], bytes | None]) -> type[socketserver.BaseRequestHandler]:
+    """A handler that answers a unit and a function with a PDU, or closes the connection."""
 
     class Handler(socketserver.StreamRequestHandler):
         def handle(self) -> None:
@@ -102,39 +114,27 @@ def served_by(answer: Callable[[int, int], bytes | None]) -> Iterator[str]:
                     return
                 self.wfile.write(header[:5] + bytes([len(pdu) + 1, header[6]]) + pdu)
 
-    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as server:
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-        thread.start()
-        try:
-            yield f"tcp://127.0.0.1:{server.server_address[1]}?timeout=30&reconnect_first=0.001"
-        finally:
-            server.shutdown()
-            thread.join()
+    return Handler
 
 
 def test_a_server_that_closes_the_connection_of_unknown_units_is_scanned_to_the_end() -> None:
-    with served_by(lambda unit, function: bytes([function | 0x80, 2]) if unit in (2, 9) else None) as url:
-        scan = scan_modbus(url, range(1, 11))
+    known = answering(lambda unit, function: bytes([function | 0x80, 2]) if unit in (2, 9) else None)
+    with served_by(known) as url:
+        scan = scan_modbus(f"{url}&timeout=30", range(1, 11))
         assert [unit.unit for unit in scan.run()] == [2, 9]
     assert scan.closed == 8
 
 
 def test_a_unit_whose_server_closes_the_connection_when_it_is_asked_what_it_is() -> None:
-    with served_by(lambda unit, function: bytes([3, 2, 0, 1]) if function == 3 else None) as url:
-        (found,) = scan_modbus(url, [2]).run()
+    with served_by(answering(lambda unit, function: bytes([3, 2, 0, 1]) if function == 3 else None)) as url:
+        (found,) = scan_modbus(f"{url}&timeout=30", [2]).run()
     assert (found.unit, str(found.identity)) == (2, "")
 
 
 def test_a_server_of_another_protocol_is_no_unit() -> None:
-    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), _Babbler) as server:
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-        thread.start()
-        try:
-            scan = scan_modbus(f"tcp://127.0.0.1:{server.server_address[1]}?reconnect_first=0.001", range(1, 5))
-            assert list(scan.run()) == []
-        finally:
-            server.shutdown()
-            thread.join()
+    with served_by(_Babbler) as url:
+        scan = scan_modbus(url, range(1, 5))
+        assert list(scan.run()) == []
     assert scan.stray > 0
 
 
