@@ -61,11 +61,11 @@ scoreboard: $(VENV)/installed-dev peers ## what other stacks make of the vectors
 	@$(BIN)/python tools/scoreboard.py $(ARGS)
 
 # What adapters need and pip does not install.
-PEERS := vectors/adapters/javascript-peers
+PEERS := vectors/peers
 peers: $(VENV)/bin/pip
 	@cmp -s $(PEERS)/package-lock.json $(PEERS)/node_modules/installed || \
 	  (export PYTHON=$(abspath $(BIN))/python && cd $(PEERS) && \
-	  ../../../tools/with-node npm ci --loglevel=error --no-audit --no-fund --omit=optional >/dev/null && \
+	  ../../tools/with-node npm ci --loglevel=error --no-audit --no-fund --omit=optional >/dev/null && \
 	  cp package-lock.json node_modules/installed)
 
 modbus-connection: ## the tests of Home Assistant's Modbus layer with our backend; writes docs/how-to/home-assistant.md; PYTHON=python3.12

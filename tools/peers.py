@@ -29,7 +29,8 @@ from barewire_workbench.vectors.questions import Question
 from barewire_workbench.vectors.run import CheckedCase, run_cases
 
 ROOT = Path(__file__).parent.parent
-ADAPTERS = ROOT / "vectors" / "adapters"
+ADAPTERS = ROOT / "vectors" / "peers"
+"""Run with a name: `python vectors/peers pymodbus`."""
 OTHER_PYTHONS = (".venv-3.12", ".venv-3.13", ".venv-3.14")
 TIMEOUT = 20.0
 
@@ -63,50 +64,50 @@ class Peer(NamedTuple):
         given = shlex.split(os.environ.get(self.by_hand, "")) if self.by_hand else []
         if self.by_hand and len(given) != 2:
             raise PortError(f"{self.name}: ${self.by_hand} names no library and its version")
-        return shlex.join([python, str(ADAPTERS / self.words[0]), *self.words[1:], *given])
+        return shlex.join([python, str(ADAPTERS), *self.words, *given])
 
 
-NODE = "vectors/adapters/javascript-peers"
+NODE = "vectors/peers"
 PEERS = (
-    Peer("pymodbus", "Python", "Modbus library, clients and servers", ("pymodbus_adapter.py",), "pymodbus"),
-    Peer("tmodbus", "Python", "Modbus library for asyncio", ("tmodbus_adapter.py",), "tmodbus"),
-    Peer("minimalmodbus", "Python", "Modbus client for serial lines", ("minimalmodbus_adapter.py",), "minimalmodbus"),
-    Peer("uModbus", "Python", "Modbus library", ("umodbus_adapter.py",), "umodbus"),
-    Peer("pyModbusTCP", "Python", "Modbus TCP library", ("pymodbustcp_adapter.py",), "pyModbusTCP"),
-    Peer("modbus-tk", "Python", "Modbus test kit", ("modbus_tk_adapter.py",), "modbus_tk"),
-    Peer("libmodbus", "C", "Modbus library", ("libmodbus_adapter.py",), "ctypes"),
+    Peer("pymodbus", "Python", "Modbus library, clients and servers", ("pymodbus",), "pymodbus"),
+    Peer("tmodbus", "Python", "Modbus library for asyncio", ("tmodbus",), "tmodbus"),
+    Peer("minimalmodbus", "Python", "Modbus client for serial lines", ("minimalmodbus",), "minimalmodbus"),
+    Peer("uModbus", "Python", "Modbus library", ("umodbus",), "umodbus"),
+    Peer("pyModbusTCP", "Python", "Modbus TCP library", ("pymodbustcp",), "pyModbusTCP"),
+    Peer("modbus-tk", "Python", "Modbus test kit", ("modbus-tk",), "modbus_tk"),
+    Peer("libmodbus", "C", "Modbus library", ("libmodbus",), "ctypes"),
     Peer(
-        *("nanoMODBUS", "C", "Modbus library for microcontrollers", ("nanomodbus_adapter.py",), "ctypes"),
+        *("nanoMODBUS", "C", "Modbus library for microcontrollers", ("nanomodbus",), "ctypes"),
         by_hand="NANOMODBUS",
     ),
     Peer(
-        *("c-modbus-slave", "C", "Modbus server for microcontrollers", ("cmodbusslave_adapter.py",), "ctypes"),
+        *("c-modbus-slave", "C", "Modbus server for microcontrollers", ("c-modbus-slave",), "ctypes"),
         by_hand="CMODBUSSLAVE",
     ),
     Peer(
-        *("FreeModbus", "C", "Modbus server for microcontrollers", ("freemodbus_adapter.py",), "ctypes"),
+        *("FreeModbus", "C", "Modbus server for microcontrollers", ("freemodbus",), "ctypes"),
         by_hand="FREEMODBUS",
     ),
-    Peer("mbusd", "C", "Modbus gateway", ("mbusd_adapter.py",), "pty", by_hand="MBUSD"),
-    Peer("modbus-serial", "JavaScript", "Modbus library", ("node", f"{NODE}/modbus-serial.js")),
-    Peer("jsmodbus", "JavaScript", "Modbus library", ("node", f"{NODE}/jsmodbus.js")),
-    Peer("modbus-pdu", "JavaScript", "codec of Modbus messages", ("node", f"{NODE}/modbus-pdu.js")),
-    Peer("canopen", "Python", "CANopen library", ("canopen_adapter.py",), "canopen"),
+    Peer("mbusd", "C", "Modbus gateway", ("mbusd",), "pty", by_hand="MBUSD"),
+    Peer("modbus-serial", "JavaScript", "Modbus library", ("node", f"{NODE}/modbus-serial/main.js")),
+    Peer("jsmodbus", "JavaScript", "Modbus library", ("node", f"{NODE}/jsmodbus/main.js")),
+    Peer("modbus-pdu", "JavaScript", "codec of Modbus messages", ("node", f"{NODE}/modbus-pdu/main.js")),
+    Peer("canopen", "Python", "CANopen library", ("canopen",), "canopen"),
     Peer(
-        *("CANopenNode", "C", "CANopen stack for microcontrollers", ("canopennode/main.py",), "ctypes"),
+        *("CANopenNode", "C", "CANopen stack for microcontrollers", ("canopennode",), "ctypes"),
         by_hand="CANOPENNODE",
     ),
-    Peer(*("Lely", "C", "CANopen stack, Lely core libraries", ("lely/main.py",), "ctypes"), by_hand="LELY"),
-    Peer("GMP", "C", "motor control", ("gmp_adapter.py",), "ctypes", by_hand="GMP402"),
-    Peer("durand", "Python", "CANopen devices", ("durand_adapter.py",), "durand"),
-    Peer("tshark", "C", "dissectors of Wireshark", ("tshark_adapter.py",), "json", oracle=True),
-    Peer("struct", "C", "numbers of Python's standard library", ("python_oracles.py", "struct"), "struct", oracle=True),
-    Peer("numpy", "C", "numbers of numpy", ("python_oracles.py", "numpy"), "numpy", oracle=True),
-    Peer("crcmod", "C", "catalogue of checksums", ("python_oracles.py", "crcmod"), "crcmod", oracle=True),
-    Peer("python-can", "Python", "lines of candump", ("log_oracles.py", "python-can"), "can", oracle=True),
-    Peer("cryptography", "Rust", "decoder of DER", ("tls_oracle.py",), "cryptography.hazmat.asn1", oracle=True),
-    Peer("arithmetic", "Python", "our arithmetic done another way", ("arithmetic_oracle.py",), "ctypes", oracle=True),
-    Peer("cantools", "Python", "lines of candump", ("log_oracles.py", "cantools"), "cantools", oracle=True),
+    Peer(*("Lely", "C", "CANopen stack, Lely core libraries", ("lely",), "ctypes"), by_hand="LELY"),
+    Peer("GMP", "C", "motor control", ("gmp",), "ctypes", by_hand="GMP402"),
+    Peer("durand", "Python", "CANopen devices", ("durand",), "durand"),
+    Peer("tshark", "C", "dissectors of Wireshark", ("tshark",), "json", oracle=True),
+    Peer("struct", "C", "numbers of Python's standard library", ("python-values", "struct"), "struct", oracle=True),
+    Peer("numpy", "C", "numbers of numpy", ("python-values", "numpy"), "numpy", oracle=True),
+    Peer("crcmod", "C", "catalogue of checksums", ("python-values", "crcmod"), "crcmod", oracle=True),
+    Peer("python-can", "Python", "lines of candump", ("python-logs", "python-can"), "can", oracle=True),
+    Peer("cryptography", "Rust", "decoder of DER", ("cryptography",), "cryptography.hazmat.asn1", oracle=True),
+    Peer("arithmetic", "Python", "our arithmetic done another way", ("arithmetic",), "ctypes", oracle=True),
+    Peer("cantools", "Python", "lines of candump", ("python-logs", "cantools"), "cantools", oracle=True),
 )
 
 

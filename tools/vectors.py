@@ -19,6 +19,7 @@ from typing import Any
 from barewire_workbench.vectors.files import digest
 
 VECTORS = Path(__file__).parent.parent / "vectors"
+CASES = VECTORS / "cases"
 WIDTH = 120
 BEGIN, END = "<!-- counts: made by tools/vectors.py -->", "<!-- end of counts -->"
 CONFIRMED = "<!-- confirmations: made by tools/vectors.py -->", "<!-- end of confirmations -->"
@@ -37,7 +38,7 @@ ROWS = (
 def files() -> list[Path]:
     """Return every vector file, in the order of the table."""
     rooms = ("codecs", "modbus", "rtu", "ascii", "tcp", "client", "canopen", "devices")
-    return [file for room in rooms for file in sorted((VECTORS / room).glob("*.json"))]
+    return [file for room in rooms for file in sorted((CASES / room).glob("*.json"))]
 
 
 def number(document: dict[str, Any], stem: str) -> None:
@@ -113,9 +114,9 @@ def counts() -> str:
         document = json.loads(file.read_text(encoding="utf-8"))
         results = Counter(case["result"] for case in document["cases"])
         total += results
-        name = file.relative_to(VECTORS).as_posix()
+        name = file.relative_to(CASES).as_posix()
         numbers = " | ".join(str(results[result] or "") for result in ("valid", "invalid", "acceptable"))
-        rows.append(f"| [{name}]({name}) | {document['subject']} | `{document['kind']}` | {numbers} |")
+        rows.append(f"| [{name}](cases/{name}) | {document['subject']} | `{document['kind']}` | {numbers} |")
     numbers = " | ".join(str(total[result]) for result in ("valid", "invalid", "acceptable"))
     rows.append(f"| **{len(files())} files** | **{sum(total.values())} cases** | | {numbers} |")
     return "\n".join(rows)

@@ -5,7 +5,7 @@
 vectors/mistakes.json is the catalogue: what is wrong, its class, the kinds whose cases have to notice it, who makes it
 (`seen`), and the change that makes it in a file of a stack:
 
-    javascript    vectors/adapters/javascript, the second implementation
+    javascript    vectors/examples/javascript, the second implementation
     canopen       the package of pip, by its adapter
 
 The tool writes the first `case` that fails for it and passes without it. A mistake that no case notices needs a `why`;
@@ -37,7 +37,7 @@ from tools.peers import ADAPTERS, ROOT
 
 CATALOGUE = ROOT / "vectors" / "mistakes.json"
 Mistake: TypeAlias = dict[str, Any]
-JAVASCRIPT = ADAPTERS / "javascript"
+JAVASCRIPT = ROOT / "vectors" / "examples" / "javascript"
 TIMEOUT = 3.0
 
 
@@ -70,9 +70,8 @@ def planted(stack: str, mistake: Mistake | None) -> Iterator[str]:
         if stack == "javascript":
             yield shlex.join(["node", str(copy / "main.mjs")])
         else:
-            adapter = str(ADAPTERS / f"{stack}_adapter.py")
             path = os.pathsep.join([folder, *filter(None, [os.environ.get("PYTHONPATH")])])
-            yield shlex.join(["env", f"PYTHONPATH={path}", sys.executable, adapter])
+            yield shlex.join(["env", f"PYTHONPATH={path}", sys.executable, str(ADAPTERS), stack])
 
 
 def failures(stack: str, vectors: Vectors) -> set[str]:

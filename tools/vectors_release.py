@@ -1,6 +1,6 @@
 """Builds a release of the vectors in dist/:  make vectors-release
 
-    barewire-vectors-1.1.0.zip     everything in vectors/, LICENSE, changes.json, questions.jsonl, and SHA256SUMS
+    barewire-vectors-1.1.0.zip     vectors/ without adapters, LICENSE, changes.json, questions.jsonl, and SHA256SUMS
     barewire-vectors-1.1.0.tgz     the same files as a package of npm, with index.js
 
 vectors/VERSION is the version of the next release. vectors/released.json has what was released: by the version that
@@ -33,8 +33,10 @@ from barewire_workbench.vectors.questions import DESCRIPTION
 ROOT = Path(__file__).parent.parent
 VECTORS = ROOT / "vectors"
 NAME = "barewire-vectors"
-PROGRAMS_OWN = {"node_modules", "__pycache__", "npm", "build"}
-"""Folders below vectors/ that are not released: what programs put there, and the files that only npm needs."""
+LEFT_OUT = {"peers", "examples", "npm", "node_modules", "__pycache__", "build"}
+"""Folders below vectors/ that are not released: adapters, files that only npm needs, what programs put there."""
+OUTSIDE = re.compile(r"\[([^]]+)\]\((?:peers|examples)\b[^)]*\)")
+"""A link of a page to what is not released."""
 DESCRIBES = {*DESCRIPTION, "id", "flags"}
 """Fields that describe a case without a change of its meaning."""
 DECIDING_FLAGS = {"tolerant", "uncountable"}
@@ -57,13 +59,8 @@ def meaning(kind: str, case: Mapping[str, Any]) -> str:
 
 def meanings() -> dict[str, str]:
     """Return the digests of all cases by id, in the order of the files."""
-    documents = [json.loads(file.read_bytes()) for file in sorted(VECTORS.glob("*/*.json"))]
-    return {
-        case["id"]: meaning(document["kind"], case)
-        for document in documents
-        if str(document.get("format", "")).startswith("barewire-vectors/")
-        for case in document["cases"]
-    }
+    documents = [json.loads(file.read_bytes()) for file in sorted(VECTORS.glob("cases/*/*.json"))]
+    return {case["id"]: meaning(document["kind"], case) for document in documents for case in document["cases"]}
 
 
 def version() -> str:
@@ -153,8 +150,9 @@ def content() -> Content:
     found = {"LICENSE": (ROOT / "LICENSE").read_bytes()}
     for file in sorted(VECTORS.rglob("*")):
         parts = file.relative_to(VECTORS).parts
-        if file.is_file() and not PROGRAMS_OWN & {*parts} and not parts[-1].startswith("."):
+        if file.is_file() and not LEFT_OUT & {*parts} and not parts[-1].startswith("."):
             found["/".join(parts)] = file.read_bytes()
+    found["README.md"] = OUTSIDE.sub(r"\1", found["README.md"].decode()).encode()
     changelog = found["CHANGELOG.md"].decode()
     found["questions.jsonl"] = b"".join(questions())
     found["changes.json"] = _json(changes(meanings(), released(), changelog, version()))

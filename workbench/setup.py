@@ -1,6 +1,6 @@
 """The build steps that pyproject.toml cannot describe: the vectors go into the distribution as one compressed file.
 
-    ../vectors/rtu/crc16.json, ...   ->   barewire_workbench/vectors/vectors.zip
+    ../vectors/cases/rtu/crc16.json, ...   ->   barewire_workbench/vectors/vectors.zip
 
 The sdist has this file instead of the folder, and a wheel that is built from it copies it. In a source tree, and so in
 an editable installation, `barewire vectors` reads the folder itself.
@@ -22,9 +22,7 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 def pack_vectors(folder: Path, target: Path) -> None:
     """Write the JSON files of the vectors into one archive."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-        for file in [*(folder / name for name in NEEDED), *sorted(folder.glob("*/*.json"))]:
-            if file.parent.name == "adapters":
-                continue
+        for file in [*(folder / name for name in NEEDED), *sorted(folder.glob("cases/*/*.json"))]:
             name = zipfile.ZipInfo(file.relative_to(folder).as_posix(), _EPOCH)
             name.compress_type = zipfile.ZIP_DEFLATED
             archive.writestr(name, file.read_bytes())

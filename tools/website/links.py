@@ -5,7 +5,7 @@ README.md                    project/readme                  other Markdown file
 vectors/README.md            vectors/readme
 src/barewire/rtu/crc.py      reference/api/rtu               code: the section of the API
 tests/canopen/eds/x.py       files/tests/canopen/eds/x.py    any other file: its text as a page
-vectors/adapters/            -                               a folder has no page: the link becomes plain text
+vectors/peers/               -                               a folder has no page: the link becomes plain text
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def page_of(file: str) -> str | None:
 def file_page(file: str) -> str:
     """Return where a file stands that is no page of its own: its text on a page; JSON as it is, to download.
 
-    >>> file_page("bench/plant.py"), file_page("vectors/rtu/crc16.json")
-    ('files/bench/plant.py.md', 'files/vectors/rtu/crc16.json')
+    >>> file_page("bench/plant.py"), file_page("vectors/cases/rtu/crc16.json")
+    ('files/bench/plant.py.md', 'files/vectors/cases/rtu/crc16.json')
     """
     return f"files/{file}" if file.endswith(".json") else f"files/{file}.md"
 

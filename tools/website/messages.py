@@ -1,6 +1,6 @@
 """The pages of the messages: each with its drawing, its clause, and a frame explained byte by byte.
 
-reference/messages-modbus.rst     every registered function code; the frames are cases of vectors/modbus
+reference/messages-modbus.rst     every registered function code; the frames are cases of vectors/cases/modbus
 reference/messages-canopen.rst    every service; the frames are the ones of EXAMPLES
 """
 
@@ -83,7 +83,7 @@ class Messages:
 def examples() -> dict[str, dict[str, str]]:
     """Return by function (`03`, `2B 0E`) and side the first valid PDU of the vectors."""
     found: dict[str, dict[str, str]] = {}
-    for file in sorted((ROOT / "vectors" / "modbus").glob("fc*.json")):
+    for file in sorted((ROOT / "vectors" / "cases" / "modbus").glob("fc*.json")):
         for case in json.loads(file.read_text(encoding="utf-8"))["cases"]:
             if case["result"] == "valid":
                 pdu = str(case["pdu"])

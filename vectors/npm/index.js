@@ -16,11 +16,11 @@ exports.index = read('index.json');
 exports.changes = read('changes.json');
 
 // Each file: its name as "rtu/crc16", then its fields: format, subject, kind, notes, cases.
-exports.files = readdirSync(__dirname, { withFileTypes: true })
+exports.files = readdirSync(join(__dirname, 'cases'), { withFileTypes: true })
   .filter((room) => room.isDirectory())
-  .flatMap((room) => readdirSync(join(__dirname, room.name)).map((name) => [room.name, name]))
+  .flatMap((room) => readdirSync(join(__dirname, 'cases', room.name)).map((name) => [room.name, name]))
   .filter(([, name]) => name.endsWith('.json'))
-  .map(([room, name]) => ({ name: `${room}/${name.slice(0, -5)}`, ...read(room, name) }))
+  .map(([room, name]) => ({ name: `${room}/${name.slice(0, -5)}`, ...read('cases', room, name) }))
   .filter((file) => file.format === 'barewire-vectors/1')
   .sort((one, other) => (one.name < other.name ? -1 : 1));
 

@@ -18,7 +18,7 @@ from barewire_workbench.vectors.run import CheckedCase, run_cases, selected
 
 pytestmark = pytest.mark.long
 
-OWN = f"{sys.executable} {Path(__file__).parents[3] / 'vectors' / 'adapters' / 'own.py'}"
+OWN = f"{sys.executable} {Path(__file__).parents[3] / 'vectors' / 'examples' / 'own.py'}"
 LRC = selected(load_vectors(), kinds=["lrc"])
 SECOND = "lrc-2"
 

@@ -74,7 +74,7 @@ def test_a_library_that_is_built_by_hand_is_named_by_the_environment(monkeypatch
         peer.command()
     monkeypatch.setenv("NANOMODBUS", "/opt/libnanomodbus.so 1.9.1")
     assert peer.is_here()
-    assert peer.command().endswith("nanomodbus_adapter.py /opt/libnanomodbus.so 1.9.1")
+    assert peer.command().endswith("vectors/peers nanomodbus /opt/libnanomodbus.so 1.9.1")
 
 
 def test_the_page_is_made_of_the_data() -> None:

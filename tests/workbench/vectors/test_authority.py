@@ -11,7 +11,7 @@ from typing import Any
 VECTORS = Path(__file__).parents[3] / "vectors"
 CASES: list[tuple[str, dict[str, Any]]] = [
     (document["kind"], case)
-    for file in sorted(VECTORS.glob("*/*.json"))
+    for file in sorted(VECTORS.glob("cases/*/*.json"))
     if "cases" in (document := json.loads(file.read_text(encoding="utf-8")))
     for case in document["cases"]
 ]

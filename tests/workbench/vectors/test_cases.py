@@ -120,15 +120,15 @@ def test_a_case_that_asks_nothing_fails() -> None:
 @pytest.mark.parametrize(
     ("before", "after", "text"),
     [
-        ('"barewire-vectors/1"', '"barewire-vectorS/1"', "cases of index.json are in no file, such as lrc-1"),
+        ('"barewire-vectors/1"', '"barewire-vectorS/1"', "vectors ascii/lrc: it is no file of vectors"),
         ('"subject":', '"subjeCt":', "vectors ascii/lrc: it has no subject"),
         ('"cases":', '"cAses":', "vectors ascii/lrc: it has no cases"),
     ],
 )
 def test_a_damaged_head_of_a_file_is_noticed(tmp_path: Path, before: str, after: str, text: str) -> None:
-    file = ROOT / "ascii" / "lrc.json"
-    (tmp_path / "ascii").mkdir()
-    (tmp_path / "ascii" / "lrc.json").write_text(file.read_text(encoding="utf-8").replace(before, after))
+    whole, damaged = (root / "cases" / "ascii" / "lrc.json" for root in (ROOT, tmp_path))
+    damaged.parent.mkdir(parents=True)
+    damaged.write_text(whole.read_text(encoding="utf-8").replace(before, after))
     digests = {case_id: found for case_id, found in VECTORS.digests.items() if case_id.startswith("lrc-")}
     (tmp_path / "index.json").write_text(json.dumps(digests))
     (tmp_path / "kinds.json").write_bytes((ROOT / "kinds.json").read_bytes())

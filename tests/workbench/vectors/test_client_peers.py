@@ -12,7 +12,7 @@ from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import judge
 from barewire_workbench.vectors.questions import Question
 
-ADAPTERS = Path(__file__).parents[3] / "vectors" / "adapters"
+ADAPTERS = Path(__file__).parents[3] / "vectors" / "peers"
 VECTORS = load_vectors()
 
 
@@ -29,15 +29,15 @@ LATE, FOREIGN_FIRST, ONE_RETRY = "client-rtu-late-1", "client-rtu-fates-40", "cl
 @pytest.mark.parametrize(
     ("program", "module", "failed", "not_offered"),
     [
-        ("pymodbus_adapter.py", "pymodbus", (LATE,), ()),
-        ("minimalmodbus_adapter.py", "minimalmodbus", (LATE, FOREIGN_FIRST), (ONE_RETRY,)),
-        ("modbus_tk_adapter.py", "modbus_tk", (LATE, FOREIGN_FIRST), (ONE_RETRY,)),
-        ("umodbus_adapter.py", "umodbus", (LATE, FOREIGN_FIRST), (ONE_RETRY,)),
+        ("pymodbus", "pymodbus", (LATE,), ()),
+        ("minimalmodbus", "minimalmodbus", (LATE, FOREIGN_FIRST), (ONE_RETRY,)),
+        ("modbus-tk", "modbus_tk", (LATE, FOREIGN_FIRST), (ONE_RETRY,)),
+        ("umodbus", "umodbus", (LATE, FOREIGN_FIRST), (ONE_RETRY,)),
     ],
 )
 def test_a_serial_client(program: str, module: str, failed: tuple[str, ...], not_offered: tuple[str, ...]) -> None:
     pytest.importorskip(module)
-    with VectorAdapter(f"{sys.executable} {ADAPTERS / program}", timeout=60) as adapter:
+    with VectorAdapter(f"{sys.executable} {ADAPTERS} {program}", timeout=60) as adapter:
         states = {one: judge(question(one), adapter(question(one))) for one in (*PASSED, *failed, *not_offered)}
         assert adapter.version
     assert {one: verdict.state for one, verdict in states.items()} == (
@@ -49,6 +49,6 @@ def test_a_serial_client(program: str, module: str, failed: tuple[str, ...], not
 def test_a_tcp_client() -> None:
     pytest.importorskip("pyModbusTCP")
     ids = ("client-tcp-fates-1", "client-tcp-fates-40", "client-tcp-numbers-1", "client-rtu-fates-1")
-    with VectorAdapter(f"{sys.executable} {ADAPTERS / 'pymodbustcp_adapter.py'}", timeout=60) as adapter:
+    with VectorAdapter(f"{sys.executable} {ADAPTERS} pymodbustcp", timeout=60) as adapter:
         states = [judge(question(one), adapter(question(one))).state for one in ids]
     assert states == ["passed", "failed", "passed", "not offered"]

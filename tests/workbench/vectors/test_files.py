@@ -17,7 +17,7 @@ from tools import vectors
 
 ROOT = Path(__file__).parents[3]
 VECTORS = ROOT / "vectors"
-FILES = sorted(VECTORS.glob("*/*.json"))
+FILES = sorted(VECTORS.glob("cases/*/*.json"))
 SCHEMA = json.loads((VECTORS / "schema.json").read_text(encoding="utf-8"))
 README = (VECTORS / "README.md").read_text(encoding="utf-8")
 DOCUMENTS: dict[Path, dict[str, Any]] = {file: json.loads(file.read_text(encoding="utf-8")) for file in FILES}

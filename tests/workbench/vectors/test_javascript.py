@@ -2,7 +2,7 @@
 
 Every sixth case is asked here; all of them are:
 
-    barewire vectors check --adapter "node vectors/adapters/javascript/main.mjs"
+    barewire vectors check --adapter "node vectors/examples/javascript/main.mjs"
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from barewire_workbench.live.vector_adapter import VectorAdapter
 from barewire_workbench.vectors.files import Vectors, load_vectors
 from barewire_workbench.vectors.run import run_cases
 
-FOLDER = Path(__file__).parents[3] / "vectors" / "adapters" / "javascript"
+FOLDER = Path(__file__).parents[3] / "vectors" / "examples" / "javascript"
 VECTORS = load_vectors()
 BEHAVIOUR = {"rtu-talk", "ascii-talk", "tcp-talk", "sdo-talk", "server", "client", "gateway", "device", "drive-path"}
 EVERY = 6

@@ -117,8 +117,9 @@ def test_the_archive_and_the_package_are_the_same_bytes_every_time() -> None:
 def test_the_archive_has_all_files_and_their_checksums(archive: zipfile.ZipFile) -> None:
     names = {name.removeprefix(TOP) for name in archive.namelist()}
     assert all(name.startswith(TOP) for name in archive.namelist())
-    assert names >= {f"{file.name}.json" for file in VECTORS.files}
-    assert names >= {"README.md", "CHANGELOG.md", "LICENSE", "VERSION", "SHA256SUMS", "adapters/own.py"}
+    assert names >= {f"cases/{file.name}.json" for file in VECTORS.files}
+    assert names >= {"README.md", "CHANGELOG.md", "LICENSE", "VERSION", "SHA256SUMS", "reference/main.py"}
+    assert not [name for name in names if name.startswith(("peers/", "examples/", "npm/"))]
     assert names >= {"kinds.json", "schema.json", "index.json", "released.json", "changes.json", "questions.jsonl"}
     rows = [line.split("  ") for line in archive.read(f"{TOP}SHA256SUMS").decode().splitlines()]
     assert {name for _, name in rows} == names - {"SHA256SUMS"}

@@ -136,9 +136,9 @@ def check_command(
     """Run the cases against an implementation: barewire itself, an adapter, or a running server.
 
     An adapter is any program that reads questions as lines of JSON from its standard input and writes answers;
-    vectors/README.md describes the lines, vectors/adapters has examples (in the source tree and in each release of the
-    vectors). Cases that have failed are printed, then the numbers of each kind. "open" is a case that the standard
-    leaves open and the implementation decides otherwise than we do.
+    vectors/README.md describes the lines; the source tree has examples in vectors/examples, and in vectors/peers the
+    adapters of other stacks. Cases that have failed are printed, then the numbers of each kind. "open" is a case that
+    the standard leaves open and the implementation decides otherwise than we do.
 
     \b
     first it reads    {"hello": "barewire-vectors", "protocol": 1}
@@ -156,7 +156,7 @@ def check_command(
 
     \b
     barewire vectors check
-    barewire vectors check --adapter "node vectors/adapters/javascript/main.mjs" --kind crc16
+    barewire vectors check --adapter "node vectors/examples/javascript/main.mjs" --kind crc16
     barewire vectors check --endpoint "tcp://127.0.0.1:1502?unit=1"
     barewire vectors check --endpoint "can://socketcan/can0?node=5"
     """

@@ -38,7 +38,7 @@ from barewire_workbench.vectors.tested_device import described
 NODE_KIND = "device-conformance"
 """The kind of the vectors that these cases are."""
 FILES = ("sdo", "segments", "blocks", "nmt", "services", "pdo", "lss", "configuration")
-"""The files of that kind, vectors/canopen/conform-*.json, in the order in which they are run."""
+"""The files of that kind, vectors/cases/canopen/conform-*.json, in the order in which they are run."""
 
 
 _REPETITIONS = 2

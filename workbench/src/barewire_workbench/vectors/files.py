@@ -3,7 +3,7 @@
     vectors/kinds.json              the operations of each kind
     vectors/index.json              the digest of each case: a damaged file is noticed
     vectors/VERSION                 the version of the vectors
-    vectors/rtu/crc16.json          a file: one subject, one kind, its cases
+    vectors/cases/rtu/crc16.json    a file: one subject, one kind, its cases
 
 A wheel has them as one compressed file, vectors.zip, which setup.py makes.
 """
@@ -123,7 +123,10 @@ def opened(archive: bytes) -> Traversable:
 
 
 def _read(root: Traversable, kinds: dict[str, tuple[Operation, ...]]) -> Iterator[VectorFile]:
-    for room in sorted((entry for entry in root.iterdir() if entry.is_dir()), key=lambda entry: entry.name):
+    folder = root / "cases"
+    if not folder.is_dir():
+        raise EncodeError(f"folder {root}: no vectors there, it has no folder cases/")
+    for room in sorted((entry for entry in folder.iterdir() if entry.is_dir()), key=lambda entry: entry.name):
         for entry in sorted(room.iterdir(), key=lambda entry: entry.name):
             if entry.name.endswith(".json"):
                 name = f"{room.name}/{entry.name.removesuffix('.json')}"
@@ -132,7 +135,7 @@ def _read(root: Traversable, kinds: dict[str, tuple[Operation, ...]]) -> Iterato
                 except (OSError, ValueError, RecursionError) as error:
                     raise EncodeError(f"vectors {name}: not JSON: {error}") from None
                 if not isinstance(document, dict) or document.get("format") != FORMAT:
-                    continue  # a file of another program, such as package.json
+                    raise EncodeError(f'vectors {name}: it is no file of vectors, they have "format": "{FORMAT}"')
                 if lacking := {"subject", "kind", "cases"} - document.keys():
                     raise EncodeError(f"vectors {name}: it has no {', '.join(sorted(lacking))}")
                 if document["kind"] not in kinds:

@@ -3,7 +3,7 @@
 The files, in reading order:
 
     model           the device under test, a case, its steps, its outcome; frames as text
-    script          a case of the vectors, read; the cases themselves are in vectors/canopen/conform-*.json
+    script          a case of the vectors, read; the cases themselves are in vectors/cases/canopen/conform-*.json
     probe           which objects a device has; the pause between two LSS requests
     eds_objects     the cases of the objects of a device: by its EDS, and in random order
     battery         all cases for one device, how one is run, and how what it wrote is undone

@@ -1,0 +1,98 @@
+"""Part of the adapter of the `canopen` library: its LocalNode as a device that is tested, in virtual time.
+
+DEVICE_ANSWERS      the answers that main.py adds to its own
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import can
+import canopen
+from adapter_device import NODE, device_answers
+from canopen.network import MessageListener
+from canopen.objectdictionary import ODRecord
+from canopen_objects import variable
+
+IDENTITY = {1: 0x360, 2: 0x1234, 3: 0x10002, 4: 7}
+
+
+class Periodic:
+    """A frame that is sent again and again."""
+
+    def __init__(self, frame: tuple[int, Any], period: float, now: float) -> None:
+        self.frame, self.period, self.due, self.runs = frame, period, now + period, True
+
+    def update(self, data: Any) -> None:
+        self.frame = (self.frame[0], data)
+
+    def stop(self) -> None:
+        self.runs = False
+
+
+class Tested(canopen.Network):
+    """A network without a bus, with one node; what the node sends is kept."""
+
+    node, has = NODE, ()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.now, self.said, self.timers = 0.0, list[str](), list[Periodic]()
+        od, identity = canopen.ObjectDictionary(), ODRecord("identity", 0x1018)
+        number = variable("UNSIGNED8", 0x1018, 0)
+        number.default, number.access_type = 4, "const"
+        identity.add_member(number)
+        for sub, value in IDENTITY.items():
+            member = variable("UNSIGNED32", 0x1018, sub)
+            member.default, member.access_type = value, "const"
+            identity.add_member(member)
+        od.add_object(identity)
+        for kind, index, access, value in (
+            ("UNSIGNED32", 0x1000, "const", 0x20192),
+            ("UNSIGNED8", 0x1001, "ro", 0),
+            ("VISIBLE_STRING", 0x1008, "const", "a node of canopen"),
+            ("UNSIGNED16", 0x100C, "rw", 0),
+            ("UNSIGNED16", 0x1017, "rw", 0),
+        ):
+            one = variable(kind, index)
+            one.default, one.access_type = value, access
+            od.add_object(one)
+        self.create_node(NODE, od).nmt.state = "PRE-OPERATIONAL"
+        self.said.clear()
+        self.hears = MessageListener(self)
+
+    def send_message(self, can_id: int, data: Any, remote: bool = False) -> None:
+        self.said.append(f"{can_id:03X}#{bytes(data).hex().upper()}")
+
+    def send_periodic(self, can_id: int, data: Any, period: float, remote: bool = False) -> Any:
+        self.timers.append(Periodic((can_id, data), period, self.now))
+        return self.timers[-1]
+
+    def hear(self, frame: str) -> list[str]:
+        identifier, _, data = frame.partition("#")
+        remote = data.startswith("R")
+        self.hears.on_message_received(
+            can.Message(
+                arbitration_id=int(identifier, 16),
+                is_extended_id=len(identifier) == 8,
+                is_remote_frame=remote,
+                data=None if remote else bytes.fromhex(data),
+                dlc=int(data[1:] or "0") if remote else None,
+            )
+        )
+        said, self.said = self.said, []
+        return said
+
+    def wait(self, seconds: float) -> list[str]:
+        until = self.now + seconds
+        while due := [timer for timer in self.timers if timer.runs and timer.due <= until]:
+            first = min(due, key=lambda timer: timer.due)
+            self.now = first.due
+            first.due += first.period
+            self.send_message(*first.frame)
+        self.now = until
+        said, self.said = self.said, []
+        return said
+
+
+DEVICE_ANSWERS = device_answers(Tested)

@@ -1,0 +1,140 @@
+"""modbus-tk as an adapter: its master with a line that only plays back, its frames and its checksum.
+
+barewire vectors check --adapter "python vectors/peers modbus-tk"
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from typing import Any
+
+from adapter import crc_fields, hexed, octets, serve
+from adapter_client import ExceptionAnswer, client_answers
+from adapter_server import Units, server_answers
+from client_peers import client_runner
+from modbus_tk import defines, utils
+from modbus_tk.exceptions import ModbusError
+from modbus_tk.modbus import Databank, Master
+from modbus_tk.modbus_rtu import RtuQuery
+from modbus_tk.modbus_tcp import TcpQuery
+
+KINDS = {
+    "coils": defines.COILS,
+    "discrete_inputs": defines.DISCRETE_INPUTS,
+    "holding_registers": defines.HOLDING_REGISTERS,
+    "input_registers": defines.ANALOG_INPUTS,
+}
+CODES = {1, 2, 3, 4, 5, 6, 15, 16, 0x16, 0x17}
+
+
+class Playback(Master):
+    """A master whose line keeps what is sent, and receives the reply."""
+
+    def __init__(self, reply: bytes | None) -> None:
+        super().__init__(1.0)
+        self.sent, self.reply = b"", reply
+
+    def _do_open(self) -> None: ...
+
+    def _do_close(self) -> bool:
+        return True
+
+    def _make_query(self) -> RtuQuery:
+        return RtuQuery()
+
+    def _send(self, buf: bytes) -> None:
+        self.sent = buf
+
+    def _recv(self, expected_length: int = -1) -> bytes:
+        answer = RtuQuery()
+        answer.parse_request(self.sent)  # so that the answer has the unit of the request
+        return answer.build_response(self.reply) if self.reply is not None else b""
+
+
+def call(code: int, fields: dict[str, Any], reply: bytes | None) -> tuple[bytes, Any]:
+    """Let a master make a request, and answer it."""
+    master = Playback(reply)
+    address, values = fields.get("address", fields.get("read_address")), fields.get("values")
+    more: dict[str, Any] = {"quantity_of_x": fields.get("quantity", fields.get("read_quantity", 0))}
+    if values is not None:
+        more["output_value"] = values
+    elif "value" in fields:
+        more["output_value"] = int(fields["value"])
+    if code == 0x16:
+        more = {"and_mask": fields["and_mask"], "or_mask": fields["or_mask"]}
+    if code == 0x17:
+        more["write_starting_address_fc23"] = fields["write_address"]
+    if code == 0x07:
+        address = 0
+    try:
+        result = master.execute(1, code, address, **more)
+    except ModbusError as error:
+        if reply is None:
+            return master.sent[1:-2], None
+        raise ExceptionAnswer(error.get_exception_code()) from None
+    except Exception:
+        if reply is None and master.sent:
+            return master.sent[1:-2], None
+        raise
+    return master.sent[1:-2], result
+
+
+class Server:
+    """A databank of modbus-tk, asked with its own frames."""
+
+    def __init__(self, line: str, units: Units) -> None:
+        self.query = {"rtu": RtuQuery, "tcp": TcpQuery}[line]
+        self.bank = Databank(error_on_missing_slave=False)
+        for unit, tables in units.items():
+            slave = self.bank.add_slave(unit)
+            for table, blocks in tables.items():
+                for first, row in blocks.items():
+                    slave.add_block(f"{table} {first}", KINDS[table], first, len(row))
+                    slave.set_values(f"{table} {first}", first, row)
+
+    def ask(self, unit: int, pdu: bytes) -> bytes | None:
+        asked = self.query()
+        answer = self.bank.handle_request(self.query(), asked.build_request(pdu, unit))
+        return asked.parse_response(answer) if answer else None
+
+    def values(self, unit: int, table: str, first: int, count: int) -> list[int]:
+        return list(self.bank.get_slave(unit).get_values(f"{table} {first}", first, count))
+
+
+def encode_rtu(question: dict[str, Any]) -> dict[str, Any]:
+    return {"frame": hexed(RtuQuery().build_request(octets(question["pdu"]), question["unit"]))}
+
+
+def decode_rtu(question: dict[str, Any]) -> dict[str, Any]:
+    unit, pdu = RtuQuery().parse_request(octets(question["frame"]))
+    return {"unit": unit, "pdu": hexed(pdu)}
+
+
+def encode_tcp(question: dict[str, Any]) -> dict[str, Any]:
+    query = TcpQuery()
+    query._get_transaction_id = lambda: question["transaction"]
+    return {"frame": hexed(query.build_request(octets(question["pdu"]), question["unit"]))}
+
+
+def decode_tcp(question: dict[str, Any]) -> dict[str, Any]:
+    query = TcpQuery()
+    unit, pdu = query.parse_request(octets(question["frame"]))
+    return {"transaction": query._request_mbap.transaction_id, "unit": unit, "pdu": hexed(pdu)}
+
+
+def crc(question: dict[str, Any]) -> dict[str, Any]:
+    return crc_fields(utils.calculate_crc(octets(question["bytes"])).to_bytes(2, "big"))
+
+
+serve(
+    "modbus-tk",
+    version("modbus-tk"),
+    {
+        **client_answers(call, CODES),
+        **server_answers(Server, {*CODES, 7}, {"rtu", "tcp"}),
+        "rtu-frame": {"encode": encode_rtu, "decode": decode_rtu},
+        "tcp-frame": {"encode": encode_tcp, "decode": decode_tcp},
+        "client": {"run": client_runner("modbus-tk")},
+        "crc16": {"encode": crc},
+    },
+)

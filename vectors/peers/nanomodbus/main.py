@@ -1,0 +1,384 @@
+"""nanoMODBUS (C) as an adapter: its server and its client, called by ctypes.
+
+barewire vectors check --adapter "python vectors/peers nanomodbus libnanomodbus.so 1.9.1"
+
+The arguments are a shared library of nanomodbus.c, and its version. make scoreboard takes them from $NANOMODBUS.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from ctypes import CFUNCTYPE, POINTER, c_bool, c_int, c_int32, c_uint8, c_uint16, c_uint32, c_void_p
+from typing import Any
+
+from adapter import NotOffered, Refused, crc_fields, octets, serve, words
+from adapter_client import ExceptionAnswer, client_answers
+from adapter_conformance import conformance_answers
+from adapter_server import Units, server_answers
+from client_peers import LIBRARIES, client_runner, needs
+
+PATH, VERSION = sys.argv[1:]
+LIBRARY = ctypes.CDLL(PATH)
+LIBRARY.nmbs_crc_calc.restype = c_uint16
+SIZE = 8192
+"""More than an instance takes."""
+
+READ = CFUNCTYPE(c_int32, POINTER(c_uint8), c_uint16, c_int32, c_void_p)
+CRC = CFUNCTYPE(c_uint16, POINTER(c_uint8), c_uint32, c_void_p)
+BITS = CFUNCTYPE(c_int, c_uint16, c_uint16, POINTER(c_uint8), c_uint8, c_void_p)
+WORDS = CFUNCTYPE(c_int, c_uint16, c_uint16, POINTER(c_uint16), c_uint8, c_void_p)
+BIT = CFUNCTYPE(c_int, c_uint16, c_bool, c_uint8, c_void_p)
+WORD = CFUNCTYPE(c_int, c_uint16, c_uint16, c_uint8, c_void_p)
+FILE = CFUNCTYPE(c_int, c_uint16, c_uint16, POINTER(c_uint16), c_uint16, c_uint8, c_void_p)
+NAME = CFUNCTYPE(c_int, c_uint8, POINTER(c_uint8))
+MAP = CFUNCTYPE(c_int, POINTER(c_uint8))
+
+
+class Platform(ctypes.Structure):
+    """nmbs_platform_conf."""
+
+    _fields_ = (
+        *(("transport", c_int), ("read", READ), ("write", READ), ("crc", CRC)),
+        *(("arg", c_void_p), ("initialized", c_uint32)),
+    )
+
+
+class Callbacks(ctypes.Structure):
+    """nmbs_callbacks: a function that is left out is exception 01."""
+
+    _fields_ = (
+        *(("read_coils", BITS), ("read_discrete_inputs", BITS)),
+        *(("read_holding_registers", WORDS), ("read_input_registers", WORDS)),
+        *(("write_single_coil", BIT), ("write_single_register", WORD)),
+        *(("write_multiple_coils", BITS), ("write_multiple_registers", WORDS)),
+        *(("read_file_record", FILE), ("write_file_record", FILE)),
+        *(("read_device_identification", NAME), ("read_device_identification_map", MAP)),
+        *(("arg", c_void_p), ("initialized", c_uint32)),
+    )
+
+
+CALLS = {
+    **{"01": ("read_coils",), "02": ("read_discrete_inputs",), "03": ("read_holding_registers",)},
+    **{"04": ("read_input_registers",), "05": ("write_single_coil",), "06": ("write_single_register",)},
+    **{"0F": ("write_multiple_coils",), "10": ("write_multiple_registers",)},
+    **{"14": ("read_file_record",), "15": ("write_file_record",)},
+    **{"2B": ("read_device_identification", "read_device_identification_map")},
+}
+
+
+class Line:
+    """A line in memory: what was sent, and what is to be received."""
+
+    def __init__(self, transport: str) -> None:
+        self.tcp, self.sent, self.waiting = transport == "tcp", b"", b""
+        self.answer = b""
+        """What comes when something has been sent."""
+        self.platform = Platform()
+        LIBRARY.nmbs_platform_conf_create(ctypes.byref(self.platform))
+        self.platform.transport = 2 if self.tcp else 1
+        self.platform.read, self.platform.write = READ(self.read), READ(self.write)
+        self.instance = ctypes.create_string_buffer(SIZE)
+
+    def read(self, data: Any, count: int, timeout: int, arg: Any) -> int:
+        """Take bytes; fewer than asked for are a time-out."""
+        part, self.waiting = self.waiting[:count], self.waiting[count:]
+        ctypes.memmove(data, part, len(part))
+        return len(part)
+
+    def write(self, data: Any, count: int, timeout: int, arg: Any) -> int:
+        self.sent += ctypes.string_at(data, count)
+        self.waiting, self.answer = self.answer, b""
+        return count
+
+    def connect(self, unit: int, timeout: int) -> None:
+        """Put a client at the end of the line, with a time-out in milliseconds."""
+        LIBRARY.nmbs_client_create(self.instance, ctypes.byref(self.platform))
+        LIBRARY.nmbs_set_read_timeout(self.instance, timeout)
+        LIBRARY.nmbs_set_byte_timeout(self.instance, timeout)
+        LIBRARY.nmbs_set_destination_rtu_address(self.instance, c_uint8(unit))
+
+    def take(self) -> bytes:
+        sent, self.sent = self.sent, b""
+        return sent
+
+
+def checksum(data: bytes) -> bytes:
+    # the library hands the value over with its bytes swapped, as it is sent
+    return int(LIBRARY.nmbs_crc_calc(data, len(data), None)).to_bytes(2, "big")
+
+
+def framed(tcp: bool, unit: int, pdu: bytes) -> bytes:
+    if tcp:
+        return bytes.fromhex("00010000") + (len(pdu) + 1).to_bytes(2, "big") + bytes([unit]) + pdu
+    return bytes([unit]) + pdu + checksum(bytes([unit]) + pdu)
+
+
+class Unit:
+    """One server of the library, with the callbacks of an application that holds the tables of a case."""
+
+    def __init__(self, line: str, address: int, described: dict[str, Any]) -> None:
+        self.line, self.described = Line(line), described
+        self.tables = {
+            name: {
+                first + at: value
+                for first, row in described["tables"].get(name, {}).items()
+                for at, value in enumerate(row)
+            }
+            for name in ("coils", "discrete_inputs", "holding_registers", "input_registers")
+        }
+        self.files = {int(name): words(text) for name, text in described.get("files", {}).items()}
+        self.names = {int(name, 16): octets(text) for name, text in described.get("identification", {}).items()}
+        self.callbacks = Callbacks()
+        LIBRARY.nmbs_callbacks_create(ctypes.byref(self.callbacks))
+        kinds = dict(Callbacks._fields_)
+        functions = {code[:2] for code in described.get("functions", CALLS)}
+        for code, names in CALLS.items():
+            for name in names if code in functions else ():
+                setattr(self.callbacks, name, kinds[name](getattr(self, name)))
+        error = LIBRARY.nmbs_server_create(
+            self.line.instance, c_uint8(address), ctypes.byref(self.line.platform), ctypes.byref(self.callbacks)
+        )
+        if error:
+            raise NotOffered(f"no server with this address: error {error}")
+        LIBRARY.nmbs_set_read_timeout(self.line.instance, 10)
+        LIBRARY.nmbs_set_byte_timeout(self.line.instance, 10)
+
+    def hear(self, data: bytes) -> bytes:
+        """Return what the server sends when these bytes have come."""
+        self.line.waiting = data
+        LIBRARY.nmbs_server_poll(self.line.instance)
+        self.line.waiting = b""
+        return self.line.take()
+
+    def refused(self, table: str, first: int, count: int, writes: bool = False) -> int:
+        """Return the exception of an access, 0 if there is none."""
+        places = range(first, first + count)
+        if any(place not in self.tables[table] for place in places):
+            return 2
+        if writes and any(place in self.described.get("read_only", {}).get(table, ()) for place in places):
+            return 2
+        faults = self.described.get("faults", ())
+        return next((row["exception"] for row in faults if row["table"] == table and row["address"] in places), 0)
+
+    def get_bits(self, table: str, first: int, count: int, out: Any) -> int:
+        if error := self.refused(table, first, count):
+            return error
+        for at in range(count):
+            bit = 1 << at % 8
+            out[at // 8] = out[at // 8] & ~bit | bit * self.tables[table][first + at]
+        return 0
+
+    def read_coils(self, first: int, count: int, out: Any, unit: int, arg: Any) -> int:
+        return self.get_bits("coils", first, count, out)
+
+    def read_discrete_inputs(self, first: int, count: int, out: Any, unit: int, arg: Any) -> int:
+        return self.get_bits("discrete_inputs", first, count, out)
+
+    def get_words(self, table: str, first: int, count: int, out: Any) -> int:
+        if error := self.refused(table, first, count):
+            return error
+        for at in range(count):
+            out[at] = self.tables[table][first + at]
+        return 0
+
+    def read_holding_registers(self, first: int, count: int, out: Any, unit: int, arg: Any) -> int:
+        return self.get_words("holding_registers", first, count, out)
+
+    def read_input_registers(self, first: int, count: int, out: Any, unit: int, arg: Any) -> int:
+        return self.get_words("input_registers", first, count, out)
+
+    def put(self, table: str, first: int, values: list[int]) -> int:
+        if error := self.refused(table, first, len(values), writes=True):
+            return error
+        self.tables[table].update(zip(range(first, first + len(values)), values))
+        return 0
+
+    def write_single_coil(self, first: int, value: bool, unit: int, arg: Any) -> int:
+        return self.put("coils", first, [int(value)])
+
+    def write_single_register(self, first: int, value: int, unit: int, arg: Any) -> int:
+        return self.put("holding_registers", first, [value])
+
+    def write_multiple_coils(self, first: int, count: int, bits: Any, unit: int, arg: Any) -> int:
+        return self.put("coils", first, [bits[at // 8] >> at % 8 & 1 for at in range(count)])
+
+    def write_multiple_registers(self, first: int, count: int, values: Any, unit: int, arg: Any) -> int:
+        return self.put("holding_registers", first, [*values[:count]])
+
+    def read_file_record(self, file: int, record: int, out: Any, count: int, unit: int, arg: Any) -> int:
+        row = self.files.get(file, [])
+        if record + count > len(row):
+            return 2
+        out_bytes = b"".join(value.to_bytes(2, sys.byteorder) for value in row[record : record + count])
+        ctypes.memmove(out, out_bytes, len(out_bytes))
+        return 0
+
+    def write_file_record(self, file: int, record: int, values: Any, count: int, unit: int, arg: Any) -> int:
+        row = self.files.get(file, [])
+        if record + count > len(row):
+            return 2
+        row[record : record + count] = values[:count]
+        return 0
+
+    def read_device_identification(self, name: int, out: Any) -> int:
+        ctypes.memmove(out, self.names[name] + b"\0", len(self.names[name]) + 1)
+        return 0
+
+    def read_device_identification_map(self, out: Any) -> int:
+        for name in self.names:
+            out[name // 8] |= 1 << name % 8
+        return 0
+
+
+class Server:
+    """The units of a case on one line, each a server of its own; on TCP one server has one unit."""
+
+    def __init__(self, line: str, units: Units, described: dict[int, Any]) -> None:
+        self.tcp = line == "tcp"
+        if self.tcp and len(units) > 1:
+            raise NotOffered("which unit is meant, its application decides")
+        self.units = {
+            address: Unit(line, address, {**described[address], "tables": tables}) for address, tables in units.items()
+        }
+
+    def ask(self, unit: int, pdu: bytes) -> bytes | None:
+        if self.tcp and unit not in self.units:
+            raise NotOffered("which unit is meant, its application decides")
+        if any(len(value) > 127 for one in self.units.values() for value in one.names.values()):
+            raise NotOffered("its texts are C strings of at most 127 characters")
+        answer = self.hear(framed(self.tcp, unit, pdu))
+        return (answer[7:] if self.tcp else answer[1:-2]) or None
+
+    def hear(self, data: bytes) -> bytes:
+        return b"".join(one.hear(data) for one in self.units.values())
+
+    def stream(self, data: bytes) -> bytes:
+        """Return what the server sends to frames: it reads one when it is polled, and waits for its end."""
+        said = b""
+        while data:
+            size = 6 + int.from_bytes(data[4:6], "big")
+            if len(data) < size:
+                raise NotOffered("it waits for the rest of a frame while it reads")
+            said, data = said + self.hear(data[:size]), data[size:]
+        return said
+
+    def values(self, unit: int, table: str, first: int, count: int) -> list[int]:
+        return [self.units[unit].tables[table][first + at] for at in range(count)]
+
+    def files(self, unit: int) -> dict[int, list[int]]:
+        return self.units[unit].files
+
+
+def call(code: int, fields: dict[str, Any], reply: bytes | None) -> tuple[bytes, Any]:
+    """Let the client make a request, and answer it."""
+    line = Line("rtu")
+    line.answer = framed(False, 1, reply) if reply is not None else b""
+    line.connect(1, 1)
+    error, result = called(line.instance, code, fields)
+    request = line.take()[1:-2]
+    if error and not request:
+        raise Refused(f"error {error}")
+    if error and reply is not None:
+        if 1 <= error <= 4:
+            raise ExceptionAnswer(error)
+        raise Refused(f"error {error}")
+    return request, result
+
+
+def called(one: Any, code: int, fields: dict[str, Any]) -> tuple[int, list[int]]:
+    """Return the error of a call of the client, and the values that it has read."""
+    values = fields.get("values", ())
+    numbers = [value for value in (*fields.values(), *values) if isinstance(value, int)]
+    if not all(0 <= value <= 0xFFFF for value in numbers) or len(values) > 2000:
+        raise NotOffered("its arguments are uint16_t")
+    address, count = fields.get("address", 0), fields.get("quantity", fields.get("read_quantity", len(values)))
+    found_bits, found = (c_uint8 * 250)(), (c_uint16 * 256)()
+    given = (c_uint16 * max(len(values), 1))(*values)
+    rows = [values[at : at + 8] for at in range(0, len(values), 8)]
+    given_bits = (c_uint8 * 250)(*(sum(bool(bit) << at for at, bit in enumerate(row)) for row in rows))
+    calls = {
+        1: lambda: LIBRARY.nmbs_read_coils(one, c_uint16(address), c_uint16(count), found_bits),
+        2: lambda: LIBRARY.nmbs_read_discrete_inputs(one, c_uint16(address), c_uint16(count), found_bits),
+        3: lambda: LIBRARY.nmbs_read_holding_registers(one, c_uint16(address), c_uint16(count), found),
+        4: lambda: LIBRARY.nmbs_read_input_registers(one, c_uint16(address), c_uint16(count), found),
+        5: lambda: LIBRARY.nmbs_write_single_coil(one, c_uint16(address), c_bool(fields["value"])),
+        6: lambda: LIBRARY.nmbs_write_single_register(one, c_uint16(address), c_uint16(fields["value"])),
+        0x0F: lambda: LIBRARY.nmbs_write_multiple_coils(one, c_uint16(address), c_uint16(len(values)), given_bits),
+        0x10: lambda: LIBRARY.nmbs_write_multiple_registers(one, c_uint16(address), c_uint16(len(values)), given),
+        0x17: lambda: LIBRARY.nmbs_read_write_registers(
+            one,
+            *(c_uint16(fields["read_address"]), c_uint16(count), found),
+            *(c_uint16(fields["write_address"]), c_uint16(len(values)), given),
+        ),
+    }
+    error = calls[code]()
+    if code in (1, 2):
+        return error, [found_bits[at // 8] >> at % 8 & 1 for at in range(count)]
+    return error, [*found[:count]]
+
+
+class TimedLine(Line):
+    """The line of the kind `client`: time passes while the library reads."""
+
+    def __init__(self, virtual: Any) -> None:
+        super().__init__(virtual.setup["framing"])
+        self.virtual = virtual
+
+    def read(self, data: Any, count: int, timeout: int, arg: Any) -> int:
+        self.virtual.timeout = timeout / 1000
+        part = self.virtual.read(count)
+        ctypes.memmove(data, part, len(part))
+        return len(part)
+
+    def write(self, data: Any, count: int, timeout: int, arg: Any) -> int:
+        self.virtual.write(ctypes.string_at(data, count))
+        return count
+
+
+def over_time(virtual: Any, _patches: Any) -> Any:
+    """Return the function that asks, for the runner of clients."""
+    needs(virtual, "rtu", "tcp")
+    line = TimedLine(virtual)
+    timeout = round(virtual.timeout * 1000)
+    line.connect(0, timeout)
+
+    def ask(unit: int, code: int, address: int, count: int, values: list[int]) -> list[int] | None:
+        if unit == 0 and line.tcp:
+            raise NotOffered("unit 0 is a broadcast to it on TCP, too")
+        LIBRARY.nmbs_set_destination_rtu_address(line.instance, c_uint8(unit))
+        fields = {"address": address, "quantity": count, "values": values, "value": values[0] if values else 0}
+        error, found = called(line.instance, code, fields)
+        if 1 <= error <= 4:
+            raise ExceptionAnswer(error)
+        if error:
+            raise TimeoutError(f"error {error}")
+        return found if code <= 4 else None
+
+    return ask
+
+
+def crc(question: dict[str, Any]) -> dict[str, Any]:
+    return crc_fields(checksum(octets(question["bytes"])))
+
+
+def ten(line: str) -> Server:
+    """Return a server of unit 1 with ten registers and ten coils."""
+    units: Units = {1: {"holding_registers": {0: [0] * 10}, "coils": {0: [0] * 10}}}
+    return Server(line, units, {1: {}})
+
+
+LIBRARIES["nanoMODBUS"] = over_time
+SERVED = {1, 2, 3, 4, 5, 6, 0x0F, 0x10, 0x14, 0x15, 0x17, 0x2B}
+MORE = {"files", "identification", "functions", "faults", "read_only"}
+serve(
+    "nanoMODBUS",
+    VERSION,
+    {
+        **client_answers(call, SERVED - {0x14, 0x15, 0x2B}),
+        **server_answers(Server, SERVED, {"rtu", "tcp"}, MORE),
+        "client": {"run": client_runner("nanoMODBUS")},
+        **conformance_answers(ten, {"rtu", "tcp"}),
+        "crc16": {"encode": crc},
+    },
+)
