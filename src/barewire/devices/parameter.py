@@ -31,6 +31,7 @@ TABLE_NAMES: tuple[TableName, ...] = ("holding", "input", "coil", "discrete")
 INTEGER_TYPES = ("u8", "u16", "u32", "u64", "i8", "i16", "i32", "i64")
 VALUE_TYPES = ("bool", *INTEGER_TYPES, "f32", "f64", "text")
 ParameterAccess = Literal["ro", "rw", "wo"]
+ParameterKind = Literal["setting", "command", "measurement", "reserved"]
 
 
 class ModbusAt(NamedTuple):
@@ -80,6 +81,8 @@ class Parameter:
     values: Mapping[int, str] = field(default_factory=dict)
     bits: Mapping[int, str] = field(default_factory=dict)
     firmware: str = ""
+    kind: ParameterKind = "setting"
+    """A setting is kept and restored; a command makes the device act, a measurement is made by it."""
     storable: bool | None = None
     group: str = ""
     """The heading under which a listing has it: see `group` in `catalog/README.md`."""
@@ -186,6 +189,7 @@ class Parameter:
             "modbus": None if self.modbus is None else self.modbus._asdict(),
             "object": None if place is None else asdict(place) | {"type": place.type or self.type},
             "bits": {str(number): text for number, text in self.bits.items()},
+            "kind": self.kind,
             "storable": self.storable,
             "answered": self.answered,
             "printed": dict(self.printed),

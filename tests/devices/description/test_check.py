@@ -142,6 +142,8 @@ KEY_ERRORS: list[tuple[str, str, int, dict[str, str | None]]] = [
     ("bits", "type 'bool' has no such names", 5, {"type": '"bool"', "bits": '{ 0 = "x" }'}),
     ("firmware", "1.1: expected text", 5, {"firmware": "1.1"}),
     ("storable", "1: expected true or false", 5, {"storable": "1"}),
+    ("kind", "expected one of setting, command, measurement, reserved", 5, {"kind": '"value"'}),
+    ("kind", "a setting with access 'ro'; expected rw", 5, {"access": '"ro"', "kind": '"setting"'}),
     ("note", "'': expected text, not empty", 5, {"note": '""'}),
     ("printed", "'colour' is not a field", 5, {"printed": '{ colour = "x" }'}),
     ("printed", "max = 7: expected text", 5, {"printed": "{ max = 7 }"}),

@@ -29,7 +29,7 @@ from barewire.devices.sdo_dialects import DIALECTS
 from tests.devices.description.test_check import HEAD, HEAD_ERRORS, row, write
 
 KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
-KEYS += ["modbus", "object", "bits", "storable", "answered", "printed", "group"]
+KEYS += ["modbus", "object", "bits", "kind", "storable", "answered", "printed", "group"]
 
 ROOT = Path(__file__).parents[3]
 VALIDATOR = Draft202012Validator(dict(schema()))

@@ -20,10 +20,11 @@ from barewire.devices.device import CanopenSettings, Device, DevicePdo, DriveRol
 from barewire.devices.parameter import TABLE_NAMES, ModbusAt, ObjectAt, Parameter
 from barewire.errors import fold
 
-KEYS = ("name", "title", "documents", "modbus", "canopen", "pdo", "drive", "parameter")
+KEYS = ("name", "title", "documents", "storable", "modbus", "canopen", "pdo", "drive", "parameter")
 """The keys of device.toml that the format defines. Tables with other names are kept in `Device.extra`."""
 
 _WORDS = {"u32": 2, "i32": 2, "f32": 2, "u64": 4, "i64": 4, "f64": 4}
+_KINDS = {"ro": "measurement", "wo": "command"}
 _NONE: Mapping[Any, Any] = MappingProxyType({})
 _fraction = lru_cache(maxsize=None)(Fraction)  # few scales occur, each of them often
 _ONE = _fraction(1)
@@ -37,10 +38,13 @@ class Numbering(NamedTuple):
 
     order: Order = "ABCD"
 
+    storable: bool | None = None
+    """Whether a setting is storable whose row does not say it."""
+
 
 def build_device(head: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> Device:
     """Return the device of these tables: `head` is device.toml, `rows` are the [[parameter]] tables of all files."""
-    numbering = numbering_of(head.get("modbus", _NONE))
+    numbering = numbering_of(head.get("modbus", _NONE))._replace(storable=head.get("storable"))
     parameters: list[Parameter] = []
     for row in rows:
         parameters.append(build_parameter(row, numbering, parameters[-1].group if parameters else ""))
@@ -69,6 +73,7 @@ def numbering_of(modbus: Mapping[str, Any]) -> Numbering:
 def build_parameter(row: Mapping[str, Any], numbering: Numbering, group: str = "") -> Parameter:
     """Return the parameter of one [[parameter]] table, in the `group` of the row before unless it begins a new one."""
     get = row.get
+    kind = get("kind") or _KINDS.get(row["access"], "setting")
     return Parameter(
         name=" ".join(row["name"].split()),
         type=row["type"],
@@ -81,7 +86,8 @@ def build_parameter(row: Mapping[str, Any], numbering: Numbering, group: str = "
         values=_numbered(row["values"]) if "values" in row else _NONE,
         bits=_numbered(row["bits"]) if "bits" in row else _NONE,
         firmware=get("firmware", ""),
-        storable=get("storable"),
+        kind=kind,
+        storable=get("storable", numbering.storable) if kind == "setting" else False,
         group=get("group", group),
         answered=get("answered", True),
         note=get("note", ""),

@@ -384,6 +384,8 @@ def _check_row(row: TomlTable, modbus: TomlTable | None, numbering: Numbering, *
     parameter = build_parameter(row.items, numbering)
     if parameter.modbus is None and parameter.object is None:
         raise row.error("name", f"no address; expected one of {', '.join(TABLE_NAMES)}, or object, or both")
+    if parameter.kind == "setting" and parameter.access != "rw":
+        raise row.error("kind", f"a setting with access {parameter.access!r}; expected rw")
     _check_numbers(row, parameter)
     _check_names(row, parameter)
     return parameter

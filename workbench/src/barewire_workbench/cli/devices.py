@@ -156,7 +156,7 @@ def _main_fields(parameter: Parameter) -> Iterator[str]:
     yield _modbus_address(parameter)
     yield parameter.places[1]
     yield f"firmware {parameter.firmware}" if parameter.firmware else ""
-    yield "storable" if parameter.storable else ""
+    yield parameter.kind + (", storable" if parameter.storable else "")
 
 
 def _other_fields(parameter: Parameter) -> Iterator[str]:
