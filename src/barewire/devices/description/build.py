@@ -17,14 +17,14 @@ from typing import Any, NamedTuple
 
 from barewire.codecs.order import Order
 from barewire.devices.device import CanopenSettings, Device, DevicePdo, DriveRoles, ModbusSettings
-from barewire.devices.parameter import TABLE_NAMES, ModbusAt, ObjectAt, Parameter
+from barewire.devices.parameter import TABLE_NAMES, ModbusAt, ObjectAt, Parameter, ParameterKind
 from barewire.errors import fold
 
 KEYS = ("name", "title", "documents", "storable", "modbus", "canopen", "pdo", "drive", "parameter")
 """The keys of device.toml that the format defines. Tables with other names are kept in `Device.extra`."""
 
 _WORDS = {"u32": 2, "i32": 2, "f32": 2, "u64": 4, "i64": 4, "f64": 4}
-_KINDS = {"ro": "measurement", "wo": "command"}
+_KINDS: Mapping[str, ParameterKind] = {"ro": "measurement", "wo": "command"}
 _NONE: Mapping[Any, Any] = MappingProxyType({})
 _fraction = lru_cache(maxsize=None)(Fraction)  # few scales occur, each of them often
 _ONE = _fraction(1)
@@ -73,7 +73,7 @@ def numbering_of(modbus: Mapping[str, Any]) -> Numbering:
 def build_parameter(row: Mapping[str, Any], numbering: Numbering, group: str = "") -> Parameter:
     """Return the parameter of one [[parameter]] table, in the `group` of the row before unless it begins a new one."""
     get = row.get
-    kind = get("kind") or _KINDS.get(row["access"], "setting")
+    kind: ParameterKind = get("kind") or _KINDS.get(row["access"], "setting")
     return Parameter(
         name=" ".join(row["name"].split()),
         type=row["type"],
