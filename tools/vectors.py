@@ -2,7 +2,7 @@
 
     ids     a case without an id gets the next free number of its file: <file>-<n>. An id is never reused
     form    few lines for a case: result, comment, source, then the fields; no line longer than 120 characters
-    counts  the tables of vectors/README.md, each between its two markers; one is made of vectors/mutants.json
+    counts  the tables of vectors/README.md and AUTHORITY.md, each between its two markers; one is made of mutants.json
     index   the digest of each case, in vectors/index.json
 
 The tests call the same functions, and fail if a file is not as this tool would write it.
@@ -25,12 +25,16 @@ BEGIN, END = "<!-- counts: made by tools/vectors.py -->", "<!-- end of counts --
 CONFIRMED = "<!-- confirmations: made by tools/vectors.py -->", "<!-- end of confirmations -->"
 MUTANTS = "<!-- mutants: made by tools/vectors_mutants.py -->", "<!-- end of mutants -->"
 
+AUTHORITIES = "<!-- authorities: made by tools/vectors.py -->", "<!-- end of authorities -->"
+BY = ("standard", "manual", "convention", "barewire")
+RESULTS = ("valid", "invalid", "acceptable")
+
 # The first keys of a case, in rows. The other keys follow in the order of the file.
 ROWS = (
     ("id", "result", "reason", "fails", "flags"),
     ("comment",),
     ("source",),
-    ("clause", "origin"),
+    ("clause", "origin", "by"),
     ("confirmed_by", "unconfirmed"),
 )
 
@@ -115,9 +119,9 @@ def counts() -> str:
         results = Counter(case["result"] for case in document["cases"])
         total += results
         name = file.relative_to(CASES).as_posix()
-        numbers = " | ".join(str(results[result] or "") for result in ("valid", "invalid", "acceptable"))
+        numbers = " | ".join(str(results[result] or "") for result in RESULTS)
         rows.append(f"| [{name}](cases/{name}) | {document['subject']} | `{document['kind']}` | {numbers} |")
-    numbers = " | ".join(str(total[result]) for result in ("valid", "invalid", "acceptable"))
+    numbers = " | ".join(str(total[result]) for result in RESULTS)
     rows.append(f"| **{len(files())} files** | **{sum(total.values())} cases** | | {numbers} |")
     return "\n".join(rows)
 
@@ -141,6 +145,18 @@ def confirmations() -> str:
     return "\n".join(rows)
 
 
+def authorities() -> str:
+    """Return the table: how many cases each authority decides."""
+    documents = [json.loads(file.read_text(encoding="utf-8")) for file in files()]
+    found = Counter(
+        (case.get("by", document["by"]), case["result"]) for document in documents for case in document["cases"]
+    )
+    rows = [f"| by | {' | '.join(RESULTS)} |", "|---|--:|--:|--:|"]
+    for by in BY:
+        rows.append(f"| `{by}` | {' | '.join(str(found[by, result] or '') for result in RESULTS)} |")
+    return "\n".join(rows)
+
+
 def mutants() -> str:
     """Return the table: by kind, how many changes of its reference a case notices, from mutants.json."""
     numbers: dict[str, Any] = json.loads((VECTORS / "mutants.json").read_text(encoding="utf-8"))
@@ -159,11 +175,21 @@ def mutants() -> str:
 
 def with_counts(readme: str) -> str:
     """Return the README with its tables up to date."""
-    for (begin, end), table in (((BEGIN, END), counts()), (CONFIRMED, confirmations()), (MUTANTS, mutants())):
-        before, _, rest = readme.partition(begin)
-        _, _, after = rest.partition(end)
-        readme = f"{before}{begin}\n\n{table}\n\n{end}{after}"
+    for markers, table in (((BEGIN, END), counts()), (CONFIRMED, confirmations()), (MUTANTS, mutants())):
+        readme = _with_table(readme, markers, table)
     return readme
+
+
+def with_authorities(page: str) -> str:
+    """Return the page AUTHORITY.md with its table up to date."""
+    return _with_table(page, AUTHORITIES, authorities())
+
+
+def _with_table(page: str, markers: tuple[str, str], table: str) -> str:
+    begin, end = markers
+    before, _, rest = page.partition(begin)
+    _, _, after = rest.partition(end)
+    return f"{before}{begin}\n\n{table}\n\n{end}{after}"
 
 
 def index() -> str:
@@ -187,12 +213,13 @@ def main() -> None:
 
 
 def write_readme() -> None:
-    """Bring the tables of the README up to date; print its name if it has changed."""
-    readme = VECTORS / "README.md"
-    before = readme.read_text(encoding="utf-8")
-    if (after := with_counts(before)) != before:
-        readme.write_text(after, encoding="utf-8")
-        sys.stdout.write("README.md\n")
+    """Bring the tables of README.md and AUTHORITY.md up to date; print the names of the changed ones."""
+    for name, update in (("README.md", with_counts), ("AUTHORITY.md", with_authorities)):
+        page = VECTORS / name
+        before = page.read_text(encoding="utf-8")
+        if (after := update(before)) != before:
+            page.write_text(after, encoding="utf-8")
+            sys.stdout.write(f"{name}\n")
 
 
 if __name__ == "__main__":

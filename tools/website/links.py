@@ -27,6 +27,7 @@ PROJECT = {
     "LICENSE": "project/license.md",
     "bench/README.md": "project/bench.md",
     "vectors/README.md": "vectors/readme.md",
+    "vectors/AUTHORITY.md": "vectors/authority.md",
     "vectors/CHANGELOG.md": "vectors/changelog.md",
     "vectors/reference/README.md": "vectors/reference.md",
     "vectors/reference/SURVIVORS.md": "vectors/survivors.md",

@@ -1,4 +1,4 @@
-"""Expectations that are our own are found: bytes that belong to a manufacturer, and cases that others contradict."""
+"""Each case says by what authority it is right, and expectations that are our own are found."""
 
 from __future__ import annotations
 
@@ -8,15 +8,64 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from tools import vectors
+
 VECTORS = Path(__file__).parents[3] / "vectors"
+DOCUMENTS: list[dict[str, Any]] = [json.loads(file.read_text(encoding="utf-8")) for file in vectors.files()]
 CASES: list[tuple[str, dict[str, Any]]] = [
-    (document["kind"], case)
-    for file in sorted(VECTORS.glob("cases/*/*.json"))
-    if "cases" in (document := json.loads(file.read_text(encoding="utf-8")))
-    for case in document["cases"]
+    (document["kind"], case) for document in DOCUMENTS for case in document["cases"]
 ]
+STANDARDS: dict[str, dict[str, str]] = json.loads((VECTORS / "standards.json").read_text(encoding="utf-8"))
 EMCY = re.compile(r"0(8[1-9A-F]|[9A-E][0-9A-F]|F[0-9A-F])#([0-9A-F]{4})..(.{10})")
 """The code of an emergency, and the bytes of the manufacturer."""
+
+
+def of_their_own(document: dict[str, Any], case: dict[str, Any]) -> str:
+    """What a case lacks of the authority that it names, its own or that of its file; "" if it has all."""
+    by = case.get("by", document["by"])
+    have = {name for part in (document, case) for name in part}
+    lacks = {"standard": {"clause"}, "manual": {"source"}, "convention": {"origin"}, "barewire": set[str]()}[by] - have
+    if (by == "barewire") != ("policy" in case.get("flags", ())):
+        return f"{case['id']}: by barewire means the flag policy"
+    return f"{case['id']}: by {by} needs {', '.join(lacks)}" if lacks else ""
+
+
+def test_no_case_is_without_authority() -> None:
+    lacking = [of_their_own(document, case) for document in DOCUMENTS for case in document["cases"]]
+    assert [text for text in lacking if text] == []
+
+
+def test_each_clause_names_a_standard_of_its_file_with_the_version_that_was_read() -> None:
+    known = {f"{name} {row['version']}".rstrip(): name for name, row in STANDARDS.items()}
+    wrong = []
+    for document in DOCUMENTS:
+        named = document.get("standard", [])
+        wrong += [f"{document['subject']}: {standard}" for standard in named if standard not in known]
+        names = tuple(known[standard] for standard in named if standard in known)
+        clauses = [part["clause"] for part in (document, *document["cases"]) if "clause" in part]
+        wrong += [text for text in clauses if names and not all(begins(part, names) for part in text.split("; "))]
+    assert wrong == []
+    assert {known[standard] for document in DOCUMENTS for standard in document.get("standard", ())} == set(STANDARDS)
+
+
+def begins(part: str, names: tuple[str, ...]) -> bool:
+    """Whether a part of a clause begins with a standard, or with a number in the one before."""
+    return part.startswith(names) or part[0].isdigit()
+
+
+def test_a_file_that_decides_what_its_authority_leaves_open_says_what_that_is() -> None:
+    silent = [
+        document["subject"]
+        for document in DOCUMENTS
+        if document["open"] == "Nothing."
+        and any(case["result"] == "acceptable" or case.get("by") == "barewire" for case in document["cases"])
+    ]
+    assert silent == []
+
+
+def test_the_table_of_authorities_is_up_to_date() -> None:
+    page = (VECTORS / "AUTHORITY.md").read_text(encoding="utf-8")
+    assert vectors.with_authorities(page) == page, "run python tools/vectors.py"
 
 
 def emergencies(case: dict[str, Any]) -> Iterator[tuple[str, str]]:

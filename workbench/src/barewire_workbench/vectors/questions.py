@@ -18,7 +18,9 @@ from typing import Any, NamedTuple, TypeAlias
 Case: TypeAlias = Mapping[str, Any]
 Fields: TypeAlias = dict[str, Any]
 
-DESCRIPTION = frozenset({"comment", "source", "printed", "why", "clause", "origin", "confirmed_by", "unconfirmed"})
+DESCRIPTION = frozenset(
+    {"comment", "source", "printed", "why", "clause", "origin", "by", "confirmed_by", "unconfirmed"}
+)
 """Fields that say something about a case, and change neither its questions nor the verdict."""
 
 
