@@ -11,10 +11,14 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from barewire import ModbusServer, Table
 from barewire.io.ports.pty import PseudoTerminal
+from barewire.modbus import WriteSingleRegister, WriteSingleRegisterResponse
+from barewire.modbus.messages.base import Response
 from barewire.rtu import crc16
 from tests.helpers import free_port
 from tests.workbench.cli.helpers import (
@@ -340,3 +344,122 @@ def test_numbers_of_a_manual_are_read_and_written() -> None:
         hint = "; if 41002 is the number in the manual, the address is holding:1001"
         assert error_of("read", endpoint, "raw", "holding:41002").rstrip().endswith(hint)
         assert hint in run_here("read", endpoint, "raw", "holding:1001", "holding:41002").stdout
+
+
+# Before and after a write
+
+
+def test_another_machine_is_named_before_anything_is_read_or_written() -> None:
+    with simulated_at("adxl", "tcp://127.0.0.1:0") as endpoint:
+        text = error_of("read", endpoint, "az3", "STATUS WORD")
+        assert "unit 1 is not az3: it says server ID" in text
+        assert text.endswith("(adxl: LOVATO Electric ADXL soft starter); --no-check goes on\n")
+        for command in (
+            ("write", endpoint, "az3", "CONTROL WORD=6"),
+            ("watch", endpoint, "csd-mt", "Status Word", "--count", "1"),
+            ("drive", endpoint, "csd-mt", "enable"),
+        ):
+            assert "(adxl: LOVATO" in error_of(*command)
+        # What is read without asking: a number that means nothing.
+        assert output_of("read", endpoint, "az3", "STATUS WORD", "--no-check") == "STATUS WORD = 0 (no bit set)\n"
+        assert "exception" in error_of("drive", endpoint, "csd-mt", "quick-stop")  # goes out without a question
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (
+            ("rtu:///dev/nothing", "az3", "BRAKE 1 POW VALUE=50", "TARGET VELOCITY=-5"),
+            """BRAKE 1 POW VALUE = 50 %, would be written: raw 32 to the high byte of holding:265; its register is \
+read, changed and written back
+TARGET VELOCITY = -5 User units, would be written: raw FFFB FFFF to holding:156-157
+would send  01 03 01 09 00 01 55 F4  valid: a request to unit 1, Read Holding Registers, 1 from 0109h; CRC ok
+would send  01 10 00 9C 00 02 04 FF FB FF FF BA C3  valid: a request to unit 1, Write Multiple Registers, 2 from \
+009Ch; CRC ok
+""",
+        ),
+        (
+            ("tcp://127.0.0.1:1?unit=3", "raw", "coil:7=on", "holding:8=1", "holding:8=2"),
+            """coil:7 = on, would be written: raw 1 to coil:7
+holding:8 = 1, would be written: raw 0001 to holding:8
+would send  00 01 00 00 00 06 03 05 00 07 FF 00  valid: a request to unit 3, Write Single Coil, on to 0007h; \
+transaction 1
+would send  00 02 00 00 00 06 03 06 00 08 00 01  valid: a request to unit 3, Write Single Register, 1 to 0008h; \
+transaction 2
+holding:8 = 2, would be written: raw 0002 to holding:8
+would send  00 01 00 00 00 06 03 06 00 08 00 02  valid: a request to unit 3, Write Single Register, 2 to 0008h; \
+transaction 1
+""",
+        ),
+        (
+            ("can://memory/nothing?node=3", "az3", "TARGET VELOCITY=-5"),
+            """TARGET VELOCITY = -5 User units, would be written: raw FB FF FF FF to object:60FFh
+would send  603#23FF6000FBFFFFFF  valid: SDO request to node 3: initiate download, 60FFh:00 TARGET VELOCITY, \
+4 bytes: FFFFFFFBh, -5 User units
+""",
+        ),
+    ],
+    ids=["rtu", "tcp", "can"],
+)
+def test_a_dry_run_shows_values_words_and_frames_and_opens_no_port(arguments: tuple[str, ...], expected: str) -> None:
+    assert output_of("write", *arguments, "--dry-run", "--frames") == expected
+
+
+def test_a_dry_run_checks_values_and_has_fields() -> None:
+    write = ("write", "tcp://127.0.0.1:1", "csd-mt", "--dry-run")
+    assert "expected -2..37" in error_of(*write, "Homing Method=99", status=2)
+    assert "has no address on Modbus" in error_of(
+        "write", "tcp://127.0.0.1:1", "az3", "IQRMSX10=1", "--force", "--dry-run", status=2
+    )
+    fields = json.loads(output_of(*write, "Profile Velocity=1234", "--json"))
+    assert (fields["raw"], fields["address"], fields["value"]) == ("04D2 0000", "holding:1044-1045", 1234)
+
+
+class _Stubborn(Table):
+    """A table that confirms every write, and keeps the values of its odd addresses."""
+
+    def handle(self, request: Any, now: float) -> Response | None:
+        if isinstance(request, WriteSingleRegister) and request.address % 2:
+            return WriteSingleRegisterResponse(request.address, request.value)
+        return super().handle(request, now)
+
+
+def test_what_was_written_is_read_back_and_a_difference_is_the_status() -> None:
+    with ModbusServer("tcp://127.0.0.1:0", {1: _Stubborn()}) as server:
+        same = output_of("write", server.url, "raw", "holding:2=7", "holding:4:f32=0.1", "--verify")
+        other = run_here("write", server.url, "raw", "holding:3=7", "holding:6=1", "--verify")
+    assert same.splitlines() == [
+        "holding:2 = 7, written; the device has it",
+        "holding:4:f32 = 0.1, written; the device has it",
+    ]
+    assert other.returncode == 1
+    assert other.stdout.splitlines() == [
+        "holding:3 = 7, written, but the device has 0",
+        "holding:6 = 1, written; the device has it",
+    ]
+    assert other.stderr == "barewire: 1 of 2 values are not as written\n"
+
+
+def test_a_scaled_value_is_compared_as_its_raw_number(tmp_path: Path) -> None:
+    (tmp_path / "device.toml").write_text(
+        """name = "pump"
+title = "A pump"
+[modbus]
+first_register = 0
+[[parameter]]
+name = "Pressure"
+type = "u16"
+access = "rw"
+holding = 2
+scale = "1/3"
+unit = "bar"
+"""
+    )
+    with ModbusServer("tcp://127.0.0.1:0", {1: Table()}) as server:
+        written = output_of("write", server.url, str(tmp_path), "Pressure=2.3333", "--verify")
+    assert written == "Pressure = 2.3333 bar, written; the device has it\n"
+
+
+def test_a_value_that_cannot_be_read_back_is_refused_before_the_write() -> None:
+    text = error_of("write", "tcp://127.0.0.1:1", "adxl", "Save and reboot=5", "--verify", status=2)
+    assert text == "barewire: --verify: Save and reboot: it cannot be read\n"

@@ -30,6 +30,7 @@ from tests.workbench.cli.helpers import (
     error_of,
     output_of,
     run_command,
+    run_here,
     simulated_at,
 )
 
@@ -169,9 +170,9 @@ def test_failed_polls_are_shown_and_polling_continues() -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         endpoint = process.stdout.readline().split()[1]
-        watch = ("watch", endpoint, "csd-mt", NAMES[0], "--period", "0.02", "--count", "20")
+        watch = ("watch", endpoint, "csd-mt", NAMES[0], "--period", "0.02", "--count", "20", "--no-check")
         rows = [json.loads(line) for line in output_of(*watch, "--json").splitlines()]
-        done = run_command(*watch, "--csv")
+        done = run_here(*watch, "--csv")
         process.send_signal(signal.SIGTERM)
         faults = process.stdout.read().splitlines()
         assert process.wait(10) == 0

@@ -9,6 +9,7 @@
     simulate          `simulate`: a machine or a table on real ports
     ports, scan       `ports`: those of this machine; `scan`: units, nodes and addresses
     read_write        `read`, `write`: named values
+    dry_run           what `write --dry-run` shows: addresses, raw words, frames
     raw_address       names that are addresses: holding:0, 40001, object:6041h:u16
     watch, plot       `watch`: named values periodically, as a table, lines, JSON, CSV or a plot
     drive             `drive`: enable, move and stop a drive

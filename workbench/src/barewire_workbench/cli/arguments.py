@@ -20,6 +20,7 @@ from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.output import file_content, note
 
 if TYPE_CHECKING:
+    from barewire.io.machine import MachineClient
     from barewire_workbench.frames.modbus_exchanges import UnitNames
     from barewire_workbench.monitor import KnownNode
 
@@ -131,6 +132,9 @@ no_wait_option = click.option(
     is_flag=True,
     help="After a time-out on a serial line, do not wait for a late response; the next command may get it.",
 )
+no_check_option = click.option(
+    "--no-check", is_flag=True, help="Do not ask first whether the machine is a DEVICE, as far as it can tell."
+)
 nodes_option = click.option(
     "--node",
     "nodes",
@@ -145,6 +149,23 @@ units_option = click.option(
     multiple=True,
     help="Modbus: the unit of that --device; without it, every unit.",
 )
+
+
+def check_machine(machine: MachineClient, no_check: bool, *, before_write: bool = False) -> None:
+    """Ask a machine what it is, unless `no_check`. Raises WrongDevice for another one; before a write NoAnswer too."""
+    if no_check:
+        return
+    from barewire.errors import NoAnswer
+    from barewire_workbench.live.check_device import WrongDevice, check_device
+
+    try:
+        check_device(machine, before_write=before_write)
+    except WrongDevice as error:
+        error.add_context("--no-check goes on")
+        raise
+    except NoAnswer as error:
+        error.add_context("it was asked what it is before the write; --no-check does not ask")
+        raise
 
 
 def print_timing(endpoint: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -22,7 +23,15 @@ from barewire.devices.drive import DriveProgress, DriveStatus, DriveStuck, bit_n
 from barewire.devices.parameter import show
 from barewire.errors import shown
 from barewire.io.drive import DriveClient
-from barewire_workbench.cli.arguments import CommandGroup, device_argument, duration, endpoint_argument, no_wait_option
+from barewire_workbench.cli.arguments import (
+    CommandGroup,
+    check_machine,
+    device_argument,
+    duration,
+    endpoint_argument,
+    no_check_option,
+    no_wait_option,
+)
 from barewire_workbench.cli.ending import EndedBySignal, ended_by_signals, late_response_awaited
 from barewire_workbench.cli.output import Output, note, output_option, print_json
 from barewire_workbench.cli.shown_frames import frames_option, frames_shown
@@ -57,6 +66,8 @@ def drive_command(ctx: click.Context, endpoint: str, device: str) -> None:
 
     move, velocity and home need an enabled drive: none of them switches the current on unless --enable is given.
 
+    A machine that says that it is another one is not moved; `--no-check` does not ask, nor do quick-stop and disable.
+
     After a time-out on a serial line the command waits at its end until no late response is expected (3 time-outs).
 
     `barewire drive COMMAND --help` explains a command.
@@ -69,7 +80,7 @@ def drive_command(ctx: click.Context, endpoint: str, device: str) -> None:
     """
     description = load(device)
     drive_roles(description)  # a device that is not a drive is reported before a port is opened
-    ctx.obj = (endpoint, description)
+    ctx.obj = (endpoint, description, device)
 
 
 class _MovingCommand(click.Command):
@@ -104,9 +115,16 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
     def make_command(action: _Action) -> click.Command:
         @wraps(action)
         def run_action(
-            ctx: click.Context, /, output: Output, timeout: float, no_wait: bool, frames: bool, **arguments: Any
+            ctx: click.Context,
+            /,
+            output: Output,
+            timeout: float,
+            no_wait: bool,
+            no_check: bool,
+            frames: bool,
+            **arguments: Any,
         ) -> None:
-            endpoint, device = ctx.obj
+            endpoint, device, _ = ctx.obj
             if moves:
                 check_mode(device, name)  # before a port is opened
             with (
@@ -117,6 +135,8 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
             ):
                 if name in _MUST_BE_DONE:
                     show_progress = _if_possible(show_progress)
+                else:
+                    check_machine(machine, no_check, before_write=name != "status")
                 if name == "enable" and (old := _old_target(machine, device)):
                     note(old)
                 client = machine.drive.following(show_progress, timeout=timeout)
@@ -147,12 +167,17 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
             bits = ", ".join(bit_names(status.status_word)) or "no bit set"
             output.text(f"{status.state_name}{_values(status)}; status word {status.status_word:04X}h: {bits}")
             output.text(*_remarks(name, device, status, arguments))
+            if name == "velocity" and arguments["target"]:
+                stop = f'barewire drive "{endpoint}" {shlex.quote(ctx.obj[2])} velocity 0'
+                output.text(f"the motor keeps turning; to stop it: {stop}")
             if name == "reset" and client.drive.control is None:  # nothing was written
                 output.text("no fault to reset")
 
         # A negative target such as -1000 begins with a dash and is not an option.
         settings = {"ignore_unknown_options": moves}
-        command = output_option(_timeout_option(no_wait_option(frames_option(click.pass_context(run_action)))))
+        command = output_option(
+            _timeout_option(no_wait_option(no_check_option(frames_option(click.pass_context(run_action)))))
+        )
         kind = _MovingCommand if moves else click.Command
         return drive_command.command(name, cls=kind, context_settings=settings)(command)
 
@@ -174,7 +199,7 @@ def _old_target(machine: Any, device: Device) -> str:
 _AT_REST = ("move", "home", "velocity", "quick-stop")
 """The actions that end at a velocity that is known: 0, or the target."""
 _MUST_BE_DONE = ("quick-stop", "disable")
-"""The actions that are carried out also if nothing can be printed."""
+"""The actions that are carried out also if nothing can be printed, and without a question before them."""
 _CURRENT_ON = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 
 

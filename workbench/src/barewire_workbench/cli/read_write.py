@@ -6,6 +6,7 @@ import csv
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import click
 
@@ -15,20 +16,24 @@ from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
 from barewire.devices.request_checks import parse_value, to_write
 from barewire.errors import shown
+from barewire.io.endpoint import Endpoint
 from barewire.io.machine import MachineClient
 from barewire.modbus.exceptions import ModbusException
 from barewire_workbench.cli.arguments import (
     Choice,
+    check_machine,
     device_argument,
     endpoint_argument,
+    no_check_option,
     no_wait_option,
     print_timing,
     timing_option,
 )
+from barewire_workbench.cli.dry_run import address_text, frames_of, raw_text
 from barewire_workbench.cli.ending import late_response_awaited
 from barewire_workbench.cli.output import Output, note, output_option
 from barewire_workbench.cli.raw_address import device_with, expanded, is_raw_address, printed_number_hint, wire_address
-from barewire_workbench.cli.shown_frames import frames_option, frames_shown
+from barewire_workbench.cli.shown_frames import ShownFrames, frames_option, frames_shown, is_verbose
 from barewire_workbench.live.read_values import (
     COLUMNS,
     ReadValue,
@@ -50,6 +55,7 @@ from barewire_workbench.live.read_values import (
 @output_option
 @timing_option
 @no_wait_option
+@no_check_option
 @frames_option
 @click.pass_context
 def read_command(
@@ -65,6 +71,7 @@ def read_command(
     output: Output,
     timing: bool,
     no_wait: bool,
+    no_check: bool,
     frames: bool,
 ) -> None:
     """Read named values of a device.
@@ -83,6 +90,8 @@ def read_command(
 
     Of several values, one that the device refuses, or does not answer, costs only itself: its line says why, the
     others are read, and the exit status is 1.
+
+    A machine that says that it is another one is not read, which takes a request or two. `--no-check` reads it anyway.
 
     A request waits `timeout` seconds for its response (1, an option of ENDPOINT). If there is none on a serial line,
     the command waits until `late_window` is over (3 time-outs): a late response must not reach the next command.
@@ -106,6 +115,7 @@ def read_command(
     table = csv.DictWriter(sys.stdout, COLUMNS, restval="", lineterminator="\n") if as_csv else None
     failed = 0
     with _connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
+        check_machine(machine, no_check)
         if len(wanted) == 1 and not (as_csv or everything or groups):
             parameter = description.find(wanted[0])
             try:
@@ -140,18 +150,29 @@ def read_command(
     is_flag=True,
     help="Write also values that are read only or out of range, and read back what the device has then.",
 )
+@click.option(
+    "--verify", is_flag=True, help="Read back what was written; exit status 1 if the device has another value."
+)
+@click.option("--dry-run", is_flag=True, help="Show what would be written, with --frames each frame; send nothing.")
 @output_option
 @timing_option
 @no_wait_option
+@no_check_option
 @frames_option
+@click.pass_context
 def write_command(
+    context: click.Context,
+    /,
     endpoint: str,
     device: str,
     assignments: tuple[str, ...],
     force: bool,
+    verify: bool,
+    dry_run: bool,
     output: Output,
     timing: bool,
     no_wait: bool,
+    no_check: bool,
     frames: bool,
 ) -> None:
     """Write named values of a device, in the order given.
@@ -160,9 +181,13 @@ def write_command(
     registers are written in one request where the device allows it. Half a register, or one bit of a register or of an
     object, is read, changed and written back; the output line states that.
 
+    Nothing is written to a machine that says that it is another one, or that does not say what its manual promises.
+    `--no-check` does not ask.
+
     \b
     barewire write "tcp://127.0.0.1:1502" csd-mt "Control Word=0x0006"
-    barewire write "tcp://127.0.0.1:1502" raw holding:100:f32=1.5 coil:7=on
+    barewire write "tcp://127.0.0.1:1502" csd-mt "Profile Velocity=5000" --dry-run --frames
+    barewire write "tcp://127.0.0.1:1502" raw holding:100:f32=1.5 coil:7=on --verify
     """
     described = device_with(device)
     given = [(wire_address(name, described), value) for name, value in map(_assignment, assignments)]
@@ -170,17 +195,32 @@ def write_command(
     wanted = [_parsed(description.find(name), value) for name, value in given]
     for name, value in wanted:
         # Every value is checked before the first is sent: half of a sequence may start a motor.
-        to_write(description, {name: value}, force)
-        _note_unnamed(description.find(name), value)
+        ((parameter, _),) = to_write(description, {name: value}, force)
+        if verify and not (parameter.readable and parameter.answered):
+            why = "it cannot be read" if not parameter.readable else "the device does not answer it"
+            raise click.UsageError(f"--verify: {parameter.name}: {why}")
+        _note_unnamed(parameter, value)
     if timing:
         print_timing(endpoint)
+    if dry_run:
+        _show_plan(endpoint, description, wanted, output, force=force, frames=frames)
+        return
+    differing = 0
     with _connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
+        check_machine(machine, no_check, before_write=True)
         for values in _batches(wanted):
             machine.write(values, force=force)
             for name, value in values.items():
                 reading = Reading(description.find(name), value)
-                how = _how_written(reading.parameter, endpoint) + (_read_back(machine, reading) if force else "")
+                how = _how_written(reading.parameter, endpoint)
+                if verify or force:
+                    is_same, text = _read_back(machine, reading, endpoint)
+                    differing += not is_same
+                    how += text or ("; the device has it" if verify else "")
                 output.show(f"{reading}, {how}", ReadValue(reading.parameter, reading).as_dict() | {"how": how})
+    if verify and differing:
+        note(f"{differing} of {len(wanted)} values are not as written")
+        context.exit(1)
 
 
 def _hint(parameter: Parameter) -> str:
@@ -241,20 +281,49 @@ def _how_written(parameter: Parameter, endpoint: str) -> str:
     """Return how a value was written: as a whole, as a part of a register or object, or without confirmation."""
     if not parameter.answered:
         return "sent: the device does not answer it"
-    if endpoint.startswith("can:"):
-        part = "object" if parameter.object is not None and parameter.object.bit is not None else ""
-    else:
-        part = "register" if parameter.modbus is not None and parameter.modbus.partial else ""
+    part = _part(parameter, endpoint)
     return f"written: its {part} was read, changed and written back" if part else "written"
 
 
-def _read_back(machine: MachineClient, written: Reading) -> str:
-    """Return what the device has after a forced write: it may keep its own value and report no error."""
-    parameter = written.parameter
+def _part(parameter: Parameter, endpoint: str) -> str:
+    """Return of what the value is only a part: "register" or "object"; empty if of nothing."""
+    if endpoint.startswith("can:"):
+        return "object" if parameter.object is not None and parameter.object.bit is not None else ""
+    return "register" if parameter.modbus is not None and parameter.modbus.partial else ""
+
+
+def _read_back(machine: MachineClient, written: Reading, endpoint: str) -> tuple[bool, str]:
+    """Return whether the device has what was written, compared as raw numbers, and a text if it has not: it may keep
+    its own value and report no error."""
+    parameter = replace(written.parameter, minimum=None, maximum=None)  # what it has may be out of the range
     if not parameter.readable or not parameter.answered:
-        return ""
+        return True, ""
     try:
-        present = parameter.text(machine.read(parameter.name).value)
+        present = machine.read(parameter.name).value
     except BarewireError as error:
-        return f"; not read back: {error}"
-    return "" if present == parameter.text(written.value) else f", but the device has {present}"
+        return False, f"; not read back: {error}"
+    is_can = Endpoint.parse(endpoint).scheme == "can"
+    if raw_text(parameter, present, is_can=is_can) == raw_text(parameter, written.value, is_can=is_can):
+        return True, ""
+    return False, f", but the device has {parameter.text(present)}"
+
+
+def _show_plan(
+    endpoint: str, device: Device, wanted: list[tuple[str, Value]], output: Output, *, force: bool, frames: bool
+) -> None:
+    """Print what would be written."""
+    is_can = Endpoint.parse(endpoint).scheme == "can"
+    for values in _batches(wanted):
+        planned = list(frames_of(endpoint, device, values, force=force))  # also checks that it can be written there
+        for name, value in values.items():
+            reading = Reading(device.find(name), value)
+            parameter = replace(reading.parameter, minimum=None, maximum=None)
+            address, raw = address_text(parameter, is_can=is_can), raw_text(parameter, value, is_can=is_can)
+            part = _part(parameter, endpoint)
+            how = f"; its {part} is read, changed and written back" if part else ""
+            fields = ReadValue(reading.parameter, reading).as_dict() | {"raw": raw, "address": address}
+            output.show(f"{reading}, would be written: raw {raw} to {address}{how}", fields)
+        if frames:
+            shown_frames = ShownFrames(endpoint, device, every_field=is_verbose(), output=output)
+            for frame in planned:
+                shown_frames.show("would send", frame)

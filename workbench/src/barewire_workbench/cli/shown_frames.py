@@ -86,35 +86,42 @@ class ShownFrames:
             data, self._received = self._received, b""
             self._print("received", data)
 
+    def show(self, word: str, item: Any) -> None:
+        """Print one whole frame of a client with a word of its own, such as "would send"."""
+        if isinstance(item, bytes):
+            self._print("sent", item, word)
+        else:
+            self._print_can(word, item)
+
     def _explained(self, direction: Direction, data: bytes) -> Explanation:
         from barewire_workbench import explain
 
         return explain(self._protocol, data, "request" if direction == "sent" else "response")
 
-    def _print(self, direction: Direction, data: bytes) -> None:
+    def _print(self, direction: Direction, data: bytes, word: str = "") -> None:
         text = data.decode("ascii", "replace").replace("\r\n", "\\r\\n") if self._protocol == "ascii" else None
-        self._write(direction, text or data.hex(" ").upper(), self._explained(direction, data))
+        self._write(word or direction, text or data.hex(" ").upper(), self._explained(direction, data))
 
-    def _print_can(self, direction: Direction, frame: CanFrame) -> None:
+    def _print_can(self, word: str, frame: CanFrame) -> None:
         assert self._explain_can is not None
-        self._write(direction, str(frame), self._explain_can(frame))
+        self._write(word, str(frame), self._explain_can(frame))
 
-    def _write(self, direction: Direction, digits: str, explanation: Explanation) -> None:
+    def _write(self, word: str, digits: str, explanation: Explanation) -> None:
         """Print a frame. A closed output must not fail the port, over which a drive may have to be stopped."""
         if self._is_closed:
             return
         try:
-            self._print_frame(direction, digits, explanation)
+            self._print_frame(word, digits, explanation)
         except OSError:
             self._is_closed = True
 
-    def _print_frame(self, direction: Direction, digits: str, explanation: Explanation) -> None:
+    def _print_frame(self, word: str, digits: str, explanation: Explanation) -> None:
         if self._output.as_json:
-            print_json({"direction": direction, "frame": digits, **explanation.as_dict()})
+            print_json({"direction": word, "frame": digits, **explanation.as_dict()})
         elif self._every_field:
-            self._show_text("\n".join([f"{direction:<8}  {digits}", *(f"  {line}" for line in explanation.lines())]))
+            self._show_text("\n".join([f"{word:<8}  {digits}", *(f"  {line}" for line in explanation.lines())]))
         else:
-            self._show_text(f"{direction:<8}  {digits}  {explanation.verdict}")
+            self._show_text(f"{word:<8}  {digits}  {explanation.verdict}")
 
 
 def _can_explainer(device: Device | None, node: str | None) -> Callable[[Any], Explanation]:
@@ -139,15 +146,19 @@ def _can_explainer(device: Device | None, node: str | None) -> Callable[[Any], E
     return explained
 
 
+def is_verbose() -> bool:
+    """Return whether -v was given: every field of a frame is shown."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.find_root().params.get("verbose", 0))
+
+
 @contextmanager
 def frames_shown(endpoint: str, device: Device, wanted: bool, output: Output) -> Iterator[dict[str, Watch]]:
     """Yield the options of a client that shows its frames: none unless they are `wanted`. At the end, show the rest."""
     if not wanted:
         yield {}
         return
-    context = click.get_current_context(silent=True)
-    verbose = 0 if context is None else context.find_root().params.get("verbose", 0)
-    shown = ShownFrames(endpoint, device, every_field=bool(verbose), output=output)
+    shown = ShownFrames(endpoint, device, every_field=is_verbose(), output=output)
     try:
         yield {"watch": shown.watch}
     finally:

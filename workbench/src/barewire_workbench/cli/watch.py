@@ -29,7 +29,15 @@ from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
 from barewire.errors import BarewireError, EncodeError, PortError, Refused
-from barewire_workbench.cli.arguments import device_argument, duration, endpoint_argument, no_wait_option
+from barewire.io.machine import MachineClient
+from barewire_workbench.cli.arguments import (
+    check_machine,
+    device_argument,
+    duration,
+    endpoint_argument,
+    no_check_option,
+    no_wait_option,
+)
 from barewire_workbench.cli.ending import EndedBySignal, ended_by_signals, late_response_awaited
 from barewire_workbench.cli.output import note, print_json, text_with_notes
 from barewire_workbench.cli.raw_address import device_with, expanded
@@ -47,6 +55,7 @@ from barewire_workbench.cli.raw_address import device_with, expanded
 @click.option("--csv", "as_csv", is_flag=True, help="Print one line of CSV a poll; failed polls go to stderr.")
 @click.option("--plot", metavar="FILE", help="Plot the values into FILE at the end: .svg, .png or .pdf.")
 @no_wait_option
+@no_check_option
 def watch_command(
     endpoint: str,
     device: str,
@@ -57,6 +66,7 @@ def watch_command(
     as_csv: bool,
     plot: str | None,
     no_wait: bool,
+    no_check: bool,
 ) -> int:
     """Read named values periodically.
 
@@ -84,7 +94,7 @@ def watch_command(
 
         check_plot_file(plot)
     succeeded = False
-    poller = Poller(partial(connect, description, endpoint), description, names)
+    poller = Poller(partial(_connect, description, endpoint, no_check), description, names)
     try:
         with ExitStack() as stack:
             # The plot is drawn however the command ends: also after Ctrl-C, SIGTERM or a closed pipe.
@@ -187,6 +197,17 @@ class Poller:
         if self.machine is not None:
             self.machine.close()
             self.machine = None
+
+
+def _connect(device: Device, endpoint: str, no_check: bool) -> MachineClient:
+    """Connect, and ask the machine what it is."""
+    machine = connect(device, endpoint)
+    try:
+        check_machine(machine, no_check)
+    except BaseException:
+        machine.close()
+        raise
+    return machine
 
 
 def next_poll(number: int, period: float, elapsed: float) -> int:

@@ -4,6 +4,7 @@
     canopen_conformance    a CANopen device, on any bus
     scan_modbus            the units of a line, server or gateway, and their addresses
     scan_canopen           the nodes of a bus
+    check_device           whether a machine is the one whose name is used
     read_values            many values of a machine, of which a bad one costs only itself
     listen                 what others say on a serial line
     ports                  the serial ports and CAN interfaces of this machine

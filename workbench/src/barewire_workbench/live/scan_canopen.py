@@ -12,19 +12,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Literal
 
 from barewire import CanopenClient
 from barewire.canopen import CanFrame, ScannedNode, ScanResult
 from barewire.devices import Device
-from barewire.errors import BarewireError, PortError
+from barewire.errors import DecodeError, NoAnswer, Refused
 from barewire.io.endpoint import Endpoint
 from barewire_workbench.scan.identity import DeviceIdentity, device_of, known_devices
 
 _NUMBERS = {"vendor": 1, "product": 2, "revision": 3, "serial": 4}
 """The sub-indices of 1018h."""
-_IDENTITY = 0x1018
+_DEVICE_TYPE, _IDENTITY = 0x1000, 0x1018
 _TEXTS = {"name": 0x1008, "hardware": 0x1009, "software": 0x100A}
 _LONGEST_TEXT = 255
 """Bytes of a text or number; a node that sends more, or without an end, is not listened to."""
@@ -137,19 +138,17 @@ def scan_canopen(
 
 def identify(client: CanopenClient, node: int, identity: DeviceIdentity) -> None:
     """Ask a node what it is: 1018h, 1008h, 1009h, 100Ah. What it refuses, or does not answer, stays empty."""
-    sdo = client.node(node).sdo
-    for name, sub in _NUMBERS.items():
-        if (data := _read(sdo.upload, _IDENTITY, sub)) is not None:
-            identity.numbers[name] = int.from_bytes(data[:4], "little")
-    for name, index in _TEXTS.items():
-        if (data := _read(sdo.upload, index, 0)) is not None:
-            identity.texts[name] = data.decode("latin-1")
+    upload = client.node(node).sdo.upload
+    for key in (*_NUMBERS, *_TEXTS):
+        with suppress(Refused, NoAnswer, DecodeError):
+            ask(upload, key, identity)
 
 
-def _read(upload: Callable[..., bytes], index: int, sub: int) -> bytes | None:
-    try:
-        return upload(index, sub, limit=_LONGEST_TEXT)
-    except PortError:
-        raise
-    except BarewireError:
-        return None
+def ask(upload: Callable[..., bytes], key: str, identity: DeviceIdentity) -> None:
+    """Ask a node for one thing that it says about itself, and keep that. `upload` is that of its SDO client, whose
+    errors it raises."""
+    if key in _TEXTS:
+        identity.texts[key] = upload(_TEXTS[key], 0, limit=_LONGEST_TEXT).decode("latin-1")
+    else:
+        index, sub = (_IDENTITY, _NUMBERS[key]) if key in _NUMBERS else (_DEVICE_TYPE, 0)
+        identity.numbers[key] = int.from_bytes(upload(index, sub, limit=_LONGEST_TEXT)[:4], "little")

@@ -203,12 +203,25 @@ def identify(client: ModbusClient, *, may_close: bool = False) -> DeviceIdentity
     """Ask a unit what it is: 11h, and the basic objects of 2B/0Eh. What it does not answer stays empty; with
     `may_close` also if it closes the connection."""
     identity = DeviceIdentity()
-    without_answer = (ModbusException, NoAnswer, DecodeError, *((PortError,) if may_close else ()))
-    with suppress(*without_answer):
-        identity.server_id = client.ask(ReportServerId()).data
-    with suppress(*without_answer):
-        identity.texts = client.read_device_identification().texts()
+    for question in QUESTIONS.values():
+        with suppress(ModbusException, NoAnswer, DecodeError, *((PortError,) if may_close else ())):
+            question(client, identity)
     return identity
+
+
+def _ask_server_id(client: ModbusClient, identity: DeviceIdentity) -> None:
+    identity.server_id = client.ask(ReportServerId()).data
+
+
+def _ask_texts(client: ModbusClient, identity: DeviceIdentity) -> None:
+    identity.texts = client.read_device_identification().texts()
+
+
+QUESTIONS: dict[str, Callable[[ModbusClient, DeviceIdentity], None]] = {
+    "server_id": _ask_server_id,
+    "texts": _ask_texts,
+}
+"""How a unit is asked for the keys of a table [identity]; raise the errors of a request."""
 
 
 def scan_modbus(

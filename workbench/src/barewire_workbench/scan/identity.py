@@ -5,11 +5,13 @@ A description may have a table [identity], with what the device answers, for tho
     server_id    function 11h: bytes in hexadecimal, ?? for any; more may follow          "?? ?? ?? ?? 05"
     texts        function 2B/0Eh: words that stand in the objects                         ["AZ3"]
     device_type  object 1000h; vendor, product: 1018h:01 and :02                          0x00020192
+
+An empty table is that of a device which says nothing that its manual prints: it is known by not being another one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,9 +20,15 @@ from barewire.errors import EncodeError, shown
 
 _KEYS = ("server_id", "texts", "device_type", "vendor", "product")
 
+_QUESTIONS = {"server_id": "function 11h", "texts": "function 2B/0Eh"}
+"""What a unit may refuse, and what that is called."""
+
+_PROFILE = 0xFFFF
+"""The bits of 1000h with the device profile."""
+_DRIVES = 402
 _PROFILES = {
     401: "inputs and outputs",
-    402: "drives",
+    _DRIVES: "drives",
     404: "measuring devices",
     405: "programmable controllers",
     406: "encoders",
@@ -76,7 +84,7 @@ def profile_text(device_type: int) -> str:
     >>> profile_text(0x0002_0192), profile_text(0), profile_text(0x1F0)
     ('profile 402 (drives)', 'no device profile', 'profile 496')
     """
-    number = device_type & 0xFFFF
+    number = device_type & _PROFILE
     if number == 0:
         return "no device profile"
     return f"profile {number}" + (f" ({_PROFILES[number]})" if number in _PROFILES else "")
@@ -88,7 +96,7 @@ def known_devices(descriptions: Iterable[str] = ()) -> list[Device]:
     devices = [load(name) for name in (*names(), *descriptions)]
     known = [device for device in devices if "identity" in device.extra]
     for device in known:
-        _check(device)
+        check_identity_table(device)
     return known
 
 
@@ -103,8 +111,44 @@ def device_of(identity: DeviceIdentity, devices: Iterable[Device]) -> Device | N
     return next((device for device in devices if _fits(identity, device.extra["identity"])), None)
 
 
+def contradiction(identity: DeviceIdentity, refused: Collection[str], device: Device) -> str:
+    """Return why a unit or node that says this is another device, in words; empty if nothing speaks against it.
+
+    `refused` has the keys of the questions that it does not know (exception 01).
+
+    >>> from barewire import load
+    >>> contradiction(DeviceIdentity({"VendorName": "TEM", "ProductCode": "AZ3"}), (), load("adxl"))
+    'it says TEM AZ3 (az3: TEM AZ3 servo drive)'
+    >>> contradiction(DeviceIdentity(), ["texts"], load("az3"))
+    'it refuses function 2B/0Eh, which az3 answers'
+    """
+    wanted = device.extra["identity"]
+    verdicts = _verdicts(identity, wanted)
+    profile = identity.numbers.get("device_type", 0) & _PROFILE
+    if device.drive is not None and profile not in (0, _DRIVES):
+        verdicts.append(False)
+    if verdicts and all(verdicts):
+        return ""
+    other = device_of(identity, known_devices()) if str(identity) else None
+    if other is not None and other.name == device.name:
+        other = None
+    if not all(verdicts) or other is not None:
+        return f"it says {identity}" + (f" ({other.name}: {other.title})" if other is not None else "")
+    return "".join(
+        f"it refuses {question}, which {device.name} answers"
+        for key, question in _QUESTIONS.items()
+        if key in wanted and key in refused
+    )
+
+
 def _fits(identity: DeviceIdentity, wanted: Mapping[str, Any]) -> bool:
     """Whether everything that the unit has told is as wanted, and it has told something that is wanted."""
+    verdicts = _verdicts(identity, wanted)
+    return bool(verdicts) and all(verdicts)
+
+
+def _verdicts(identity: DeviceIdentity, wanted: Mapping[str, Any]) -> list[bool]:
+    """Return for each thing that is wanted, and that the unit has told, whether it is as wanted."""
     verdicts = []
     if "server_id" in wanted and identity.server_id:
         pattern = wanted["server_id"].split()
@@ -119,10 +163,11 @@ def _fits(identity: DeviceIdentity, wanted: Mapping[str, Any]) -> bool:
         for key in ("device_type", "vendor", "product")
         if key in wanted and key in identity.numbers
     ]
-    return bool(verdicts) and all(verdicts)
+    return verdicts
 
 
-def _check(device: Device) -> None:
+def check_identity_table(device: Device) -> None:
+    """Raise EncodeError if the table [identity] of a description is not as described above."""
     table = device.extra["identity"]
     if not isinstance(table, Mapping):
         raise EncodeError(f"{device.name}: identity: expected a table with {', '.join(_KEYS)}")
