@@ -98,6 +98,9 @@ plant: $(VENV)/installed-dev ## 127 CANopen nodes booted, configured and run wit
 vectors-release: $(VENV)/installed-dev ## the vectors as an archive and as a package of npm, in dist/
 	@$(BIN)/python -m tools.vectors_release $(ARGS)
 
+release: $(VENV)/installed-dev ## wheels, zipapp, program and vectors in dist/release, each tried; ARGS="--files URL", or --dry-run
+	@$(BIN)/python -m tools.release $(ARGS)
+
 vectors-mutants: $(VENV)/installed-dev ## which changes of the reference of the vectors no case notices
 	@$(BIN)/python -m tools.vectors_mutants $(ARGS)
 
@@ -127,5 +130,5 @@ $(VENV)/bin/pip:
 	  "$$($(PYTHON) --version 2>&1). Name another one: make PYTHON=/path/to/python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-.PHONY: help demo check test style types suite pyodide micropython bench small proof scoreboard peers modbus-connection pictures docs docs-links hostile gateway-lab gateway-clients small-machine plant vectors-release vectors-mutants vectors-mistakes mutants format clean
+.PHONY: help demo check test style types suite pyodide micropython bench small proof scoreboard peers modbus-connection pictures docs docs-links hostile gateway-lab gateway-clients small-machine plant vectors-release release vectors-mutants vectors-mistakes mutants format clean
 .NOTPARALLEL:

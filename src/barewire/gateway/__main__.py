@@ -101,9 +101,11 @@ async def _run(config: GatewayConfig, path: Path) -> None:
     gateway = Gateway(config)
     must_reload = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, gateway.stop)
-    loop.add_signal_handler(signal.SIGHUP, must_reload.set)
+    # Not `loop.add_signal_handler`, which Windows does not have; there is no SIGHUP there either.
+    actions = {"SIGTERM": gateway.stop, "SIGINT": gateway.stop, "SIGHUP": must_reload.set}
+    for name, action in actions.items():
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), lambda *_, action=action: loop.call_soon_threadsafe(action))
     async with gateway:
         parts = [f"listening on {', '.join(gateway.urls)}"] if gateway.urls else []
         if gateway.publisher is not None:

@@ -167,7 +167,7 @@ class DatagramLink(asyncio.DatagramProtocol):
 
 
 class SerialLink:
-    """An open serial port. The loop watches its descriptor, so this works on POSIX only.
+    """An open serial port. The loop watches its descriptor. Raises PortError on Windows, where a port has none.
 
     Sending takes time on a serial line: `sent` ends when the last bit is on the wire, as far as the system reports.
     Then a two-wire line is set back to receiving, if RTS or a function of the caller sets its direction.

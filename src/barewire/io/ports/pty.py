@@ -15,7 +15,6 @@ import stat
 import struct
 import sys
 import time
-import tty
 from pathlib import Path
 
 from barewire.errors import PortError
@@ -34,9 +33,15 @@ class PseudoTerminal:
     """One end of a new pseudo-terminal. `path` is the other end; `link` a second name for it, removed on close.
 
     A link that another program left at this path is replaced, if its terminal is gone. Nothing else is.
+
+    Raises PortError where there are no pseudo-terminals, as on Windows.
     """
 
     def __init__(self, link: str | None = None, pace: Timing | None = None) -> None:
+        try:
+            import tty
+        except ModuleNotFoundError:
+            raise PortError(f"{link or 'pty'}: this system has no pseudo-terminals; give the path of a port") from None
         self._link = Path(link) if link else None
         self._pace = pace
         if self._link is not None and self._link.is_symlink() and not self._link.exists():
@@ -200,6 +205,8 @@ def _file_lock() -> bytes:
 
 def is_pseudo_terminal(path: str) -> bool:
     """Return whether the path names the other end of a pseudo-terminal."""
+    if sys.platform == "win32":  # which has neither these nor device numbers
+        return False
     try:
         return os.major(os.stat(path).st_rdev) in _SLAVE_MAJORS
     except OSError:

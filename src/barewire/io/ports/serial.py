@@ -124,14 +124,17 @@ class SerialPort:
         """Open the port of an endpoint for a server. Raises PortError for the terminal of another barewire server."""
         port = cls.of(endpoint)
         try:
-            check_not_served(endpoint.place, port.fileno())
+            if sys.platform != "win32":
+                check_not_served(endpoint.place, port.fileno())
         except PortError:
             port.close()
             raise
         return port
 
     def fileno(self) -> int:
-        """Return the descriptor of the port, for an event loop (POSIX)."""
+        """Return the descriptor of the port, for an event loop. Raises PortError on Windows, where it has none."""
+        if sys.platform == "win32":
+            raise PortError(f"{self.name}: asyncio cannot wait for a serial port on Windows; use ModbusClient there")
         return int(self._serial.fileno())
 
     def send(self, item: bytes) -> None:
@@ -184,7 +187,7 @@ class SerialPort:
     def receive(self, timeout: float) -> bytes | None:
         """Return received bytes, or None after `timeout` seconds."""
         try:
-            if hasattr(self._serial, "fileno"):
+            if sys.platform != "win32":
                 # Not by pyserial: each change of its timeout configures the port again, and its `read` waits for more
                 # bytes after the first ones.
                 end = self._serial.fileno()

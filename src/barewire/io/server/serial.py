@@ -7,6 +7,7 @@ and requests wait in the port.
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -41,7 +42,8 @@ class SerialService(UnitsServer):
         super().__init__(endpoint, units)
         self._server = _server_of(self)
         self.port: Port[bytes]
-        if endpoint.place == PSEUDO_TERMINAL or not os.path.exists(endpoint.place):
+        is_new = sys.platform != "win32" and not os.path.exists(endpoint.place)  # there a port is no file
+        if endpoint.place == PSEUDO_TERMINAL or is_new:
             self.port = terminal = _new_terminal(endpoint)
             self.url = str(endpoint._replace(place=terminal.name))
         else:

@@ -1,0 +1,43 @@
+"""What forbids a release, and the links of the descriptions. `.ci/run` builds a whole one."""
+
+from __future__ import annotations
+
+import pytest
+
+from tools import release
+from tools.release import LINK, ROOT, problems, version, with_addresses
+
+
+def test_both_descriptions_have_links_that_work_on_an_index() -> None:
+    for page in ("README.md", "workbench/README.md"):
+        text = (ROOT / page).read_text(encoding="utf-8")
+        assert LINK.findall(text)
+        assert not LINK.findall(with_addresses(text, f"https://forge.example/v1/{page}"))
+    assert with_addresses("[a](../b.md#c) [d](#e) [f](https://g.example/)", "https://forge.example/v1/h/README.md") == (
+        "[a](https://forge.example/v1/b.md#c) [d](#e) [f](https://g.example/)"
+    )
+
+
+def test_versions_agree() -> None:
+    """Everything but the changelog and the state of the checkout, which are those of the day of the release."""
+    assert not [problem for problem in problems(version()) if "version" in problem and "tag" not in problem]
+
+
+def test_what_forbids_a_release(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(release, "run", lambda *command: "v9.9" if "tag" in command else " M README.md")
+    now = version()
+    assert problems("9.9") == [
+        f"workbench/pyproject.toml has version {now}, pyproject.toml 9.9",
+        f"integrations/modbus-connection/pyproject.toml has version {now}, pyproject.toml 9.9",
+        'src/barewire/__init__.py has no line __version__ = "9.9"',
+        'workbench/src/barewire_workbench/__init__.py has no line __version__ = "9.9"',
+        "CHANGELOG.md has no section ## [9.9]",
+        "there are changes that are not committed: git status",
+        "the tag v9.9 exists: this version was released",
+    ]
+
+
+def test_the_page_names_every_file() -> None:
+    page = (ROOT / "packaging" / "README.md").read_text(encoding="utf-8")
+    for name in (f"barewire-{version()}.tar.gz", f"barewire-{version()}.pyz", f"barewire_workbench-{version()}.tar.gz"):
+        assert f"`{name}`" in page
