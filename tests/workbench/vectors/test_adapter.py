@@ -72,7 +72,7 @@ def test_a_wrong_answer_fails_one_case(tmp_path: Path) -> None:
         ("{'is': {}}", "its answer has no id of a question"),
         ("{'id': 'lrc-2', 'is': {'lrc': 'F5'}}", "its answer has the id 'lrc-2', expected 'lrc-2.encode'"),
         ("os.kill(os.getpid(), 9)", "it ended without an answer (SIGKILL)"),
-        ("{'id': q['id'], 'was': 1}", "an answer needs is, refused or not_offered"),
+        ("{'id': q['id'], 'was': 1}", "an answer needs one of is, refused and not_offered"),
         ("{'id': q['id'], 'is': 'F3'}", "is must be an object of fields, not a text"),
         ("int('x')", "ValueError: invalid literal"),
         ("'[' * 100000", "its answer is not JSON"),

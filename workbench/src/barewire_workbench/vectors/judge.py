@@ -23,7 +23,7 @@ import math
 import re
 import struct
 from collections.abc import Iterable, Mapping
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 from barewire_workbench.conform.modbus import fitting
@@ -45,14 +45,17 @@ _LONG = 60
 _SHOWN = 300
 """Characters of an answer that a text shows."""
 _MISSING: Any = object()
-_NAMES = {
+_FORMS = {
     str: "a text",
     bool: "true or false",
-    int: "an integer",
+    int: "a number",
+    float: "a number",
     list: "a list",
     dict: "an object",
     type(None): "null",
 }
+_NUMBER = re.compile(r"[+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,4})?")
+_NAMED = re.compile("[+-]?(inf|nan)", re.IGNORECASE)
 
 
 class Verdict(NamedTuple):
@@ -64,11 +67,11 @@ class Verdict(NamedTuple):
 
 def judge(question: Question, answer: Answer, *, exact: bool = False) -> Verdict:
     """Return the verdict on one answer. With `exact`, an acceptable case must be answered as it is written."""
-    if "not_offered" in answer:
-        return Verdict("not offered", str(answer["not_offered"]))
     problem = malformed(answer)
     if problem:
         return Verdict("failed", problem)
+    if "not_offered" in answer:
+        return Verdict("not offered", str(answer["not_offered"]))
     result, tolerant = question.case["result"], "tolerant" in question.case.get("flags", ())
     if result == "acceptable" and (question.kind, question.do) in _CERTAIN:
         result = "valid"
@@ -91,7 +94,7 @@ def judge(question: Question, answer: Answer, *, exact: bool = False) -> Verdict
         )
     if same:
         return PASSED
-    if result == "acceptable" and "is" in answer and (wrong := _excluded(question.expected, answer["is"])):
+    if result == "acceptable" and "is" in answer and (wrong := _excluded(question, question.expected, answer["is"])):
         text = "; ".join(differences(question, answer["is"]))
         return Verdict("failed", f"{_shown(wrong)} is wrong in any case: {text}")
     text = f"{_shown(answer)}, expected {_shown(question.expected)}"
@@ -110,15 +113,14 @@ def verdict_of_case(verdicts: Iterable[Verdict], *, compares: bool = False) -> V
 
 
 def malformed(answer: Answer) -> str:
-    """Return what is wrong with the form of an answer; nothing if it is one of the three."""
-    if isinstance(answer.get("is"), dict):
-        return ""
-    if isinstance(answer.get("refused"), str):
-        return ""
-    for name, form in (("is", "an object of fields"), ("refused", "a text")):
-        if name in answer:
-            return f"{name} must be {form}, not {_NAMES.get(type(answer[name]), 'a number')}: {_shown(answer[name])}"
-    return f"an answer needs is, refused or not_offered: {json.dumps(answer, ensure_ascii=False)[:_SHOWN]}"
+    """Return what is wrong with the form of an answer; nothing if it is one of the three, and not two of them."""
+    forms = [name for name in ("is", "refused", "not_offered") if name in answer]
+    if len(forms) != 1:
+        return f"an answer needs one of is, refused and not_offered: {json.dumps(answer, ensure_ascii=False)[:_SHOWN]}"
+    for name, type_, form in (("is", dict, "an object of fields"), ("refused", str, "a text")):
+        if name in answer and not isinstance(answer[name], type_):
+            return f"{name} must be {form}, not {_form(answer[name])}: {_shown(answer[name])}"
+    return ""
 
 
 def differences(question: Question, answered: Mapping[str, Any]) -> list[str]:
@@ -137,12 +139,12 @@ def _difference(path: str, wanted: Any, answered: Any, question: Question) -> st
     """Return what differs: `talk[1].say is ["585#02"], expected ["585#01"]`."""
     if isinstance(wanted, dict) and isinstance(answered, dict):
         for name, value in wanted.items():
-            if not _equal(value, answered.get(name, _MISSING), question.given, question):
+            if not _equal(value, answered.get(name, _MISSING), name, _type_of(question.given), question):
                 return _difference(f"{path}.{name}", value, answered.get(name, _MISSING), question)
     if isinstance(answered, list) and isinstance(wanted, list) and any(_is_deep(item) for item in wanted):
         sizes = [f"{path} has {len(answered)} items, expected {len(wanted)}"] if len(answered) != len(wanted) else []
         for place, (value, item) in enumerate(zip(wanted, answered)):
-            if not _equal(value, item, question.given, question):
+            if not _equal(value, item, path, _type_of(question.given), question):
                 return "; ".join([*sizes, _difference(f"{path}[{place}]", value, item, question)])
         if sizes:
             return sizes[0]
@@ -166,13 +168,18 @@ def _is_deep(item: Any) -> bool:
     return isinstance(item, dict) and "one_of" not in item
 
 
+def _form(value: Any) -> str:
+    """Return the type of JSON of a value, as words. JSON has one kind of number: 1 and 1.0 are the same."""
+    return _FORMS.get(type(value), "nothing")
+
+
 def _of_other_form(expected: Mapping[str, Any], answered: Mapping[str, Any]) -> str:
     """Return what makes an answer one that no case has: a field that is missing, empty, or of another type of JSON."""
     for name, value in expected.items():
         if name not in answered:
             return f"the answer has no {name}"
-        if type(answered[name]) is not type(value):
-            return f"{name} is {_shown(answered[name])}, expected {_NAMES[type(value)]}"
+        if _form(answered[name]) != _form(value):
+            return f"{name} is {_shown(answered[name])}, expected {_form(value)}"
         if value and answered[name] in ("", [], {}):
             return f"{name} is empty"
     return ""
@@ -187,16 +194,16 @@ def _refusal(question: Question, answer: Answer) -> Verdict:
     return PASSED
 
 
-def _excluded(wanted: Any, answered: Any) -> Any:
+def _excluded(question: Question, wanted: Any, answered: Any) -> Any:
     """Return an answer that `never` excludes, None if there is none."""
     if isinstance(wanted, dict) and "one_of" in wanted:
-        return answered if answered in wanted.get("never", ()) else None
+        return answered if any(_equal(never, answered, "", "", question) for never in wanted.get("never", ())) else None
     pairs: Iterable[tuple[Any, Any]] = ()
     if isinstance(wanted, dict) and isinstance(answered, dict):
-        pairs = ((value, answered.get(name)) for name, value in wanted.items())
+        pairs = ((value, answered[name]) for name, value in wanted.items() if name in answered)
     elif isinstance(wanted, list) and isinstance(answered, list):
         pairs = zip(wanted, answered)
-    return next((wrong for pair in pairs if (wrong := _excluded(*pair)) is not None), None)
+    return next((wrong for pair in pairs if (wrong := _excluded(question, *pair)) is not None), None)
 
 
 # Equality ---------------------------------------------------------------------------------------------------------
@@ -207,43 +214,46 @@ def _as_expected(name: str, wanted: Any, answered: Any, question: Question) -> b
     if question.kind == "server-conformance" and name == "answers":
         is_row = isinstance(answered, list) and all(isinstance(text, str) for text in answered)
         return is_row and fitting(map(tuple, wanted), answered) is not None
-    return _equal(wanted, answered, question.given, question)
+    return _equal(wanted, answered, name, _type_of(question.given), question)
 
 
-def _equal(wanted: Any, answered: Any, around: Mapping[str, Any], question: Question) -> bool:
-    """Whether a field is as expected. `around` are the fields beside it in the question, for the type of a number."""
+def _equal(wanted: Any, answered: Any, name: str, type_: str, question: Question) -> bool:
+    """Whether an answer has what is wanted. `name` is that of the field, `type_` that of a number in it."""
     if isinstance(wanted, dict):
         if "one_of" in wanted:
-            return any(_equal(alternative, answered, around, question) for alternative in wanted["one_of"])
+            return any(_equal(alternative, answered, name, type_, question) for alternative in wanted["one_of"])
         if wanted.keys() == {"from", "to"}:
-            return type(answered) is int and wanted["from"] <= answered <= wanted["to"]
+            is_between = _form(answered) == "a number" and wanted["from"] <= answered <= wanted["to"]
+            return is_between and answered == int(answered)
         return isinstance(answered, dict) and all(
-            _padded(name, value, answered.get(name, _MISSING), question)
-            or _equal(value, answered.get(name, _MISSING), around, question)
-            for name, value in wanted.items()
+            _padded(key, value, answered.get(key, _MISSING), question)
+            or _equal(value, answered.get(key, _MISSING), key, type_, question)
+            for key, value in wanted.items()
         )
     if isinstance(wanted, list):
-        rows = question.given.get("entries", ()) if question.kind == "pdo" else ()
+        types = [row["type"] or "" for row in question.given["entries"]] if question.kind == "pdo" else []
         if question.kind in _UNORDERED and isinstance(answered, list):
             wanted, answered = _by_identifier(wanted), _by_identifier(answered)
         return (
             isinstance(answered, list)
             and len(answered) == len(wanted)
             and all(
-                _equal(value, item, rows[place] if place < len(rows) else around, question)
+                _equal(value, item, name, types[place] if place < len(types) else type_, question)
                 for place, (value, item) in enumerate(zip(wanted, answered))
             )
         )
     if isinstance(wanted, str) and isinstance(answered, str):
         if question.kind == "device" and ".." in wanted:
             return re.fullmatch(wanted.replace("..", "[0-9A-F]{2}"), answered) is not None
-        return wanted == answered or _same_digits(wanted, answered) or _same_number(wanted, answered, _type_of(around))
-    return type(wanted) is type(answered) and bool(wanted == answered)
+        is_number = name == "value" and _same_number(wanted, answered, type_)
+        return wanted == answered or _same_digits(wanted, answered) or is_number
+    return _form(wanted) == _form(answered) and bool(wanted == answered)
 
 
 def _by_identifier(items: list[Any]) -> list[Any]:
     """Return frames in the order of their identifiers, those of one identifier as they came; other lists unchanged."""
-    frames = [item["one_of"][0] if isinstance(item, dict) and item.get("one_of") else item for item in items]
+    choices = [item.get("one_of") if isinstance(item, dict) else None for item in items]
+    frames = [one_of[0] if isinstance(one_of, list) and one_of else item for item, one_of in zip(items, choices)]
     if not all(isinstance(frame, str) and "#" in frame for frame in frames):
         return items
     places = sorted(range(len(items)), key=lambda place: frames[place].partition("#")[0])
@@ -261,19 +271,24 @@ def _type_of(fields: Mapping[str, Any]) -> str:
     return kind if isinstance(kind, str) else ""
 
 
-def _same_number(wanted: str, answered: str, kind: str) -> bool:
+def _same_number(wanted: str, answered: str, type_: str) -> bool:
     """Whether two texts are the same number: of floating point the nearest ones of that type, others exactly."""
+    one, other = _number(wanted, type_), _number(answered, type_)
+    return one is not None and one == other
+
+
+def _number(text: str, type_: str) -> Decimal | bytes | None:
+    """Return the number, of floating point its bytes; None for what is none, or too large. NaN is NaN."""
+    is_decimal = _NUMBER.fullmatch(text) is not None
+    if type_.startswith(("u", "i", "b")):
+        return Decimal(text) if is_decimal else None
+    if not type_.startswith("f") or (not is_decimal and not _NAMED.fullmatch(text)):
+        return None
     try:
-        if not kind.startswith("f"):
-            return kind.startswith(("u", "i", "b")) and Decimal(wanted) == Decimal(answered)
-        numbers = [float(wanted), float(answered)]
-        return all(map(math.isnan, numbers)) or len({_nearest(number, kind) for number in numbers}) == 1
-    except (ValueError, OverflowError, InvalidOperation):
-        return False
-
-
-def _nearest(number: float, kind: str) -> bytes:
-    return struct.pack(">f" if kind == "f32" else ">d", number)
+        packed = struct.pack(">f" if type_ == "f32" else ">d", float(text))
+    except OverflowError:
+        return None
+    return None if is_decimal and math.isinf(float(text)) else b"nan" if math.isnan(float(text)) else packed
 
 
 def _padded(name: str, wanted: Any, answered: Any, question: Question) -> bool:

@@ -9,6 +9,7 @@ the values in the answer, and compares what was received: no adapter says of its
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -51,21 +52,30 @@ def failure_of_answer(given: Mapping[str, Any], answered: Mapping[str, Any]) -> 
 
 
 def _subject(device: Mapping[str, Any]) -> Subject:
-    objects = {_place(name): bytes.fromhex(value) for name, value in device["objects"].items()}
+    objects = {_place(name): _bytes(value) for name, value in device["objects"].items()}
     numbers = (int.from_bytes(objects.get((0x1018, sub), b""), "little") for sub in (1, 2, 3, 4))
+    if not isinstance(device["has"], list):
+        raise TypeError("has is a list of texts")
     has = [_text(condition) for condition in device["has"]]
     large = _place(device["large"]) if LARGE in has else None
     node = device["node"]
-    if type(node) is not int or not 1 <= node <= 127:
+    if isinstance(node, bool) or node not in range(1, 128):
         raise ValueError(f"node {node}: expected 1 to 127")
     if (0x1000, 0) not in objects:
         raise ValueError("objects has no 1000:00, which every device has and answers")
-    return Subject(node, objects, large, LssAddress(*numbers) if LSS in has else None, IDENTIFY in has)
+    return Subject(int(node), objects, large, LssAddress(*numbers) if LSS in has else None, IDENTIFY in has)
 
 
 def _place(name: str) -> tuple[int, int]:
-    index, _, sub = name.partition(":")
-    return int(index, 16), int(sub, 16)
+    if not re.fullmatch("[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}", name):
+        raise ValueError(f"{name}: expected an object such as 1000:00")
+    return int(name[:4], 16), int(name[5:], 16)
+
+
+def _bytes(text: str) -> bytes:
+    if not re.fullmatch("[0-9A-Fa-f ]*", text):
+        raise ValueError(f"{text}: expected bytes in hexadecimal")
+    return bytes.fromhex(text.replace(" ", ""))
 
 
 def _text(item: Any) -> str:
