@@ -3,8 +3,8 @@
 tools/scoreboard.json       what each made of the cases: numbers for each kind, ids of failed and of open cases
 docs/reference/scoreboard.md          the same as a page
 vectors/                    `confirmed_by` or `unconfirmed` in each case, and oracles.json: who is who
-tools/confirmed.json        the digest of each case as it was asked: a case that was changed since then has lost what
-                            programs say of it that are not asked again
+tools/confirmed.json        the digest of each case as it was asked, of each program its version and a digest of what
+                            asked it: after a change of one, what it said counts no more until it is asked again
 
 python tools/scoreboard.py                  all programs; those that are not installed keep their last results
 python tools/scoreboard.py pymodbus tshark  only these
@@ -17,9 +17,9 @@ import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
@@ -27,7 +27,7 @@ sys.path.insert(0, str(ROOT))
 from barewire.errors import PortError  # noqa: E402
 from barewire_workbench.vectors.files import load_vectors  # noqa: E402
 from tools import vectors as files  # noqa: E402
-from tools.peers import PEERS, PeerRun, confirms, run  # noqa: E402
+from tools.peers import PEERS, Peer, PeerRun, confirms, run  # noqa: E402
 from tools.vectors_release import meanings  # noqa: E402
 
 DATA = ROOT / "tools" / "scoreboard.json"
@@ -51,63 +51,98 @@ def measured(found: PeerRun) -> dict[str, Any]:
 # Confirmations -----------------------------------------------------------------------------------------------------
 
 
+class Asked(NamedTuple):
+    """What confirmed.json keeps: what was asked, and by what."""
+
+    programs: dict[str, dict[str, str]]
+    """By name its version, and the digest of its recipe and adapter, when it was asked."""
+    cases: dict[str, str]
+    """The digest of the meaning of each case when it was asked."""
+
+    def holds(self, peer: Peer, case_id: str, meaning: str) -> bool:
+        """Return whether what a program said of a case then is said of the case, recipe and adapter as they are now."""
+        then = self.programs.get(peer.name, {})
+        return self.cases.get(case_id) == meaning and then.get("adapter") == peer.digest()
+
+
+def load_asked() -> Asked:
+    """Return what the last run asked."""
+    return Asked(**json.loads(CONFIRMED.read_text(encoding="utf-8")))
+
+
 def confirm(runs: list[PeerRun]) -> None:
     """Write into each case who confirms it, or why nobody does.
 
-    Programs that were not run keep what they say of a case while its digest is that of the last run.
+    Programs that were not run keep what they said of a case while it, their recipe and their adapter are the same.
     """
-    asked: dict[str, str] = json.loads(CONFIRMED.read_text(encoding="utf-8"))
-    now = meanings()
-    new = {found.peer.name for found in runs}
-    confirmed: dict[str, list[str]] = {}
+    asked, now = load_asked(), meanings()
+    new = {found.peer.name: found for found in runs}
+    confirmed: dict[str, set[str]] = {}
     wrong: dict[str, dict[str, list[str]]] = {}
     for found in runs:
         for checked in found.cases:
-            if confirms(checked):
-                confirmed.setdefault(checked.id, []).append(found.peer.name)
+            if confirms(found.peer, checked):
+                confirmed.setdefault(checked.id, set()).add(found.peer.name)
             elif checked.verdict.state in ("failed", "open"):
                 wrong.setdefault(checked.id, {}).setdefault(checked.verdict.state, []).append(found.peer.name)
-    order = [peer.name for peer in PEERS]
     data = json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
-    for name, row in data.items():
-        for state in ("failed", "open") if name not in new else ():
-            for case_id in [case_id for case_id in row[state] if asked.get(case_id) == now[case_id]]:
-                wrong.setdefault(case_id, {}).setdefault(state, []).append(name)
+    others = [peer for peer in PEERS if peer.name in data and peer.name not in new]
+    for peer in others:
+        for state in ("failed", "open"):
+            for case_id in data[peer.name][state]:
+                if case_id in now and asked.holds(peer, case_id, now[case_id]):
+                    wrong.setdefault(case_id, {}).setdefault(state, []).append(peer.name)
     for file in files.files():
         document = json.loads(file.read_text(encoding="utf-8"))
+        kind = document["kind"]
         for case in document["cases"]:
-            is_same = asked.get(case["id"]) == now[case["id"]]
-            old = kept(case.pop("confirmed_by", ()), is_same=is_same, again=new)
+            case_id = case["id"]
+            told = {peer.name for peer in others if asked.holds(peer, case_id, now[case_id])}
+            names = confirmed.get(case_id, set()) | kept(case.pop("confirmed_by", ()), told, kind, case)
             case.pop("unconfirmed", None)
-            names = sorted({*old, *confirmed.get(case["id"], ())}, key=order.index)
             if names:
-                case["confirmed_by"] = names
+                case["confirmed_by"] = [peer.name for peer in PEERS if peer.name in names]
             else:
-                offered = [name for name in data if document["kind"] in data[name]["kinds"]]
-                unasked = [name for name in offered if name not in new and not is_same]
-                case["unconfirmed"] = why_not(document["kind"], wrong.get(case["id"], {}), unasked, order)
+                unasked = [peer.name for peer in others if kind in data[peer.name]["kinds"] and peer.name not in told]
+                case["unconfirmed"] = why_not(kind, wrong.get(case_id, {}), unasked, restating(kind, case, data))
         file.write_text(files.form(document), encoding="utf-8")
-    CONFIRMED.write_text(json.dumps(now, indent=0) + "\n", encoding="utf-8")
+    programs = asked.programs | {
+        name: {"version": found.version, "adapter": found.peer.digest()} for name, found in new.items()
+    }
+    kept_programs = {peer.name: programs[peer.name] for peer in PEERS if peer.name in programs}
+    CONFIRMED.write_text(json.dumps({"programs": kept_programs, "cases": now}, indent=0) + "\n", encoding="utf-8")
 
 
-def kept(names: Iterable[str], *, is_same: bool, again: Collection[str]) -> list[str]:
-    """Return who still confirms a case: programs that are not asked again, if the case is the one they were asked."""
-    known = {peer.name for peer in PEERS}
-    return [name for name in names if is_same and name in known and name not in again]
+def kept(names: Iterable[str], told: Collection[str], kind: str, case: Mapping[str, Any]) -> set[str]:
+    """Return who still confirms a case, of programs that were told it as it is and are not asked again."""
+    return {
+        peer.name for peer in PEERS if peer.name in {*names} and peer.name in told and not peer.restates(kind, case)
+    }
 
 
-def why_not(kind: str, wrong: dict[str, list[str]], unasked: list[str], order: list[str]) -> str:
+def restating(kind: str, case: Mapping[str, Any], data: Mapping[str, Any]) -> list[str]:
+    """Return the programs whose adapters make the answer to a case themselves."""
+    offering = [peer for peer in PEERS if kind in data.get(peer.name, {}).get("kinds", ())]
+    return [peer.name for peer in offering if peer.restates(kind, case)]
+
+
+def why_not(kind: str, wrong: dict[str, list[str]], unasked: list[str], restated: list[str]) -> str:
     """Return why nobody confirms a case; `unasked` are programs that have not seen it as it is now."""
     texts = []
+    against = {name for names in wrong.values() for name in names}
     if "failed" in wrong:
-        texts.append(f"answered otherwise by {', '.join(sorted(wrong['failed'], key=order.index))}")
+        texts.append(f"answered otherwise by {_in_order(wrong['failed'])}")
     if "open" in wrong:
-        texts.append(
-            f"left open by the standard, decided otherwise by {', '.join(sorted(wrong['open'], key=order.index))}"
-        )
+        texts.append(f"left open by the standard, decided otherwise by {_in_order(wrong['open'])}")
+    if restated := [name for name in restated if name not in against]:
+        texts.append(f"the adapter of {_in_order(restated)} makes the answer")
     if unasked:
-        texts.append(f"newer than the last run of {', '.join(sorted(unasked, key=order.index))}")
+        texts.append(f"not asked since it or its adapter changed: {_in_order(unasked)}")
     return "; ".join(texts) or f"no other implementation offers this {kind}"
+
+
+def _in_order(names: Collection[str]) -> str:
+    return ", ".join(peer.name for peer in PEERS if peer.name in names)
 
 
 def oracles(data: dict[str, Any]) -> str:

@@ -26,6 +26,7 @@ CONFIRMED = "<!-- confirmations: made by tools/vectors.py -->", "<!-- end of con
 MUTANTS = "<!-- mutants: made by tools/vectors_mutants.py -->", "<!-- end of mutants -->"
 
 AUTHORITIES = "<!-- authorities: made by tools/vectors.py -->", "<!-- end of authorities -->"
+CONFIRMERS = "<!-- confirmers: made by tools/vectors.py -->", "<!-- end of confirmers -->"
 BY = ("standard", "manual", "convention", "barewire")
 RESULTS = ("valid", "invalid", "acceptable")
 
@@ -137,11 +138,24 @@ def confirmations() -> str:
         done = sum("confirmed_by" in case for case in of_kind)
         by = Counter(name for case in of_kind for name in case.get("confirmed_by", ())) if kind else {}
         names = ", ".join(f"{name} {count}" for name, count in by.items())
-        if not kind:
-            alone = sum(case.get("confirmed_by") == ["arithmetic"] for case in of_kind)
-            names = f"{done - alone} by programs of others, {alone} by arithmetic alone"
         shown = f"`{kind}`" if kind else "**all**"
         rows.append(f"| {shown} | {len(of_kind)} | {done} | {100 * done // len(of_kind)} % | {names} |")
+    return "\n".join(rows)
+
+
+def confirmers() -> str:
+    """Return the table: by kind, how many cases no program, one, two or more confirm."""
+    found: dict[str, Counter[int]] = {}
+    for file in files():
+        document = json.loads(file.read_text(encoding="utf-8"))
+        numbers = Counter(min(len(case.get("confirmed_by", ())), 3) for case in document["cases"])
+        found[document["kind"]] = found.get(document["kind"], Counter()) + numbers
+    rows = ["| kind | 0 | 1 | 2 | more |", "|---|--:|--:|--:|--:|"]
+    for name, row in [
+        *((f"`{kind}`", row) for kind, row in found.items()),
+        ("**all**", sum(found.values(), Counter[int]())),
+    ]:
+        rows.append(f"| {name} | {' | '.join(str(row[number] or '') for number in range(4))} |")
     return "\n".join(rows)
 
 
@@ -181,8 +195,8 @@ def with_counts(readme: str) -> str:
 
 
 def with_authorities(page: str) -> str:
-    """Return the page AUTHORITY.md with its table up to date."""
-    return _with_table(page, AUTHORITIES, authorities())
+    """Return the page AUTHORITY.md with its tables up to date."""
+    return _with_table(_with_table(page, AUTHORITIES, authorities()), CONFIRMERS, confirmers())
 
 
 def _with_table(page: str, markers: tuple[str, str], table: str) -> str:

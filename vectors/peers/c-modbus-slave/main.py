@@ -1,8 +1,8 @@
 """c-modbus-slave (C, Siemens Energy) as an adapter: its server on RTU, ASCII and TCP, called by ctypes.
 
-barewire vectors check --adapter "python vectors/peers c-modbus-slave libcmodbusslave.so 1.6.3"
+barewire vectors check --adapter "python vectors/peers c-modbus-slave"
 
-The arguments are a shared library of its sources, and its version. make scoreboard takes them from $CMODBUSSLAVE.
+Its sources are built by peer.toml.
 """
 
 from __future__ import annotations

@@ -1,18 +1,14 @@
 """CANopenNode (C) as an adapter: its devices and masters on a bus that only records, in virtual time.
 
-barewire vectors check --adapter "python vectors/peers canopennode canopennode.so 4.1"
+barewire vectors check --adapter "python vectors/peers canopennode"
 
-The arguments are a shared library, made by hand outside of this repository, and its version. The library has in it
-CANopenNode, with the settings of CO_driver_target.h, and the files in C beside this one. make scoreboard takes both
-arguments from $CANOPENNODE.
+The library that peer.toml builds has in it CANopenNode, with the settings of CO_driver_target.h, and the files in C
+beside this one.
 """
 
 from __future__ import annotations
 
 import sys
-
-if len(sys.argv) != 3:
-    sys.exit("main.py: two arguments are needed, the library with CANopenNode and its version")
 
 import values
 from adapter import serve

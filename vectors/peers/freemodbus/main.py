@@ -1,11 +1,9 @@
 """FreeModbus (C) as an adapter: its receivers of RTU and ASCII in virtual time, called by ctypes.
 
-barewire vectors check --adapter "python vectors/peers freemodbus libfreemodbus.so 1.6.0"
+barewire vectors check --adapter "python vectors/peers freemodbus"
 
-The arguments are a shared library of mbrtu.c, mbascii.c and mbcrc.c with a port, and its version; make scoreboard takes
-them from $FREEMODBUS. The port is a few lines of C with four variables: `port_byte`, which xMBPortSerialGetByte gives,
-`port_event` of xMBPortEventPost, `port_timer`, 1 after vMBPortTimersEnable and 0 after vMBPortTimersDisable, and
-`port_timer_50us` of xMBPortTimersInit.
+peer.toml builds its receivers with port.c, whose variables are the byte that the line has received, the last event, and
+the timer.
 """
 
 from __future__ import annotations

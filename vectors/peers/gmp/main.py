@@ -1,9 +1,8 @@
 """GMP (C, gmp_pro) as an adapter: the state machine of its drives by CiA 402, called by ctypes.
 
-barewire vectors check --adapter "python vectors/peers gmp libgmp402.so 2026-08-11"
+barewire vectors check --adapter "python vectors/peers gmp"
 
-The arguments are a shared library of ctl_cia402_state_machine.c without CIA402_CONFIG_ENABLE_SEQUENCE_SWITCH, which
-departs from CiA 402, and its version. make scoreboard takes them from $GMP402.
+peer.toml builds it with machine.c and port.c, which stand for its platform.
 """
 
 from __future__ import annotations

@@ -1,17 +1,13 @@
 """Lely CANopen (C) as an adapter: its devices and masters on a bus that only records, in virtual time.
 
-barewire vectors check --adapter "python vectors/peers lely liblely.so 2.3.0"
+barewire vectors check --adapter "python vectors/peers lely"
 
-The arguments are a shared library of Lely's core libraries, built by hand outside of this repository, and its version.
-make scoreboard takes them from $LELY.
+Its core libraries are built by peer.toml.
 """
 
 from __future__ import annotations
 
 import sys
-
-if len(sys.argv) != 3:
-    sys.exit("main.py: two arguments are needed, the library of Lely CANopen and its version")
 
 import device
 import eds

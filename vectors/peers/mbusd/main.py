@@ -1,8 +1,8 @@
 """mbusd (C) as an adapter: a gateway from TCP to a pseudo-terminal, in real time.
 
-barewire vectors check --timeout 30 --adapter "python vectors/peers mbusd /usr/local/bin/mbusd 0.5.3"
+barewire vectors check --timeout 30 --adapter "python vectors/peers mbusd"
 
-The arguments are the program and its version. make scoreboard takes them from $MBUSD.
+It is built by peer.toml.
 """
 
 from __future__ import annotations

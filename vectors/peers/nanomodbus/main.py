@@ -1,8 +1,8 @@
 """nanoMODBUS (C) as an adapter: its server and its client, called by ctypes.
 
-barewire vectors check --adapter "python vectors/peers nanomodbus libnanomodbus.so 1.9.1"
+barewire vectors check --adapter "python vectors/peers nanomodbus"
 
-The arguments are a shared library of nanomodbus.c, and its version. make scoreboard takes them from $NANOMODBUS.
+nanomodbus.c is built by peer.toml.
 """
 
 from __future__ import annotations

@@ -103,3 +103,8 @@ def number(text: str) -> int | float:
         return int(text)
     except ValueError:
         return float(text)
+
+
+def frame_text(can_id: int, extended: bool, rest: str) -> str:
+    """Return a frame as candump writes it."""
+    return f"{can_id:0{8 if extended else 3}X}#{rest}"
