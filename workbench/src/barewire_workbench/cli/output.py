@@ -8,6 +8,7 @@ import math
 import os
 import stat
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -140,3 +141,42 @@ def check_not_overwritten(option: str, target: str | Path, *sources: str) -> Non
     for source in sources:
         if os.path.isfile(target) and os.path.exists(source) and os.path.samefile(source, target):
             raise EncodeError(f"{option} {target}: {source} is the same file, which would be overwritten")
+
+
+def replace_file(path: str | Path, data: bytes) -> None:
+    """Write a file so that its name has the old content or the new one at any moment, never a part; `-` is stdout.
+
+    The new content is in a file of its own beside it until it is on the disk. Raises PortError.
+    """
+    if str(path) == "-":
+        sys.stdout.buffer.write(data)
+        return
+    target = Path(os.path.realpath(path))
+    with port_error(path):
+        if target.exists() and not target.is_file():  # a pipe or a device: there is nothing to replace
+            target.write_bytes(data)
+            return
+        mode = stat.S_IMODE(target.stat().st_mode) if target.exists() else 0o666 & ~_umask()
+        descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.chmod(name, mode)
+            os.replace(name, target)
+        except BaseException:
+            os.unlink(name)
+            raise
+        if os.name == "posix":  # the new name is on the disk too
+            directory = os.open(target.parent, os.O_RDONLY)
+            try:
+                os.fsync(directory)
+            finally:
+                os.close(directory)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -114,7 +114,7 @@ def read_command(
         print_timing(endpoint)
     table = csv.DictWriter(sys.stdout, COLUMNS, restval="", lineterminator="\n") if as_csv else None
     failed = 0
-    with _connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
+    with connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
         check_machine(machine, no_check)
         if len(wanted) == 1 and not (as_csv or everything or groups):
             parameter = description.find(wanted[0])
@@ -206,7 +206,7 @@ def write_command(
         _show_plan(endpoint, description, wanted, output, force=force, frames=frames)
         return
     differing = 0
-    with _connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
+    with connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
         check_machine(machine, no_check, before_write=True)
         for values in _batches(wanted):
             machine.write(values, force=force)
@@ -232,9 +232,7 @@ def _hint(parameter: Parameter) -> str:
 
 
 @contextmanager
-def _connected(
-    device: Device, endpoint: str, no_wait: bool, *, frames: bool, output: Output
-) -> Iterator[MachineClient]:
+def connected(device: Device, endpoint: str, no_wait: bool, *, frames: bool, output: Output) -> Iterator[MachineClient]:
     """Yield the connected machine. With `frames`, print each frame that passes."""
     with (
         frames_shown(endpoint, device, frames, output) as options,

@@ -1,0 +1,332 @@
+"""Write saved settings to a machine, in the order that its manual wants.
+
+    restore = Restore(drive, saved, url)
+    for change in restore.run():
+        print(change)
+    restore.failed, restore.stored, restore.stopped
+
+    1  check     the file against the description: names, units; the machine: is it this one, is it at rest
+    2  read      what the machine has: what is equal is not written; ranges of the rest, before the first write
+    3  write     modes first, one by one; PDO records in the order of CiA 301
+    4  read      everything again: one setting can change another, or be refused until another is written; what differs is
+                 written again, as long as that helps
+    5  write     with `communication`, how the machine is reached
+    6  store     by the command of the manual, if nothing has failed
+
+Whatever ends it, the same restore can be carried out again: it goes on with what is not equal.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from barewire import CanopenClient
+from barewire.canopen.configuration.configure import configure_device
+from barewire.canopen.configuration.settings import DeviceConfiguration, Setting, pdo_of
+from barewire.canopen.object_dictionary import Entry
+from barewire.codecs import Value
+from barewire.devices import Parameter
+from barewire.devices.cia402 import State, state_of
+from barewire.errors import BarewireError, DecodeError, EncodeError, NoAnswer, PortError, Refused, shown
+from barewire.io.canopen.operations import sdo_transfer
+from barewire.io.endpoint import Endpoint
+from barewire.io.machine import MachineClient
+from barewire_workbench.live.save_settings import (
+    confirmed_write,
+    contradiction,
+    is_model,
+    machine_identity,
+    read_settings,
+    select,
+)
+from barewire_workbench.settings.compare import same
+from barewire_workbench.settings.rules import KeptSetting, SettingRules
+from barewire_workbench.settings.saved import SavedSettings
+
+_PASSES = 3
+_SILENT = 3
+"""Settings in a row whose write is not answered before it ends."""
+_RESTART = 60.0
+"""Seconds that a machine has to answer again after a store command that restarts it."""
+_ENABLED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+
+
+class Mismatch(BarewireError):
+    """The file is not for this machine, or the machine is not in the state for it."""
+
+
+class Change(NamedTuple):
+    """A setting with the value that the machine had, the one of the file, and what became of it.
+
+    problem    why it was not written; empty if it was, or would be
+    """
+
+    parameter: Parameter
+    before: Value | None
+    after: Value
+    problem: str = ""
+
+    def __str__(self) -> str:
+        before = "" if self.before is None else f" (was {self.parameter.text(self.before)})"
+        problem = f": not written: {self.problem}" if self.problem else ""
+        return f"{self.parameter.name} = {self.parameter.text(self.after)}{before}{problem}"
+
+    def as_dict(self) -> dict[str, object]:
+        """The change, for JSON."""
+        fields = {"name": self.parameter.name, "before": self.before, "value": self.after, "unit": self.parameter.unit}
+        return fields | ({"error": self.problem} if self.problem else {})
+
+
+@dataclass(slots=True)
+class Restore:
+    """The settings of a file on their way into a machine.
+
+    communication    also write how the machine is reached, at the end
+    check            refuse a file for another machine, a machine that is not at rest, and values out of range
+    verify           read everything again at the end
+    store            let the machine store what it has then
+    failed           the settings that were not written
+    left_out         names of the file that this machine has not, with `check` off; and those that were not saved
+    stored           whether the store command was carried out
+    stopped          the error that ended it early; None if it came to its end
+    """
+
+    machine: MachineClient
+    saved: SavedSettings
+    url: str
+    communication: bool = False
+    check: bool = True
+    verify: bool = True
+    store: bool = True
+    equal: int = 0
+    written: list[str] = field(default_factory=list)
+    failed: list[Change] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
+    stored: bool = False
+    stopped: BarewireError | None = None
+    _wanted: list[tuple[KeptSetting, Value]] = field(default_factory=list)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the machine has all settings of the file that were to be written."""
+        return not (self.failed or self.stopped)
+
+    def run(self, *, dry_run: bool = False) -> Iterator[Change]:
+        """Write what differs, and yield it; with `dry_run` yield it only.
+
+        Raises, before anything is written, EncodeError for a file with other names, units or ranges, Mismatch for
+        another machine or one that is not at rest, NoAnswer, PortError.
+        """
+        rules = SettingRules.of(self.machine.device)
+        self._match(rules)
+        if self.check:
+            self._check_machine(rules)
+        changes = self._differing(self._wanted)
+        self.equal = len(self._wanted) - len(changes)
+        if self.check:
+            self._check_ranges(changes)
+        if dry_run:
+            yield from changes
+            return
+        try:
+            plain = [change for change in changes if not self._setting(change).communication]
+            yield from self._write_and_verify(plain)
+            if not self.failed:
+                yield from self._write_communication(changes[len(plain) :])
+            if self.store and not self.failed:
+                self._store(rules)
+        except (PortError, NoAnswer) as error:
+            self.stopped = error
+            done = {*self.written, *(change.parameter.name for change in self.failed)}
+            self.failed += [
+                change._replace(problem="not reached") for change in changes if change.parameter.name not in done
+            ]
+
+    # Before the first write
+
+    def _match(self, rules: SettingRules) -> None:
+        """Find the settings of the file in the description."""
+        device = self.machine.device
+        known = {setting.name: setting for setting in rules.settings(is_can=_is_can(self.url))}
+        wanted = self.saved.settings | (self.saved.communication if self.communication else {})
+        problems = []
+        for name, value in wanted.items():
+            setting = known.get(name)
+            if setting is None:
+                self.left_out[name] = f"{device.name} has no such setting"
+                if any(parameter.name == name for parameter in device.parameters):
+                    self.left_out[name] = "it is no setting, or has no address on this bus"
+                problems.append(f"{name}: {self.left_out[name]}")
+            elif value.unit != setting.parameter.unit:
+                expected = setting.parameter.unit or "no unit"
+                problems.append(f"{name}: {shown(value.unit)}: expected {expected}")
+        if self.check and problems:
+            raise EncodeError(f"not for {device.name} here: {_listed(problems)}")
+        self.left_out |= {name: f"not saved: {why}" for name, why in self.saved.not_read.items()}
+        self._wanted = [(setting, wanted[name].value) for name, setting in known.items() if name in wanted]
+
+    def _check_machine(self, rules: SettingRules) -> None:
+        if text := contradiction(self.machine):
+            raise Mismatch(f"{text}, the file is of {self.saved.title or self.saved.device}")
+        present = machine_identity(self.machine, rules)
+        for name, saved in self.saved.identity.items():
+            if is_model(name, rules) and name in present and present[name] != saved:
+                raise Mismatch(f"another model: its {name} is {present[name]}, the file is of {saved}")
+        for name, values in rules.idle.items():
+            reading = self.machine.read(name)
+            if reading.value not in values:
+                raise Mismatch(f"{reading}: expected the machine at rest, since restoring restarts it")
+        if (roles := self.machine.device.drive) is not None:
+            state = state_of(int(self.machine.read(roles.status_word).value))
+            if state in _ENABLED:
+                text = "settings are written while the motor has no current: `barewire drive ... disable`"
+                raise Mismatch(f"the drive is in {state.name.replace('_', ' ')}: {text}")
+
+    def _differing(self, wanted: Sequence[tuple[KeptSetting, Value]]) -> list[Change]:
+        """Read settings, and return those that the machine has otherwise. Raises NoAnswer if it answers for none."""
+        values = {setting.name: value for setting, value in wanted}
+        changes = []
+        silent = 0
+        problem = ""
+        for present in read_settings(self.machine, self.url, [setting for setting, _ in wanted]):
+            silent += present.value is None
+            problem = present.problem or problem
+            value = values[present.setting.name]
+            if present.value is None or not same(present.value, value):
+                changes.append(Change(present.setting.parameter, present.value, value))
+        if wanted and silent == len(wanted):
+            raise NoAnswer(f"no setting could be read: {problem}")
+        return changes
+
+    def _check_ranges(self, changes: Iterable[Change]) -> None:
+        problems = []
+        for change in changes:
+            try:
+                change.parameter.to_raw(change.after)
+            except EncodeError as error:
+                problems.append(str(error))
+        if problems:
+            raise EncodeError(_listed(problems))
+
+    # Writing
+
+    def _setting(self, change: Change) -> KeptSetting:
+        return next(setting for setting, _ in self._wanted if setting.name == change.parameter.name)
+
+    def _write_and_verify(self, changes: list[Change]) -> Iterator[Change]:
+        plain = [(setting, value) for setting, value in self._wanted if not setting.communication]
+        pending = changes
+        for _ in range(_PASSES):
+            refused = yield from self._write(pending)
+            if self.verify:
+                wrong = [
+                    refused.get(change.parameter.name)
+                    or change._replace(problem=f"the device has {_text(change.parameter, change.before)}")
+                    for change in self._differing(plain)
+                ]
+            else:
+                wrong = list(refused.values())
+            names = {change.parameter.name for change in wrong}
+            if not wrong or names == {change.parameter.name for change in pending}:
+                break
+            pending = wrong
+        self.failed = wrong
+        self.written = [name for name in self.written if name not in {change.parameter.name for change in wrong}]
+
+    def _write(self, changes: Iterable[Change]) -> Generator[Change, None, dict[str, Change]]:
+        """Write settings one by one, and yield each that is written. Return the others by name."""
+        refused: dict[str, Change] = {}
+        silent = 0
+        pdos = []
+        for change in changes:
+            if _is_can(self.url) and (place := change.parameter.object) and pdo_of(place.index):
+                pdos.append(change)
+                continue
+            try:
+                setting = self._setting(change)
+                select(self.machine, self.url, setting)
+                confirmed_write(self.machine, self.url, setting.read_as, change.after, force=not self.check)
+            except (Refused, DecodeError, EncodeError, NoAnswer) as error:
+                refused[change.parameter.name] = change._replace(problem=str(error))
+                silent = silent + 1 if isinstance(error, NoAnswer) else 0
+                if silent == _SILENT:
+                    raise
+                continue
+            silent = 0
+            yield self._done(change)
+        if pdos:
+            try:
+                self._write_pdos(pdos)
+            except (Refused, DecodeError, EncodeError) as error:
+                refused |= {change.parameter.name: change._replace(problem=str(error)) for change in pdos}
+            else:
+                for change in pdos:
+                    yield self._done(change)
+        return refused
+
+    def _done(self, change: Change) -> Change:
+        if change.parameter.name not in self.written:
+            self.written.append(change.parameter.name)
+        return change._replace(problem="")
+
+    def _write_pdos(self, changes: Sequence[Change]) -> None:
+        """Write PDO records: the PDOs are off meanwhile, and a mapping changes only while it is empty [CiA 301]."""
+        client = self.machine.client
+        assert isinstance(client, CanopenClient)
+        node = client.node(device=self.machine.device)
+        configuration = DeviceConfiguration(node.number, tuple(_object_setting(change) for change in changes))
+        configuring = configure_device(node.channel, configuration, timeout=node.timeout)
+        node.runner.carry_out(sdo_transfer(node.channel, configuring, node.timeout))
+
+    def _write_communication(self, changes: list[Change]) -> Iterator[Change]:
+        for change in changes:
+            refused = yield from self._write([change])
+            self.failed += refused.values()
+
+    def _store(self, rules: SettingRules) -> None:
+        commands: list[Mapping[str, Value]] = [rules.store]
+        if self.communication:
+            commands.append(rules.store_communication)
+        for name, value in (pair for command in commands for pair in command.items()):
+            confirmed_write(self.machine, self.url, name, value)
+            if rules.store_takes:
+                time.sleep(rules.store_takes)
+            if not self.machine.device.find(name).answered:
+                self._await_restart(rules)
+            self.stored = True
+
+    def _await_restart(self, rules: SettingRules) -> None:
+        """Wait until a machine answers again."""
+        end = time.monotonic() + _RESTART
+        name = next(iter((*rules.idle, *rules.model)), rules.settings(is_can=_is_can(self.url))[0].read_as)
+        while True:
+            try:
+                self.machine.read(name)
+                return
+            except (Refused, NoAnswer, DecodeError):
+                if time.monotonic() > end:
+                    raise
+                time.sleep(0.1)
+
+
+def _object_setting(change: Change) -> Setting:
+    place = change.parameter.object
+    assert place is not None
+    entry = Entry(place.index, place.sub, change.parameter.name, change.parameter.object_type)
+    return Setting(entry, change.parameter.to_raw(change.after))
+
+
+def _is_can(url: str) -> bool:
+    return Endpoint.parse(url).scheme == "can"
+
+
+def _text(parameter: Parameter, value: Value | None) -> str:
+    return "not answered" if value is None else parameter.text(value)
+
+
+def _listed(problems: Sequence[str]) -> str:
+    more = f"; and {len(problems) - 5} more" if len(problems) > 5 else ""
+    return "; ".join(problems[:5]) + more
