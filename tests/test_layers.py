@@ -54,6 +54,7 @@ WORKBENCH: dict[str, set[str]] = {
     "wire": set(),
     "conform": set(),
     "scan": set(),
+    "settings": set(),
     "eds": set(),
     "recordings": {"frames", "sniffer"},
     "steps": {"frames", "wire"},
@@ -64,7 +65,7 @@ WORKBENCH: dict[str, set[str]] = {
     "vectors": {"conform", "recordings"},
     "vendor": set(),
     "api": {"diagnosis", "frames", "recordings"},
-    "live": {"conform", "scan", "sniffer", "vectors"},
+    "live": {"conform", "scan", "settings", "sniffer", "vectors"},
     "__init__": {"api", "frames"},
 }
 OFFERED = {"explain", "explain_exchange", "explain_text", "Explanation", "FrameRole", "__version__"}  # by its door

@@ -21,6 +21,7 @@ The rooms in reading order. Only `live` and `cli` use clocks and ports; the othe
     pictures/    frames, levels, exchanges, drives and values as text, SVG and HTML
     replay/      a recording played against a device or a client, and compared; the values in it
     eds/         EDS files checked, and written from the description of a device
+    settings/    the settings of a device: the file that keeps them, what differs
     scan/        the units of a line, their settings, addresses and names
     conform/     the behaviour that every server and every CANopen device must show, as data
     vectors/     the reference vectors, their questions, the judgement of answers

@@ -11,6 +11,7 @@
     read_write        `read`, `write`: named values
     dry_run           what `write --dry-run` shows: addresses, raw words, frames
     raw_address       names that are addresses: holding:0, 40001, object:6041h:u16
+    keep              `save`, `restore`, `diff`: the settings of a device; keep_objects: those of an EDS
     watch, plot       `watch`: named values periodically, as a table, lines, JSON, CSV or a plot
     drive             `drive`: enable, move and stop a drive
     shown_frames      `--frames` of read, write, drive and demo: the frames of a command as they pass

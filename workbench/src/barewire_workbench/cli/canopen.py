@@ -74,21 +74,26 @@ def configure_command(endpoint: str, file: Path, dry_run: bool, store: bool, out
     barewire canopen configure can://socketcan/can0 pump.dcf --store
     """
     with _node(endpoint, file) as node:
-        with status_line() as show:
-            result = node.configure(dry_run=dry_run, store=store, progress=_numbered(show))
-        _print(result.changes, node.number, output)
-        output.text(*(f"not written: {text}" for text in result.left_out))
-        verb = "would be written" if dry_run else "written"
-        count = f"{len(result.changes)} value{'s' if len(result.changes) != 1 else ''}"
-        if not result.changes:
-            count = "nothing" if result.left_out else "no differences, nothing"
-        output.text(f"node {node.number}: {count} {verb}{', stored' if result.stored else ''}")
+        configure_node(node, output, dry_run=dry_run, store=store)
+
+
+def configure_node(node: DcfNode[BlockingBusRunner], output: Output, *, dry_run: bool, store: bool) -> None:
+    """Write the values of its DCF to a node where they differ, and print them."""
+    with status_line() as show:
+        result = node.configure(dry_run=dry_run, store=store, progress=_numbered(show))
+    _print(result.changes, node.number, output)
+    output.text(*(f"not written: {text}" for text in result.left_out))
+    verb = "would be written" if dry_run else "written"
+    count = f"{len(result.changes)} value{'s' if len(result.changes) != 1 else ''}"
+    if not result.changes:
+        count = "nothing" if result.left_out else "no differences, nothing"
+    output.text(f"node {node.number}: {count} {verb}{', stored' if result.stored else ''}")
 
 
 @contextmanager
 def _node(endpoint: str, file: Path) -> Iterator[DcfNode[BlockingBusRunner]]:
     _check_bus(endpoint)
-    described = _parsed(file)
+    described = parsed_file(file)
     from barewire import CanopenClient
 
     with CanopenClient(endpoint) as client:
@@ -102,7 +107,7 @@ def _check_bus(endpoint: str) -> None:
         raise EncodeError(f"endpoint {shown(endpoint, 200)}: a DCF is for CANopen: expected can://")
 
 
-def _parsed(file: Path) -> Eds:
+def parsed_file(file: Path) -> Eds:
     described = parse(file_content(file))
     if not described.objects:
         raise EncodeError(f"{file}: the file describes no object: expected a DCF")
@@ -226,7 +231,7 @@ def _network_of(files: Sequence[Path]) -> NetworkList:
     network: NetworkList | None = None
     configurations: dict[int, DeviceConfiguration] = {}
     for file in files:
-        described = _parsed(file)
+        described = parsed_file(file)
         with _context(file):
             if _STARTUP in described.objects and int(described.dictionary().get(_STARTUP)) & 1:
                 if network is not None:

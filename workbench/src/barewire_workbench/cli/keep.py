@@ -12,28 +12,28 @@ import click
 from barewire.devices import Device
 from barewire.errors import BarewireError, EncodeError
 from barewire.io.endpoint import Endpoint
-from barewire_workbench.cli.arguments import device_argument, endpoint_argument, endpoint_url, no_wait_option
+from barewire_workbench.cli.arguments import (
+    check_machine,
+    device_argument,
+    endpoint_argument,
+    endpoint_url,
+    is_eds,
+    no_check_option,
+    no_wait_option,
+)
+from barewire_workbench.cli.dry_run import frames_of
+from barewire_workbench.cli.keep_objects import as_dcf, dcf_settings, is_dcf, present_objects, restore_objects
 from barewire_workbench.cli.output import Output, file_content, note, output_option, replace_file, text_with_notes
 from barewire_workbench.cli.raw_address import device_with
 from barewire_workbench.cli.read_write import connected
-from barewire_workbench.cli.shown_frames import frames_option
-from barewire_workbench.live.restore_settings import Restore
-from barewire_workbench.live.save_settings import contradiction, save_settings
+from barewire_workbench.cli.shown_frames import ShownFrames, frames_option, is_verbose
+from barewire_workbench.live.restore_settings import Change, Restore
+from barewire_workbench.live.save_settings import save_settings
 from barewire_workbench.settings.compare import COLUMNS, SettingDifference, differences
 from barewire_workbench.settings.rules import SettingRules
 from barewire_workbench.settings.saved import SavedSettings
 
-_check_option = click.option("--no-check", is_flag=True, help="Go on with another device than the one that is named.")
-
-
-def described(name: str, endpoint: str) -> Device:
-    """Return the device of this name. Raises EncodeError if it has no settings on this kind of bus."""
-    device = device_with(name)
-    is_can = Endpoint.parse(endpoint).scheme == "can"
-    if not SettingRules.of(device).settings(is_can=is_can):
-        bus = "CANopen" if is_can else "Modbus"
-        raise EncodeError(f"{device.name} has no settings on {bus}: its description marks none (kind), or is `raw`")
-    return device
+_STDOUT = Path("-")
 
 
 @click.command("save")
@@ -41,44 +41,40 @@ def described(name: str, endpoint: str) -> Device:
 @device_argument
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--partial", is_flag=True, help="Replace FILE also if some values could not be read.")
-@_check_option
+@nono_check_option
 @no_wait_option
 @frames_option
-@click.pass_context
 def save_command(
-    context: click.Context, /, endpoint: str, device: str, file: Path, partial: bool, no_check: bool, no_wait: bool,
-    frames: bool,
-) -> None:  # fmt: skip
+    endpoint: str, device: str, file: Path, partial: bool, no_check: bool, no_wait: bool, frames: bool
+) -> int:
     """Save the settings of a device in a file.
 
     \b
     barewire save "rtu:///dev/ttyUSB0?unit=1&retries=3" az3 press-3.toml
     barewire save tcp://192.168.1.10 csd-mt -
+    barewire save "can://socketcan/can0?node=5" drive.eds press-3.dcf
 
-    FILE has the values that are set, with unit and address, not measurements and not commands; - is stdout. It is
-    replaced at once when everything was read: whatever happens, it is the old file or the new one. What the device
-    refuses or does not answer is in the file with the reason, and the exit status is 1; such a file replaces an older
-    one only with --partial.
+    FILE has the values that are set, with unit and address, and no measurements and commands; `-` is stdout. With an
+    EDS or DCF as DEVICE, FILE may be a DCF. FILE is the old one or the new one at any moment, whatever happens.
+
+    What the device refuses or does not answer is in FILE with the reason, and the exit status is 1. Such a file takes
+    the place of an older one only with --partial.
     """
-    description = described(device, endpoint)
-    with connected(description, endpoint, no_wait, frames=frames, output=Output("text")) as machine:
-        if not no_check and (text := contradiction(machine)):
-            raise BarewireError(f"{text}, not {description.name}; --no-check: save it all the same")
-        saved = save_settings(machine, endpoint)
-    saved.device = device  # as it was given: a path is found again
+    if is_dcf(file) and not is_eds(device):
+        raise EncodeError(f"{file}: a DCF is made of an EDS: expected one as DEVICE, such as of barewire eds export")
+    saved = _present(endpoint, device, no_wait, check=not no_check, frames=frames)
     for name, why in saved.not_read.items():
         note(f"{name}: not read: {why}")
     count = len(saved.settings) + len(saved.communication)
     if not count:
-        raise BarewireError(f"no setting was read, {file} is not written")
+        raise BarewireError(f"no setting was read: {file} is not written")
     if saved.not_read and file.is_file() and not partial:
-        raise BarewireError(f"{len(saved.not_read)} settings were not read, {file} is kept as it is; see --partial")
-    replace_file(file, saved.text().encode())
-    if str(file) != "-":
-        missing = f", {len(saved.not_read)} not read" if saved.not_read else ""
-        print(f"{file}: {count} settings of {description.title}{missing}")
-    if saved.not_read:
-        context.exit(1)
+        raise BarewireError(f"{len(saved.not_read)} settings were not read: {file} is kept as it is; see --partial")
+    replace_file(file, as_dcf(saved, endpoint) if is_dcf(file) else saved.text().encode())
+    if file != _STDOUT:
+        missing = f", {len(saved.not_read)} were not read" if saved.not_read else ""
+        print(f"{file}: {count} settings of {saved.title or device}{missing}")
+    return 1 if saved.not_read else 0
 
 
 @click.command("restore")
@@ -86,72 +82,128 @@ def save_command(
 @endpoint_argument
 @click.option("--device", metavar="DEVICE", help="The description, instead of the one that FILE names.")
 @click.option("--dry-run", is_flag=True, help="Write nothing: print what would be written.")
-@click.option("--verify/--no-verify", default=True, help="Read everything again at the end; this is the default.")
-@click.option("--store/--no-store", default=True, help="Let the device store it at the end; this is the default.")
+@click.option("--verify/--no-verify", default=True, help="Read everything again at the end, as is the default.")
+@click.option("--store/--no-store", default=True, help="Let the device store it at the end, as is the default.")
 @click.option("--communication", is_flag=True, help="Write also how the device is reached: addresses, baud rate.")
 @click.option("--no-check", is_flag=True, help="Go on with another device, names, units or ranges than expected.")
 @output_option
 @no_wait_option
 @frames_option
-@click.pass_context
 def restore_command(
-    context: click.Context, /, file: Path, endpoint: str, device: str | None, dry_run: bool, verify: bool, store: bool,
-    communication: bool, no_check: bool, output: Output, no_wait: bool, frames: bool,
-) -> None:  # fmt: skip
+    file: Path, endpoint: str, device: str | None, dry_run: bool, verify: bool, store: bool, communication: bool,
+    no_check: bool, output: Output, no_wait: bool, frames: bool,
+) -> int:  # fmt: skip
     """Write the settings of a file to a device.
 
     \b
     barewire restore press-3.toml "rtu:///dev/ttyUSB0?unit=1&retries=3" --dry-run
     barewire restore press-3.toml "rtu:///dev/ttyUSB0?unit=1&retries=3"
+    barewire restore press-3.dcf "can://socketcan/can0?node=5"
 
     Only what differs is written, in the order of the manual, and read back; at the end the device stores it. A file of
-    another device, a unit or range that does not fit, and a motor that is on are refused before the first write. After
-    a failure the exit status is 1, and the last line is the command that goes on: what is equal is not written again.
+    another device, a name, unit or range that does not fit, and a motor that is on are refused before the first write.
+
+    After a failure the exit status is 1, and the last line is the command that goes on: what is equal is not written
+    again. FILE may be a DCF: see `barewire canopen configure`.
     """
-    saved = read_file(file)
-    description = described(device or saved.device, endpoint)
-    with connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
+    saved = None if is_dcf(file) else _saved(file)
+    name = device or (str(file) if saved is None else saved.device)
+    if saved is None or is_eds(name):
+        restore_objects(
+            saved, name, endpoint, output, communication=communication, dry_run=dry_run, store=store, frames=frames
+        )
+        return 0
+    with connected(_described(name, endpoint), endpoint, no_wait, frames=frames, output=output) as machine:
         restore = Restore(machine, saved, endpoint, communication, not no_check, verify, store)
         try:
             for change in restore.run(dry_run=dry_run):
                 output.show(f"{change}, {'would be written' if dry_run else 'written'}", change.as_dict())
+                if dry_run and frames:
+                    _show_frames(restore, change, output)
         except EncodeError as error:
             error.add_context("nothing was written; --no-check goes on")
             raise
     for name, why in restore.left_out.items():
         note(f"{name}: left out: {why}")
     if dry_run:
-        return
+        return 0
     for change in restore.failed:
         output.show(change, change.as_dict())
     if restore.stopped is not None:
         note(text_with_notes(restore.stopped))
-    stored = "stored in the device" if restore.stored else "not stored: lost when the device is switched off"
     failed = f", {len(restore.failed)} not written" if restore.failed else ""
-    output.text(f"{len(restore.written)} settings written, {restore.equal} were equal{failed}; {stored}")
+    output.text(f"{len(restore.written)} settings written, {restore.equal} were equal{failed}; {_stored(restore)}")
     if saved.communication and not communication:
-        output.text(f"{len(saved.communication)} that change how the device is reached are left: --communication")
-    if not restore.is_complete:
-        note(f"to go on: {shlex.join(['barewire', *sys.argv[1:]])}")
-        context.exit(1)
+        output.text(f"{len(saved.communication)} say how the device is reached, and were left: --communication")
+    if restore.is_complete:
+        return 0
+    flags = {"--no-verify": not verify, "--no-store": not store, "--communication": communication}
+    flags |= {"--no-check": no_check, f"--device={device}": device is not None}
+    again = shlex.join(["barewire", "restore", str(file), endpoint, *(flag for flag, given in flags.items() if given)])
+    note(f"to go on: {again}")
+    return 1
 
 
-def read_file(file: Path) -> SavedSettings:
-    """Return the settings of a file of `barewire save`."""
+def _show_frames(restore: Restore, change: Change, output: Output) -> None:
+    """Print the frames that would write a setting."""
+    shown_frames = ShownFrames(restore.url, restore.machine.device, every_field=is_verbose(), output=output)
+    for name, value in restore.writes(change).items():
+        for frame in frames_of(restore.url, restore.machine.device, {name: value}, force=not restore.check):
+            shown_frames.show("would send", frame)
+
+
+def _stored(restore: Restore) -> str:
+    if not restore.stored:
+        return "not stored, and lost when the device is switched off"
+    volatile = restore.not_storable
+    return "stored" + (
+        f", but for {volatile} that the device does not keep when it is switched off" if volatile else ""
+    )
+
+
+def _saved(file: Path) -> SavedSettings:
     return SavedSettings.parse(file_content(file), str(file))
+
+
+def _described(name: str, endpoint: str) -> Device:
+    """Return the device of this name. Raises EncodeError if it has no settings on this kind of bus."""
+    device = device_with(name)
+    is_can = Endpoint.parse(endpoint).scheme == "can"
+    if not SettingRules.of(device).settings(is_can=is_can):
+        raise EncodeError(f"{device.name} has no settings on {'CANopen' if is_can else 'Modbus'} in its description")
+    return device
+
+
+def _present(
+    endpoint: str, device: str, no_wait: bool, *, check: bool = True, frames: bool = False, only_of_dcf: bool = False
+) -> SavedSettings:
+    """Return the settings of a device as they are. Raises BarewireError if it says that it is another one."""
+    if is_eds(device):
+        return present_objects(endpoint, device, only_of_dcf=only_of_dcf, check=check, frames=frames)
+    description = _described(device, endpoint)
+    with connected(description, endpoint, no_wait, frames=frames, output=Output("text")) as machine:
+        check_machine(machine, not check)
+        saved = save_settings(machine, endpoint)
+    saved.device = device  # as it was given: a path is found again
+    return saved
+
+
+# Comparing
 
 
 @click.command("diff")
 @click.argument("a")
 @click.argument("b")
 @click.option("--device", metavar="DEVICE", help="The description of an ENDPOINT, where no file names it.")
-@click.option("--no-communication", is_flag=True, help="Leave out what changes how a device is reached.")
+@click.option("--no-communication", is_flag=True, help="Leave out what says how a device is reached.")
+@no_check_option
 @click.option("--csv", "as_csv", is_flag=True, help="Print a table for a spreadsheet.")
 @output_option
 @no_wait_option
 def diff_command(
-    a: str, b: str, device: str | None, no_communication: bool, as_csv: bool, output: Output, no_wait: bool
-) -> int:
+    a: str, b: str, device: str | None, no_communication: bool, no_check: bool, as_csv: bool, output: Output,
+    no_wait: bool,
+) -> int:  # fmt: skip
     """Compare the settings of two devices or files.
 
     \b
@@ -159,37 +211,33 @@ def diff_command(
     barewire diff press-3.toml "rtu:///dev/ttyUSB0?unit=1"
     barewire diff "rtu:///dev/ttyUSB0?unit=1" "rtu:///dev/ttyUSB0?unit=2" --device az3
 
-    A and B are files of `barewire save`, or endpoints. Exit status as that of diff(1): 0 if they are equal, 1 if
+    A and B are files of `barewire save`, DCFs, or endpoints. Exit status as that of diff(1): 0 if they are equal, 1 if
     something differs, 2 if something could not be read.
     """
     if as_csv and output.as_json:
         raise click.UsageError("--csv and --json: give one of them")
+    files = {name: Path(name) for name in (a, b) if "://" not in name}
     try:
-        files = {name: read_file(Path(name)) for name in (a, b) if "://" not in name}
-        device = device or next((saved.device for saved in files.values()), None)
-        sides = [files.get(name) or _present(name, device, no_wait) for name in (a, b)]
-        devices = [side.title or side.device for side in sides]
-        if devices[0] != devices[1]:
-            raise BarewireError(f"{a} is of {devices[0]}, {b} of {devices[1]}")
+        sides = {name: dcf_settings(file) if is_dcf(file) else _saved(file) for name, file in files.items()}
+        named = device or next((side.device for side in sides.values()), None)
+        only_of_dcf = any(map(is_dcf, files.values()))
+        for name in (a, b):
+            if name not in files:
+                if named is None:
+                    raise EncodeError(f"{name}: no file says which device it is: expected --device")
+                url = endpoint_url(name)
+                sides[name] = _present(url, named, no_wait, check=not no_check, only_of_dcf=only_of_dcf)
+        first, second = sides[a], sides[b]
+        if first.title != second.title and not no_check:
+            raise BarewireError(f"{a} is of {first.title}, {b} of {second.title}; --no-check compares them")
     except BarewireError as error:
         note(text_with_notes(error))
         return 2
-    found = list(differences(*sides, communication=not no_communication))
+    found = list(differences(first, second, communication=not no_communication))
     _print(found, (a, b), as_csv, output)
     if any(difference.problem for difference in found):
         return 2
     return int(bool(found))
-
-
-def _present(endpoint: str, device: str | None, no_wait: bool) -> SavedSettings:
-    endpoint = endpoint_url(endpoint)
-    if device is None:
-        raise EncodeError(f"{endpoint}: no file names its device: expected --device")
-    description = described(device, endpoint)
-    with connected(description, endpoint, no_wait, frames=False, output=Output("text")) as machine:
-        if text := contradiction(machine):
-            raise BarewireError(f"{endpoint}: {text}, not {description.name}")
-        return save_settings(machine, endpoint)
 
 
 def _print(found: list[SettingDifference], sides: tuple[str, str], as_csv: bool, output: Output) -> None:
@@ -198,14 +246,12 @@ def _print(found: list[SettingDifference], sides: tuple[str, str], as_csv: bool,
         table.writeheader()
         table.writerows(difference.as_dict() for difference in found)
         return
-    if output.as_json:
-        for difference in found:
-            output.show("", difference.as_dict())
-        return
     rows = [("", *sides), *map(_row, found)]
     widths = [max(map(len, column)) for column in zip(*rows)]
     for row in rows if found else ():
-        print("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths)).rstrip())
+        output.text("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths)).rstrip())
+    for difference in found if output.as_json else ():
+        output.show(difference, difference.as_dict())
 
 
 def _row(difference: SettingDifference) -> tuple[str, str, str]:

@@ -8,8 +8,8 @@
     1  check     the file against the description: names, units; the machine: is it this one, is it at rest
     2  read      what the machine has: what is equal is not written; ranges of the rest, before the first write
     3  write     modes first, one by one; PDO records in the order of CiA 301
-    4  read      everything again: one setting can change another, or be refused until another is written; what differs is
-                 written again, as long as that helps
+    4  read      everything again: one setting can change another, or be refused until another is written; what differs
+                 is written again, as long as that helps
     5  write     with `communication`, how the machine is reached
     6  store     by the command of the manual, if nothing has failed
 
@@ -34,9 +34,9 @@ from barewire.errors import BarewireError, DecodeError, EncodeError, NoAnswer, P
 from barewire.io.canopen.operations import sdo_transfer
 from barewire.io.endpoint import Endpoint
 from barewire.io.machine import MachineClient
+from barewire_workbench.live.check_device import check_device
 from barewire_workbench.live.save_settings import (
     confirmed_write,
-    contradiction,
     is_model,
     machine_identity,
     read_settings,
@@ -118,12 +118,14 @@ class Restore:
         """Write what differs, and yield it; with `dry_run` yield it only.
 
         Raises, before anything is written, EncodeError for a file with other names, units or ranges, Mismatch for
-        another machine or one that is not at rest, NoAnswer, PortError.
+        another model or one that is not at rest, WrongDevice for another machine, NoAnswer, PortError.
         """
         rules = SettingRules.of(self.machine.device)
         self._match(rules)
         if self.check:
             self._check_machine(rules)
+            if not dry_run:
+                self._check_state(rules)
         changes = self._differing(self._wanted)
         self.equal = len(self._wanted) - len(changes)
         if self.check:
@@ -144,6 +146,11 @@ class Restore:
             self.failed += [
                 change._replace(problem="not reached") for change in changes if change.parameter.name not in done
             ]
+
+    @property
+    def not_storable(self) -> int:
+        """How many of the settings of the file the machine does not keep when it is switched off."""
+        return sum(setting.parameter.storable is False for setting, _ in self._wanted)
 
     # Before the first write
 
@@ -169,12 +176,13 @@ class Restore:
         self._wanted = [(setting, wanted[name].value) for name, setting in known.items() if name in wanted]
 
     def _check_machine(self, rules: SettingRules) -> None:
-        if text := contradiction(self.machine):
-            raise Mismatch(f"{text}, the file is of {self.saved.title or self.saved.device}")
+        check_device(self.machine, before_write=True)
         present = machine_identity(self.machine, rules)
         for name, saved in self.saved.identity.items():
             if is_model(name, rules) and name in present and present[name] != saved:
                 raise Mismatch(f"another model: its {name} is {present[name]}, the file is of {saved}")
+
+    def _check_state(self, rules: SettingRules) -> None:
         for name, values in rules.idle.items():
             reading = self.machine.read(name)
             if reading.value not in values:
@@ -212,6 +220,11 @@ class Restore:
             raise EncodeError(_listed(problems))
 
     # Writing
+
+    def writes(self, change: Change) -> dict[str, Value]:
+        """Return what is written for a setting, in this order: the numbers that select it, and its value."""
+        setting = self._setting(change)
+        return {**setting.select, setting.read_as: change.after}
 
     def _setting(self, change: Change) -> KeptSetting:
         return next(setting for setting, _ in self._wanted if setting.name == change.parameter.name)
@@ -253,6 +266,7 @@ class Restore:
                 refused[change.parameter.name] = change._replace(problem=str(error))
                 silent = silent + 1 if isinstance(error, NoAnswer) else 0
                 if silent == _SILENT:
+                    self.failed = list(refused.values())
                     raise
                 continue
             silent = 0

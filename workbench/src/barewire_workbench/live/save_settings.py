@@ -5,8 +5,8 @@
         saved.settings["Current Ratio"].value, saved.not_read
 
 A setting behind the numbers of a menu is read after these are written, so nothing else may use the machine meanwhile.
-Of such a write, and of every write here, an answer that is lost is no failure: the value is read back, and written again
-if it is not there, as often as the URL has `retries`.
+Of such a write, and of every write here, an answer that is lost is no failure: the value is read back, and written
+again if it is not there, as often as the URL has `retries`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.machine import MachineClient
 from barewire_workbench.live import scan_canopen, scan_modbus
 from barewire_workbench.live.read_values import read_values
-from barewire_workbench.scan.identity import DeviceIdentity, device_of
+from barewire_workbench.scan.identity import DeviceIdentity
 from barewire_workbench.settings.compare import same
 from barewire_workbench.settings.rules import KeptSetting, SettingRules
 from barewire_workbench.settings.saved import SavedSettings, SavedValue
@@ -130,23 +130,13 @@ def machine_identity(machine: MachineClient, rules: SettingRules) -> dict[str, s
     return identity
 
 
-def contradiction(machine: MachineClient) -> str:
-    """Return in words that a machine says it is another one than described; empty if it does not say so.
-
-    Raises PortError.
-    """
-    told = _told(machine)
-    text = str(told)
-    return "" if not text or device_of(told, [machine.device]) else f"the device says that it is {text}"
-
-
 def _told(machine: MachineClient) -> DeviceIdentity:
-    """Ask a machine what it is, if its description has a table [identity]."""
+    """Ask a machine what it is, if its description says that it answers."""
     client = machine.client
-    if "identity" not in machine.device.extra:
+    if not machine.device.extra.get("identity"):
         return DeviceIdentity()
     if isinstance(client, ModbusClient):
-        return scan_modbus.identify(client, may_close=True)
+        return scan_modbus.identify(client.at(unit=client.unit_for(None, machine.device)), may_close=True)
     identity = DeviceIdentity()
     if isinstance(client, CanopenClient):
         scan_canopen.identify(client, client.node(device=machine.device).number, identity)

@@ -12,8 +12,8 @@
     [communication]                        how the device is reached: restored on demand only
     [not_read]                             name = why
 
-The order is that of restoring, so two files can be compared line by line. `value` is in the unit; `unit` is checked when
-the file is restored; `address` is for people.
+The order is that of restoring, so two files can be compared line by line. `value` is in the unit; `unit` is checked
+when the file is restored; `address` is for people.
 """
 
 from __future__ import annotations

@@ -1,0 +1,40 @@
+"""What differs between two sets of settings."""
+
+from __future__ import annotations
+
+from barewire_workbench.settings.compare import SettingDifference, differences
+from barewire_workbench.settings.saved import SavedSettings, SavedValue
+
+
+def of(values: dict[str, SavedValue], **others: object) -> SavedSettings:
+    return SavedSettings("mine", settings=values, **others)  # type: ignore[arg-type]
+
+
+def test_values_units_and_what_one_side_has_alone() -> None:
+    first = of({"a": SavedValue(1), "b": SavedValue(2, "A"), "c": SavedValue(0.2), "d": SavedValue(4)})
+    second = of(
+        {"e": SavedValue(5), "a": SavedValue(1), "b": SavedValue(2, "mA"), "c": SavedValue(0.20000000298023224)}
+    )
+    assert list(differences(first, second)) == [
+        SettingDifference("b", SavedValue(2, "A"), SavedValue(2, "mA")),
+        SettingDifference("d", SavedValue(4), None),
+        SettingDifference("e", None, SavedValue(5)),
+    ]
+
+
+def test_what_was_not_read_is_a_problem_and_no_difference_of_values() -> None:
+    first, second = of({"a": SavedValue(1)}), of({}, not_read={"a": "exception 02", "b": "silent"})
+    (found,) = differences(first, second)
+    assert (found.name, found.problem) == ("a", "exception 02")
+    (one, both) = differences(
+        of({}, not_read={"b": "exception 04"}), of({"a": SavedValue(1)}, not_read={"b": "silent"})
+    )
+    assert (one.name, one.problem) == ("a", "")
+    assert (both.name, both.problem) == ("b", "exception 04; silent")
+
+
+def test_communication_can_be_left_out() -> None:
+    first = of({}, communication={"node": SavedValue(1)})
+    second = of({}, communication={"node": SavedValue(2)})
+    assert [found.name for found in differences(first, second)] == ["node"]
+    assert list(differences(first, second, communication=False)) == []

@@ -1,0 +1,64 @@
+"""The file of `barewire save`: what is written is read again, and a wrong file is one clear error."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+
+import pytest
+from hypothesis import given, strategies as st
+
+from barewire_workbench.settings.compare import differences
+from barewire_workbench.settings.saved import BadFile, SavedSettings, SavedValue
+
+texts = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=20)
+values = st.one_of(
+    st.booleans(),
+    st.integers(-(2**63), 2**64 - 1),
+    st.floats(width=32, allow_nan=False),
+    st.floats(allow_nan=False),
+    texts,
+)
+saved_values = st.dictionaries(texts, st.builds(SavedValue, values, texts, texts), max_size=5)
+zones = st.builds(timezone, st.integers(-14, 14).map(lambda hours: timedelta(hours=hours)))
+
+
+@given(saved_values, saved_values, st.dictionaries(texts, texts, max_size=3), st.datetimes(timezones=zones))
+def test_a_file_is_read_as_it_was_written(
+    settings: dict[str, SavedValue], communication: dict[str, SavedValue], words: dict[str, str], time: datetime
+) -> None:
+    time = time.replace(microsecond=0)
+    saved = SavedSettings("mine", "tcp://x", "My drive", time, words, settings, communication, words)
+    again = SavedSettings.parse(saved.text().encode(), "file")
+    assert again.text() == saved.text()
+    assert (again.device, again.source, again.title, again.time) == ("mine", "tcp://x", "My drive", time)
+    assert (again.identity, again.not_read) == (words, words)
+    assert [difference for difference in differences(saved, again) if not difference.problem] == []
+    assert list(again.settings) == list(settings)
+
+
+GOOD = SavedSettings("mine", settings={"Limit": SavedValue(2.5, "A", "holding 4")}).text()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("format = ", "no TOML: "),
+        ("\udcff", "no TOML: "),
+        ("", "format = None: expected 1"),
+        ("[FileInfo]\nFileName=x", "no TOML: "),
+        (GOOD.replace('"mine"', "7"), "device = 7: expected text"),
+        (GOOD.replace('"mine"', '""'), "device = '': expected text"),
+        (GOOD.replace("format = 1", "format = 2"), "format = 2: expected 1"),
+        (GOOD.replace("format = 1", 'format = 1\ntime = "now"'), "time = 'now': expected a date and time"),
+        (GOOD.replace("value = 2.5, ", ""), r"\[settings\] 'Limit' = .*: expected { value = "),
+        (GOOD.replace("2.5", "[2]"), r"'Limit': value = \[2\]: expected a number"),
+        (GOOD.replace("unit", "unti"), "'Limit': 'unti': expected value, unit or address"),
+        (GOOD.replace('"A"', "1"), "'Limit': expected unit and address as text"),
+        (GOOD.replace("[settings]", "[[settings]]"), "settings = .*: expected a table"),
+        (GOOD + "[not_read]\nX = 1\n", r"\[not_read\] 'X' = 1: expected text"),
+    ],
+)
+def test_a_wrong_file_is_one_clear_error(text: str, message: str) -> None:
+    with pytest.raises(BadFile, match=rf"^press.toml: {message}") as caught:
+        SavedSettings.parse(text.encode("utf-8", "surrogateescape"), "press.toml")
+    assert "\n" not in str(caught.value)
