@@ -41,7 +41,7 @@ _STDOUT = Path("-")
 @device_argument
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--partial", is_flag=True, help="Replace FILE also if some values could not be read.")
-@nono_check_option
+@no_check_option
 @no_wait_option
 @frames_option
 def save_command(
@@ -154,7 +154,7 @@ def _show_frames(restore: Restore, change: Change, output: Output) -> None:
 
 def _stored(restore: Restore) -> str:
     if not restore.stored:
-        return "not stored, and lost when the device is switched off"
+        return "not stored: what was written is lost when the device is switched off"
     volatile = restore.not_storable
     return "stored" + (
         f", but for {volatile} that the device does not keep when it is switched off" if volatile else ""

@@ -1,0 +1,233 @@
+"""`barewire save`, `restore` and `diff`: files, exit statuses, and processes that are killed."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from barewire import CanopenServer, ModbusServer, load
+from barewire.canopen import eds
+from barewire.devices.sim import simulator
+from barewire.errors import PortError
+from barewire_workbench.cli.output import replace_file
+from barewire_workbench.eds.export import export
+from barewire_workbench.settings.rules import SettingRules
+from barewire_workbench.settings.saved import SavedSettings
+from tests.workbench.cli.helpers import error_of, output_of, run_here
+
+KILLED = Path(__file__).parent / "killed.py"
+
+
+@pytest.fixture(autouse=True)
+def no_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The CSD MT takes five seconds to store."""
+    rules = SettingRules.of
+    monkeypatch.setattr(SettingRules, "of", lambda device: rules(device)._replace(store_takes=0.0))
+
+
+@pytest.fixture
+def drive() -> Iterator[str]:
+    """The URL of a CSD MT with some settings changed."""
+    machine: Any = simulator("csd-mt")
+    machine.store["Current Ratio"] = 55
+    machine.store["Homing Method"] = 35
+    with ModbusServer("tcp://127.0.0.1:0", {1: machine.modbus}) as server:
+        yield f"{server.url}?timeout=30"
+
+
+@pytest.fixture
+def fresh() -> Iterator[str]:
+    """The URL of a CSD MT as delivered."""
+    unit = simulator("csd-mt").modbus
+    assert unit is not None
+    with ModbusServer("tcp://127.0.0.1:0", {1: unit}) as server:
+        yield f"{server.url}?timeout=30"
+
+
+def test_a_drive_is_saved_swapped_and_restored(drive: str, fresh: str, tmp_path: Path) -> None:
+    file = str(tmp_path / "press.toml")
+    assert output_of("save", drive, "csd-mt", file) == f"{file}: 61 settings of {load('csd-mt').title}\n"
+    compared = run_here("diff", file, fresh)
+    assert compared.returncode == 1
+    assert [line.split() for line in compared.stdout.splitlines()] == [
+        [file, fresh],
+        ["Current", "Ratio", "55", "%", "70", "%"],
+        ["Homing", "Method", "35", "0"],
+    ]
+    planned = output_of("restore", file, fresh, "--dry-run")
+    assert planned.splitlines()[0] == "Current Ratio = 55 % (was 70 %), would be written"
+    assert run_here("diff", file, fresh).returncode == 1
+    written = output_of("restore", file, fresh)
+    assert "2 settings written, 46 were equal; stored, but for 27 that the device does not keep" in written
+    assert output_of("diff", file, fresh) == ""
+    assert output_of("diff", drive, fresh, "--device", "csd-mt") == ""
+
+
+def test_a_file_has_device_identity_time_and_one_line_for_each_setting(drive: str) -> None:
+    text = output_of("save", drive, "csd-mt", "-")
+    saved = SavedSettings.parse(text.encode(), "-")
+    assert (saved.device, saved.source, saved.identity["Software Version"]) == ("csd-mt", drive, "31")
+    assert saved.time is not None
+    assert saved.time.utcoffset() is not None
+    assert '"Current Ratio" = { value = 55, unit = "%", address = "holding 1080" }' in text.splitlines()
+    assert '"Control Word" =' not in text
+
+
+def test_a_dry_run_shows_the_frames(drive: str, fresh: str, tmp_path: Path) -> None:
+    file = str(tmp_path / "press.toml")
+    output_of("save", drive, "csd-mt", file)
+    shown = output_of("restore", file, fresh, "--dry-run", "--frames")
+    frames = [line for line in shown.splitlines() if line.startswith("would send")]
+    assert len(frames) == 2
+    assert "06 04 38 00 37" in frames[0]
+
+
+def test_differences_as_json_and_csv(drive: str, fresh: str) -> None:
+    both = (drive, fresh, "--device", "csd-mt")
+    objects = [json.loads(line) for line in run_here("diff", *both, "--json").stdout.splitlines()]
+    assert objects[0] == {"name": "Current Ratio", "a": 55, "a_unit": "%", "b": 70, "b_unit": "%", "error": ""}
+    rows = list(csv.DictReader(StringIO(run_here("diff", *both, "--csv").stdout)))
+    assert [row["name"] for row in rows] == ["Current Ratio", "Homing Method"]
+    assert "--csv and --json" in error_of("diff", *both, "--csv", "--json", status=2)
+
+
+def test_what_is_not_read_is_in_a_new_file_and_takes_no_old_one_away(tmp_path: Path) -> None:
+    file = tmp_path / "press.toml"
+    unit = simulator("csd-mt").modbus
+    assert unit is not None
+    with ModbusServer("tcp://127.0.0.1:0", {1: unit}, faults="exception=04@1080") as server:
+        done = run_here("save", server.url, "csd-mt", str(file))
+        assert (done.returncode, "60 settings of" in done.stdout, ", 1 were not read" in done.stdout) == (1, True, True)
+        assert done.stderr.startswith("barewire: Current Ratio: not read: unit 1, address 1080: exception 04")
+        assert "exception 04" in SavedSettings.parse(file.read_bytes(), "file").not_read["Current Ratio"]
+        file.write_text("old", encoding="utf-8")
+        assert "is kept as it is; see --partial" in run_here("save", server.url, "csd-mt", str(file)).stderr
+        assert file.read_text(encoding="utf-8") == "old"
+        assert run_here("save", server.url, "csd-mt", str(file), "--partial").returncode == 1
+        compared = run_here("diff", str(file), server.url)
+        assert compared.returncode == 2
+        assert "Current Ratio" in compared.stdout
+
+
+def test_a_failure_says_what_was_not_written_and_how_to_go_on(drive: str, tmp_path: Path) -> None:
+    file = tmp_path / "press 1.toml"
+    output_of("save", drive, "csd-mt", str(file))
+    file.write_text(
+        file.read_text(encoding="utf-8").replace(
+            '"Counter Watchdog" = { value = 0', '"Counter Watchdog" = { value = 50'
+        ),
+        encoding="utf-8",
+    )
+    done = run_here("restore", str(file), drive)
+    assert done.returncode == 1
+    assert "Counter Watchdog = 50 ms (was 0 ms (off)): not written: unit 1, address 1097: exception 03" in done.stdout
+    assert "0 settings written, 47 were equal, 1 not written; not stored" in done.stdout
+    assert done.stderr == f"barewire: to go on: barewire restore '{file}' '{drive}'\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (["save", "{url}", "raw", "-"], 2, "raw has no settings on Modbus"),
+        (["save", "{url}", "csd-mt", "press.dcf"], 2, "a DCF is made of an EDS"),
+        (["save", "{url}", "adxl", "-"], 1, "is not adxl"),
+        (["restore", "{file}", "{url}", "--device", "az3"], 2, "not for az3 here: Mode of Operation: az3 has no such"),
+        (["restore", "nothing.toml", "{url}"], 1, "nothing.toml: No such file"),
+        (["diff", "{url}", "{url}"], 2, "no file says which device it is: expected --device"),
+        (["diff", "{file}", "nothing.toml"], 2, "nothing.toml: No such file"),
+        (["diff", "{file}", "{broken}"], 2, "no TOML"),
+        (["restore", "{broken}", "{url}"], 1, "no TOML"),
+        (["save", "{url}", "drive.eds", "-"], 1, "drive.eds: No such file"),
+    ],
+)
+def test_wrong_arguments_are_one_line(
+    arguments: list[str], status: int, message: str, drive: str, tmp_path: Path
+) -> None:
+    file, broken = tmp_path / "press.toml", tmp_path / "broken.toml"
+    output_of("save", drive, "csd-mt", str(file))
+    broken.write_text("[", encoding="utf-8")
+    given = [argument.format(url=drive, file=file, broken=broken) for argument in arguments]
+    assert message in error_of(*given, status=status)
+
+
+def test_a_dcf_out_of_a_node_and_into_it(tmp_path: Path) -> None:
+    file, dcf, toml = tmp_path / "az3.eds", tmp_path / "left.dcf", tmp_path / "left.toml"
+    file.write_bytes(export(load("az3")).encode())
+    url = "can://memory/keep-dcf?node=5"
+    with CanopenServer(url, eds=eds.parse(file.read_bytes())):
+        for saved in (dcf, toml):
+            output_of("save", url, str(file), str(saved))
+            assert output_of("diff", str(saved), url) == ""
+            text = saved.read_text(encoding="utf-8")
+            before, after = text.split("PROFILE ACCELERATION", 1)
+            after = after.replace("ParameterValue=1000", "ParameterValue=1500", 1).replace("= 1500 ", "= 2500 ", 1)
+            saved.write_text(f"{before}PROFILE ACCELERATION{after}", encoding="utf-8")
+            assert run_here("diff", str(saved), url).returncode == 1
+            assert "PROFILE ACCELERATION: device" in output_of("restore", str(saved), url, "--dry-run")
+            assert "written" in output_of("restore", str(saved), url, "--no-store")
+            assert output_of("diff", str(saved), url) == ""
+        compared = run_here("diff", str(dcf), str(toml))
+        assert compared.returncode == 1
+        assert compared.stdout.splitlines()[1].split()[-2:] == ["1500", "2500"]
+
+
+# The file
+
+
+def test_a_file_keeps_its_mode_and_what_links_to_it(tmp_path: Path) -> None:
+    file, link = tmp_path / "file", tmp_path / "link"
+    file.write_text("old", encoding="utf-8")
+    file.chmod(0o640)
+    link.symlink_to(file)
+    replace_file(link, b"new")
+    assert (link.is_symlink(), file.read_bytes(), stat.S_IMODE(file.stat().st_mode)) == (True, b"new", 0o640)
+    replace_file(tmp_path / "made", b"new")
+    mask = os.umask(0)
+    os.umask(mask)
+    assert stat.S_IMODE((tmp_path / "made").stat().st_mode) == 0o666 & ~mask
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "link", "made"]
+
+
+def test_a_file_that_cannot_be_written_is_one_error_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(PortError, match="nowhere/file: No such file"):
+        replace_file(tmp_path / "nowhere" / "file", b"")
+    file = tmp_path / "file"
+    file.write_text("old", encoding="utf-8")
+
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(PortError, match="No space left on device"):
+        replace_file(file, b"new")
+    assert [(path.name, path.read_text(encoding="utf-8")) for path in tmp_path.iterdir()] == [("file", "old")]
+
+
+def killed(*arguments: str) -> int:
+    done = subprocess.run(
+        [sys.executable, str(KILLED), *arguments], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return int(done.stdout)
+
+
+@pytest.mark.long
+def test_killed_at_a_hundred_moments_a_file_is_the_old_one_or_the_new_one(tmp_path: Path) -> None:
+    assert killed(str(tmp_path)) == 100
+
+
+@pytest.mark.long
+def test_a_save_that_is_killed_at_a_hundred_moments_leaves_a_whole_file(drive: str, tmp_path: Path) -> None:
+    assert killed(str(tmp_path), drive, "csd-mt") > 50
