@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from barewire_workbench.settings.compare import differences
 from barewire_workbench.settings.saved import BadFile, SavedSettings, SavedValue
 
-texts = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=20)
+texts = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=20)
 values = st.one_of(
     st.booleans(),
     st.integers(-(2**63), 2**64 - 1),

@@ -6,8 +6,8 @@
 
 Only a ParameterValue is a setting: an object without one may have any value. The number of mapped objects is one too if
 an entry of the mapping is, because entries change only while the number is 0. Left out are objects that are read-only,
-objects whose write is a command (`COMMANDS`), mapping entries beyond the number of mapped objects, and those that the
-file excludes by ObjFlags.
+objects whose write is a command (`COMMAND_OBJECTS`), mapping entries beyond the number of mapped objects, and those
+that the file excludes by ObjFlags.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from barewire.codecs import Value
 from barewire.errors import EncodeError, shown
 
 DEVICE_TYPE, IDENTITY, DATE = 0x1000, 0x1018, 0x1020
-COMMANDS = {0x1003, 0x1010, 0x1011, 0x1023, 0x1024, 0x1025, 0x1026, 0x1F50, 0x1F51}
+COMMAND_OBJECTS = {0x1003, 0x1010, 0x1011, 0x1023, 0x1024, 0x1025, 0x1026, 0x1F50, 0x1F51}
 """Objects whose write is a command or deletes something: error history, store, restore, OS commands, programs."""
 
 _PDO_TYPES = {1: "u32", 2: "u8", 3: "u16", 5: "u16", 6: "u8"}
@@ -190,7 +190,7 @@ def _is_default(entry: Entry, item: EdsItem | None) -> bool:
 
 
 def _why_left_out(entry: Entry, item: EdsItem, pdo: PdoConfig | None) -> str:
-    if entry.index in COMMANDS:
+    if entry.index in COMMAND_OBJECTS:
         return "writing it is a command"
     if item.flags & 3:
         return f"ObjFlags={item.flags} excludes it"

@@ -106,6 +106,8 @@ def restore_command(
     After a failure the exit status is 1, and the last line is the command that goes on: what is equal is not written
     again. FILE may be a DCF: see `barewire canopen configure`.
     """
+    if device is not None and not is_eds(device):
+        _described(device, endpoint)  # a wrong name is reported first
     saved = None if is_dcf(file) else _saved(file)
     name = device or (str(file) if saved is None else saved.device)
     if saved is None or is_eds(name):

@@ -76,8 +76,15 @@ class Change(NamedTuple):
 
     def as_dict(self) -> dict[str, object]:
         """The change, for JSON."""
-        fields = {"name": self.parameter.name, "before": self.before, "value": self.after, "unit": self.parameter.unit}
-        return fields | ({"error": self.problem} if self.problem else {})
+        fields: dict[str, object] = {
+            "name": self.parameter.name,
+            "before": self.before,
+            "value": self.after,
+            "unit": self.parameter.unit,
+        }
+        if self.problem:
+            fields["error"] = self.problem
+        return fields
 
 
 @dataclass(slots=True)

@@ -20,7 +20,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from barewire.canopen.configuration.settings import COMMANDS, device_configuration, object_text
+from barewire.canopen.configuration.settings import COMMAND_OBJECTS, device_configuration, object_text
 from barewire.canopen.eds import Eds, Formula, to_dcf
 from barewire.canopen.eds.objects import every_item
 from barewire.canopen.eds.value_syntax import Expression
@@ -64,7 +64,7 @@ def storable(eds: Eds, node: int) -> list[Entry]:
         if item.access in ("rw", "rwr")
         and item.type != "domain"
         and not item.flags & 3
-        and described.index not in COMMANDS
+        and described.index not in COMMAND_OBJECTS
         and not (described.index in _PDO_RECORDS and item.sub == _RESERVED)
         and (described.index, item.sub) not in process
         and not any(described.index in range_ for range_ in ranges)

@@ -115,9 +115,16 @@ class SettingRules(NamedTuple):
             return []
         found = []
         for menu in self.menus:
-            fields = {key: menu[key] for key in ("name", "unit") if key in menu}
-            limits = {"minimum": menu.get("min"), "maximum": menu.get("max")}
-            parameter = replace(carrier, kind="setting", storable=True, note="", **fields, **limits)
+            parameter = replace(
+                carrier,
+                name=menu["name"],
+                unit=menu.get("unit", ""),
+                minimum=menu.get("min"),
+                maximum=menu.get("max"),
+                kind="setting",
+                storable=True,
+                note="",
+            )
             found.append(KeptSetting(parameter, carrier.name, dict(zip(self.select, menu["at"]))))
         return found
 
