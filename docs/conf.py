@@ -1,5 +1,9 @@
 """Settings of Sphinx for the site. `make docs` collects the sources in build/docs first, see tools/website."""
 
+import os
+from html import escape
+from pathlib import Path
+
 from sphinx.domains.python import PythonDomain
 
 from barewire import __version__
@@ -8,6 +12,10 @@ project = "barewire"
 author = "the authors of barewire"
 release = version = __version__
 html_title = f"barewire {version}"
+html_baseurl = os.environ.get("SITE_URL", "")
+SUMMARY = (
+    "Modbus (RTU, ASCII, TCP) and CANopen in pure Python, from the first bit of a CRC to a named value with its unit."
+)
 
 
 class QuickPythonDomain(PythonDomain):
@@ -25,8 +33,18 @@ class QuickPythonDomain(PythonDomain):
         return super().find_obj(env, modname, classname, name, type, searchmode) if last in self._last else []
 
 
+def preview(app, pagename, templatename, context, doctree):
+    """Add what other programs show of a link to a page. A picture needs the address of the site: SITE_URL."""
+    shown = {"title": context.get("title") or project, "site_name": project, "type": "article", "description": SUMMARY}
+    if html_baseurl:
+        shown["image"] = f"{html_baseurl}_static/preview.png"
+    tags = [f'<meta property="og:{name}" content="{escape(text)}">' for name, text in shown.items()]
+    context["metatags"] = "\n".join([context.get("metatags", ""), *tags])
+
+
 def setup(app):
     """Sphinx calls this."""
+    app.connect("html-page-context", preview)
     app.add_domain(QuickPythonDomain, override=True)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
@@ -54,6 +72,8 @@ copybutton_only_copy_prompt_lines = True
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_favicon = "_static/favicon.svg"
+html_search_scorer = str(Path(__file__).parent / "_static" / "scorer.js")
 html_show_sphinx = html_show_copyright = False
 html_copy_source = False
 html_show_sourcelink = False

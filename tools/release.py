@@ -40,6 +40,8 @@ EXAMPLE = "https://forge.example/barewire/blob/main/"
 """The address of a dry run."""
 LINK = re.compile(r"(?<=\]\()(?!https?:|#)[^)\s]+")
 """The target of a link of Markdown that is a path."""
+PICTURE = re.compile(r"!\[[^]]*\]\([^)\s]+")
+"""A picture of Markdown, up to the end of its address."""
 SOURCES = ("LICENSE", "MANIFEST.in", "README.md", "pyproject.toml", "packaging", "src", "vectors", "workbench")
 """What both distributions are built from."""
 NOT_SOURCES = shutil.ignore_patterns("__pycache__", "*.egg-info", "build", "node_modules")
@@ -114,10 +116,13 @@ def problems(new: str) -> list[str]:
 def with_addresses(text: str, page: str) -> str:
     """Return Markdown in which each link to a path has an address. `page` is the address of the text itself.
 
+    A forge shows a file at .../blob/... or .../src/... and sends its bytes, as a picture needs, from .../raw/...
+
     >>> with_addresses("[URLs](docs/endpoints.md#can), [home](https://a.example)", "https://forge.example/README.md")
     '[URLs](https://forge.example/docs/endpoints.md#can), [home](https://a.example)'
     """
-    return LINK.sub(lambda link: urljoin(page, link[0]), text)
+    text = LINK.sub(lambda link: urljoin(page, link[0]), text)
+    return PICTURE.sub(lambda picture: re.sub(r"/(blob|src)/", "/raw/", picture[0], count=1), text)
 
 
 def distributions(target: Path, scratch: Path, files: str) -> None:

@@ -13,6 +13,8 @@ def test_both_descriptions_have_links_that_work_on_an_index() -> None:
         text = (ROOT / page).read_text(encoding="utf-8")
         assert LINK.findall(text)
         assert not LINK.findall(with_addresses(text, f"https://forge.example/v1/{page}"))
+    picture = with_addresses("![a](b.svg), [c](d.md)", "https://forge.example/x/blob/v1/README.md")
+    assert picture == "![a](https://forge.example/x/raw/v1/b.svg), [c](https://forge.example/x/blob/v1/d.md)"
     assert with_addresses("[a](../b.md#c) [d](#e) [f](https://g.example/)", "https://forge.example/v1/h/README.md") == (
         "[a](https://forge.example/v1/b.md#c) [d](#e) [f](https://g.example/)"
     )

@@ -2,7 +2,7 @@
 
     build/shots/PAGE-390-light.png  PAGE-390-dark.png  PAGE-1280-light.png  PAGE-1280-dark.png
 
-With the argument --keep it makes those of docs/screenshots again, which docs/project/site.md shows.
+With the argument --keep it makes those of docs/screenshots again, which docs/project/site.md shows, and the preview.
 
 The site is served on a free port of 127.0.0.1; Chromium resolves no other name, so a page that needs the network is
 seen to fail. A page stands in a frame of the wanted width, because a window of Chromium cannot be as narrow as a phone.
@@ -34,6 +34,8 @@ KEPT = {
     "reference/messages-modbus": ((1280, "dark"), (390, "light")),
 }
 """The pictures of docs/screenshots."""
+PREVIEW = (1200, 630)
+"""The size of docs/_static/preview.png, which other programs show of a link to the site."""
 PAGES = ("index", "tutorial/index", "how-to/index", "how-to/modbus", "reference/index", "explanation/late-answers")
 
 _FRAME = """<!doctype html>
@@ -118,6 +120,10 @@ def main(pages: list[str]) -> int:
                 take(f"{url}/.frame/{width}/{SIZES[width]}/{theme}/{page}", target, width, SIZES[width])
                 cropped(target, width, SIZES[width])
                 sys.stdout.write(f"{target.relative_to(ROOT)}  {target.stat().st_size // 1024} KB\n")
+        if kept:
+            target = ROOT / "docs" / "_static" / "preview.png"
+            take(f"{url}/.frame/{PREVIEW[0]}/{PREVIEW[1]}/light/index", target, *PREVIEW)
+            cropped(target, *PREVIEW)
     return 0
 
 

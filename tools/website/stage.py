@@ -7,10 +7,15 @@ nothing else; what is no longer a page is removed.
 from __future__ import annotations
 
 import re
+import shlex
 import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from barewire_workbench import explain_text
+from barewire_workbench.pictures.fields import FieldsPicture
+from barewire_workbench.pictures.picture import html_fragment, page_style
+from tools import pictures
 from tools.website import api, commands, errors, messages, parameters, source
 from tools.website.links import PROJECT, Links, file_page, split
 from tools.website.source import ROOT
@@ -19,6 +24,8 @@ _COMMENT = re.compile(r"^[ \t]*<!--.*?-->[ \t]*\n?", re.MULTILINE | re.DOTALL)
 _LAST_EMPTY = re.compile(r"\n\s*\n(?=\s*(```|~~~)[`~]*\s*$)")
 """Empty lines at the end of a block, which end its last example."""
 PAIR = "<!-- side by side -->"
+_AS_HTML = re.compile(r"^<!-- the picture as HTML -->\n!\[[^]]*\]\(pictures/([\w-]+)\.svg\)$", re.MULTILINE)
+"""A picture that the site shows as HTML, which is as wide as the page and follows its theme; a forge shows the SVG."""
 _LANGUAGES = {
     ".py": "python",
     ".json": "json",
@@ -38,7 +45,8 @@ def collected(root: Path = ROOT) -> dict[str, str | Path]:
         if path.startswith("docs/explorer/"):  # a page of its own, see `explorer`
             continue
         if file.suffix == ".md":
-            found[path.removeprefix("docs/")] = page(file.read_text(encoding="utf-8"), path, links)
+            text = _AS_HTML.sub(lambda name: picture_as_html(name[1]), file.read_text(encoding="utf-8"))
+            found[path.removeprefix("docs/")] = page(text, path, links)
         elif file.is_file() and "__pycache__" not in path:
             found[path.removeprefix("docs/")] = file
     for path, target in PROJECT.items():
@@ -56,6 +64,13 @@ def collected(root: Path = ROOT) -> dict[str, str | Path]:
     found[commands.PATH] = commands.page()
     found.update(parameters.pages())
     return found
+
+
+def picture_as_html(name: str) -> str:
+    """Return a picture of docs/pictures as a block of HTML. It is a frame that `barewire explain` draws."""
+    _, _, framing, frame, *_ = shlex.split(pictures.COMMANDS[f"{name}.svg"])
+    figure = html_fragment(FieldsPicture(explain_text(framing, frame)), heading=2)
+    return f"<style>{page_style(follows_page=True)}</style>\n{figure}"
 
 
 def page(text: str, file: str, links: Links) -> str:
