@@ -11,13 +11,22 @@ import sys
 import barewire
 from barewire_workbench.vectors.answers.table import ANSWERS, own_answer
 
-KINDS = {kind: list(row) for kind, row in ANSWERS.items()}
+HELLO = {
+    "name": "barewire",
+    "version": barewire.__version__,
+    "kinds": {kind: list(row) for kind, row in ANSWERS.items()},
+}
 
-for line in sys.stdin:
-    question = json.loads(line)
-    if "hello" in question:
-        answer = {"name": "barewire", "version": barewire.__version__, "kinds": KINDS}
-    else:
-        answer = {"id": question["id"], **own_answer(question)}
+for line in sys.stdin.buffer:
+    question_id = None
+    try:
+        question = json.loads(line)
+        if "hello" in question:
+            answer = HELLO
+        else:
+            question_id = question["id"]
+            answer = {"id": question_id, **own_answer(question)}
+    except Exception as error:  # no question of the vectors, or a mistake of ours: it costs this question, not the run
+        answer = {"id": question_id, "text": f"{type(error).__name__}: {error}"}
     sys.stdout.write(json.dumps(answer) + "\n")
     sys.stdout.flush()

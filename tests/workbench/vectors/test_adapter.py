@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from barewire.errors import PortError
-from barewire_workbench.live.vector_adapter import VectorAdapter
+from barewire_workbench.live.vector_adapter import WINDOW, VectorAdapter
 from barewire_workbench.vectors.files import load_vectors
+from barewire_workbench.vectors.questions import Question
 from barewire_workbench.vectors.run import CheckedCase, run_cases, selected
 
 pytestmark = pytest.mark.long
 
-OWN = f"{sys.executable} {Path(__file__).parents[3] / 'vectors' / 'examples' / 'own.py'}"
+VECTORS = Path(__file__).parents[3] / "vectors"
+OWN = shlex.join([sys.executable, str(VECTORS / "examples" / "own.py")])
 LRC = selected(load_vectors(), kinds=["lrc"])
 SECOND = "lrc-2"
 
@@ -76,6 +81,7 @@ def test_a_wrong_answer_fails_one_case(tmp_path: Path) -> None:
         ("{'id': q['id'], 'is': 'F3'}", "is must be an object of fields, not a text"),
         ("int('x')", "ValueError: invalid literal"),
         ("'[' * 100000", "its answer is not JSON"),
+        ("{'id': q['id'], 'is': {'lrc': float('nan')}}", "its answer is not JSON"),
     ],
 )
 def test_an_adapter_that_fails_once_fails_one_case(tmp_path: Path, answer: str, text: str) -> None:
@@ -90,7 +96,7 @@ def test_an_adapter_that_fails_once_fails_one_case(tmp_path: Path, answer: str, 
     ("value", "text"),
     [
         ("['F3']", 'encode: lrc is ["F3"], expected a text'),
-        ("float('nan')", "encode: lrc is NaN, expected a text"),
+        ("5", "encode: lrc is 5, expected a text"),
     ],
 )
 def test_nonsense_does_not_pass_a_case_that_compares(tmp_path: Path, value: str, text: str) -> None:
@@ -179,3 +185,61 @@ def test_what_an_adapter_has_started_ends_with_it(tmp_path: Path) -> None:
 def test_the_signal_that_ended_an_adapter_is_told(tmp_path: Path) -> None:
     found = run(program(tmp_path, f"os.kill(os.getpid(), 11) if q['id'] == '{SECOND}.encode' else right(q)"))
     assert found[SECOND].verdict.text == "encode: it ended without an answer (SIGSEGV)"
+
+
+def test_questions_do_not_wait_for_answers(tmp_path: Path) -> None:
+    """A program that reads them all before it answers the first, in any order."""
+    file = tmp_path / "adapter.py"
+    file.write_text(
+        "import json, sys\n"
+        "sys.stdin.readline()\n"
+        "print(json.dumps({'name': 'late', 'kinds': {'lrc': ['encode']}}), flush=True)\n"
+        f"asked = [json.loads(sys.stdin.readline()) for _ in range({len(LRC.files[0].cases)})]\n"
+        "for q in reversed(asked):\n"
+        "    lrc = '%02X' % (-sum(bytes.fromhex(q['bytes'])) & 255)\n"
+        "    print(json.dumps({'id': q['id'], 'is': {'lrc': lrc}}), flush=True)\n"
+    )
+    found = run(f"{sys.executable} {file}")
+    assert {checked.verdict.state for checked in found.values()} == {"passed"}
+
+
+def test_a_bounded_number_of_questions_is_under_way(tmp_path: Path) -> None:
+    asked = 0
+
+    def questions() -> Iterator[Question]:
+        nonlocal asked
+        for number in range(500):
+            asked += 1
+            yield first._replace(number=number)
+
+    (first,) = LRC.questions(LRC.files[0], LRC.files[0].cases[0])
+    with VectorAdapter(program(tmp_path, "right(q)")) as adapter:
+        for count, _ in enumerate(adapter.answers(questions()), start=1):
+            assert asked - count <= WINDOW
+
+
+def test_long_answers_are_read_while_questions_are_sent(tmp_path: Path) -> None:
+    """Each side has more to say than a pipe holds: neither waits for the other for ever."""
+    large = "{'id': q['id'], 'is': {'lrc': 'x' * 900000}}"
+    found = run(program(tmp_path, large))
+    assert found["lrc-1"].verdict.text.startswith("encode: lrc is xxx")
+
+
+def test_our_own_adapter_survives_every_question() -> None:
+    questions = [
+        *(b"nonsense", b"", b"\xff\xfe", b"{}", b"[]", b"5", b"null", b'"hello"', b"[" * 100_000),
+        *(b'{"id": "a"}', b'{"id": "a", "kind": [], "do": "run"}', b'{"id": "a", "kind": "lrc", "do": {}}'),
+        *(
+            json.dumps({"id": "a", "kind": kind, "do": do, **dict.fromkeys(fields, value)}).encode()
+            for kind, row in json.loads((VECTORS / "kinds.json").read_text(encoding="utf-8")).items()
+            for do, operation in row.items()
+            for value in (None, -1, "x", [], {}, [{}])
+            for fields in ([], [name.removesuffix("?") for name in operation["given"]])
+        ),
+        b'{"id": "b", "kind": "lrc", "do": "encode", "bytes": "01 04 00 00 08"}',
+    ]
+    given = b"\n".join(questions)
+    run = subprocess.run(shlex.split(OWN), input=given, capture_output=True, timeout=60, check=True)
+    answers = [json.loads(line) for line in run.stdout.splitlines()]
+    assert len(answers) == len(questions)
+    assert answers[-1] == {"id": "b", "is": {"lrc": "F3"}}

@@ -5,8 +5,10 @@
     we send      {"id": "crc16-1.encode", "kind": "crc16", "do": "encode", "bytes": "02 07"}
     it answers   {"id": "crc16-1.encode", "is": {"crc": "1241", "wire": "41 12"}}
 
-It is not asked what it does not offer. A program that ends is started again for the next question; one that does not
-answer in time is killed, and started again. What it writes to its standard error is kept for the text of a failure.
+It is not asked what it does not offer. Questions do not wait for answers: up to WINDOW of them are under way. A program
+that ends is started again for the questions that it has not answered, but the first of them, which has failed; one that
+does not answer in time is killed, and started again. What it writes to its standard error is kept for the text of a
+failure.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, NoReturn, Self
 
@@ -35,12 +37,22 @@ START_TIMEOUT = 30.0
 """Seconds in which a program must answer the hello: interpreters and virtual machines start slowly."""
 LINE_LONGEST = 1 << 20
 """Bytes of a line of answer."""
+WINDOW = 64
+"""Questions that are sent before the first of them is answered."""
 _END_TIMEOUT = 1.0
 """Seconds in which a program must end when its input is closed."""
 _LINES_MOST = 16
 """Lines that are read ahead: a program that floods its output has to wait, and memory stays small."""
 _LOST_MOST = 20
 """Crashes and time-outs after which a program is given up: what it has not been asked by then has failed."""
+
+
+class _Asked:
+    """A question, and what has become of it."""
+
+    def __init__(self, question: Question) -> None:
+        self.question = question
+        self.answer: Answer | AdapterFailure | None = None
 
 
 class VectorAdapter:
@@ -50,10 +62,11 @@ class VectorAdapter:
         self._command = command
         self._timeout = timeout
         self._lost = 0
-        self._asked: set[str] = set()
+        self._sent: set[str] = set()
         self._process: subprocess.Popen[bytes] | None = None
-        self._readers: tuple[threading.Thread, ...] = ()
+        self._threads: tuple[threading.Thread, ...] = ()
         self._lines: queue.Queue[bytes | None] = queue.Queue(_LINES_MOST)
+        self._outgoing: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._complaints: deque[str] = deque(maxlen=5)
         self.name, self.version = command, ""
         self._offers: Mapping[str, Any] = {}
@@ -67,18 +80,63 @@ class VectorAdapter:
 
     def __call__(self, question: Question) -> Answer:
         """Return the answer to a question. Raise AdapterFailure if the program crashes, is late or writes nonsense."""
+        answer = next(self.answers([question]))
+        if isinstance(answer, AdapterFailure):
+            raise answer
+        return answer
+
+    def answers(self, questions: Iterable[Question]) -> Iterator[Answer | AdapterFailure]:
+        """Yield the answers to questions in their order, or why there is none. Up to WINDOW questions are under way.
+
+        No two of these have the same id.
+        """
+        asked: deque[_Asked] = deque()
+        waiting: dict[str, _Asked] = {}
+        for question in questions:
+            asked.append(_Asked(question))
+            self._ask(asked[-1], waiting)
+            while len(asked) >= WINDOW:
+                yield self._first_answer(asked, waiting)
+        while asked:
+            yield self._first_answer(asked, waiting)
+
+    def _first_answer(self, asked: deque[_Asked], waiting: dict[str, _Asked]) -> Answer | AdapterFailure:
+        """Take the first question out of those under way, when it has been answered or has failed."""
+        row = asked.popleft()
+        while row.answer is None:
+            self._receive(waiting)
+        return row.answer
+
+    def _ask(self, row: _Asked, waiting: dict[str, _Asked]) -> None:
+        """Send a question, if it is offered and the program has not been given up."""
+        question = row.question
         if not self.offers(question.kind, question.do):
-            return {"not_offered": f"{self.name} does not offer {question.kind}.{question.do}"}
-        if self._lost >= _LOST_MOST:
-            raise AdapterFailure(f"not asked: the adapter was lost {self._lost} times")
+            row.answer = {"not_offered": f"{self.name} does not offer {question.kind}.{question.do}"}
+        elif self._lost >= _LOST_MOST:
+            row.answer = AdapterFailure(f"not asked: the adapter was lost {self._lost} times")
+        else:
+            try:
+                if self._process is None:
+                    self._start()
+                self._send(question.as_json())
+                self._sent.add(question.id)
+                waiting[question.id] = row
+            except PortError as error:
+                row.answer = AdapterFailure(str(error))
+
+    def _receive(self, waiting: dict[str, _Asked]) -> None:
+        """Wait for the answer to a question that is under way. Without one the first has failed, and the others are
+        asked again if the program is lost."""
         try:
+            answer = self._answer(waiting, self._timeout)
+            waiting.pop(answer["id"]).answer = answer
+        except AdapterFailure as failure:
+            waiting.pop(next(iter(waiting))).answer = failure
             if self._process is None:
-                self._start()
-            self._send(question.as_json())
-            self._asked.add(question.id)
-            return self._answer(question.id, self._timeout)
-        except PortError as error:
-            raise AdapterFailure(str(error)) from None
+                others = [*waiting.values()]
+                waiting.clear()
+                for row in others:
+                    self._ask(row, waiting)
 
     def offers(self, kind: str, do: str) -> bool:
         """Return whether the program offers an operation."""
@@ -89,9 +147,7 @@ class VectorAdapter:
         process, self._process = self._process, None
         if process is None:
             return
-        assert process.stdin is not None
-        with suppress(OSError):
-            process.stdin.close()
+        self._outgoing.put(None)
         with suppress(subprocess.TimeoutExpired):
             process.wait(_END_TIMEOUT)
         self._release(process)
@@ -100,17 +156,16 @@ class VectorAdapter:
         """Kill a process with its children, wait for the threads that read its output, and close its pipes."""
         _kill(process)
         process.wait()
-        assert process.stdin is not None
-        with suppress(OSError):
-            process.stdin.close()
+        self._outgoing.put(None)
         until = time.monotonic() + _END_TIMEOUT
-        for thread, pipe in zip(self._readers, (process.stdout, process.stderr)):
+        for thread, pipe in zip(self._threads, (process.stdout, process.stderr, process.stdin)):
             while thread.is_alive() and time.monotonic() < until:
                 with suppress(queue.Empty):  # it may wait for room in the queue
                     self._lines.get(timeout=0.01)
             # A child that has left the group may hold the pipe: to close it would wait for the thread, without end.
             if pipe is not None and not thread.is_alive():
-                pipe.close()
+                with suppress(OSError):
+                    pipe.close()
 
     def _start(self) -> None:
         """Start the program and shake hands. Raise PortError if it cannot be used."""
@@ -129,16 +184,18 @@ class VectorAdapter:
                 reason = f"no such program on the PATH; a file here is started as ./{words[0]}, or by its interpreter"
             raise PortError(f"adapter {shown(self._command)}: {reason}") from None
         self._lines = queue.Queue(_LINES_MOST)
+        self._outgoing = queue.SimpleQueue()
         self._complaints.clear()
-        self._readers = (
+        self._threads = (
             threading.Thread(target=_read, args=(self._process.stdout, self._lines), daemon=True),
             threading.Thread(target=_keep, args=(self._process.stderr, self._complaints), daemon=True),
+            threading.Thread(target=_write, args=(self._process.stdin, self._outgoing), daemon=True),
         )
         try:
-            for thread in self._readers:
+            for thread in self._threads:
                 thread.start()
             self._send({"hello": "barewire-vectors", "protocol": PROTOCOL})
-            hello = self._answer(None, START_TIMEOUT)
+            hello = self._answer({}, START_TIMEOUT)
         except AdapterFailure as failure:
             self.close()
             raise PortError(f"adapter {shown(self._command)}: {failure}") from None
@@ -154,16 +211,10 @@ class VectorAdapter:
         self._offers = kinds
 
     def _send(self, message: Mapping[str, Any]) -> None:
-        assert self._process is not None
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.write(json.dumps(message).encode() + b"\n")
-            self._process.stdin.flush()
-        except OSError:
-            self._fail("it ended before the question")
+        self._outgoing.put(json.dumps(message).encode() + b"\n")
 
-    def _answer(self, wanted: str | None, timeout: float) -> dict[str, Any]:
-        """Return the next line as an object; answers to earlier questions are passed over."""
+    def _answer(self, wanted: Mapping[str, _Asked], timeout: float) -> dict[str, Any]:
+        """Return the next answer to one of these questions, of none the hello; pass over answers to earlier ones."""
         until = time.monotonic() + timeout
         while True:
             try:
@@ -173,20 +224,22 @@ class VectorAdapter:
                 self._fail(f"no answer{to_what} within {timeout:g} s{hint}", is_ending=False)
             if line is None:
                 self._fail("it ended without an answer")
-            text = shown(line.decode(errors="replace").strip())
             try:
-                answer = json.loads(line)
+                answer = json.loads(line, parse_constant=_no_constant)
             except (ValueError, RecursionError):
-                raise AdapterFailure(f"its answer is not JSON: {text}") from None
+                raise AdapterFailure(f"its answer is not JSON: {_text(line)}") from None
             if not isinstance(answer, dict):
-                raise AdapterFailure(f"its answer is not an object: {text}")
-            if answer.get("id") == wanted:
+                raise AdapterFailure(f"its answer is not an object: {_text(line)}")
+            answer_id = answer.get("id")
+            if answer_id is None and not wanted:
                 return answer
-            if not isinstance(answer.get("id"), str):
-                raise AdapterFailure(f"its answer has no id of a question: {text}")
-            if answer["id"] not in self._asked:
-                expected = f"expected {shown(wanted)}" if wanted else "the answer to the hello has none"
-                raise AdapterFailure(f"its answer has the id {shown(answer['id'])}, {expected}")
+            if not isinstance(answer_id, str):
+                raise AdapterFailure(f"its answer has no id of a question: {_text(line)}")
+            if answer_id in wanted:
+                return answer
+            if answer_id not in self._sent:
+                expected = f"expected {shown(next(iter(wanted)))}" if wanted else "the answer to the hello has none"
+                raise AdapterFailure(f"its answer has the id {shown(answer_id)}, {expected}")
             if time.monotonic() >= until:
                 self._fail(f"no answer within {timeout:g} s, but answers to earlier questions", is_ending=False)
 
@@ -225,6 +278,26 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
         with suppress(OSError):
             os.killpg(process.pid, signal.SIGKILL)
     process.kill()
+
+
+def _text(line: bytes) -> str:
+    return shown(line.decode(errors="replace").strip())
+
+
+def _no_constant(name: str) -> NoReturn:
+    """Refuse what json.loads accepts, and JSON does not have."""
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def _write(stream: Any, lines: queue.SimpleQueue[bytes | None]) -> None:
+    """Write lines until one is None, then close the stream: several in one piece if they are there already."""
+    with suppress(OSError):  # it has ended, which its output shows
+        while (line := lines.get()) is not None:
+            stream.write(line)
+            if lines.empty():
+                stream.flush()
+    with suppress(OSError):
+        stream.close()
 
 
 def _read(stream: Any, lines: queue.Queue[bytes | None]) -> None:

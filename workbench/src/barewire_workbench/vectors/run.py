@@ -1,15 +1,15 @@
 """Runs cases: asks an implementation each question of a case, and judges its answers.
 
-`ask` is any function from a question to an answer: ours, or a program behind a pipe. If it raises `AdapterFailure`, the
-question has failed, and the run continues.
+`ask` is any function from a question to an answer. If it raises `AdapterFailure`, the question has failed, and the run
+continues. A program behind a pipe takes all questions at once (`AsksMany`), so that none waits for the one before it.
 """
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from fnmatch import fnmatchcase
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 from barewire.errors import EncodeError, shown, suggest
 from barewire_workbench.vectors.files import VectorFile, Vectors
@@ -21,6 +21,14 @@ Ask: TypeAlias = Callable[[Question], Answer]
 
 class AdapterFailure(Exception):
     """The program that answers has crashed, does not answer in time, or answers what is not JSON."""
+
+
+@runtime_checkable
+class AsksMany(Protocol):
+    """An implementation that is asked the next questions while it answers."""
+
+    def answers(self, questions: Iterable[Question]) -> Iterator[Answer | AdapterFailure]:
+        """Yield the answers to questions in their order, or why there is none."""
 
 
 class CheckedCase(NamedTuple):
@@ -72,29 +80,59 @@ def _fits(file: VectorFile, case: Case, patterns: list[str]) -> bool:
     return not patterns or any(fnmatchcase(name, pattern) for pattern in patterns for name in names)
 
 
-def run_cases(vectors: Vectors, ask: Ask, *, exact: bool = False) -> Iterator[CheckedCase]:
+def run_cases(vectors: Vectors, ask: Ask | AsksMany, *, exact: bool = False) -> Iterator[CheckedCase]:
     """Yield each case with its verdict, in the order of the files."""
-    for file in vectors.files:
-        for case in file.cases:
-            judged = tuple((question, _judged(question, ask, exact)) for question in vectors.questions(file, case))
-            verdicts = [
-                verdict if verdict.state == "passed" else Verdict(verdict.state, f"{question.do}: {verdict.text}")
-                for question, verdict in judged
-            ]
-            verdict = verdict_of_case(verdicts, compares=case.get("fails") == "compare")
-            if not judged:
-                verdict = Verdict("failed", "the case asks no question: its kind or kinds.json has been changed")
-            if damage := vectors.damage(case):
-                verdict = Verdict("failed", damage)
-            yield CheckedCase(file, case, verdict, judged)
+    coming: deque[tuple[VectorFile, Case, tuple[Question, ...]]] = deque()
+
+    def questions() -> Iterator[Question]:
+        for file in vectors.files:
+            for case in file.cases:
+                asked = vectors.questions(file, case)
+                coming.append((file, case, asked))
+                yield from asked
+
+    answers = ask.answers(questions()) if isinstance(ask, AsksMany) else _one_by_one(ask, questions())
+    judged: list[Verdict] = []
+    for answer in answers:
+        while not coming[0][2]:
+            yield _checked(vectors, *coming.popleft(), [])
+        file, case, asked = coming[0]
+        judged.append(_judged(asked[len(judged)], answer, exact))
+        if len(judged) == len(asked):
+            coming.popleft()
+            yield _checked(vectors, file, case, asked, judged)
+            judged = []
+    for left in coming:
+        yield _checked(vectors, *left, [])
 
 
-def _judged(question: Question, ask: Ask, exact: bool) -> Verdict:
-    try:
-        answer = ask(question)
-    except AdapterFailure as failure:
-        return Verdict("failed", str(failure))
+def _one_by_one(ask: Ask, questions: Iterable[Question]) -> Iterator[Answer | AdapterFailure]:
+    for question in questions:
+        try:
+            yield ask(question)
+        except AdapterFailure as failure:
+            yield failure
+
+
+def _judged(question: Question, answer: Answer | AdapterFailure, exact: bool) -> Verdict:
+    if isinstance(answer, AdapterFailure):
+        return Verdict("failed", str(answer))
     return judge(question, answer, exact=exact)
+
+
+def _checked(
+    vectors: Vectors, file: VectorFile, case: Case, questions: tuple[Question, ...], judged: list[Verdict]
+) -> CheckedCase:
+    verdicts = [
+        verdict if verdict.state == "passed" else Verdict(verdict.state, f"{question.do}: {verdict.text}")
+        for question, verdict in zip(questions, judged)
+    ]
+    verdict = verdict_of_case(verdicts, compares=case.get("fails") == "compare")
+    if not questions:
+        verdict = Verdict("failed", "the case asks no question: its kind or kinds.json has been changed")
+    if damage := vectors.damage(case):
+        verdict = Verdict("failed", damage)
+    return CheckedCase(file, case, verdict, tuple(zip(questions, judged)))
 
 
 class CheckSummary:
