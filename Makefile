@@ -101,6 +101,9 @@ vectors-release: $(VENV)/installed-dev ## the vectors as an archive and as a pac
 release: $(VENV)/installed-dev ## wheels, zipapp, program and vectors in dist/release, each tried; ARGS="--files URL", or --dry-run
 	@$(BIN)/python -m tools.release $(ARGS)
 
+vectors-speed: $(VENV)/installed-dev ## how long a run of all cases takes with a compiled adapter; ARGS=--help
+	@$(BIN)/python -m tools.vectors_speed $(ARGS)
+
 vectors-mutants: $(VENV)/installed-dev ## which changes of the reference of the vectors no case notices
 	@$(BIN)/python -m tools.vectors_mutants $(ARGS)
 

@@ -185,7 +185,8 @@ def package() -> Content:
         "license": "MIT",
         "main": "index.js",
         "types": "index.d.ts",
-        "engines": {"node": ">=18"},
+        "bin": {NAME: "check.js"},
+        "engines": {"node": ">=18.3"},
     }
     return dict(sorted({**content(), **ours, "package.json": _json(described)}.items()))
 
@@ -199,7 +200,8 @@ def npm() -> bytes:
     ):
         for name, data in package().items():
             row = tarfile.TarInfo(f"package/{name}")
-            row.size, row.mode, row.mtime = len(data), 0o644, 499162500  # the time that npm writes, too
+            mode = 0o755 if name == "check.js" else 0o644
+            row.size, row.mode, row.mtime = len(data), mode, 499162500  # the time that npm writes, too
             target.addfile(row, io.BytesIO(data))
     return made.getvalue()
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 VECTORS = Path(__file__).parent.parent / "vectors"
 PACKED = Path("barewire_workbench") / "vectors" / "vectors.zip"
-NEEDED = ("VERSION", "kinds.json", "index.json")
+NEEDED = ("VERSION", "kinds.json", "index.json", "profiles.json")
 """The files beside the folders of cases that `barewire vectors` reads."""
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 """The time of every file in the archive, so that the same vectors make the same bytes."""

@@ -23,10 +23,10 @@ int main(int argc, char **argv) {
     }
     qsort(ids, count, sizeof *ids, by_id);
     while (getline(&line, &room, stdin) > 0) {
-        char *id = strstr(line, "\"id\": \""), *end = id ? strchr(id + 7, '"') : NULL;
-        if (end)
-            *end = 0;
-        char *key = end ? id + 7 : "hello", **found = bsearch(&key, ids, count, sizeof *ids, by_id);
+        char *name = strstr(line, "\"id\":"), *id = name ? strchr(name + 5, '"') + 1 : NULL;
+        if (id)
+            *strchr(id, '"') = 0;
+        char *key = id ? id : "hello", **found = bsearch(&key, ids, count, sizeof *ids, by_id);
         if (!found)
             return 1;
         fputs(*found + strlen(*found) + 1, stdout);

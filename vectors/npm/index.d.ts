@@ -31,8 +31,29 @@ export const schema: object;
 export const index: Record<string, string>;
 /** By version: the ids of added cases, and of corrected ones with the reason. */
 export const changes: Record<string, { added: string[]; corrected: Record<string, string> }>;
+export interface CaseOfFile {
+  id: string;
+  kind: string;
+  file: string;
+  case: Case;
+}
+
+export interface Profile {
+  about: string;
+  kinds?: string[];
+  files?: string[];
+  without_kinds?: string[];
+  without?: string[];
+  first?: number;
+}
+
 export const files: VectorFile[];
-export const cases: { id: string; kind: string; file: string; case: Case }[];
+export const cases: CaseOfFile[];
+export const profiles: Record<string, Profile>;
+/** The cases of a profile. */
+export function inProfile(name: string): CaseOfFile[];
+/** Whether a text fits a pattern, in which * stands for any characters. */
+export function fits(pattern: string, text: string): boolean;
 
 export interface Asked extends Pick<Case, 'result' | 'reason' | 'fails' | 'flags'> {
   /** The id of the case. */

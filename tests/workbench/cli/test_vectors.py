@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import sys
+from fnmatch import fnmatchcase
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -16,6 +17,7 @@ from barewire_workbench.cli.vectors_show import frames_of_case, pictures_of_case
 from barewire_workbench.pictures.fields import FieldsPicture, byte_boxes
 from barewire_workbench.pictures.picture import as_svg
 from barewire_workbench.vectors.files import load_vectors
+from barewire_workbench.vectors.profiles import badge_texts, in_profile
 from tests.workbench.cli.helpers import output_of, run_here
 
 VECTORS = load_vectors()
@@ -226,3 +228,76 @@ def test_control_characters_of_an_adapter_reach_neither_the_terminal_nor_the_xml
     assert "lrc is ?[2J, expected F3" in done.stdout
     assert "\x1b" not in done.stdout
     assert ElementTree.parse(report).getroot().get("name") == "barewire vectors: ?x"
+
+
+# Profiles and badges ----------------------------------------------------------------------------------------------
+
+
+def test_the_profiles_are_listed_with_their_numbers() -> None:
+    rows = {line.split()[0]: int(line.split()[1]) for line in output_of("vectors", "list", "--profiles").splitlines()}
+    assert [*rows] == [*VECTORS.profiles]
+    listed = output_of("vectors", "list", "--profile", "modbus-core").splitlines()
+    assert len(listed) == rows["modbus-core"]
+    assert rows["minimal"] < 300
+    objects = [json.loads(line) for line in output_of("vectors", "list", "--profiles", "--json").splitlines()]
+    assert {one["profile"]: one["cases"] for one in objects} == rows
+
+
+def test_no_profile_has_a_case_that_only_we_decided() -> None:
+    for name in [name for name in VECTORS.profiles if name != "minimal"]:
+        flags = {
+            flag for file in in_profile(VECTORS, name).files for case in file.cases for flag in case.get("flags", ())
+        }
+        assert "policy" not in flags
+
+
+def test_every_rule_of_a_profile_is_known_and_chooses_something() -> None:
+    known = {flag for file in VECTORS.files for case in file.cases for flag in case.get("flags", ())}
+    for rules in VECTORS.profiles.values():
+        assert rules.keys() <= {"about", "kinds", "files", "without_kinds", "without", "first"}
+        assert {*rules.get("kinds", ()), *rules.get("without_kinds", ())} <= VECTORS.kinds.keys()
+        assert {*rules.get("without", ())} <= known
+        for pattern in rules.get("files", ()):
+            assert [file for file in VECTORS.files if fnmatchcase(file.name, pattern)], pattern
+
+
+@pytest.mark.parametrize("name", ["badge.svg", "badge.json"])
+def test_a_badge_has_the_profile_its_version_and_the_numbers(name: str, tmp_path: Path) -> None:
+    file = tmp_path / name
+    output_of("vectors", "check", "--profile", "cia402", "--badge", str(file))
+    text = file.read_text(encoding="utf-8")
+    count = sum(len(one.cases) for one in in_profile(VECTORS, "cia402").files)
+    assert f"cia402 {VECTORS.version}" in text
+    assert f"{count} of {count}" in text
+    if name.endswith(".svg"):
+        ElementTree.fromstring(text)
+    else:
+        assert json.loads(text)["schemaVersion"] == 1
+
+
+@pytest.mark.parametrize(
+    ("total", "colour"),
+    [
+        ({"passed": 3, "open": 1}, "3c9a1e"),
+        ({"passed": 3, "not offered": 1}, "b5860b"),
+        ({"passed": 3, "failed": 1}, "c03a2b"),
+        ({"not offered": 4}, "c03a2b"),
+    ],
+)
+def test_the_colour_of_a_badge(total: dict[str, int], colour: str) -> None:
+    assert badge_texts(VECTORS, "cia402", total)[2] == f"#{colour}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--profile", "modbus"], "profile 'modbus': expected one of modbus-core, modbus-full"),
+        (["--badge", "b.png"], "--badge b.png: expected a name that ends with .svg or .json"),
+        (["--kind", "lrc", "--badge", "b.svg"], "--badge: is for a whole profile"),
+        (["--profile", "cia402", "--kind", "lrc"], "no case fits"),
+    ],
+)
+def test_wrong_options_for_profiles_and_badges(arguments: list[str], text: str) -> None:
+    result = run_here("vectors", "check", *arguments)
+    assert text in result.stderr
+    assert result.returncode == 2

@@ -225,6 +225,9 @@ def test_long_answers_are_read_while_questions_are_sent(tmp_path: Path) -> None:
     assert found["lrc-1"].verdict.text.startswith("encode: lrc is xxx")
 
 
+ODD: tuple[object, ...] = (None, -1, "x", [], {}, [{}])
+
+
 def test_our_own_adapter_survives_every_question() -> None:
     questions = [
         *(b"nonsense", b"", b"\xff\xfe", b"{}", b"[]", b"5", b"null", b'"hello"', b"[" * 100_000),
@@ -233,7 +236,7 @@ def test_our_own_adapter_survives_every_question() -> None:
             json.dumps({"id": "a", "kind": kind, "do": do, **dict.fromkeys(fields, value)}).encode()
             for kind, row in json.loads((VECTORS / "kinds.json").read_text(encoding="utf-8")).items()
             for do, operation in row.items()
-            for value in (None, -1, "x", [], {}, [{}])
+            for value in ODD
             for fields in ([], [name.removesuffix("?") for name in operation["given"]])
         ),
         b'{"id": "b", "kind": "lrc", "do": "encode", "bytes": "01 04 00 00 08"}',

@@ -8,14 +8,17 @@ import io
 import json
 import re
 import subprocess
+import sys
 import tarfile
 import zipfile
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
 from barewire_workbench.vectors.files import load_vectors
+from barewire_workbench.vectors.profiles import badge_svg, badge_texts, in_profile
 from tools import vectors_release as release
 
 pytestmark = pytest.mark.long
@@ -228,3 +231,97 @@ def test_a_module_imports_the_package(installed: Path) -> None:
     (installed / "main.mjs").write_text("import { cases } from 'barewire-vectors'; console.log(cases.length)\n")
     run = subprocess.run(["node", "main.mjs"], cwd=installed, capture_output=True, text=True, check=True, timeout=60)
     assert int(run.stdout) == len(VECTORS.digests)
+
+
+# The command of the package -----------------------------------------------------------------------------------------
+
+OWN = [sys.executable, str(ROOT / "vectors" / "examples" / "own.py")]
+
+
+def npx(installed: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run `npx barewire-vectors` in an empty folder."""
+    command = ["node", str(installed / "node_modules" / "barewire-vectors" / "check.js"), *arguments]
+    folder = installed / "empty"
+    folder.mkdir(exist_ok=True)
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.needs("node")
+@pytest.mark.parametrize("name", VECTORS.profiles)
+def test_a_profile_has_the_same_cases_in_both_commands(installed: Path, name: str) -> None:
+    found = [line.split()[0] for line in npx(installed, "list", "--profile", name).stdout.splitlines()]
+    assert found == [case["id"] for file in in_profile(VECTORS, name).files for case in file.cases]
+
+
+@pytest.mark.needs("node")
+def test_npx_checks_an_adapter_and_reports(installed: Path) -> None:
+    run = npx(installed, "check", "--profile", "minimal", "--junit", "r.xml", "--badge", "b.svg", "--", *OWN)
+    assert run.returncode == 0, run.stdout + run.stderr
+    count = len(in_profile(VECTORS, "minimal").files)
+    assert re.search(r"barewire [\d.]+: (\d+) of \1 cases passed$", run.stdout)
+    root = ElementTree.parse(installed / "empty" / "r.xml").getroot()
+    assert len(root.findall("testsuite")) == count
+    assert root.findall(".//failure") == []
+    result = badge_texts(VECTORS, "minimal", {"passed": int(run.stdout.split()[-5])})
+    assert (installed / "empty" / "b.svg").read_text() == badge_svg(*result)
+
+
+FAULTY = """
+import json, os, sys, time
+for line in sys.stdin:
+    q = json.loads(line)
+    if "hello" in q:
+        a = {"name": "faulty", "version": "1", "kinds": {"lrc": ["encode"]}}
+    else:
+        a = {"id": q["id"], "is": {"lrc": "%02X" % (-sum(bytes.fromhex(q["bytes"])) & 255)}}
+        if q["id"] == "lrc-3.encode":
+            FAULT
+    print(json.dumps(a), flush=True)
+"""
+
+
+@pytest.mark.needs("node")
+@pytest.mark.parametrize(
+    ("fault", "text"),
+    [
+        ("a['is']['lrc'] = '<&>'", 'encode: answered {"lrc":"<&>"}, expected {"lrc":'),
+        ("sys.exit('no lrc')", "it ended without an answer (exit status 1): no lrc"),
+        ("time.sleep(60)", "no answer within 0.5 s"),
+        ("print('debug', flush=True)", "its line is no answer to a question"),
+        ("sys.stdout.write('x' * 3000000)", "a line of more than 1 MiB"),
+        ("a = {'id': 'lrc-3'}", "its line is no answer to a question"),
+    ],
+)
+def test_npx_fails_one_case_for_one_fault(installed: Path, fault: str, text: str) -> None:
+    program = installed / "faulty.py"
+    program.write_text(FAULTY.replace("FAULT", fault))
+    arguments = ["--kind", "lrc", "--timeout", "0.5", "--junit", "r.xml", "--", sys.executable, str(program)]
+    run = npx(installed, "check", *arguments)
+    failures = ElementTree.parse(installed / "empty" / "r.xml").findall(".//failure")
+    assert run.returncode == 1
+    assert [line.split()[1] for line in run.stdout.splitlines() if line.startswith("failed")] == ["lrc-3"]
+    assert text in run.stdout
+    assert text in (failures[0].get("message") or "")
+
+
+@pytest.mark.needs("node")
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["check"], "a command is needed, behind --"),
+        (["check", "./my-adapter"], "expected check or list, and the adapter behind --"),
+        (["check", "--", "/no/such/program"], "adapter /no/such/program: there is no such program"),
+        (["check", "--", sys.executable, "-c", "pass"], "it ended without an answer"),
+        (["check", "--profile", "modbus", "--", "x"], "profile modbus: expected one of modbus-core, "),
+        (["check", "--kind", "crc", "--", "x"], "kind crc: there is no such kind"),
+        (["check", "--only", "rtu/crc", "--", "x"], "no case fits the options"),
+        (["check", "--badge", "b.png", "--", "x"], "expected a name that ends with .svg or .json"),
+        (["check", "--kind", "lrc", "--badge", "b.svg", "--", "x"], "is for a whole profile"),
+        (["check", "--fast"], "Unknown option '--fast'"),
+    ],
+)
+def test_npx_says_what_is_wrong_with_its_options(installed: Path, arguments: list[str], text: str) -> None:
+    run = npx(installed, *arguments)
+    assert run.returncode == 2
+    assert text in run.stderr
+    assert len(run.stderr.splitlines()) == 1

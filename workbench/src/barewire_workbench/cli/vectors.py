@@ -18,6 +18,7 @@ from barewire_workbench.cli.output import Output, output_form, output_option, po
 from barewire_workbench.cli.vectors_show import pictures_of_case, shown_case
 from barewire_workbench.vectors.answers.table import own_answer
 from barewire_workbench.vectors.files import Vectors, load_vectors
+from barewire_workbench.vectors.profiles import badge_json, badge_svg, badge_texts, in_profile
 from barewire_workbench.vectors.run import Ask, CheckedCase, CheckSummary, run_cases, selected
 
 _LIVE_KINDS = {"can": "device-conformance"}
@@ -37,6 +38,7 @@ _folder_option = click.option(
 def _filter_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that select cases."""
     for option in (
+        click.option("--profile", metavar="NAME", help="Only the cases of a profile, such as modbus-core."),
         click.option("--flag", "flags", multiple=True, metavar="FLAG", help="Only cases with this flag."),
         click.option("--only", multiple=True, metavar="PATTERN", help="Only these ids, files or folders: 'rtu/*'."),
         click.option("--kind", "kinds", multiple=True, metavar="KIND", help="Only cases of this kind."),
@@ -52,23 +54,34 @@ def vectors_command() -> None:
 
 @vectors_command.command("list")
 @_filter_options
+@click.option("--profiles", is_flag=True, help="The profiles, and how many cases each has.")
 @_folder_option
 @output_option
 def list_command(
-    kinds: tuple[str, ...], only: tuple[str, ...], flags: tuple[str, ...], folder: Path | None, output: Output
+    kinds: tuple[str, ...],
+    only: tuple[str, ...],
+    flags: tuple[str, ...],
+    profile: str | None,
+    profiles: bool,
+    folder: Path | None,
+    output: Output,
 ) -> None:
     """List the files of the vectors, or, with a filter, the cases that fit it.
 
     \b
     barewire vectors list
+    barewire vectors list --profiles
     barewire vectors list --kind crc16
     barewire vectors list --only "canopen/*" --flag widely-wrong
     """
-    vectors = selected(load_vectors(folder), kinds=kinds, only=only, flags=flags)
+    if profiles:
+        _list_profiles(load_vectors(folder), output)
+        return
+    vectors = _selected(folder, profile, kinds=kinds, only=only, flags=flags)
     if output.as_json:
         for file in vectors.files:
             print_json({"file": file.name, "kind": file.kind, "subject": file.subject, "cases": list(file.cases)})
-    elif kinds or only or flags:
+    elif kinds or only or flags or profile:
         for file in vectors.files:
             for case in file.cases:
                 print(f"{case['id']:32} {case['result']:11} {case.get('comment', '')}")
@@ -79,6 +92,21 @@ def list_command(
             columns = (f"{results[name] or '':>{len(name) + 2}}" for name in ("valid", "invalid", "acceptable"))
             print(f"{file.name:42} {file.kind:18}{''.join(columns)}  {file.subject}")
         print(f"{sum(len(file.cases) for file in vectors.files)} cases in {len(vectors.files)} files")
+
+
+def _selected(folder: Path | None, profile: str | None, **filters: tuple[str, ...]) -> Vectors:
+    vectors = load_vectors(folder)
+    return selected(vectors if profile is None else in_profile(vectors, profile), **filters)
+
+
+def _list_profiles(vectors: Vectors, output: Output) -> None:
+    for name, rules in vectors.profiles.items():
+        chosen = in_profile(vectors, name)
+        count = sum(len(file.cases) for file in chosen.files)
+        if output.as_json:
+            print_json({"profile": name, "cases": count, "about": rules["about"]})
+        else:
+            print(f"{name:16}{count:>6} cases in {len(chosen.files):>3} files   {rules['about']}")
 
 
 @vectors_command.command("show")
@@ -121,16 +149,19 @@ def show_command(case_id: str, folder: Path | None, as_json: bool, form: str | N
     help="For each answer of the adapter (10; 30 for the first).",
 )
 @click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="Also write JUnit XML.")
+@click.option("--badge", type=click.Path(path_type=Path), metavar="FILE", help="Also write a badge, .svg or .json.")
 @output_option
 def check_command(
     kinds: tuple[str, ...],
     only: tuple[str, ...],
     flags: tuple[str, ...],
+    profile: str | None,
     folder: Path | None,
     adapter: str | None,
     endpoint: str | None,
     timeout: float,
     junit: Path | None,
+    badge: Path | None,
     output: Output,
 ) -> int:
     """Run the cases against an implementation: barewire itself, an adapter, or a running server.
@@ -157,6 +188,7 @@ def check_command(
     \b
     barewire vectors check
     barewire vectors check --adapter "node vectors/examples/javascript/main.mjs" --kind crc16
+    barewire vectors check --profile modbus-core --adapter ./my-adapter --junit report.xml --badge badge.svg
     barewire vectors check --endpoint "tcp://127.0.0.1:1502?unit=1"
     barewire vectors check --endpoint "can://socketcan/can0?node=5"
     """
@@ -167,11 +199,15 @@ def check_command(
         if other := [kind for kind in kinds if kind != live]:
             raise EncodeError(f"--endpoint: a running server is asked {live}, not {other[0]}; --adapter asks a codec")
         kinds = (live,)
-    vectors = selected(load_vectors(folder), kinds=kinds, only=only, flags=flags)
+    vectors = _selected(folder, profile, kinds=kinds, only=only, flags=flags)
     if adapter is not None and not adapter.split():
         raise EncodeError("--adapter: the command is empty")
     if junit is not None:
         _write_junit(junit, "", [])  # fail now, and not after the run, if the file cannot be written
+    if badge is not None:
+        if kinds or only or flags:
+            raise EncodeError("--badge: is for a whole profile, or for all cases; leave out --kind, --only and --flag")
+        _write_badge(badge, vectors, profile, CheckSummary())
     try:
         with ended_by_signals(), _implementation(adapter, endpoint, timeout) as (name, ask):
             cases = _run(vectors, ask, output, exact=adapter is None and endpoint is None)
@@ -182,6 +218,8 @@ def check_command(
         summary.add(checked)
     if junit is not None:
         _write_junit(junit, name, cases)
+    if badge is not None:
+        _write_badge(badge, vectors, profile, summary)
     output.show(_table(summary, name), _summary_fields(summary, name))
     if all(checked.verdict.state == "not offered" for checked in cases):
         output.text(f"nothing was asked; for example {cases[0].id}: {_printable(cases[0].verdict.text)}")
@@ -299,6 +337,15 @@ def _write_junit(path: Path, name: str, cases: list[CheckedCase]) -> None:
         suite.set("skipped", str(len(suite.findall("testcase/skipped"))))
     with port_error(path):
         ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _write_badge(path: Path, vectors: Vectors, profile: str | None, summary: CheckSummary) -> None:
+    """Write how many cases have not failed, as a picture or, if the name ends with .json, as shields.io reads it."""
+    if path.suffix not in (".svg", ".json"):
+        raise EncodeError(f"--badge {path}: expected a name that ends with .svg or .json")
+    form = badge_json if path.suffix == ".json" else badge_svg
+    with port_error(path):
+        path.write_text(form(*badge_texts(vectors, profile or "", summary.total)), encoding="utf-8")
 
 
 def _printable(text: str) -> str:

@@ -9,6 +9,7 @@
     questions   case -> questions, by vectors/kinds.json
     judge       question and answer -> verdict
     tested_device  the same of device-conformance: what a device has, and what was received from it
+    profiles    named choices of cases, and the badge of a run
     run         cases -> their verdicts, by any implementation that answers
     answers/    the answers of barewire itself, a function for each kind
 

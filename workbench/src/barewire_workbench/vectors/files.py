@@ -2,6 +2,7 @@
 
     vectors/kinds.json              the operations of each kind
     vectors/index.json              the digest of each case: a damaged file is noticed
+    vectors/profiles.json           named choices of cases
     vectors/VERSION                 the version of the vectors
     vectors/cases/rtu/crc16.json    a file: one subject, one kind, its cases
 
@@ -15,10 +16,11 @@ import io
 import json
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib.resources import files as package_files
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from barewire.errors import EncodeError, shown
@@ -40,11 +42,13 @@ class VectorFile(NamedTuple):
 
 
 class Vectors(NamedTuple):
-    """All files, the operations of their kinds, and the digest of each case by its id."""
+    """All files, the operations of their kinds, the digest of each case by its id, the version, and the profiles."""
 
     files: tuple[VectorFile, ...]
     kinds: dict[str, tuple[Operation, ...]]
     digests: dict[str, str]
+    version: str = ""
+    profiles: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
 
     def damage(self, case: Case) -> str:
         """Return what is wrong with a case that is not as it was published; nothing if it is."""
@@ -98,15 +102,17 @@ def _loaded(root: Traversable) -> Vectors:
     try:
         kinds: dict[str, Any] = json.loads((root / "kinds.json").read_text(encoding="utf-8"))
         digests: dict[str, str] = json.loads((root / "index.json").read_text(encoding="utf-8"))
+        profiles: dict[str, Any] = json.loads((root / "profiles.json").read_text(encoding="utf-8"))
+        version = (root / "VERSION").read_text(encoding="utf-8").strip()
     except (OSError, ValueError) as error:
         raise EncodeError(
-            f"folder {root}: no vectors there, kinds.json or index.json cannot be read: {error}"
+            f"folder {root}: no vectors there, kinds.json, index.json, profiles.json or VERSION cannot be read: {error}"
         ) from None
     rows = {kind: operations(kinds, kind) for kind in kinds}
     files = tuple(_read(root, rows))
     if missing := digests.keys() - {case.get("id") for file in files for case in file.cases}:
         raise EncodeError(f"folder {root}: {len(missing)} cases of index.json are in no file, such as {min(missing)}")
-    return Vectors(files, rows, digests)
+    return Vectors(files, rows, digests, version, profiles)
 
 
 def _here() -> Traversable:
