@@ -9,11 +9,11 @@ import pytest
 from barewire.codecs import Value
 from barewire.conversation import play
 from barewire.devices import ModbusAt, ObjectAt, UnknownName, read_modbus, write_modbus
-from barewire.devices.request_checks import parse_value
 from barewire.errors import EncodeError
 from barewire.modbus import Bus, Server, Table
 from barewire.tcp import TcpLine
 from barewire_workbench.cli.raw_address import RAW, device_with, expanded, raw_parameter, wire_address
+from barewire_workbench.cli.value_text import parse_value
 from tests.helpers import refused, serving
 
 
@@ -99,10 +99,16 @@ def test_values_as_users_type_them(name: str, text: str, value: Value) -> None:
     assert (found, type(found)) == (value, type(value))
 
 
+@pytest.mark.parametrize("text", ["profile velocity", " Profile Velocity ", "3"])
+def test_the_name_of_a_value_is_its_number(text: str) -> None:
+    assert parse_value(device_with("az3").find("MODES OF OPERATION"), text) == 3
+
+
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
         ("coil:5", "yes", "expected on or off"),
+        ("holding:5:f32", "1e400", "expected a number"),
         ("holding:5", "each", "expected a number"),
         ("holding:5", "h", "a number"),
     ],

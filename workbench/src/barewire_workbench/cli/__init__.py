@@ -10,6 +10,7 @@
     ports, scan       `ports`: those of this machine; `scan`: units, nodes and addresses
     read_write        `read`, `write`: named values
     dry_run           what `write --dry-run` shows: addresses, raw words, frames
+    value_text        the VALUE of NAME=VALUE
     raw_address       names that are addresses: holding:0, 40001, object:6041h:u16
     keep              `save`, `restore`, `diff`: the settings of a device; keep_objects: those of an EDS
     watch, plot       `watch`: named values periodically, as a table, lines, JSON, CSV or a plot

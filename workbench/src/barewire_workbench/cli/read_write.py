@@ -14,7 +14,7 @@ from barewire import BarewireError, connect
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
 from barewire.devices.parameter import show
-from barewire.devices.request_checks import parse_value, to_write
+from barewire.devices.request_checks import to_write
 from barewire.errors import shown
 from barewire.io.endpoint import Endpoint
 from barewire.io.machine import MachineClient
@@ -34,6 +34,7 @@ from barewire_workbench.cli.ending import late_response_awaited
 from barewire_workbench.cli.output import Output, note, output_option
 from barewire_workbench.cli.raw_address import device_with, expanded, is_raw_address, printed_number_hint, wire_address
 from barewire_workbench.cli.shown_frames import ShownFrames, frames_option, frames_shown, is_verbose
+from barewire_workbench.cli.value_text import parse_value
 from barewire_workbench.live.read_values import (
     COLUMNS,
     ReadValue,

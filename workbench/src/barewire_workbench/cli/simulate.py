@@ -16,7 +16,6 @@ import click
 
 from barewire import EncodeError, ModbusServer, Table
 from barewire.devices.description.load import DEVICE_FILE
-from barewire.devices.request_checks import parse_value
 from barewire.devices.sim import MachineUnits, Simulator, simulator
 from barewire.errors import shown
 from barewire.io.canopen.bus.port import inside_one_process
@@ -26,6 +25,7 @@ from barewire.io.server.base import ThreadedServer
 from barewire.modbus import Unit
 from barewire_workbench.cli.arguments import device_argument, duration_or_zero, endpoint_url, is_eds
 from barewire_workbench.cli.output import note_refused_pdos
+from barewire_workbench.cli.value_text import parse_value
 from barewire_workbench.replay.recorded import is_recorded
 from barewire_workbench.replay.unit_replay import recorded_units
 
