@@ -16,7 +16,7 @@ Limits are given in the unit, after scaling, as manuals print them.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, Literal, NamedTuple
 
@@ -165,36 +165,6 @@ class Parameter:
                 names = [name for bit, name in sorted(self.bits.items()) if int(value) >> bit & 1]
                 return f"{shown_value} ({', '.join(names) or 'no bit set'})"
         return shown_value
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the parameter as a dictionary for `json.dumps`: every key is always there, None is "not given".
-        Addresses are those on the wire, from 0.
-
-        >>> Parameter("STATUS WORD", "u16", object=ObjectAt(0x6041)).as_dict()["object"]
-        {'index': 24641, 'sub': 0, 'bit': None, 'type': 'u16'}
-        """
-        scale, place = self.scale, self.object
-        return {
-            "name": self.name,
-            "type": self.type,
-            "unit": self.unit,
-            "scale": float(scale) if scale.denominator != 1 else int(scale),
-            "default": self.default,
-            "min": self.minimum,
-            "max": self.maximum,
-            "access": self.access,
-            "values": {str(number): text for number, text in self.values.items()},
-            "firmware": self.firmware,
-            "note": self.note,
-            "modbus": None if self.modbus is None else self.modbus._asdict(),
-            "object": None if place is None else asdict(place) | {"type": place.type or self.type},
-            "bits": {str(number): text for number, text in self.bits.items()},
-            "kind": self.kind,
-            "storable": self.storable,
-            "answered": self.answered,
-            "printed": dict(self.printed),
-            "group": self.group,
-        }
 
     # Raw numbers, as the wire has them
 

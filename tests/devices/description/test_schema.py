@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import tomllib
 from pathlib import Path
@@ -20,7 +19,6 @@ from barewire.devices import (
     ModbusAt,
     ModbusSettings,
     load,
-    names,
 )
 from barewire.devices.description.check import rule_of, schema
 from barewire.devices.description.load import CATALOG
@@ -28,33 +26,8 @@ from barewire.devices.parameter import INTEGER_TYPES, TABLE_NAMES, VALUE_TYPES, 
 from barewire.devices.sdo_dialects import DIALECTS
 from tests.devices.description.test_check import HEAD, HEAD_ERRORS, row, write
 
-KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
-KEYS += ["modbus", "object", "bits", "kind", "storable", "answered", "printed", "group"]
-
 ROOT = Path(__file__).parents[3]
 VALIDATOR = Draft202012Validator(dict(schema()))
-
-
-@pytest.mark.parametrize("name", names())
-def test_every_parameter_is_json_with_the_same_keys(name: str) -> None:
-    for parameter in load(name).parameters:
-        fields = parameter.as_dict()
-        assert list(fields) == KEYS
-        assert json.loads(json.dumps(fields, allow_nan=False)) == fields
-
-
-def test_places_scale_and_names() -> None:
-    fields = load("az3").find("START PHASING").as_dict()
-    assert fields["modbus"] == {"table": "coil", "address": 1, "words": 1, "half": None, "bit": None, "order": "ABCD"}
-    assert fields["object"] == {"index": 0x2018, "sub": 0, "bit": 1, "type": "bool"}
-    assert fields["default"] is False
-    fields = load("adxl").find("Frequency").as_dict()
-    assert (fields["scale"], fields["unit"], fields["object"], fields["min"]) == (0.001, "Hz", None, None)
-    fields = load("adxl").find("C02 Thermal status reset").as_dict()
-    assert (fields["scale"], fields["values"]) == (1, {"1": "execute"})
-    half = load("adxl").find("Events counter").as_dict()["modbus"]
-    assert half == {"table": "input", "address": 0x502F, "words": 1, "half": "H", "bit": None, "order": "ABCD"}
-    assert load("az3").find("IQRMSX10").as_dict()["modbus"] is None
 
 
 @pytest.mark.parametrize("file", sorted(CATALOG.glob("*/*.toml")), ids=lambda file: f"{file.parent.name}/{file.name}")

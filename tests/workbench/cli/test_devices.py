@@ -8,7 +8,11 @@ from pathlib import Path
 import pytest
 
 from barewire.devices import load, names
+from barewire_workbench.cli.devices import parameter_fields
 from tests.workbench.cli.helpers import ENVIRONMENT, error_of, output_of
+
+KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
+KEYS += ["modbus", "object", "bits", "kind", "storable", "answered", "printed", "group"]
 
 
 def test_the_list_of_devices() -> None:
@@ -88,3 +92,25 @@ def test_a_table_fits_a_terminal_of_80_columns(name: str, monkeypatch: pytest.Mo
         assert all(place in f"{lines[at]} {lines[at + 1]}" for place in parameter.places)
     left_out = "range and unit, type" if name == "az3" else "range and unit"
     assert lines[-1] == f"Left out on this narrow terminal, see --long: {left_out}"
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_parameter_is_json_with_the_same_keys(name: str) -> None:
+    for parameter in load(name).parameters:
+        fields = parameter_fields(parameter)
+        assert list(fields) == KEYS
+        assert json.loads(json.dumps(fields, allow_nan=False)) == fields
+
+
+def test_places_scale_and_names() -> None:
+    fields = parameter_fields(load("az3").find("START PHASING"))
+    assert fields["modbus"] == {"table": "coil", "address": 1, "words": 1, "half": None, "bit": None, "order": "ABCD"}
+    assert fields["object"] == {"index": 0x2018, "sub": 0, "bit": 1, "type": "bool"}
+    assert fields["default"] is False
+    fields = parameter_fields(load("adxl").find("Frequency"))
+    assert (fields["scale"], fields["unit"], fields["object"], fields["min"]) == (0.001, "Hz", None, None)
+    fields = parameter_fields(load("adxl").find("C02 Thermal status reset"))
+    assert (fields["scale"], fields["values"]) == (1, {"1": "execute"})
+    half = parameter_fields(load("adxl").find("Events counter"))["modbus"]
+    assert half == {"table": "input", "address": 0x502F, "words": 1, "half": "H", "bit": None, "order": "ABCD"}
+    assert parameter_fields(load("az3").find("IQRMSX10"))["modbus"] is None

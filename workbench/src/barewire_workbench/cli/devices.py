@@ -5,6 +5,8 @@ from __future__ import annotations
 import shutil
 import textwrap
 from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
 
 import click
 from rich.console import Console
@@ -43,7 +45,7 @@ def devices_command(name: str | None, words: tuple[str, ...], is_long: bool, out
     wanted = _selected(device, " ".join(words))
     if output.as_json:
         for parameter in wanted:
-            print_json(parameter.as_dict())
+            print_json(parameter_fields(parameter))
         return
     count = len(device.parameters)
     print(f"{device.title}: {count if len(wanted) == count else f'{len(wanted)} of {count}'} parameters")
@@ -51,6 +53,36 @@ def devices_command(name: str | None, words: tuple[str, ...], is_long: bool, out
         _print_long(wanted)
     elif wanted:
         _print_table(wanted)
+
+
+def parameter_fields(parameter: Parameter) -> dict[str, Any]:
+    """Return the parameter for JSON: every key is always there, None is "not given". Addresses are those on the wire.
+
+    >>> parameter_fields(Parameter("STATUS WORD", "u16", object=ObjectAt(0x6041)))["object"]
+    {'index': 24641, 'sub': 0, 'bit': None, 'type': 'u16'}
+    """
+    scale, place = parameter.scale, parameter.object
+    return {
+        "name": parameter.name,
+        "type": parameter.type,
+        "unit": parameter.unit,
+        "scale": float(scale) if scale.denominator != 1 else int(scale),
+        "default": parameter.default,
+        "min": parameter.minimum,
+        "max": parameter.maximum,
+        "access": parameter.access,
+        "values": {str(number): text for number, text in parameter.values.items()},
+        "firmware": parameter.firmware,
+        "note": parameter.note,
+        "modbus": None if parameter.modbus is None else parameter.modbus._asdict(),
+        "object": None if place is None else asdict(place) | {"type": parameter.object_type},
+        "bits": {str(number): text for number, text in parameter.bits.items()},
+        "kind": parameter.kind,
+        "storable": parameter.storable,
+        "answered": parameter.answered,
+        "printed": dict(parameter.printed),
+        "group": parameter.group,
+    }
 
 
 def _selected(device: Device, text: str) -> list[Parameter]:
