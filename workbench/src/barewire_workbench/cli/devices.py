@@ -58,7 +58,7 @@ def devices_command(name: str | None, words: tuple[str, ...], is_long: bool, out
 def parameter_fields(parameter: Parameter) -> dict[str, Any]:
     """Return the parameter for JSON: every key is always there, None is "not given". Addresses are those on the wire.
 
-    >>> parameter_fields(Parameter("STATUS WORD", "u16", object=ObjectAt(0x6041)))["object"]
+    >>> parameter_fields(load("az3").find("STATUS WORD"))["object"]
     {'index': 24641, 'sub': 0, 'bit': None, 'type': 'u16'}
     """
     scale, place = parameter.scale, parameter.object
