@@ -53,8 +53,11 @@ class TimeDifference(int):
         """The value as a timedelta."""
         return int(self) * _MILLISECOND
 
+    def __str__(self) -> str:
+        return str(self.timedelta)
+
     def __repr__(self) -> str:
-        return f"TimeDifference({self.timedelta})"
+        return f"TimeDifference({self})"
 
 
 class TimeOfDay(int):
@@ -78,8 +81,11 @@ class TimeOfDay(int):
         """The value as a datetime without a time zone."""
         return EPOCH + int(self) * _MILLISECOND
 
+    def __str__(self) -> str:
+        return str(self.datetime)
+
     def __repr__(self) -> str:
-        return f"TimeOfDay({self.datetime})"
+        return f"TimeOfDay({self})"
 
 
 class TimeCodec:

@@ -54,7 +54,7 @@ def read_canopen(
 def _read_canopen(
     channel: Channel, placed: Sequence[tuple[Parameter, ObjectAt]], timeout: float
 ) -> Conversation[CanFrame, list[Reading]]:
-    contents: dict[tuple[int, int, int], bytes] = {}  # several bits of one object are one transfer
+    contents: dict[tuple[int, int, int | None], bytes] = {}  # several bits of one object are one transfer
     readings = []
     for parameter, place in placed:
         key = (place.index, place.sub, parameter.object_size)
@@ -86,7 +86,7 @@ def write_canopen(
     for parameter, value in to_write(device, values, force):
         place = _object(device, parameter)
         with naming(parameter, value):  # encoded once before anything is sent: no value is refused after others
-            parameter.to_object(value, bytes(parameter.object_size))
+            parameter.to_object(value, bytes(2))
         if place.bit is not None and not parameter.readable and not force:
             raise EncodeError(f"{parameter.name} is one bit of an object that cannot be read: the rest would be lost")
         writes.append((parameter, place, value))
@@ -115,16 +115,15 @@ def _upload(channel: Channel, parameter: Parameter, place: ObjectAt, timeout: fl
     size = parameter.object_size
     data = yield from upload(channel, place.index, place.sub, timeout=timeout, size=size)
     # If only one bit of an object is described, its size is assumed, so nothing is cut off.
-    return data if place.bit is not None else fit(data, size)
+    return data if place.bit is not None or size is None else fit(data, size)
 
 
 def _object(device: Device, parameter: Parameter) -> ObjectAt:
-    """Return the object of a parameter. Raises EncodeError if it has no object (with its Modbus address) or no size."""
+    """Return the object of a parameter. Raises EncodeError, with its Modbus address, if it has none."""
     if parameter.object is None or device.canopen is None:
         where = parameter.modbus
         elsewhere = f"it is {where.table} {where.address} on Modbus (from 0)" if where else "it has no other address"
         raise EncodeError(f"{parameter.name} has no object on CANopen: {elsewhere}", parameter.name)
-    _ = parameter.object_size  # text has no size: refused before anything is sent
     return parameter.object
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from barewire._html import html_table
 from barewire.codecs import Codec, Text, Value, codec, from_registers, to_registers
@@ -26,10 +26,15 @@ from barewire.codecs.bits import Half, get_bit, get_half, set_bit, set_half
 from barewire.codecs.order import Order
 from barewire.errors import DecodeError, EncodeError, shown
 
+if TYPE_CHECKING:
+    from barewire.canopen.datatypes import ObjectCodec
+
 TableName = Literal["holding", "input", "coil", "discrete"]
 TABLE_NAMES: tuple[TableName, ...] = ("holding", "input", "coil", "discrete")
 INTEGER_TYPES = ("u8", "u16", "u32", "u64", "i8", "i16", "i32", "i64")
 VALUE_TYPES = ("bool", *INTEGER_TYPES, "f32", "f64", "text")
+"""The types in a description. An object of CANopen may have any other one of `canopen.datatypes` too."""
+_NOT_NUMBERS = {"text": str, "octets": bytes, "domain": bytes}
 ParameterAccess = Literal["ro", "rw", "wo"]
 ParameterKind = Literal["setting", "command", "measurement", "reserved"]
 
@@ -134,9 +139,10 @@ class Parameter:
             if value not in (0, 1):
                 raise EncodeError(f"{self.name} = {shown(value)}: expected 0 (off) or 1 (on)", self.name)
             return bool(value)
-        if self.type == "text":
-            if not isinstance(value, str):
-                raise EncodeError(f"{self.name} = {shown(value)}: expected text", self.name)
+        if self.type in _NOT_NUMBERS:
+            if not isinstance(value, _NOT_NUMBERS[self.type]):
+                expected = "text" if self.type == "text" else "bytes"
+                raise EncodeError(f"{self.name} = {shown(value)}: expected {expected}", self.name)
             return value
         if not isinstance(value, (int, float)):
             raise EncodeError(f"{self.name} = {shown(value)}: expected a number", self.name)
@@ -261,11 +267,13 @@ class Parameter:
         place = self._in_dictionary()
         if place.bit is not None:
             return get_bit(int.from_bytes(data, "little"), place.bit, 8 * len(data))
-        object_codec = self._object_codec()
+        of_object = self._object_codec()
         # Some devices answer every object in four bytes (shown in the guide of the AZ3), padded with zeros.
-        if len(data) > object_codec.size and not any(data[object_codec.size :]):
-            data = data[: object_codec.size]
-        raw = object_codec.decode(data)
+        if of_object.size is not None and len(data) > of_object.size and not any(data[of_object.size :]):
+            data = data[: of_object.size]
+        raw = of_object.decode(data)
+        if isinstance(raw, str):
+            return raw.rstrip("\0")  # others end a text with a zero, as C does
         return bool(raw) if self.type == "bool" else self.from_raw(raw)
 
     @property
@@ -274,8 +282,9 @@ class Parameter:
         return self._in_dictionary().type or self.type
 
     @property
-    def object_size(self) -> int:
-        """The size of the object in bytes. A bit does not give the width of its object: 16 bits are assumed."""
+    def object_size(self) -> int | None:
+        """The size of the object in bytes, None if it varies. A bit does not give the width of its object: 16 bits are
+        assumed."""
         return 2 if self._in_dictionary().bit is not None else self._object_codec().size
 
     def _in_dictionary(self) -> ObjectAt:
@@ -283,12 +292,10 @@ class Parameter:
             raise EncodeError(f"{self.name} has no address in the object dictionary", self.name)
         return self.object
 
-    def _object_codec(self) -> Codec:
-        if self.object_type == "text":
-            raise EncodeError(
-                f"{self.name} is text, and a description does not give the length of an object of text", self.name
-            )
-        return codec("u8" if self.object_type == "bool" else self.object_type, "DCBA")
+    def _object_codec(self) -> ObjectCodec:
+        from barewire.canopen.datatypes import object_codec  # a machine on Modbus loads nothing of CANopen
+
+        return object_codec({"bool": "u8", "text": "string"}.get(self.object_type, self.object_type))
 
 
 class Reading(NamedTuple):
@@ -362,15 +369,17 @@ def limits_text(low: int | float | None, high: int | float | None) -> str:
 def show(value: Value) -> str:
     """Return a value as the shortest text that does not lose anything: 32-bit floats without their binary tail.
 
-    >>> show(27.2), show(0.20000000298023224), show(3000), show(True)
-    ('27.2', '0.2', '3000', 'on')
+    >>> show(27.2), show(0.20000000298023224), show(3000), show(True), show(b"\\x01\\xAB")
+    ('27.2', '0.2', '3000', 'on', '01 AB')
     """
     if isinstance(value, bool):
         return "on" if value else "off"
     if isinstance(value, float):
         short = f"{value:.7g}"
         return short if abs(float(short) - value) <= abs(value) * 6e-8 else repr(value)
-    return str(value) if isinstance(value, str) else shown(value)
+    if isinstance(value, bytes):
+        return value.hex(" ").upper()
+    return shown(value) if type(value) is int else str(value)
 
 
 def range_text(parameter: Parameter) -> str:

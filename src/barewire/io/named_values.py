@@ -105,12 +105,8 @@ class CanopenNames(_Names):
 
     @property
     def readable(self) -> list[str]:
-        """The names of all parameters that can be read over CANopen. Texts are left out: their size is unknown."""
-        return [
-            parameter.name
-            for parameter in self.device.parameters
-            if parameter.object and parameter.readable and parameter.type != "text"
-        ]
+        """The names of all parameters that can be read over CANopen."""
+        return [parameter.name for parameter in self.device.parameters if parameter.object and parameter.readable]
 
 
 class NamedValues(_Names):

@@ -304,12 +304,6 @@ def test_a_range_of_addresses_is_a_value_for_each() -> None:
         assert "holding:0 = 0; holding:1 = 7" in lines
 
 
-def test_an_eds_in_place_of_a_device_is_told_where_it_is_read(tmp_path: Path) -> None:
-    (tmp_path / "fan.eds").write_text("[1000]\n")
-    text = error_of("read", "can://socketcand/127.0.0.1:1/can0", str(tmp_path / "fan.eds"), "speed", status=2)
-    assert "an EDS is read in Python, bus.node(5, eds=...), or its objects by address: raw object:2000h:i32" in text
-
-
 # Everything at once
 
 

@@ -75,9 +75,7 @@ def load(name_or_path: str | Path) -> Device:
 
 
 def _unknown_device(name: str) -> UnknownName:
-    hint = suggest(name, names())
-    if name.lower().endswith((".eds", ".dcf")) and os.path.isfile(name):
-        hint = "; an EDS is read in Python, bus.node(5, eds=...), or its objects by address: raw object:2000h:i32"
+    hint = "; an EDS is for bus.node(5, eds=...)" if name.lower().endswith((".eds", ".dcf")) else suggest(name, names())
     return UnknownName(f"no device {shown(name)} in the catalogue ({', '.join(names())}), and no such directory{hint}")
 
 

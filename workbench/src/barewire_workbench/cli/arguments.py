@@ -20,6 +20,7 @@ from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.output import file_content, note
 
 if TYPE_CHECKING:
+    from barewire.devices import Device
     from barewire.io.machine import MachineClient
     from barewire_workbench.frames.modbus_exchanges import UnitNames
     from barewire_workbench.monitor import KnownNode
@@ -67,7 +68,8 @@ def _url_hint(value: str) -> str:
 def _is_device(name: str) -> bool:
     from barewire.devices import names  # only errors need it
 
-    return name.lower() in (*names(), "raw", "table") or os.path.isdir(name)  # Path.is_dir raises for a long one
+    # Path.is_dir raises for a long name.
+    return name.lower() in (*names(), "raw", "table") or os.path.isdir(name) or is_eds(name)
 
 
 def duration(value: str) -> float:
@@ -192,6 +194,30 @@ def _pairs(option: str, devices: Iterable[str], numbers: Iterable[int]) -> list[
 def is_eds(name: str) -> bool:
     """Return whether a name is that of an EDS or DCF file."""
     return name.lower().endswith((".eds", ".dcf"))
+
+
+def load_device(name: str, endpoint: str = "") -> Device:
+    """Return the device of a description, or of an EDS or DCF file for the node of an endpoint.
+
+    Raises EncodeError for an EDS whose node-ID neither file nor endpoint gives; without an endpoint it is 1.
+    """
+    if not is_eds(name):
+        from barewire.devices import load
+
+        return load(name)
+    from barewire.canopen.eds import parse
+    from barewire_workbench.eds.device import device_of_eds
+
+    document = parse(file_content(name))
+    if not document.objects:
+        raise EncodeError(f"{name}: the file describes no object: expected an EDS or DCF")
+    is_can = endpoint.startswith("can:")
+    node = (Endpoint.parse(endpoint).integer("node", 0) if is_can else 0) or document.node_id
+    if node is None and is_can:
+        raise EncodeError(
+            f"{name}: an EDS has no node-ID: give it with the endpoint, such as {endpoint.partition('?')[0]}?node=5"
+        )
+    return device_of_eds(document, name, node or 1)
 
 
 def _known_node(name: str, node: int | None) -> KnownNode:

@@ -15,6 +15,7 @@ from rich.table import Table
 from barewire.devices import Device, Parameter, UnknownName, load, names
 from barewire.devices.parameter import range_text, show
 from barewire.errors import fold, shown
+from barewire_workbench.cli.arguments import load_device
 from barewire_workbench.cli.output import Output, output_option, print_json
 
 
@@ -26,8 +27,8 @@ from barewire_workbench.cli.output import Output, output_option, print_json
 def devices_command(name: str | None, words: tuple[str, ...], is_long: bool, output: Output) -> None:
     """List the devices, or all parameters of one.
 
-    NAME is one of the listed devices, or the directory of your own description. With WORD, only those parameters are
-    listed that have it in their name, their group or their place.
+    NAME is one of the listed devices, the directory of your own description, or an EDS or DCF file. With WORD, only
+    those parameters are listed that have it in their name, their group or their place.
 
     \b
     barewire devices
@@ -41,7 +42,7 @@ def devices_command(name: str | None, words: tuple[str, ...], is_long: bool, out
         else:
             _print_list()
         return
-    device = load(name)
+    device = load_device(name)
     wanted = _selected(device, " ".join(words))
     if output.as_json:
         for parameter in wanted:

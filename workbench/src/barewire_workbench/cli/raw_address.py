@@ -7,6 +7,8 @@
         holding:40:text8           text in eight registers
         object:6041h:u16           index, always hexadecimal              object:INDEX[.SUB]:TYPE
         object:1018h.1:u32         and sub-index
+        object:1008h:string        TYPE is a data type of CiA 301, also by its name there: VISIBLE_STRING
+        1018h.1, 1018h:01          the parameter of the device with this object, which has a type
         40001, 400001, 4x0001      holding:0                              as manuals print them, from 1:
         30001, 3x0001, 10001, 1x0001, 00001, 0x0001                       input, discrete, coil
         hr:0, ir:0, di:0, co:0     the tables by their short names
@@ -23,9 +25,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import cast
 
+from barewire.canopen.datatypes import DATA_TYPES
 from barewire.codecs import codec
 from barewire.codecs.order import ORDERS, Order
-from barewire.devices.description.load import load
 from barewire.devices.device import CanopenSettings, Device, ModbusSettings
 from barewire.devices.parameter import (
     TABLE_NAMES,
@@ -36,6 +38,7 @@ from barewire.devices.parameter import (
     ParameterAccess,
 )
 from barewire.errors import EncodeError, fold, shown, suggest
+from barewire_workbench.cli.arguments import load_device
 
 RAW = Device("raw", "any device", (), modbus=ModbusSettings(), canopen=CanopenSettings())
 
@@ -46,16 +49,20 @@ _FIRST_DIGIT = {"0": "coil", "1": "discrete", "3": "input", "4": "holding"}
 _SHORT = {"hr": "holding", "ir": "input", "di": "discrete", "co": "coil"}
 _PRINTED = re.compile(r"[0134](?:(?P<short>\d{4})|(?P<long>\d{5})|x(?P<x>\d{1,5}))", re.IGNORECASE | re.ASCII)
 """A number that says its table: five digits, six, or the first digit and an x."""
+_OBJECT = re.compile(
+    r"(?:object:(?:0x)?(?P<index>[0-9a-f]{4})h?|(?P<plain>[0-9a-f]{4})h)(?:[.:](?P<sub>[0-9a-f]{1,2})h?)?",
+    re.IGNORECASE,
+)
 _FORM = (
     "TABLE:ADDRESS[:TYPE[:ORDER]] with holding, input, coil or discrete, a number as in manuals, from 40001 on, or"
     " object:INDEX[.SUB]:TYPE"
 )
 
 
-def device_with(name: str | Device, wanted: Iterable[str] = ()) -> Device:
+def device_with(name: str | Device, wanted: Iterable[str] = (), endpoint: str = "") -> Device:
     """Return the device, or that of the name, with a further parameter for each of the `wanted` that is an address.
 
-    Raises EncodeError for a wrong address.
+    `endpoint` gives the node-ID to an EDS. Raises EncodeError for a wrong address.
 
     >>> device = device_with("raw", ["input:0x0FB1:u32", "object:1018h.1:u32"])
     >>> device.find("input:0x0FB1:u32").modbus
@@ -63,7 +70,7 @@ def device_with(name: str | Device, wanted: Iterable[str] = ()) -> Device:
     >>> device.find("object:1018h.1:u32").object
     ObjectAt(index=4120, sub=1, bit=None, type='')
     """
-    device = name if isinstance(name, Device) else RAW if name == RAW.name else load(name)
+    device = name if isinstance(name, Device) else RAW if name == RAW.name else load_device(name, endpoint)
     places = (parameter.modbus for parameter in device.parameters)
     order = next((place.order for place in places if place is not None and place.words > 1), ORDERS[0])
     names = _folded_names(device)
@@ -98,6 +105,8 @@ def wire_address(text: str, device: Device = RAW) -> str:
     """
     if fold(text) in _folded_names(device):
         return text
+    if (parameter := _of_dictionary(text, device)) is not None:
+        return parameter.name
     plain = text.strip()
     table, colon, rest = plain.partition(":")
     if colon and table.lower() in _SHORT:
@@ -108,6 +117,29 @@ def wire_address(text: str, device: Device = RAW) -> str:
     if len(numbers) != addresses.count("-") + 1 or len(tables) > 1:
         return text
     return f"{tables.pop()}:{'-'.join(str(address) for _, address in numbers)}{colon}{form}"
+
+
+def _of_dictionary(text: str, device: Device) -> Parameter | None:
+    """Return the parameter whose object has this address, or whose name ends with this name of a sub-index; None if
+    there is none, or are several.
+
+    >>> from barewire import load
+    >>> [_of_dictionary(text, load("az3")).name for text in ("6041h", "6041h:00", "object:6041h")]
+    ['STATUS WORD', 'STATUS WORD', 'STATUS WORD']
+    """
+    match = _OBJECT.fullmatch(text.strip())
+    if match is None:
+        own = [parameter for parameter in device.parameters if fold(parameter.name).endswith(f" / {fold(text)}")]
+        return own[0] if len(own) == 1 else None
+    address = int(match["index"] or match["plain"], 16), int(match["sub"] or "0", 16)
+    return next(
+        (
+            parameter
+            for parameter in device.parameters
+            if (place := parameter.object) is not None and place.bit is None and (place.index, place.sub) == address
+        ),
+        None,
+    )
 
 
 def _printed_number(text: str) -> tuple[str, int] | None:
@@ -167,10 +199,8 @@ def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
     """Return the parameter at an address; `order` is for long values without one. Raises EncodeError if it is wrong."""
     table, _, rest = text.strip().partition(":")
     parts = rest.split(":")
-    if table == "object" and len(parts) == 2:
-        index, dot, sub = parts[0].partition(".")
-        place = ObjectAt(_number(text, index, 0xFFFF, base=16), _number(text, sub, 0xFF, base=16) if dot else 0)
-        return Parameter(text, _type(text, parts[1]), object=place)
+    if table == "object" and rest and len(parts) <= 2:
+        return _raw_object(text, *parts)
     if table not in TABLE_NAMES or not (rest and len(parts) <= 3):
         hint = suggest(table, (*TABLE_NAMES, "object"))
         raise EncodeError(f"{shown(text)} is not an address: expected {_FORM}{hint}")
@@ -190,6 +220,19 @@ def raw_parameter(text: str, order: Order = "ABCD") -> Parameter:
     return Parameter(text, type_name, access=access, modbus=ModbusAt(table, address, words, order=letters))
 
 
+def _raw_object(text: str, number: str, type_name: str = "") -> Parameter:
+    index, dot, sub = number.partition(".")
+    place = _number(text, index, 0xFFFF, base=16), _number(text, sub, 0xFF, base=16) if dot else 0
+    if not type_name:
+        known = _type_in_cia_301(*place)
+        hint = f"; CiA 301 has {known} for it: {text.strip().rstrip(':')}:{known}" if known else ""
+        raise EncodeError(f"{shown(text)}: its type is missing: expected object:INDEX[.SUB]:TYPE, such as u16{hint}")
+    kind = _object_type(text, type_name)
+    if kind in ("string", "unicode"):
+        return Parameter(text, "text", object=ObjectAt(*place, type=kind))
+    return Parameter(text, kind, object=ObjectAt(*place))
+
+
 def _type_and_words(text: str, type_name: str) -> tuple[str, int]:
     """Return a type and the registers that it takes: text8 is text in 8 registers."""
     of_text = re.fullmatch(r"text(\d*)", type_name)
@@ -200,6 +243,28 @@ def _type_and_words(text: str, type_name: str) -> tuple[str, int]:
         expected = f"expected text1..text{_REGISTERS_MAX}, text in that number of registers"
         raise EncodeError(f"{shown(text)}: type {shown(type_name)}: {expected}")
     return "text", words
+
+
+def _object_type(text: str, name: str) -> str:
+    """Return a data type of CiA 301 by its name here, for which the name in the standard may stand too."""
+    known = {fold(name): row.name for row in DATA_TYPES for name in (row.name, row.standard)} | {"text": "string"}
+    kind = known.get(fold(name))
+    if kind is None:
+        names = ", ".join(row.name for row in DATA_TYPES)
+        raise EncodeError(f"{shown(text)}: type {shown(name)}: expected one of {names}{suggest(name, known)}")
+    return kind
+
+
+def _type_in_cia_301(index: int, sub: int) -> str:
+    """Return the type that CiA 301 has for a communication object; empty if it has none."""
+    from barewire.canopen.communication_objects import standard_objects
+
+    if index in (0x1009, 0x100A):
+        return "string"
+    if 0x1600 <= index < 0x1800 or 0x1A00 <= index < 0x1C00:
+        return "u32" if sub else "u8"
+    types = {(entry.index, entry.sub): entry.type for entry in standard_objects(name="name", servers=2)}
+    return types.get((index, sub)) or ("u8" if sub == 0 and any(index == of for of, _ in types) else "")
 
 
 def _type(text: str, type_name: str) -> str:

@@ -35,6 +35,7 @@ from barewire_workbench.cli.output import Output, note, output_option
 from barewire_workbench.cli.raw_address import device_with, expanded, is_raw_address, printed_number_hint, wire_address
 from barewire_workbench.cli.shown_frames import ShownFrames, frames_option, frames_shown, is_verbose
 from barewire_workbench.cli.value_text import parse_value
+from barewire_workbench.eds.device import read_alone, wanted_values
 from barewire_workbench.live.read_values import (
     COLUMNS,
     ReadValue,
@@ -80,14 +81,16 @@ def read_command(
     \b
     barewire read "rtu:///dev/ttyUSB0?unit=1" adxl "Thyristors temperature" "Status"
     barewire read "tcp://127.0.0.1:1502" raw holding:100 input:0x0FB1:u32 coil:7
-    barewire read "can://socketcan/can0?node=5" raw object:1018h.1:u32
+    barewire read "can://socketcan/can0?node=5" raw object:1018h.1:u32 object:1008h:string
+    barewire read "can://socketcan/can0?node=5" drive.eds 1018h.1 "*velocity*"
     barewire read "tcp://127.0.0.1:1502" csd-mt --all --access rw --csv
     barewire read "tcp://127.0.0.1:1502" csd-mt "*velocity*"
 
-    DEVICE is a name of `barewire devices`, or the directory of your own description. Instead of a NAME, give an
-    address: TABLE:ADDRESS[:TYPE[:ORDER]], counted from 0 as on the wire, or object:INDEX[.SUB]:TYPE. holding:0-9 is
-    each register from 0 to 9; 40001, 400001, 4x0001 and hr:0 are holding:0. DEVICE `raw` is any device, by addresses
-    only. A NAME with * or ? in it is each value that has such a name.
+    DEVICE is a name of `barewire devices`, the directory of your own description, or an EDS or DCF file. Instead of a
+    NAME, give an address: TABLE:ADDRESS[:TYPE[:ORDER]], counted from 0 as on the wire, or object:INDEX[.SUB]:TYPE, of
+    an object that DEVICE has also 1018h.1. holding:0-9 is each register from 0 to 9; 40001, 400001, 4x0001 and hr:0 are
+    holding:0. DEVICE `raw` is any device, by addresses only. A NAME with * or ? in it is each value that has such a
+    name.
 
     Of several values, one that the device refuses, or does not answer, costs only itself: its line says why, the
     others are read, and the exit status is 1.
@@ -103,17 +106,20 @@ def read_command(
         raise click.UsageError("--all reads every value: expected no NAME and no --group beside it")
     if as_csv and output.as_json:
         raise click.UsageError("--csv and --json: give one of them")
-    described = device_with(device)
+    described = device_with(device, endpoint=endpoint)
     names = expanded(names, described)
     description = device_with(described, [name for name in names if not is_pattern(name)])
-    readable = readable_names(description, endpoint)
+    apart = read_alone(description)
+    readable = [name for name in readable_names(description, endpoint) if name not in apart]
+    configured = wanted_values(description)
     # An unknown name is reported before a port is opened.
     wanted = selected(description, readable, names, groups=groups, access=access)
     if not wanted:
         raise click.UsageError(f"{device} has no such value that can be read over {endpoint.partition(':')[0]}")
     if timing:
         print_timing(endpoint)
-    table = csv.DictWriter(sys.stdout, COLUMNS, restval="", lineterminator="\n") if as_csv else None
+    columns = (*COLUMNS, "configuration") if configured else COLUMNS
+    table = csv.DictWriter(sys.stdout, columns, restval="", lineterminator="\n") if as_csv else None
     failed = 0
     with connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
         check_machine(machine, no_check)
@@ -125,11 +131,13 @@ def read_command(
                 if hint := _hint(parameter):
                     error.add_context(hint)
                 raise
-            output.show(reading, ReadValue(reading.parameter, reading).as_dict())
+            value = ReadValue(reading.parameter, reading, configured=configured.get(reading.name))
+            output.show(value, value.as_dict)
             return
         if table is not None:
             table.writeheader()
         for value in read_values(machine, wanted):
+            value = value._replace(configured=configured.get(value.parameter.name))
             failed += value.reading is None
             if value.reading is None and (hint := _hint(value.parameter)):
                 value = value._replace(problem=f"{value.problem}; {hint}")
@@ -178,9 +186,10 @@ def write_command(
 ) -> None:
     """Write named values of a device, in the order given.
 
-    A VALUE is a number (0x for hexadecimal), on or off, or the name of one of the parameter's values. Adjacent
-    registers are written in one request where the device allows it. Half a register, or one bit of a register or of an
-    object, is read, changed and written back; the output line states that.
+    A VALUE is a number (0x for hexadecimal), on or off, or the name of one of the parameter's values; of an octet
+    string or a domain bytes such as 01AB, or @FILE; of a time of day 2026-03-01T12:00:00. Adjacent registers are
+    written in one request where the device allows it. Half a register, or one bit of a register or of an object, is
+    read, changed and written back; the output line states that.
 
     Nothing is written to a machine that says that it is another one, or that does not say what its manual promises.
     `--no-check` does not ask.
@@ -190,7 +199,7 @@ def write_command(
     barewire write "tcp://127.0.0.1:1502" csd-mt "Profile Velocity=5000" --dry-run --frames
     barewire write "tcp://127.0.0.1:1502" raw holding:100:f32=1.5 coil:7=on --verify
     """
-    described = device_with(device)
+    described = device_with(device, endpoint=endpoint)
     given = [(wire_address(name, described), value) for name, value in map(_assignment, assignments)]
     description = device_with(described, [name for name, _ in given])
     wanted = [_parsed(description.find(name), value) for name, value in given]

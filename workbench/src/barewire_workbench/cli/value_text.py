@@ -4,6 +4,8 @@
     "on"  "off"  "true"  "false"  "1"  "0"         a bit
     "Starter ready"                                the name of one of the parameter's values, in upper or lower case
     "Hall 4"                                       text, unchanged
+    "01AB"  "@program.bin"                         an octet string or a domain: bytes in hexadecimal, or of a file
+    "2026-03-01T12:00:00"  "90000"                 a time of day; or milliseconds, as of a time difference
 
 Ranges are not checked here: writing checks them.
 """
@@ -12,11 +14,14 @@ from __future__ import annotations
 
 import math
 import re
+from datetime import datetime
 
+from barewire.canopen.datatypes import TimeOfDay
 from barewire.codecs import Value
 from barewire.devices import Parameter
 from barewire.devices.request_checks import value_of_name
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
+from barewire_workbench.cli.output import file_content
 
 _SUFFIXED = re.compile(r"[+-]?(?:[0-9][0-9A-Fa-f]*[hH]|[0-9A-F]+h)")
 
@@ -41,10 +46,30 @@ def parse_value(parameter: Parameter, text: str) -> Value:
     except EncodeError as no_name:
         if parameter.type == "text":
             return text
+        if parameter.type in _FORMS:
+            return _of_dictionary(parameter, text)
         number = _number(text.strip())
         if number is None:
             raise no_name from None
     return bool(number) if parameter.type == "bool" and number in (0, 1) else number
+
+
+_FORMS = {
+    "octets": "bytes such as 01AB, or @FILE",
+    "domain": "bytes such as 01AB, or @FILE",
+    "time_of_day": "a time such as 2026-03-01T12:00:00, or milliseconds since 1984",
+}
+"""The data types of CiA 301 whose values are neither numbers nor text, and how they are written."""
+
+
+def _of_dictionary(parameter: Parameter, text: str) -> Value:
+    try:
+        if parameter.type == "time_of_day":
+            return int(text) if text.strip().isdecimal() else TimeOfDay.of(datetime.fromisoformat(text))
+        return file_content(text[1:]) if text.startswith("@") else bytes.fromhex(text)
+    except ValueError:
+        expected = _FORMS[parameter.type]
+        raise EncodeError(f"{parameter.name} = {shown(text)}: expected {expected}", parameter.name) from None
 
 
 def _number(text: str) -> int | float | None:

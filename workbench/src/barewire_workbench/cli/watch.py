@@ -85,7 +85,7 @@ def watch_command(
     """
     if as_json and as_csv:
         raise click.UsageError("--json and --csv: expected only one of them")
-    described = device_with(device)
+    described = device_with(device, endpoint=endpoint)
     names = expanded(names, described)
     description = device_with(described, names)
     parameters = [description.find(name) for name in names]

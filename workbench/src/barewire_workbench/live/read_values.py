@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
+from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading, UnknownName
 from barewire.errors import DecodeError, NoAnswer, Refused, shown, suggest
 from barewire.io.endpoint import Endpoint
@@ -30,22 +31,32 @@ COLUMNS = ("name", "value", "unit", "text", "error")
 
 
 class ReadValue(NamedTuple):
-    """A parameter with what was read, or why it was not."""
+    """A parameter with what was read, or why it was not; `configured` is what a DCF wants the device to have."""
 
     parameter: Parameter
     reading: Reading | None
     problem: str = ""
+    configured: Value | None = None
 
     def __str__(self) -> str:
-        return f"{self.parameter.name}: not read: {self.problem}" if self.reading is None else str(self.reading)
+        if self.reading is None:
+            return f"{self.parameter.name}: not read: {self.problem}"
+        differs = self.configured is not None and self.configured != self.reading.value
+        return f"{self.reading}" + (f"; the DCF has {self.parameter.text(self.configured or 0)}" if differs else "")
 
     def as_dict(self) -> dict[str, object]:
         """The value, for JSON and CSV."""
-        parameter = self.parameter
-        if self.reading is None:
-            return {"name": parameter.name, "value": None, "unit": parameter.unit, "text": "", "error": self.problem}
-        value = self.reading.value
-        return {"name": parameter.name, "value": value, "unit": parameter.unit, "text": parameter.text(value)}
+        parameter, value = self.parameter, None if self.reading is None else self.reading.value
+        fields = {"name": parameter.name, "value": _plain(value), "unit": parameter.unit}
+        fields |= {"text": "", "error": self.problem} if value is None else {"text": parameter.text(value)}
+        return fields if self.configured is None else fields | {"configuration": _plain(self.configured)}
+
+
+def _plain(value: Value | None) -> object:
+    """Return a value for JSON and CSV: bytes in hexadecimal, times in milliseconds."""
+    if isinstance(value, bytes):
+        return value.hex(" ").upper()
+    return int(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 def read_values(machine: MachineClient, names: Sequence[str]) -> Iterator[ReadValue]:
@@ -118,7 +129,8 @@ def selected(
         if not is_pattern(pattern):
             wanted.append(device.find(pattern).name)
             continue
-        matching = [name for name in readable if fnmatchcase(name.casefold(), pattern.casefold())]
+        folded = pattern.casefold().replace("[", "[[]")  # names have units in brackets
+        matching = [name for name in readable if fnmatchcase(name.casefold(), folded)]
         if not matching:
             raise UnknownName(f"no readable parameter of {device.name} has a name like {shown(pattern)}")
         wanted += matching
