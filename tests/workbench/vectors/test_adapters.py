@@ -192,7 +192,6 @@ MADE_OF_NUMBERS = {
     "c-modbus-slave": "the header of a request, and the order of the two bytes of a CRC",
     "canopen": "a request to its server, a delay as an argument",
     "canopennode": "values of objects as memory, numbers of requests",
-    "client_peers.py": "requests of a case as arguments",
     "crcmod": "the order of the two bytes of a CRC",
     "cryptography": "a list around the extensions, which the decoder wants",
     "freemodbus": "the order of the two bytes of a CRC",

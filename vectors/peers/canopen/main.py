@@ -13,6 +13,7 @@ from typing import Any
 
 import canopen
 from adapter import NotOffered, hexed, number, octets, serve
+from adapter_canopen import ALWAYS, placed
 from canopen import objectdictionary
 from canopen.lss import LssMaster
 from canopen.objectdictionary import ODVariable
@@ -306,13 +307,6 @@ def server(question: dict[str, Any]) -> dict[str, Any]:
     )
 
 
-ALWAYS = [
-    {"object": place, "type": kind, "access": "ro", "value": "0"}
-    for place, kind in (("1000:00", "UNSIGNED32"), ("1001:00", "UNSIGNED8"), ("1018:01", "UNSIGNED32"))
-]
-"""Objects that every device has."""
-
-
 def device(question: dict[str, Any]) -> dict[str, Any]:
     """Ask the SDO server of a device with objects from 2000h on."""
     setup = question["device"]
@@ -323,14 +317,10 @@ def device(question: dict[str, Any]) -> dict[str, Any]:
         raise NotOffered("a local node of canopen answers SDO, and does nothing over time by itself")
     if any(line[4:5] in ("A", "C", "R") for line in lines):
         raise NotOffered("its server has no block transfer, and its network passes no remote frame on")
-    rows = [*ALWAYS, *setup["objects"]]
-    places = [(int(row["object"][:4], 16), int(row["object"][5:], 16), row) for row in rows]
-    records = {index for index, sub, _ in places if sub}
+    places = placed([*ALWAYS, *setup["objects"]])
+    records = {index for index, sub in places if sub}
     objects: dict[int, Any] = {index: objectdictionary.ODRecord(f"{index:04X}", index) for index in records}
-    for index in records - {index for index, sub, _ in places if not sub}:
-        highest = max(sub for one, sub, _ in places if one == index)
-        places.append((index, 0, {"type": "UNSIGNED8", "access": "ro", "value": str(highest)}))
-    for index, sub, row in places:
+    for (index, sub), row in places.items():
         one = variable(row["type"], index, sub)
         one.access_type, one.default = row["access"], default(row)
         one.min, one.max = (int(row[name]) if name in row else None for name in ("low", "high"))

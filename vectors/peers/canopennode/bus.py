@@ -15,6 +15,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from adapter import NotOffered, octets
+from adapter_canopen import ALWAYS, placed
 
 LIBRARY = ctypes.CDLL(sys.argv[1])
 LIBRARY.take.restype = ctypes.c_char_p
@@ -23,16 +24,6 @@ ACCESS = {"ro": 1, "const": 1, "wo": 2, "rw": 3, "rwr": 3, "rww": 3}
 MAPPED = {"TPDO": 4, "RPDO": 8, "both": 12}
 STRINGS = {"VISIBLE_STRING": "latin-1", "UNICODE_STRING": "utf-16-le"}
 SPACE = 300
-ALWAYS = [
-    {"object": place, "type": kind, "access": access, "value": "0"}
-    for place, kind, access in (
-        ("1000:00", "UNSIGNED32", "ro"),
-        ("1001:00", "UNSIGNED8", "ro"),
-        ("1018:01", "UNSIGNED32", "ro"),
-    )
-]
-"""Objects that every device has."""
-
 NEEDED = [
     {"object": place, "type": kind, "access": "rw", "value": value}
     for place, kind, value in (
@@ -90,18 +81,10 @@ def stored(row: dict[str, Any]) -> tuple[bytes, int, int]:
     return int(value or 0).to_bytes(size, "little", signed=kind.startswith("I")), 0, 0x40 if size > 1 else 0
 
 
-def place_of(row: dict[str, Any]) -> tuple[int, int]:
-    index, sub = row["object"].split(":")
-    return int(index, 16), int(sub, 16)
-
-
 def build(rows: Iterable[dict[str, Any]]) -> None:
     """Make the object dictionary."""
     LIBRARY.clear()
-    objects = {place_of(row): row for row in rows}
-    for index in {index for index, sub in objects if sub and (index, 0) not in objects}:
-        last = max(sub for one, sub in objects if one == index)
-        objects[index, 0] = {"type": "UNSIGNED8", "access": "rw" if index == 0x1003 else "ro", "value": str(last)}
+    objects = placed(rows)
     records = {index for index, sub in objects if sub}
     for (index, sub), row in sorted(objects.items()):
         data, room, kind = stored(row)

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from adapter import NotOffered, octets
-from bus import ALWAYS, LIBRARY, NEEDED, build, feed, place_of, run, said, start, stored
+from adapter_canopen import ALWAYS, place_of, register_bits, variables
+from bus import LIBRARY, NEEDED, build, feed, run, said, start, stored
 
 CONTROL = {0: 0x1000, 1: 0, 2: 0x5000}
 """The NMT control flags for the error behaviours of 1029h."""
@@ -14,8 +15,7 @@ CONTROL = {0: 0x1000, 1: 0, 2: 0x5000}
 
 def first_server(node: int) -> list[dict[str, Any]]:
     """Return the object of the default SDO server, which CANopenNode needs if there is a second one."""
-    rows = (("1200:01", 0x600 + node), ("1200:02", 0x580 + node))
-    return [{"object": place, "type": "UNSIGNED32", "access": "ro", "value": str(value)} for place, value in rows]
+    return variables(0x1200, (0x600 + node, 0x580 + node), access="ro")
 
 
 def requests(talk: Iterable[dict[str, Any]], node: int | None) -> set[bytes]:
@@ -48,9 +48,6 @@ def check_offered(setup: dict[str, Any], talk: list[dict[str, Any]]) -> None:
         raise NotOffered("its application checks limits")
 
 
-CLASSES = {1: 0x01, 2: 0x03, 3: 0x05, 4: 0x09, 0xF: 0x81}
-
-
 def report(act: dict[str, Any], active: dict[int, int]) -> None:
     """Report an error, or its end. CANopenNode calls byte 3 the number of the error."""
     if "error" in act:
@@ -58,8 +55,7 @@ def report(act: dict[str, Any], active: dict[int, int]) -> None:
         if info[0] in active.values() and code not in active:
             raise NotOffered("errors of CANopenNode differ in byte 3")
         active[code] = info[0]
-        bits = 0x11 if code >> 8 in (0x81, 0x82) else CLASSES.get(code >> 12, 1) if code >> 8 != 0xF0 else 1
-        LIBRARY.error(1, info[0], code, int.from_bytes(info[1:], "little"), bits)
+        LIBRARY.error(1, info[0], code, int.from_bytes(info[1:], "little"), register_bits(code))
     elif int(act["clear"], 16) in active:
         LIBRARY.error(0, active.pop(int(act["clear"], 16)), 0, 0, 0)
 
@@ -109,10 +105,7 @@ def node_talk(question: dict[str, Any]) -> dict[str, Any]:
     rows.append({"object": "100C:00", "type": "UNSIGNED16", "access": "rw", "value": str(life)})
     rows.append({"object": "100D:00", "type": "UNSIGNED8", "access": "rw", "value": str(int(life > 0))})
     numbers = [int(text, 16) for text in setup.get("address", ["0"] * 4)]
-    rows += [
-        {"object": f"1018:{sub:02X}", "type": "UNSIGNED32", "access": "const", "value": str(number)}
-        for sub, number in enumerate(numbers, 1)
-    ]
+    rows += variables(0x1018, numbers, access="const")
     build(rows)
     start(setup["id"], lss=2 if setup["machine"] == "lss-slave" else 0)
     said()

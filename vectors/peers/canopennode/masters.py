@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from adapter import NotOffered, octets
-from bus import ALWAYS, LIBRARY, NEEDED, SPACE, build, feed, place_of, run, said, settled, start, start_master
+from adapter_canopen import ALWAYS, RATES, one_each, place_of, watched
+from bus import LIBRARY, NEEDED, SPACE, build, feed, run, said, settled, start, start_master
 
 
 def lss_values(*numbers: int) -> Any:
@@ -16,10 +17,6 @@ def lss_values(*numbers: int) -> Any:
 
 def address(texts: list[str]) -> list[int]:
     return [int(text, 16) for text in texts]
-
-
-RATES = (1000, 800, 500, 250, 125, None, 50, 20, 10, 0)
-"""kbit/s of the entries of table 0; CANopenNode is asked for a bit rate, not for an entry."""
 
 
 def lss_service(ask: dict[str, Any]) -> tuple[str, Any]:
@@ -94,10 +91,7 @@ def lss_talk(question: dict[str, Any]) -> dict[str, Any]:
             break
         if not lines:
             run(10_000)
-    talk = [{"say": frames[at] if at < len(frames) else ""} for at in range(len(rows))]
-    if len(frames) > len(rows):
-        talk[-1]["say"] += " " + " ".join(frames[len(rows) :])
-    return {"talk": talk, "ends": lss_end(ask, end)}
+    return {"talk": one_each(frames, rows), "ends": lss_end(ask, end)}
 
 
 def heartbeat_watch(question: dict[str, Any]) -> dict[str, Any]:
@@ -105,14 +99,10 @@ def heartbeat_watch(question: dict[str, Any]) -> dict[str, Any]:
     if "guard" in question["watch"]:
         raise NotOffered("its master of node guarding reports no events, and knows no life time factor")
     nodes = question["watch"]["heartbeat"]
-    rows = [
-        {"object": f"1016:{at:02X}", "type": "UNSIGNED32", "access": "rw", "value": str(int(node) << 16 | time)}
-        for at, (node, time) in enumerate(nodes.items(), 1)
-    ]
     heard = {int(line[1:3], 16) for step in question["talk"] for line in step["hear"] if line[0] == "7"}
     if heard - {int(node) for node in nodes}:
         raise NotOffered("it watches the nodes of 1016h only")
-    start_master(*rows)
+    start_master(*watched(nodes))
     LIBRARY.watch()
     now, answer = 0, []
     for step in question["talk"]:

@@ -6,7 +6,8 @@ import ctypes
 from typing import Any
 
 from adapter import NotOffered, Refused, hexed, octets
-from bus import ALWAYS, LIBRARY, NEEDED, build, feed, run, said, start, start_master
+from adapter_canopen import ALWAYS, variables
+from bus import LIBRARY, NEEDED, build, feed, run, said, start, start_master
 
 PDOS = [
     {"object": f"{base + at:04X}:{sub:02X}", "type": kind, "access": "rw", "value": str(value)}
@@ -109,11 +110,8 @@ def from_slave(service: int, body: bytes) -> list[str]:
     if 0x5A <= service <= 0x5D:
         address[service - 0x5A] = int.from_bytes(body[:4], "little")
     node = body[0] if service == 0x5E else 5
-    rows = [
-        {"object": f"1018:{sub:02X}", "type": "UNSIGNED32", "access": "const", "value": str(number)}
-        for sub, number in enumerate(address, 1)
-    ]
-    build([*(row for row in (*ALWAYS, *NEEDED) if row["object"] != "1018:01"), *rows])
+    others = [row for row in (*ALWAYS, *NEEDED) if row["object"] != "1018:01"]
+    build([*others, *variables(0x1018, address, access="const")])
     start(None if node == 255 or service == 0x4F else node, lss=2)
     said()
     if service == 0x44:

@@ -12,6 +12,7 @@ from threading import Lock
 from typing import Any
 
 from adapter import NotOffered, number, octets, serve
+from adapter_canopen import place_of
 from adapter_device import NODE, OBJECTS, device_answers
 from durand.datatypes import DatatypeEnum
 from durand.network import NetworkABC
@@ -79,10 +80,6 @@ class Recorder(NetworkABC):
     def take(self) -> list[str]:
         sent, self.sent = self.sent, []
         return sent
-
-
-def place_of(row: dict[str, Any]) -> tuple[int, int]:
-    return int(row["object"][:4], 16), int(row["object"][5:], 16)
 
 
 def value_of(row: dict[str, Any]) -> Any:

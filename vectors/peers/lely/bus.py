@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from adapter import NotOffered, octets
+from adapter_canopen import placed
 
 LELY = ctypes.CDLL(sys.argv[1])
 
@@ -39,12 +40,6 @@ for name in POINTERS.split():
 SEND = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(Msg), ctypes.c_void_p)
 NEXT = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(Timespec), ctypes.c_void_p)
 
-ALWAYS = [
-    {"object": place, "type": kind, "access": "ro", "value": "0"}
-    for place, kind in (("1000:00", "UNSIGNED32"), ("1001:00", "UNSIGNED8"), ("1018:01", "UNSIGNED32"))
-]
-"""Objects that every device has."""
-
 TYPES = ("BOOLEAN", "INTEGER8", "INTEGER16", "INTEGER32", "UNSIGNED8", "UNSIGNED16", "UNSIGNED32", "REAL32")
 TYPES += (
     "VISIBLE_STRING",
@@ -63,11 +58,6 @@ TYPES += ("UNSIGNED56", "UNSIGNED64")
 RESET_NODE = 0x81
 
 
-def place_of(row: dict[str, Any]) -> tuple[int, int]:
-    index, sub = row["object"].split(":")
-    return int(index, 16), int(sub, 16)
-
-
 def section(name: str, row: dict[str, Any]) -> list[str]:
     """Return the lines of a DCF for a variable."""
     lines = [f"[{name}]", f"ParameterName={name}", "ObjectType=0x07", f"DataType=0x{TYPES.index(row['type']) + 1:04X}"]
@@ -82,11 +72,8 @@ def section(name: str, row: dict[str, Any]) -> list[str]:
 
 def dcf(rows: Iterable[dict[str, Any]], *, lss: bool) -> str:
     """Return the text of a DCF with these objects."""
-    objects = {place_of(row): row for row in rows}
+    objects = placed(rows)
     records = {index for index, sub in objects if sub}
-    for index in {index for index in records if (index, 0) not in objects}:
-        last = max(sub for one, sub in objects if one == index)
-        objects[index, 0] = {"type": "UNSIGNED8", "access": "rw" if index == 0x1003 else "ro", "value": str(last)}
     lines = [
         "[DeviceInfo]",
         f"LSS_Supported={int(lss)}",

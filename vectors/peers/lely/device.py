@@ -6,14 +6,12 @@ import ctypes
 from typing import Any
 
 from adapter import NotOffered, hexed, octets
-from bus import ALWAYS, LELY, Node, place_of
+from adapter_canopen import ALWAYS, place_of, register_bits, variables
+from bus import LELY, Node
 
 START = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint8, ctypes.c_void_p)
 STORES = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint16, ctypes.c_void_p)(lambda *_: 0)
 TAKES_RATE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint16, ctypes.c_int, ctypes.c_void_p)(lambda *_: None)
-CLASSES = {1: 0x01, 2: 0x03, 3: 0x05, 4: 0x09, 0xF: 0x81}
-
-
 NEEDED = [
     {"object": place, "type": kind, "access": "rw", "value": value}
     for place, kind, value in (
@@ -98,7 +96,7 @@ def do(node: Node, rows: list[dict[str, Any]], act: dict[str, Any], active: dict
         raise NotOffered("it has no EMCY producer with these objects")
     elif "error" in act:
         code = int(act["error"], 16)
-        bits = 0x11 if code >> 8 in (0x81, 0x82) else CLASSES.get(code >> 12, 1) if code >> 8 != 0xF0 else 1
+        bits = register_bits(code)
         LELY.co_emcy_push(emcy, code, bits, octets(act.get("info", "")).ljust(5, b"\0"))
         active[code] = bits
     else:
@@ -114,10 +112,7 @@ def node_talk(question: dict[str, Any]) -> dict[str, Any]:
     life = setup.get("life_time", 65_535_000) // 1000
     numbers = [int(text, 16) for text in setup.get("address", ["0"] * 4)]
     rows = [row for row in (*ALWAYS, *NEEDED) if row["object"] not in ("1018:01", "100C:00", "100D:00")]
-    rows += [
-        {"object": f"1018:{sub:02X}", "type": "UNSIGNED32", "access": "ro", "value": str(number)}
-        for sub, number in enumerate(numbers, 1)
-    ]
+    rows += variables(0x1018, numbers, access="ro")
     rows.append({"object": "100C:00", "type": "UNSIGNED16", "access": "rw", "value": str(life)})
     rows.append({"object": "100D:00", "type": "UNSIGNED8", "access": "rw", "value": str(int(life > 0))})
     node = Node(rows, setup["id"], lss=is_lss)

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from adapter import NotOffered, octets
-from bus import ALWAYS, LELY, Node
+from adapter_canopen import ALWAYS, RATES, Row, one_each, variables, watched
+from bus import LELY, Node
 
 OWN = 126
 SECOND = 1_000_000
-Row = dict[str, Any]
 
 
 def variable(place: str, kind: str, value: int | str) -> Row:
@@ -20,7 +20,7 @@ def variable(place: str, kind: str, value: int | str) -> Row:
 
 def array(index: int, node: int, kind: str, value: int) -> list[Row]:
     """Return the objects of an array with a value at the sub-index of a node."""
-    return [variable(f"{index:04X}:{sub:02X}", kind, value if sub == node else 0) for sub in range(1, 128)]
+    return variables(index, [value if sub == node else 0 for sub in range(1, 128)], kind)
 
 
 def master(rows: Iterable[Row] = (), *, lss: bool = False) -> Node:
@@ -46,14 +46,6 @@ def dialogue(node: Node, rows: list[Row], ended: Callable[[], bool]) -> list[str
                 break
             node.run_to(node.next)
     return frames + node.said()
-
-
-def talk(frames: list[str], rows: list[Row]) -> list[dict[str, str]]:
-    """Return a frame for each row; what is said beyond the rows belongs to the last one."""
-    said = [{"say": frames[at] if at < len(frames) else ""} for at in range(len(rows))]
-    if len(frames) > len(rows):
-        said[-1:] = [{"say": " ".join(frames[max(len(rows) - 1, 0) :])}]
-    return said
 
 
 BOOTED = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint8, ctypes.c_char, ctypes.c_void_p)
@@ -99,7 +91,7 @@ def boot_slave(question: dict[str, Any]) -> dict[str, Any]:
     if "guard_time" in slave and ends == ["ok"] and len(frames) < len(rows):
         node.run_to(node.now + slave["guard_time"] * 1000)  # guarding begins with its first guard time
         frames += node.said()
-    return {"talk": talk(frames, rows), "ends": ends[0] if ends else "running"}
+    return {"talk": one_each(frames, rows), "ends": ends[0] if ends else "running"}
 
 
 # LSS ---------------------------------------------------------------------------------------------------------------
@@ -120,7 +112,6 @@ DONE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint8, c
 NUMBER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint32, ctypes.c_void_p)
 NODE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint8, ctypes.c_void_p)
 FOUND = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint8, ctypes.POINTER(Address), ctypes.c_void_p)
-RATES = (1000, 800, 500, 250, 125, None, 50, 20, 10, 0)
 IDENTITY = (
     "co_lss_get_vendor_id_req",
     "co_lss_get_product_code_req",
@@ -140,7 +131,7 @@ def lss_talk(question: dict[str, Any]) -> dict[str, Any]:
     ends: list[dict[str, Any]] = []
     kept = ask_service(lss, ask, rows, ends.append)
     frames = dialogue(node, rows, lambda: bool(ends) or (kept is None and bool(LELY.co_lss_is_idle(lss))))
-    return {"talk": talk(frames, rows), "ends": ends[0] if ends else {"done": True}}
+    return {"talk": one_each(frames, rows), "ends": ends[0] if ends else {"done": True}}
 
 
 def refused(service: int, error: int, detail: int) -> dict[str, Any]:
@@ -221,8 +212,8 @@ def inquire_address(node: Node, lss: Any, rows: list[Row]) -> dict[str, Any]:
         getattr(LELY, name)(lss, kept, None)
         frames += dialogue(node, rows[at:], lambda count=at + 1: len(numbers) == count)  # type: ignore[misc]
         if numbers[-1:] in ([], [None]):
-            return {"talk": talk(frames, rows), "ends": {"no_answer": True}}
-    return {"talk": talk(frames, rows), "ends": {"address": numbers}}
+            return {"talk": one_each(frames, rows), "ends": {"no_answer": True}}
+    return {"talk": one_each(frames, rows), "ends": {"address": numbers}}
 
 
 # Watching ----------------------------------------------------------------------------------------------------------
@@ -235,12 +226,7 @@ def heartbeat_watch(question: dict[str, Any]) -> dict[str, Any]:
     """Watch nodes: what it indicates, in the words of the vectors."""
     if "guard" in question["watch"]:
         raise NotOffered("it guards nodes that it has booted")
-    beats = question["watch"]["heartbeat"]
-    rows = [
-        variable(f"1016:{at:02X}", "UNSIGNED32", int(number) << 16 | time)
-        for at, (number, time) in enumerate(beats.items(), 1)
-    ]
-    node = master(rows)
+    node = master(watched(question["watch"]["heartbeat"]))
     events: list[str] = []
     active: set[int] = set()
 

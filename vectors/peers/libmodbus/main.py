@@ -12,13 +12,18 @@ from ctypes import POINTER, Structure, c_char_p, c_float, c_int, c_uint8, c_uint
 from typing import Any
 
 from adapter import NotOffered, Refused, hexed, number, octets, register_bytes, registers, serve
-from adapter_client import ExceptionAnswer, client_answers
+from adapter_client import ExceptionAnswer, client_answers, given_to_c
 from adapter_conformance import conformance_answers
 from adapter_server import Units, server_answers
 
 LIBRARY = ctypes.CDLL(ctypes.util.find_library("modbus"), use_errno=True)
 UNIT, FIRST_ERROR = 1, 112345678
 PLACES = ("coils", "discrete_inputs", "input_registers", "holding_registers")
+CALLS = {
+    **{1: "read_bits", 2: "read_input_bits", 3: "read_registers", 4: "read_input_registers"},
+    **{5: "write_bit", 6: "write_register", 0x0F: "write_bits", 0x10: "write_registers"},
+    **{0x16: "mask_write_register", 0x17: "write_and_read_registers"},
+}
 ORDERS = {"ABCD": "abcd", "DCBA": "dcba", "BADC": "badc", "CDAB": "cdab"}
 
 
@@ -79,29 +84,11 @@ def call(code: int, fields: dict[str, Any], reply: bytes | None) -> tuple[bytes,
     line = Line(UNIT, 20000 if reply is not None else 1)
     if reply is not None:
         line.far.send(frame(UNIT, reply))
-    values, address = fields.get("values", ()), fields.get("address", 0)
-    count = fields.get("quantity", fields.get("read_quantity", len(values)))
+    values = fields.get("values", ())
     kind = c_uint8 if code in (1, 2, 0x0F) else c_uint16
-    found, given = (kind * 4096)(), (kind * max(len(values), 1))(*values)
-    calls = {
-        1: lambda: LIBRARY.modbus_read_bits(line.context, address, count, found),
-        2: lambda: LIBRARY.modbus_read_input_bits(line.context, address, count, found),
-        3: lambda: LIBRARY.modbus_read_registers(line.context, address, count, found),
-        4: lambda: LIBRARY.modbus_read_input_registers(line.context, address, count, found),
-        5: lambda: LIBRARY.modbus_write_bit(line.context, address, int(fields["value"])),
-        6: lambda: LIBRARY.modbus_write_register(line.context, address, c_uint16(fields["value"])),
-        0x0F: lambda: LIBRARY.modbus_write_bits(line.context, address, len(values), given),
-        0x10: lambda: LIBRARY.modbus_write_registers(line.context, address, len(values), given),
-        0x16: lambda: LIBRARY.modbus_mask_write_register(
-            line.context, address, c_uint16(fields["and_mask"]), c_uint16(fields["or_mask"])
-        ),
-        0x17: lambda: LIBRARY.modbus_write_and_read_registers(
-            line.context, fields["write_address"], len(values), given, fields["read_address"], count, found
-        ),
-    }
-    if not all(0 <= one <= 0xFFFF for one in (*fields.values(), *values) if isinstance(one, int)):
-        raise NotOffered("its arguments are uint16_t, or truncated")
-    result = calls[code]()
+    found, packed = (kind * 4096)(), (kind * max(len(values), 1))(*values)
+    arguments = given_to_c(code, fields, found, packed)
+    result = getattr(LIBRARY, f"modbus_{CALLS[code]}")(line.context, *arguments)
     error = ctypes.get_errno() if result < 0 else 0
     request = line.sent()[1:-2]
     if result < 0 and not request:
@@ -173,13 +160,12 @@ def decode_number(question: dict[str, Any]) -> dict[str, Any]:
 
 
 parts = [c_uint32.in_dll(LIBRARY, f"libmodbus_version_{part}").value for part in ("major", "minor", "micro")]
-CODES = {1, 2, 3, 4, 5, 6, 0x0F, 0x10, 0x16, 0x17}
 serve(
     "libmodbus",
     ".".join(map(str, parts)),
     {
-        **client_answers(call, CODES),
-        **server_answers(Server, CODES, {"rtu"}),
+        **client_answers(call, {*CALLS}),
+        **server_answers(Server, {*CALLS}, {"rtu"}),
         **conformance_answers(ten, {"rtu"}),
         "rtu-frame": {"encode": encode_rtu},
         "number": {"encode": encode_number, "decode": decode_number},

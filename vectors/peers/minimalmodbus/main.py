@@ -1,24 +1,25 @@
-"""minimalmodbus as an adapter: an Instrument on a serial port that only plays back, and its checksums.
+"""minimalmodbus as an adapter: an Instrument on a serial port in virtual time, and its checksums.
 
 barewire vectors check --adapter "python vectors/peers minimalmodbus"
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import Any
+from unittest.mock import patch
 
 import minimalmodbus
-import serial
 from adapter import NotOffered, crc_fields, hexed, number, octets, serve
-from adapter_client import ExceptionAnswer, client_answers
-from client_peers import client_runner
+from adapter_client import ExceptionAnswer, given
+from client_line import UNIT, Line, Reply, clients, needs
 
-EXCEPTIONS = {
-    minimalmodbus.IllegalRequestError: {"illegal function": 1, "data address": 2, "data value": 3},
-    minimalmodbus.SlaveReportedException: {"slave device failure": 4, "acknowledge": 5, "negative": 7, "parity": 8},
-    minimalmodbus.SlaveDeviceBusyError: {"busy": 6},
+CALLS = {
+    **{1: "read_bits", 2: "read_bits", 3: "read_registers", 4: "read_registers"},
+    **{5: "write_bit", 6: "write_register", 15: "write_bits", 16: "write_registers"},
 }
+EXCEPTIONS = {"illegal function": 1, "data address": 2, "data value": 3, "device failure": 4, "acknowledge": 5}
+EXCEPTIONS |= {"busy": 6, "negative": 7, "parity": 8, "path": 10, "target": 11}
 ORDERS = {
     "ABCD": minimalmodbus.BYTEORDER_BIG,
     "DCBA": minimalmodbus.BYTEORDER_LITTLE,
@@ -27,68 +28,42 @@ ORDERS = {
 }
 
 
-class Playback(serial.Serial):
-    """A serial port: keeps what is written, and reads the reply."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.sent, self.reply, self.is_open = b"", b"", True
-
-    def open(self) -> None: ...
-
-    def close(self) -> None: ...
-
-    def reset_input_buffer(self) -> None: ...
-
-    def flush(self) -> None: ...
-
-    def reset_output_buffer(self) -> None: ...
-
-    def write(self, data: Any) -> int:
-        self.sent = bytes(data)
-        return len(data)
-
-    def read(self, size: int = 1) -> bytes:
-        return self.reply
+def instrument(line: Any, patches: Any) -> Any:
+    """Return a client on a line."""
+    patches.enter_context(patch.object(minimalmodbus, "time", line))
+    patches.enter_context(patch.dict(minimalmodbus._latest_read_times, clear=True))
+    return minimalmodbus.Instrument(line, UNIT, mode=line.setup["framing"])
 
 
-PORT = Playback()
-UNIT = 1
-RTU = minimalmodbus.Instrument(PORT, UNIT)
-ASCII = minimalmodbus.Instrument(PORT, UNIT, minimalmodbus.MODE_ASCII)
+def connect(line: Any, patches: Any) -> Any:
+    """Return the function that asks."""
+    needs(line, "rtu", "ascii", echo=True)
+    client = instrument(line, patches)
+    client.handle_local_echo = "echo" in line.setup
+
+    def ask(unit: int, code: int, fields: dict[str, Any]) -> Any:
+        client.address = unit
+        address, what = given(code, fields)
+        if code in (5, 15):
+            what = int(what) if code == 5 else [int(bit) for bit in what]
+        try:
+            return getattr(client, CALLS[code])(address, what, **({"functioncode": code} if code <= 6 else {}))
+        except minimalmodbus.SlaveReportedException as error:
+            text = str(error).lower()
+            code = next((number for part, number in EXCEPTIONS.items() if part in text), 0)
+            raise ExceptionAnswer(code or int(text.split()[-1])) from None
+
+    return ask
 
 
-def framed(pdu: bytes) -> bytes:
-    """Return the reply with the CRC that minimalmodbus itself computes."""
-    message = bytes([UNIT]) + pdu
-    return message + minimalmodbus._calculate_crc(message)
-
-
-def call(code: int, fields: dict[str, Any], reply: bytes | None) -> tuple[bytes, Any]:
-    """Let the instrument make a request, and answer it."""
-    PORT.sent, PORT.reply = b"", framed(reply) if reply is not None else b""
-    values, address = fields.get("values"), fields["address"]
-    calls = {
-        1: lambda: RTU.read_bits(address, fields["quantity"], 1),
-        2: lambda: RTU.read_bits(address, fields["quantity"], 2),
-        3: lambda: RTU.read_registers(address, fields["quantity"], 3),
-        4: lambda: RTU.read_registers(address, fields["quantity"], 4),
-        5: lambda: RTU.write_bit(address, int(fields["value"]), 5),
-        6: lambda: RTU.write_register(address, fields["value"], functioncode=6),
-        15: lambda: RTU.write_bits(address, [int(bit) for bit in values or ()]),
-        16: lambda: RTU.write_registers(address, values or []),
-    }
-    try:
-        result = calls[code]()
-    except minimalmodbus.NoResponseError:
-        return PORT.sent[1:-2], None
-    except tuple(EXCEPTIONS) as error:
-        codes = EXCEPTIONS[type(error)]
-        found = [number for text, number in codes.items() if text in str(error).lower()]
-        if not found:
-            raise NotOffered(f"an exception without its code: {error}") from None
-        raise ExceptionAnswer(found[0]) from None
-    return PORT.sent[1:-2], result
+def asked(action: Any, reply: bytes | None = None, framing: str = "rtu") -> tuple[bytes, Any]:
+    """Return what an instrument sends and gives when it does something, and this is the answer."""
+    line = Line({"line": {"framing": framing, "timeout": 1_000_000}}, Reply(framing, reply))
+    with ExitStack() as patches:
+        client, result = instrument(line, patches), None
+        with suppress(*([minimalmodbus.NoResponseError] if reply is None else [])):
+            result = action(client)
+    return line.peer.sent, result
 
 
 def crc(question: dict[str, Any]) -> dict[str, Any]:
@@ -99,56 +74,58 @@ def lrc(question: dict[str, Any]) -> dict[str, Any]:
     return {"lrc": hexed(minimalmodbus._calculate_lrc(octets(question["bytes"])))}
 
 
-def sent(instrument: minimalmodbus.Instrument, question: dict[str, Any]) -> bytes:
+def sent(question: dict[str, Any], framing: str) -> bytes:
     """Return the frame that an instrument sends for a PDU."""
     pdu = octets(question["pdu"])
-    PORT.sent, PORT.reply, instrument.address = b"", b"", question["unit"]
     if not pdu or pdu[0] >= 0x80:
         raise NotOffered("a command has a function code below 80h")
-    with suppress(minimalmodbus.NoResponseError):
-        instrument._perform_command(pdu[0], pdu[1:])
-    return PORT.sent
+
+    def send(client: Any) -> None:
+        client.address = question["unit"]
+        client._perform_command(pdu[0], pdu[1:])
+
+    return asked(send, framing=framing)[0]
 
 
 def encode_rtu(question: dict[str, Any]) -> dict[str, Any]:
-    return {"frame": hexed(sent(RTU, question))}
+    return {"frame": hexed(sent(question, "rtu"))}
 
 
 def encode_ascii(question: dict[str, Any]) -> dict[str, Any]:
-    return {"text": sent(ASCII, question).decode("latin-1")}
+    return {"text": sent(question, "ascii").decode("latin-1")}
+
+
+def number_call(question: dict[str, Any], verb: str) -> tuple[str, list[Any]]:
+    """Return the name of the function for a number, and its arguments behind address and value."""
+    kind, width, order = question["type"][0], int(question["type"][1:]), ORDERS[question["order"]]
+    code = [3] if verb == "read" else []
+    if kind == "f":
+        return f"{verb}_float", [*code, width // 16, order]
+    if width == 16 and question["order"] == "ABCD":
+        return f"{verb}_register", [0, *(code or [16]), kind == "i"]
+    if width in (32, 64):
+        return f"{verb}_long", [*code, kind == "i", order, width // 16]
+    raise NotOffered("minimalmodbus has no number of this size")
 
 
 def encode_number(question: dict[str, Any]) -> dict[str, Any]:
     """Write a number of 32 or 64 bits, and return the registers in the request."""
-    kind, width = question["type"][0], int(question["type"][1:])
-    PORT.sent, PORT.reply, RTU.address = b"", b"", UNIT
-    value, order = number(question["value"]), ORDERS[question["order"]]
-    try:
-        if kind == "f":
-            RTU.write_float(0, float(value), width // 16, order)
-        elif width == 16 and question["order"] == "ABCD":
-            RTU.write_register(0, value, functioncode=16, signed=kind == "i")
-        elif width in (32, 64):
-            RTU.write_long(0, value, kind == "i", order, width // 16)  # type: ignore[arg-type]
-        else:
-            raise NotOffered("minimalmodbus has no number of this size")
-    except minimalmodbus.NoResponseError:
-        pass
-    return {"bytes": hexed(PORT.sent[7:-2])}
+    name, more = number_call(question, "write")
+    value = number(question["value"])
+    value = float(value) if name == "write_float" else value
+    return {"bytes": hexed(asked(lambda client: getattr(client, name)(0, value, *more))[0][7:-2])}
 
 
 def decode_number(question: dict[str, Any]) -> dict[str, Any]:
     """Read a number out of a response with these registers."""
-    kind, width, data = question["type"][0], int(question["type"][1:]), octets(question["bytes"])
-    PORT.reply, RTU.address = framed(bytes([3, len(data)]) + data), UNIT
-    order = ORDERS[question["order"]]
-    if kind == "f":
-        return {"value": str(RTU.read_float(0, 3, width // 16, order))}
-    if width == 16 and question["order"] == "ABCD":
-        return {"value": str(RTU.read_register(0, signed=kind == "i"))}
-    if width in (32, 64):
-        return {"value": str(RTU.read_long(0, 3, kind == "i", order, width // 16))}
-    raise NotOffered("minimalmodbus has no number of this size")
+    name, more = number_call(question, "read")
+    return {"value": str(read(question["bytes"], lambda client: getattr(client, name)(0, *more)))}
+
+
+def read(registers: str, action: Any) -> Any:
+    """Return what an instrument reads out of registers."""
+    data = octets(registers)
+    return asked(action, bytes([3, len(data)]) + data)[1]
 
 
 def in_registers(question: dict[str, Any]) -> dict[str, Any]:
@@ -173,17 +150,15 @@ def decode_parameter(question: dict[str, Any]) -> dict[str, Any]:
     place = in_registers(question)
     if place["type"] != "text":
         return decode_number({**place, "bytes": question["registers"]})
-    data = octets(question["registers"])
-    PORT.reply, RTU.address = framed(bytes([3, len(data)]) + data), UNIT
-    return {"value": RTU.read_string(0, place["words"]).rstrip("\0")}
+    text = read(question["registers"], lambda client: client.read_string(0, place["words"]))
+    return {"value": text.rstrip("\0")}
 
 
 serve(
     "minimalmodbus",
     minimalmodbus.__version__,
     {
-        **client_answers(call, {1, 2, 3, 4, 5, 6, 15, 16}),
-        "client": {"run": client_runner("minimalmodbus")},
+        **clients(connect, {*CALLS}, "rtu"),
         "crc16": {"encode": crc},
         "lrc": {"encode": lrc},
         "rtu-frame": {"encode": encode_rtu},

@@ -1,4 +1,4 @@
-"""modbus-tk as an adapter: its master with a line that only plays back, its frames and its checksum.
+"""modbus-tk as an adapter: its masters on a line in virtual time, its frames and its checksum.
 
 barewire vectors check --adapter "python vectors/peers modbus-tk"
 """
@@ -7,16 +7,17 @@ from __future__ import annotations
 
 from importlib.metadata import version
 from typing import Any
+from unittest.mock import patch
 
 from adapter import crc_fields, hexed, octets, serve
-from adapter_client import ExceptionAnswer, client_answers
+from adapter_client import ExceptionAnswer
 from adapter_server import Units, server_answers
-from client_peers import client_runner
+from client_line import clients, needs
 from modbus_tk import defines, utils
 from modbus_tk.exceptions import ModbusError
-from modbus_tk.modbus import Databank, Master
-from modbus_tk.modbus_rtu import RtuQuery
-from modbus_tk.modbus_tcp import TcpQuery
+from modbus_tk.modbus import Databank
+from modbus_tk.modbus_rtu import RtuMaster, RtuQuery
+from modbus_tk.modbus_tcp import TcpMaster, TcpQuery
 
 KINDS = {
     "coils": defines.COILS,
@@ -27,56 +28,34 @@ KINDS = {
 CODES = {1, 2, 3, 4, 5, 6, 15, 16, 0x16, 0x17}
 
 
-class Playback(Master):
-    """A master whose line keeps what is sent, and receives the reply."""
+def connect(line: Any, patches: Any) -> Any:
+    """Return the function that asks."""
+    needs(line, "rtu", "tcp")
+    timeout = line.timeout
+    if line.is_serial:
+        patches.enter_context(patch("modbus_tk.modbus_rtu.time", line))
+        master: Any = RtuMaster(line)
+    else:
+        patches.enter_context(patch("modbus_tk.utils.select", line))
+        patches.enter_context(patch("socket.socket", lambda *_: line))
+        master = TcpMaster("virtual", timeout_in_sec=timeout)
+    master.set_timeout(timeout)
 
-    def __init__(self, reply: bytes | None) -> None:
-        super().__init__(1.0)
-        self.sent, self.reply = b"", reply
+    def ask(unit: int, code: int, fields: dict[str, Any]) -> Any:
+        address, values = fields.get("address", fields.get("read_address")), fields.get("values")
+        more: dict[str, Any] = {"quantity_of_x": fields.get("quantity", fields.get("read_quantity", 0))}
+        if values is not None or "value" in fields:
+            more["output_value"] = int(fields["value"]) if values is None else values
+        if code == 0x16:
+            more = {"and_mask": fields["and_mask"], "or_mask": fields["or_mask"]}
+        if code == 0x17:
+            more["write_starting_address_fc23"] = fields["write_address"]
+        try:
+            return master.execute(unit, code, address, **more)
+        except ModbusError as error:
+            raise ExceptionAnswer(error.get_exception_code()) from None
 
-    def _do_open(self) -> None: ...
-
-    def _do_close(self) -> bool:
-        return True
-
-    def _make_query(self) -> RtuQuery:
-        return RtuQuery()
-
-    def _send(self, buf: bytes) -> None:
-        self.sent = buf
-
-    def _recv(self, expected_length: int = -1) -> bytes:
-        answer = RtuQuery()
-        answer.parse_request(self.sent)  # so that the answer has the unit of the request
-        return answer.build_response(self.reply) if self.reply is not None else b""
-
-
-def call(code: int, fields: dict[str, Any], reply: bytes | None) -> tuple[bytes, Any]:
-    """Let a master make a request, and answer it."""
-    master = Playback(reply)
-    address, values = fields.get("address", fields.get("read_address")), fields.get("values")
-    more: dict[str, Any] = {"quantity_of_x": fields.get("quantity", fields.get("read_quantity", 0))}
-    if values is not None:
-        more["output_value"] = values
-    elif "value" in fields:
-        more["output_value"] = int(fields["value"])
-    if code == 0x16:
-        more = {"and_mask": fields["and_mask"], "or_mask": fields["or_mask"]}
-    if code == 0x17:
-        more["write_starting_address_fc23"] = fields["write_address"]
-    if code == 0x07:
-        address = 0
-    try:
-        result = master.execute(1, code, address, **more)
-    except ModbusError as error:
-        if reply is None:
-            return master.sent[1:-2], None
-        raise ExceptionAnswer(error.get_exception_code()) from None
-    except Exception:
-        if reply is None and master.sent:
-            return master.sent[1:-2], None
-        raise
-    return master.sent[1:-2], result
+    return ask
 
 
 class Server:
@@ -130,11 +109,10 @@ serve(
     "modbus-tk",
     version("modbus-tk"),
     {
-        **client_answers(call, CODES),
+        **clients(connect, CODES, "tcp"),
         **server_answers(Server, {*CODES, 7}, {"rtu", "tcp"}),
         "rtu-frame": {"encode": encode_rtu, "decode": decode_rtu},
         "tcp-frame": {"encode": encode_tcp, "decode": decode_tcp},
-        "client": {"run": client_runner("modbus-tk")},
         "crc16": {"encode": crc},
     },
 )

@@ -13,10 +13,10 @@ from ctypes import CFUNCTYPE, POINTER, c_bool, c_int, c_int32, c_uint8, c_uint16
 from typing import Any
 
 from adapter import NotOffered, Refused, crc_fields, octets, serve, words
-from adapter_client import ExceptionAnswer, client_answers
+from adapter_client import ExceptionAnswer, given_to_c
 from adapter_conformance import conformance_answers
 from adapter_server import Units, server_answers
-from client_peers import LIBRARIES, client_runner, needs
+from client_line import NAMES, clients, needs
 
 PATH, VERSION = sys.argv[1:]
 LIBRARY = ctypes.CDLL(PATH)
@@ -58,6 +58,7 @@ class Callbacks(ctypes.Structure):
     )
 
 
+CLIENT = {**NAMES, 0x17: "read_write_registers"}
 CALLS = {
     **{"01": ("read_coils",), "02": ("read_discrete_inputs",), "03": ("read_holding_registers",)},
     **{"04": ("read_input_registers",), "05": ("write_single_coil",), "06": ("write_single_register",)},
@@ -72,8 +73,6 @@ class Line:
 
     def __init__(self, transport: str) -> None:
         self.tcp, self.sent, self.waiting = transport == "tcp", b"", b""
-        self.answer = b""
-        """What comes when something has been sent."""
         self.platform = Platform()
         LIBRARY.nmbs_platform_conf_create(ctypes.byref(self.platform))
         self.platform.transport = 2 if self.tcp else 1
@@ -88,15 +87,7 @@ class Line:
 
     def write(self, data: Any, count: int, timeout: int, arg: Any) -> int:
         self.sent += ctypes.string_at(data, count)
-        self.waiting, self.answer = self.answer, b""
         return count
-
-    def connect(self, unit: int, timeout: int) -> None:
-        """Put a client at the end of the line, with a time-out in milliseconds."""
-        LIBRARY.nmbs_client_create(self.instance, ctypes.byref(self.platform))
-        LIBRARY.nmbs_set_read_timeout(self.instance, timeout)
-        LIBRARY.nmbs_set_byte_timeout(self.instance, timeout)
-        LIBRARY.nmbs_set_destination_rtu_address(self.instance, c_uint8(unit))
 
     def take(self) -> bytes:
         sent, self.sent = self.sent, b""
@@ -270,60 +261,36 @@ class Server:
         return self.units[unit].files
 
 
-def call(code: int, fields: dict[str, Any], reply: bytes | None) -> tuple[bytes, Any]:
-    """Let the client make a request, and answer it."""
-    line = Line("rtu")
-    line.answer = framed(False, 1, reply) if reply is not None else b""
-    line.connect(1, 1)
-    error, result = called(line.instance, code, fields)
-    request = line.take()[1:-2]
-    if error and not request:
-        raise Refused(f"error {error}")
-    if error and reply is not None:
-        if 1 <= error <= 4:
-            raise ExceptionAnswer(error)
-        raise Refused(f"error {error}")
-    return request, result
-
-
 def called(one: Any, code: int, fields: dict[str, Any]) -> tuple[int, list[int]]:
     """Return the error of a call of the client, and the values that it has read."""
     values = fields.get("values", ())
-    numbers = [value for value in (*fields.values(), *values) if isinstance(value, int)]
-    if not all(0 <= value <= 0xFFFF for value in numbers) or len(values) > 2000:
-        raise NotOffered("its arguments are uint16_t")
-    address, count = fields.get("address", 0), fields.get("quantity", fields.get("read_quantity", len(values)))
-    found_bits, found = (c_uint8 * 250)(), (c_uint16 * 256)()
-    given = (c_uint16 * max(len(values), 1))(*values)
-    rows = [values[at : at + 8] for at in range(0, len(values), 8)]
-    given_bits = (c_uint8 * 250)(*(sum(bool(bit) << at for at, bit in enumerate(row)) for row in rows))
-    calls = {
-        1: lambda: LIBRARY.nmbs_read_coils(one, c_uint16(address), c_uint16(count), found_bits),
-        2: lambda: LIBRARY.nmbs_read_discrete_inputs(one, c_uint16(address), c_uint16(count), found_bits),
-        3: lambda: LIBRARY.nmbs_read_holding_registers(one, c_uint16(address), c_uint16(count), found),
-        4: lambda: LIBRARY.nmbs_read_input_registers(one, c_uint16(address), c_uint16(count), found),
-        5: lambda: LIBRARY.nmbs_write_single_coil(one, c_uint16(address), c_bool(fields["value"])),
-        6: lambda: LIBRARY.nmbs_write_single_register(one, c_uint16(address), c_uint16(fields["value"])),
-        0x0F: lambda: LIBRARY.nmbs_write_multiple_coils(one, c_uint16(address), c_uint16(len(values)), given_bits),
-        0x10: lambda: LIBRARY.nmbs_write_multiple_registers(one, c_uint16(address), c_uint16(len(values)), given),
-        0x17: lambda: LIBRARY.nmbs_read_write_registers(
-            one,
-            *(c_uint16(fields["read_address"]), c_uint16(count), found),
-            *(c_uint16(fields["write_address"]), c_uint16(len(values)), given),
-        ),
-    }
-    error = calls[code]()
+    if len(values) > 2000:
+        raise NotOffered("its arguments have 2000 bits at most")
+    count = fields.get("quantity", fields.get("read_quantity", len(values)))
+    if code in (1, 2, 0x0F):
+        found, packed = (c_uint8 * 250)(), (c_uint8 * 250)()
+        for at, bit in enumerate(values):
+            packed[at // 8] |= bool(bit) << at % 8
+    else:
+        found, packed = (c_uint16 * 256)(), (c_uint16 * max(len(values), 1))(*values)
+    arguments = given_to_c(code, fields, found, packed)
+    if code == 0x17:
+        arguments = arguments[3:] + arguments[:3]  # it reads first in the list of its arguments, too
+    error = getattr(LIBRARY, f"nmbs_{CLIENT[code]}")(one, *arguments)
     if code in (1, 2):
-        return error, [found_bits[at // 8] >> at % 8 & 1 for at in range(count)]
+        return error, [found[at // 8] >> at % 8 & 1 for at in range(count)]
     return error, [*found[:count]]
 
 
 class TimedLine(Line):
-    """The line of the kind `client`: time passes while the library reads."""
+    """The line of a client: time passes while the library reads."""
 
     def __init__(self, virtual: Any) -> None:
         super().__init__(virtual.setup["framing"])
         self.virtual = virtual
+        LIBRARY.nmbs_client_create(self.instance, ctypes.byref(self.platform))
+        LIBRARY.nmbs_set_read_timeout(self.instance, round(virtual.timeout * 1000))
+        LIBRARY.nmbs_set_byte_timeout(self.instance, round(virtual.timeout * 1000))
 
     def read(self, data: Any, count: int, timeout: int, arg: Any) -> int:
         self.virtual.timeout = timeout / 1000
@@ -336,24 +303,21 @@ class TimedLine(Line):
         return count
 
 
-def over_time(virtual: Any, _patches: Any) -> Any:
-    """Return the function that asks, for the runner of clients."""
+def connect(virtual: Any, _patches: Any) -> Any:
+    """Return the function that asks."""
     needs(virtual, "rtu", "tcp")
     line = TimedLine(virtual)
-    timeout = round(virtual.timeout * 1000)
-    line.connect(0, timeout)
 
-    def ask(unit: int, code: int, address: int, count: int, values: list[int]) -> list[int] | None:
+    def ask(unit: int, code: int, fields: dict[str, Any]) -> list[int]:
         if unit == 0 and line.tcp:
             raise NotOffered("unit 0 is a broadcast to it on TCP, too")
         LIBRARY.nmbs_set_destination_rtu_address(line.instance, c_uint8(unit))
-        fields = {"address": address, "quantity": count, "values": values, "value": values[0] if values else 0}
         error, found = called(line.instance, code, fields)
         if 1 <= error <= 4:
             raise ExceptionAnswer(error)
         if error:
-            raise TimeoutError(f"error {error}")
-        return found if code <= 4 else None
+            raise Refused(f"error {error}")
+        return found
 
     return ask
 
@@ -368,16 +332,14 @@ def ten(line: str) -> Server:
     return Server(line, units, {1: {}})
 
 
-LIBRARIES["nanoMODBUS"] = over_time
 SERVED = {1, 2, 3, 4, 5, 6, 0x0F, 0x10, 0x14, 0x15, 0x17, 0x2B}
 MORE = {"files", "identification", "functions", "faults", "read_only"}
 serve(
     "nanoMODBUS",
     VERSION,
     {
-        **client_answers(call, SERVED - {0x14, 0x15, 0x2B}),
+        **clients(connect, SERVED - {0x14, 0x15, 0x2B}, "rtu"),
         **server_answers(Server, SERVED, {"rtu", "tcp"}, MORE),
-        "client": {"run": client_runner("nanoMODBUS")},
         **conformance_answers(ten, {"rtu", "tcp"}),
         "crc16": {"encode": crc},
     },

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 from itertools import pairwise
 from typing import Any
+from unittest.mock import patch
 
 import pymodbus
 import pymodbus.pdu
@@ -26,8 +27,10 @@ from adapter import (
     worded,
     words,
 )
+from adapter_client import ExceptionAnswer, given
 from adapter_server import Units, server_answers
-from client_peers import client_runner
+from client_line import needs, over_time
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.client.mixin import ModbusClientMixin
 from pymodbus.datastore import ModbusDeviceContext, ModbusSequentialDataBlock, ModbusServerContext
 from pymodbus.framer import FramerAscii, FramerRTU, FramerSocket, FramerType
@@ -245,6 +248,42 @@ def received(kind: str, side: str, pieces: list[str]) -> dict[str, Any]:
     return {"frames": frames}
 
 
+CALLS = {
+    **{1: "read_coils", 2: "read_discrete_inputs", 3: "read_holding_registers", 4: "read_input_registers"},
+    **{5: "write_coil", 6: "write_register", 15: "write_coils", 16: "write_registers"},
+}
+
+
+def connect(line: Any, patches: Any) -> Any:
+    """Return the function that asks."""
+    needs(line, "rtu", "ascii", "tcp", retries=True, echo=True)
+    settings: dict[str, Any] = {"timeout": line.timeout, "retries": line.setup["retries"]}
+    patches.enter_context(patch("pymodbus.transaction.transaction.monotonic", line.monotonic))
+    if line.is_serial:
+        patches.enter_context(patch("pymodbus.client.serial.time", line))
+        patches.enter_context(patch("serial.serial_for_url", lambda *_, **__: line))
+        framer = FramerType.RTU if line.setup["framing"] == "rtu" else FramerType.ASCII
+        settings |= {"handle_local_echo": "echo" in line.setup, "framer": framer, "baudrate": line.baudrate}
+        client: Any = ModbusSerialClient("virtual", **settings)
+    else:
+        patches.enter_context(patch("pymodbus.client.tcp.time", line))
+        patches.enter_context(patch("pymodbus.client.tcp.select", line))
+        patches.enter_context(patch("socket.create_connection", lambda *_, **__: line))
+        client = ModbusTcpClient("virtual", **settings)
+    client.connect()
+
+    def ask(unit: int, code: int, fields: dict[str, Any]) -> Any:
+        address, what = given(code, fields)
+        how = {"count": what} if code <= 4 else {"no_response_expected": unit == 0 and line.is_serial}
+        arguments = (address,) if code <= 4 else (address, what)
+        response = getattr(client, CALLS[code])(*arguments, device_id=unit, **how)
+        if response is None or not response.isError():
+            return response and (response.bits[: fields.get("quantity", 0)] if code <= 2 else response.registers)
+        raise ExceptionAnswer(response.exception_code)
+
+    return ask
+
+
 def crc(question: dict[str, Any]) -> dict[str, Any]:
     return crc_fields(FramerRTU.compute_CRC(octets(question["bytes"])).to_bytes(2, "big"))
 
@@ -352,7 +391,7 @@ serve(
         "ascii-frame": FRAME,
         "tcp-frame": FRAME,
         **{kind: {"frames": talk} for kind in ("rtu-talk", "ascii-talk", "tcp-talk")},
-        "client": {"run": client_runner("pymodbus")},
+        **over_time(connect),
         "crc16": {"encode": crc},
         "lrc": {"encode": lrc},
         "number": {"encode": encode_number, "decode": decode_number},

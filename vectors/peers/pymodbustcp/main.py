@@ -1,76 +1,57 @@
-"""pyModbusTCP as an adapter: its client with a connection that only plays back, and its utilities.
+"""pyModbusTCP as an adapter: its client on a connection in virtual time, and its utilities.
 
 barewire vectors check --adapter "python vectors/peers pymodbustcp"
 """
 
 from __future__ import annotations
 
+import socket
 from typing import Any
+from unittest.mock import patch
 
 import pyModbusTCP
 from adapter import NotOffered, Refused, crc_fields, number, octets, register_bytes, registers, serve
-from adapter_client import ExceptionAnswer, client_answers
+from adapter_client import ExceptionAnswer, given
 from adapter_server import Units, server_answers
-from client_peers import client_runner
+from client_line import NAMES, clients, needs
 from pyModbusTCP import utils
 from pyModbusTCP.client import ModbusClient
-from pyModbusTCP.constants import MB_EXCEPT_ERR
 from pyModbusTCP.server import DataBank, ModbusServer
 
 SIZES = {"coils": "coils_size", "discrete_inputs": "d_inputs_size"}
 SIZES |= {"holding_registers": "h_regs_size", "input_registers": "i_regs_size"}
-CODES = {1, 2, 3, 4, 5, 6, 15, 16, 0x17, 0x2B}
+CALLS = {**NAMES, 0x17: "write_read_multiple_registers", 0x2B: "read_device_identification"}
 
 
-class Playback(ModbusClient):
-    """A client whose connection keeps what is sent, and receives the reply."""
+class Sockets:
+    """The module socket, as the library uses it: every socket is the line."""
 
-    def __init__(self) -> None:
-        super().__init__(auto_open=False)
-        self.sent, self.reply = b"", b""
+    AF_UNSPEC, SOCK_STREAM, IPPROTO_TCP, TCP_NODELAY, SOL_SOCKET = 0, 1, 6, 1, 1
+    timeout, error = socket.timeout, socket.error
 
-    def _send(self, frame: bytes) -> None:
-        self.sent += frame
+    def __init__(self, line: Any) -> None:
+        self.socket = lambda *_: line
 
-    def _recv_all(self, size: int) -> bytes:
-        head, self.reply = self.reply[:size], self.reply[size:]
-        if len(head) < size:
-            raise ModbusClient._NetworkError(4, "the connection ends")
-        return head
+    def getaddrinfo(self, *_: Any, **__: Any) -> list[Any]:
+        return [(2, 1, 6, "", ("virtual", 502))]
 
 
-def call(code: int, fields: dict[str, Any], reply: bytes | None) -> tuple[bytes, Any]:
-    """Let a client make a request, and answer it."""
-    client = Playback()
-    values, address = fields.get("values"), fields.get("address")
-    calls = {
-        1: lambda: client.read_coils(address, fields["quantity"]),
-        2: lambda: client.read_discrete_inputs(address, fields["quantity"]),
-        3: lambda: client.read_holding_registers(address, fields["quantity"]),
-        4: lambda: client.read_input_registers(address, fields["quantity"]),
-        5: lambda: client.write_single_coil(address, fields["value"]),
-        6: lambda: client.write_single_register(address, fields["value"]),
-        15: lambda: client.write_multiple_coils(address, values),
-        16: lambda: client.write_multiple_registers(address, values),
-        0x17: lambda: client.write_read_multiple_registers(
-            fields["write_address"], values, fields["read_address"], fields["read_quantity"]
-        ),
-        0x2B: lambda: client.read_device_identification(fields["read_code"], fields["object_id"]),
-    }
-    if reply is not None:
-        client._recv_pdu = lambda min_len=2: received(client, reply, min_len)  # type: ignore[method-assign]
-    result = calls[code]()
-    if reply is not None and client.last_error == MB_EXCEPT_ERR:
-        raise ExceptionAnswer(client.last_except)
-    if reply is not None and (result is None or result is False):
-        raise Refused(client.last_error_as_txt)
-    return client.sent[7:], result
+def connect(line: Any, patches: Any) -> Any:
+    """Return the function that asks."""
+    needs(line, "tcp")
+    patches.enter_context(patch("pyModbusTCP.client.socket", Sockets(line)))
+    client = ModbusClient(host="localhost", timeout=line.timeout, auto_open=True)
 
+    def ask(unit: int, code: int, fields: dict[str, Any]) -> Any:
+        client.unit_id = unit
+        result = getattr(client, CALLS[code])(*given(code, fields))
+        if not result:
+            if client.last_except:
+                raise ExceptionAnswer(client.last_except)
+            raise Refused(client.last_error_as_txt)
+        return result
 
-def received(client: Playback, pdu: bytes, min_len: int) -> bytes:
-    """Return the reply as the client takes it from its connection, in the frame of its own request."""
-    client.reply = client.sent[:4] + (1 + len(pdu)).to_bytes(2, "big") + client.sent[6:7] + pdu
-    return ModbusClient._recv_pdu(client, min_len)
+    return ask
 
 
 class Server:
@@ -144,9 +125,8 @@ serve(
     "pyModbusTCP",
     pyModbusTCP.__version__,
     {
-        **client_answers(call, CODES),
-        **server_answers(Server, CODES, {"tcp"}),
-        "client": {"run": client_runner("pyModbusTCP")},
+        **clients(connect, {*CALLS}, "tcp"),
+        **server_answers(Server, {*CALLS}, {"tcp"}),
         "crc16": {"encode": crc},
         "number": {"encode": encode_number, "decode": decode_number},
         "register-part": {"encode": encode_part, "decode": decode_part},

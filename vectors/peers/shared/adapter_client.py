@@ -13,7 +13,33 @@ from typing import Any
 from adapter import Answers, NotOffered, bits, bitted, hexed, octets, worded, words
 
 Call = Callable[[int, dict[str, Any], bytes | None], tuple[bytes, Any]]
-ADDRESS = ("address", "quantity")
+
+
+ARGUMENTS = {
+    **dict.fromkeys((1, 2, 3, 4), ("address", "quantity")),
+    **dict.fromkeys((5, 6), ("address", "value")),
+    **dict.fromkeys((15, 16), ("address", "values")),
+    0x16: ("address", "and_mask", "or_mask"),
+    0x17: ("write_address", "values", "read_address", "read_quantity"),
+    0x2B: ("read_code", "object_id"),
+}
+"""The arguments of a function, in the order that most clients have."""
+
+
+def given(code: int, fields: dict[str, Any]) -> list[Any]:
+    """Return the arguments of a call."""
+    return [fields[name] for name in ARGUMENTS[code]]
+
+
+def given_to_c(code: int, fields: dict[str, Any], found: Any, values: Any) -> list[Any]:
+    """Return the arguments of a call in C: `found` is room for what is read, `values` are those to write."""
+    numbers = [value for value in (*fields.values(), *fields.get("values", ())) if isinstance(value, int)]
+    if not all(0 <= value <= 0xFFFF for value in numbers):
+        raise NotOffered("its arguments are uint16_t, or truncated")
+    arguments: list[Any] = []
+    for value in given(code, fields):
+        arguments += [len(value), values] if isinstance(value, list) else [int(value)]
+    return [*arguments, found] if code <= 4 or code == 0x17 else arguments
 
 
 class ExceptionAnswer(Exception):
@@ -65,7 +91,7 @@ def request_fields(pdu: bytes) -> dict[str, Any] | None:
     """Return the arguments with which a client makes this request; None for other functions."""
     code = pdu[0]
     if code in (1, 2, 3, 4):
-        return dict(zip(ADDRESS, struct.unpack(">HH", pdu[1:])))
+        return dict(zip(ARGUMENTS[code], struct.unpack(">HH", pdu[1:])))
     if code in (5, 6):
         address, value = struct.unpack(">HH", pdu[1:])
         return {"address": address, "value": value == 0xFF00 if code == 5 else value}
@@ -76,7 +102,7 @@ def request_fields(pdu: bytes) -> dict[str, Any] | None:
         address, count = struct.unpack(">HH", pdu[1:5])
         return {"address": address, "values": list(struct.unpack(f">{count}H", pdu[6:]))}
     if code == 0x16:
-        return dict(zip(("address", "and_mask", "or_mask"), struct.unpack(">HHH", pdu[1:])))
+        return dict(zip(ARGUMENTS[code], struct.unpack(">HHH", pdu[1:])))
     if code == 0x17:
         names = ("read_address", "read_quantity", "write_address")
         count = pdu[9] // 2

@@ -11,7 +11,7 @@ from unittest.mock import patch
 
 from adapter import NotOffered, octets
 from adapter_client import ExceptionAnswer
-from client_peers import BEGIN, Line, needs, told
+from client_line import BEGIN, Line, needs, told
 from tmodbus.exceptions import ModbusResponseError
 from tmodbus.transport.async_ascii import ModbusAsciiProtocol
 from tmodbus.transport.async_rtu import ModbusRtuProtocol, compute_interframe_delay
@@ -110,16 +110,15 @@ async def questions(line: Any, wire: Wire, rows: list[dict[str, Any]], at_once: 
 async def one(line: Any, wire: Wire, place: int, row: dict[str, Any], places: Any, class_of: Any) -> str:
     """Ask one question, and return the text of its outcome."""
     pdu = octets(row["pdu"])
-    function, count = pdu[0], int.from_bytes(pdu[3:5], "big")
     try:
         found = await wire.protocol.send_and_receive(row["unit"], class_of(pdu).decode_request(pdu))
     except NotOffered:
         raise
     except ModbusResponseError as error:
-        return told(function, count, ExceptionAnswer(int(error.error_code)), row, line.is_serial)
+        return told(pdu[0], ExceptionAnswer(int(error.error_code)), row, line.is_serial)
     except Exception:
         return "no answer"
     finally:
         line.peer.end(place)
         places.release()
-    return told(function, count, found if function <= 4 else None, row, line.is_serial)
+    return told(pdu[0], found, row, line.is_serial)

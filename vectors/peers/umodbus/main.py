@@ -9,8 +9,11 @@ from importlib.metadata import version
 from typing import Any
 
 from adapter import NotOffered, bits, bitted, crc_fields, hexed, octets, serve, worded, words
-from client_peers import client_runner
+from adapter_client import ExceptionAnswer, given
+from client_line import NAMES, needs, over_time
 from umodbus import functions
+from umodbus.client import tcp
+from umodbus.client.serial import rtu
 from umodbus.client.serial.redundancy_check import add_crc, get_crc, validate_crc
 from umodbus.exceptions import ModbusError
 
@@ -81,6 +84,23 @@ def exchange(question: dict[str, Any]) -> dict[str, Any]:
     return {"message": fields_of(function, "response")}
 
 
+def connect(line: Any, patches: Any) -> Any:
+    """Return the function that asks."""
+    needs(line, "rtu", "tcp")
+    library = rtu if line.is_serial else tcp
+
+    def ask(unit: int, code: int, fields: dict[str, Any]) -> Any:
+        if unit == 0 and line.is_serial:
+            raise NotOffered("no broadcasts")
+        adu = getattr(library, NAMES[code])(unit, *given(code, fields))
+        try:
+            return library.send_message(adu, line)
+        except ModbusError as error:
+            raise ExceptionAnswer(error.error_code) from None
+
+    return ask
+
+
 def crc(question: dict[str, Any]) -> dict[str, Any]:
     return crc_fields(get_crc(octets(question["bytes"])))
 
@@ -101,7 +121,7 @@ serve(
     {
         "pdu": {"encode": encode_pdu, "decode": decode_pdu},
         "exchange": {"decode": exchange},
-        "client": {"run": client_runner("uModbus")},
+        **over_time(connect),
         "crc16": {"encode": crc},
         "rtu-frame": {"encode": encode_rtu, "decode": decode_rtu},
     },
