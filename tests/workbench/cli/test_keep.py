@@ -68,7 +68,7 @@ def test_a_drive_is_saved_swapped_and_restored(drive: str, fresh: str, tmp_path:
     assert planned.splitlines()[0] == "Current Ratio = 55 % (was 70 %), would be written"
     assert run_here("diff", file, fresh).returncode == 1
     written = output_of("restore", file, fresh)
-    assert "2 settings written, 46 were equal; stored, but for 27 that the device does not keep" in written
+    assert "2 settings written, 46 equal already; stored, but for 27 that the device does not keep" in written
     assert output_of("diff", file, fresh) == ""
     assert output_of("diff", drive, fresh, "--device", "csd-mt") == ""
 
@@ -131,7 +131,7 @@ def test_a_failure_says_what_was_not_written_and_how_to_go_on(drive: str, tmp_pa
     done = run_here("restore", str(file), drive)
     assert done.returncode == 1
     assert "Counter Watchdog = 50 ms (was 0 ms (off)): not written: unit 1, address 1097: exception 03" in done.stdout
-    assert "0 settings written, 47 were equal, 1 not written; not stored" in done.stdout
+    assert "0 settings written, 47 equal already, 1 not written; not stored" in done.stdout
     assert done.stderr == f"barewire: to go on: barewire restore '{file}' '{drive}'\n"
 
 

@@ -134,9 +134,10 @@ def restore_command(
     if restore.stopped is not None:
         note(text_with_notes(restore.stopped))
     failed = f", {len(restore.failed)} not written" if restore.failed else ""
-    output.text(f"{len(restore.written)} settings written, {restore.equal} were equal{failed}; {_stored(restore)}")
+    count = f"{len(restore.written)} setting{'s' if len(restore.written) != 1 else ''}"
+    output.text(f"{count} written, {restore.equal} equal already{failed}; {_stored(restore)}")
     if saved.communication and not communication:
-        output.text(f"{len(saved.communication)} say how the device is reached, and were left: --communication")
+        output.text(f"{len(saved.communication)} that say how the device is reached are left out: --communication")
     if restore.is_complete:
         return 0
     flags = {"--no-verify": not verify, "--no-store": not store, "--communication": communication}
@@ -155,6 +156,8 @@ def _show_frames(restore: Restore, change: Change, output: Output) -> None:
 
 
 def _stored(restore: Restore) -> str:
+    if not SettingRules.of(restore.machine.device).store:
+        return "not stored: the description names no command for that"
     if not restore.stored:
         return "not stored: what was written is lost when the device is switched off"
     volatile = restore.not_storable

@@ -27,7 +27,7 @@ from barewire import CanopenClient
 from barewire.canopen.configuration.configure import configure_device
 from barewire.canopen.configuration.settings import DeviceConfiguration, Setting, pdo_of
 from barewire.canopen.object_dictionary import Entry
-from barewire.codecs import Value
+from barewire.codecs import Value, codec
 from barewire.devices import Parameter
 from barewire.devices.cia402 import State, state_of
 from barewire.errors import BarewireError, DecodeError, EncodeError, NoAnswer, PortError, Refused, shown
@@ -96,7 +96,7 @@ class Restore:
     verify           read everything again at the end
     store            let the machine store what it has then
     failed           the settings that were not written
-    left_out         names of the file that this machine has not, with `check` off; and those that were not saved
+    left_out         names of the file, with the reason: not on this bus, not saved; with `check` off also unknown ones
     stored           whether the store command was carried out
     stopped          the error that ended it early; None if it came to its end
     """
@@ -133,7 +133,7 @@ class Restore:
             self._check_machine(rules)
             if not dry_run:
                 self._check_state(rules)
-        changes = self._differing(self._wanted)
+        changes = [change._replace(problem="") for change in self._differing(self._wanted)]
         self.equal = len(self._wanted) - len(changes)
         if self.check:
             self._check_ranges(changes)
@@ -164,15 +164,18 @@ class Restore:
     def _match(self, rules: SettingRules) -> None:
         """Find the settings of the file in the description."""
         device = self.machine.device
-        known = {setting.name: setting for setting in rules.settings(is_can=_is_can(self.url))}
+        is_can = _is_can(self.url)
+        known = {setting.name: setting for setting in rules.settings(is_can=is_can)}
+        elsewhere = {setting.name for setting in rules.settings(is_can=not is_can)}
         wanted = self.saved.settings | (self.saved.communication if self.communication else {})
         problems = []
         for name, value in wanted.items():
             setting = known.get(name)
-            if setting is None:
-                self.left_out[name] = f"{device.name} has no such setting"
-                if any(parameter.name == name for parameter in device.parameters):
-                    self.left_out[name] = "it is no setting, or has no address on this bus"
+            if setting is None and name in elsewhere:
+                self.left_out[name] = f"it has no address on {'CANopen' if is_can else 'Modbus'}"
+            elif setting is None:
+                is_known = any(parameter.name == name for parameter in device.parameters)
+                self.left_out[name] = "it is no setting" if is_known else f"{device.name} has no such setting"
                 problems.append(f"{name}: {self.left_out[name]}")
             elif value.unit != setting.parameter.unit:
                 expected = setting.parameter.unit or "no unit"
@@ -201,28 +204,31 @@ class Restore:
                 raise Mismatch(f"the drive is in {state.name.replace('_', ' ')}: {text}")
 
     def _differing(self, wanted: Sequence[tuple[KeptSetting, Value]]) -> list[Change]:
-        """Read settings, and return those that the machine has otherwise. Raises NoAnswer if it answers for none."""
+        """Read settings, and return those that the machine has otherwise, or does not tell, with that as the problem.
+
+        Raises NoAnswer if it tells none."""
         values = {setting.name: value for setting, value in wanted}
         changes = []
-        silent = 0
-        problem = ""
         for present in read_settings(self.machine, self.url, [setting for setting, _ in wanted]):
-            silent += present.value is None
-            problem = present.problem or problem
-            value = values[present.setting.name]
-            if present.value is None or not same(present.value, value):
-                changes.append(Change(present.setting.parameter, present.value, value))
-        if wanted and silent == len(wanted):
-            raise NoAnswer(f"no setting could be read: {problem}")
+            parameter, value = present.setting.parameter, values[present.setting.name]
+            if present.value is None:
+                changes.append(Change(parameter, None, value, f"not read back: {present.problem}"))
+            elif not same(present.value, value):
+                changes.append(Change(parameter, present.value, value, f"it is {parameter.text(present.value)}"))
+        if wanted and len(changes) == len(wanted) and all(change.before is None for change in changes):
+            raise NoAnswer(f"no setting could be read: {changes[-1].problem}")
         return changes
 
     def _check_ranges(self, changes: Iterable[Change]) -> None:
         problems = []
         for change in changes:
             try:
-                change.parameter.to_raw(change.after)
+                raw = change.parameter.to_raw(change.after)
+                if change.parameter.type not in ("bool", "text"):
+                    codec(change.parameter.type).encode(raw)
             except EncodeError as error:
-                problems.append(str(error))
+                named = "" if change.parameter.name in str(error) else f"{change.parameter.name}: "
+                problems.append(f"{named}{error}")
         if problems:
             raise EncodeError(_listed(problems))
 
@@ -242,11 +248,7 @@ class Restore:
         for _ in range(_PASSES):
             refused = yield from self._write(pending)
             if self.verify:
-                wrong = [
-                    refused.get(change.parameter.name)
-                    or change._replace(problem=f"the device has {_text(change.parameter, change.before)}")
-                    for change in self._differing(plain)
-                ]
+                wrong = [refused.get(change.parameter.name, change) for change in self._differing(plain)]
             else:
                 wrong = list(refused.values())
             names = {change.parameter.name for change in wrong}
@@ -281,7 +283,9 @@ class Restore:
         if pdos:
             try:
                 self._write_pdos(pdos)
-            except (Refused, DecodeError, EncodeError) as error:
+            except (PortError, NoAnswer):
+                raise
+            except BarewireError as error:
                 refused |= {change.parameter.name: change._replace(problem=str(error)) for change in pdos}
             else:
                 for change in pdos:
@@ -342,10 +346,6 @@ def _object_setting(change: Change) -> Setting:
 
 def _is_can(url: str) -> bool:
     return Endpoint.parse(url).scheme == "can"
-
-
-def _text(parameter: Parameter, value: Value | None) -> str:
-    return "not answered" if value is None else parameter.text(value)
 
 
 def _listed(problems: Sequence[str]) -> str:
