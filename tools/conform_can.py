@@ -86,7 +86,7 @@ it silent sends NMT 80h, *enter pre-operational*, first, and says so on stderr; 
 Interfaces without remote frames (socketcand) leave out the cases that need them.
 
 The cases are data for any language, of the kind `device-conformance` of the
-[vectors](../../vectors/README.md#device-conformance), in the files `vectors/cases/canopen/conform-*.json`: frames to
+[vectors](../../vectors/kinds/device-conformance.md), in the files `vectors/cases/canopen/conform-*.json`: frames to
 send, patterns of the answers that are accepted, and placeholders for what differs between devices. Only the cases RND
 (random order) and those of an EDS are made by the program. The same cases, with JUnit XML and the other options of
 [`vectors check`](../how-to/vectors.md):

@@ -2,7 +2,7 @@
 
     ids     a case without an id gets the next free number of its file: <file>-<n>. An id is never reused
     form    few lines for a case: result, comment, source, then the fields; no line longer than 120 characters
-    counts  the tables of vectors/README.md and AUTHORITY.md, each between its two markers; one is made of mutants.json
+    tables  those of the pages in vectors/, each between its two markers: see `tables`
     index   the digest of each case, in vectors/index.json
 
 The tests call the same functions, and fail if a file is not as this tool would write it.
@@ -11,22 +11,20 @@ The tests call the same functions, and fail if a file is not as this tool would 
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections import Counter
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from barewire_workbench.vectors.files import digest
+from barewire_workbench.vectors.files import digest, load_vectors
+from barewire_workbench.vectors.profiles import in_profile
 
 VECTORS = Path(__file__).parent.parent / "vectors"
 CASES = VECTORS / "cases"
 WIDTH = 120
-BEGIN, END = "<!-- counts: made by tools/vectors.py -->", "<!-- end of counts -->"
-CONFIRMED = "<!-- confirmations: made by tools/vectors.py -->", "<!-- end of confirmations -->"
-MUTANTS = "<!-- mutants: made by tools/vectors_mutants.py -->", "<!-- end of mutants -->"
-
-AUTHORITIES = "<!-- authorities: made by tools/vectors.py -->", "<!-- end of authorities -->"
-CONFIRMERS = "<!-- confirmers: made by tools/vectors.py -->", "<!-- end of confirmers -->"
 BY = ("standard", "manual", "convention", "barewire")
 RESULTS = ("valid", "invalid", "acceptable")
 
@@ -187,23 +185,51 @@ def mutants() -> str:
     return "\n".join(rows)
 
 
-def with_counts(readme: str) -> str:
-    """Return the README with its tables up to date."""
-    for markers, table in (((BEGIN, END), counts()), (CONFIRMED, confirmations()), (MUTANTS, mutants())):
-        readme = _with_table(readme, markers, table)
-    return readme
+def profiles() -> str:
+    """Return the table: the profiles, and how many cases each has."""
+    vectors = load_vectors(VECTORS)
+    rows = ["| profile | cases | what it is about |", "|---|--:|---|"]
+    for name, rules in vectors.profiles.items():
+        count = sum(len(file.cases) for file in in_profile(vectors, name).files)
+        rows.append(f"| `{name}` | {count} | {rules['about']} |")
+    return "\n".join(rows)
 
 
-def with_authorities(page: str) -> str:
-    """Return the page AUTHORITY.md with its tables up to date."""
-    return _with_table(_with_table(page, AUTHORITIES, authorities()), CONFIRMERS, confirmers())
+def asked(kind: str) -> str:
+    """Return for a page of a kind: what each operation is given and gives, and the files with such cases."""
+    operations = json.loads((VECTORS / "kinds.json").read_text(encoding="utf-8"))[kind]
+    rows = ["| do | given | gives |", "|---|---|---|"]
+    for do, operation in operations.items():
+        given, gives = (", ".join(f"`{name}`" for name in operation[side]) for side in ("given", "gives"))
+        rows.append(f"| `{do}` | {given} | {gives} |")
+    listed = []
+    for file in files():
+        document = json.loads(file.read_text(encoding="utf-8"))
+        if document["kind"] == kind:
+            name = file.relative_to(CASES).as_posix()
+            listed.append(f"[{name}](../cases/{name}) ({len(document['cases'])})")
+    return "\n".join([*rows, "", *_pack([f"{text}," for text in listed], "")]).removesuffix(",")
 
 
-def _with_table(page: str, markers: tuple[str, str], table: str) -> str:
-    begin, end = markers
-    before, _, rest = page.partition(begin)
-    _, _, after = rest.partition(end)
-    return f"{before}{begin}\n\n{table}\n\n{end}{after}"
+def tables() -> dict[str, dict[str, Callable[[], str]]]:
+    """Return the tables by the page that has them, and the name between its markers."""
+    kinds = json.loads((VECTORS / "kinds.json").read_text(encoding="utf-8"))
+    return {
+        "README.md": {"profiles": profiles},
+        "CASES.md": {"counts": counts},
+        "AUTHORITY.md": {"authorities": authorities, "confirmers": confirmers, "confirmations": confirmations},
+        "reference/README.md": {"mutants": mutants},
+        **{f"kinds/{kind}.md": {"questions": partial(asked, kind)} for kind in kinds},
+    }
+
+
+def with_tables(page: str, made: Mapping[str, Callable[[], str]]) -> str:
+    """Return a page with its tables up to date: each between `<!-- NAME: ... -->` and `<!-- end of NAME -->`."""
+    for name, table in made.items():
+        before, begin, rest = re.split(f"(<!-- {name}: [^>]*-->)", page)
+        end = f"<!-- end of {name} -->"
+        page = f"{before}{begin}\n\n{table()}\n\n{end}{rest.partition(end)[2]}"
+    return page
 
 
 def index() -> str:
@@ -223,15 +249,15 @@ def main() -> None:
             file.write_text(after, encoding="utf-8")
             sys.stdout.write(f"{file.relative_to(VECTORS)}\n")
     (VECTORS / "index.json").write_text(index(), encoding="utf-8")
-    write_readme()
+    write_pages()
 
 
-def write_readme() -> None:
-    """Bring the tables of README.md and AUTHORITY.md up to date; print the names of the changed ones."""
-    for name, update in (("README.md", with_counts), ("AUTHORITY.md", with_authorities)):
+def write_pages() -> None:
+    """Bring the tables of the pages up to date; print the names of the changed ones."""
+    for name, made in tables().items():
         page = VECTORS / name
         before = page.read_text(encoding="utf-8")
-        if (after := update(before)) != before:
+        if (after := with_tables(before, made)) != before:
             page.write_text(after, encoding="utf-8")
             sys.stdout.write(f"{name}\n")
 

@@ -9,7 +9,7 @@ a difference is a policy, a heading of vectors/reference/SURVIVORS.md with the r
     | `file.function` | `the lines before` | `the lines after` |
 
 The tool ends with status 1 if a survivor has no row, which it prints ready to be put below a policy, or if a row is out
-of date. It writes the numbers into vectors/mutants.json and into the table of vectors/README.md.
+of date. It writes the numbers into vectors/mutants.json and into the table of vectors/reference/README.md.
 """
 
 from __future__ import annotations
@@ -306,7 +306,7 @@ def main(names: Sequence[str]) -> int:
     outdated = [one for one in reasons if one[0].partition(".")[0] in files and one not in used]
     for one in outdated:
         sys.stdout.write(f"this row of {PAGE.name} is out of date:\n{row(one)}\n")
-    vectors.write_readme()
+    vectors.write_pages()
     return 1 if outdated or any(numbers[file]["all"][-1] for file in files) else 0
 
 

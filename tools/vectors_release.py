@@ -33,9 +33,9 @@ from barewire_workbench.vectors.questions import DESCRIPTION
 ROOT = Path(__file__).parent.parent
 VECTORS = ROOT / "vectors"
 NAME = "barewire-vectors"
-LEFT_OUT = {"peers", "examples", "npm", "node_modules", "__pycache__", "build"}
+LEFT_OUT = {"peers", "examples", "npm", "node_modules", "__pycache__", "build", "action.yml"}
 """Folders below vectors/ that are not released: adapters, files that only npm needs, what programs put there."""
-OUTSIDE = re.compile(r"\[([^]]+)\]\((?:peers|examples)\b[^)]*\)")
+OUTSIDE = re.compile(r"\[([^]]+)\]\((?:\.\./)*(?:peers|examples|docs)\b[^)]*\)")
 """A link of a page to what is not released."""
 DESCRIBES = {*DESCRIPTION, "id", "flags"}
 """Fields that describe a case without a change of its meaning."""
@@ -152,7 +152,8 @@ def content() -> Content:
         parts = file.relative_to(VECTORS).parts
         if file.is_file() and not LEFT_OUT & {*parts} and not parts[-1].startswith("."):
             found["/".join(parts)] = file.read_bytes()
-    found["README.md"] = OUTSIDE.sub(r"\1", found["README.md"].decode()).encode()
+    for name in [name for name in found if name.endswith(".md")]:
+        found[name] = OUTSIDE.sub(r"\1", found[name].decode()).encode()
     changelog = found["CHANGELOG.md"].decode()
     found["questions.jsonl"] = b"".join(questions())
     found["changes.json"] = _json(changes(meanings(), released(), changelog, version()))

@@ -27,6 +27,13 @@ PROJECT = {
     "LICENSE": "project/license.md",
     "bench/README.md": "project/bench.md",
     "vectors/README.md": "vectors/readme.md",
+    "vectors/START.md": "vectors/start.md",
+    "vectors/PROTOCOL.md": "vectors/protocol.md",
+    "vectors/CASES.md": "vectors/cases.md",
+    **{
+        f"vectors/kinds/{file.name}": f"vectors/kinds/{file.name}" for file in (ROOT / "vectors" / "kinds").glob("*.md")
+    },
+    "vectors/examples/javascript/README.md": "vectors/javascript.md",
     "vectors/AUTHORITY.md": "vectors/authority.md",
     "vectors/CHANGELOG.md": "vectors/changelog.md",
     "vectors/reference/README.md": "vectors/reference.md",

@@ -63,11 +63,6 @@ def test_a_file_that_decides_what_its_authority_leaves_open_says_what_that_is() 
     assert silent == []
 
 
-def test_the_table_of_authorities_is_up_to_date() -> None:
-    page = (VECTORS / "AUTHORITY.md").read_text(encoding="utf-8")
-    assert vectors.with_authorities(page) == page, "run python tools/vectors.py"
-
-
 def emergencies(case: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield code and manufacturer bytes of each emergency that a device sends."""
     for step in case["talk"]:

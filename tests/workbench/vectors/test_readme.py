@@ -1,4 +1,4 @@
-"""vectors/README.md, from which people write adapters and runners: its examples run, and every field has its row."""
+"""The pages of vectors/, from which people write adapters and runners: examples run, and every field has its row."""
 
 from __future__ import annotations
 
@@ -21,22 +21,23 @@ from barewire_workbench.vectors.run import run_cases, selected
 from tools.vectors_release import questions
 
 VECTORS = load_vectors()
-README = (Path(__file__).parents[3] / "vectors" / "README.md").read_text(encoding="utf-8")
+PAGES = Path(__file__).parents[3] / "vectors"
+TEXT = "\n".join((PAGES / name).read_text(encoding="utf-8") for name in ("START.md", "PROTOCOL.md", "CASES.md"))
 DESCRIBES = {*DESCRIPTION, "id", "result", "reason", "fails", "flags", "do"}
 """Fields of all kinds, which the first sections describe."""
 
 
 def block(language: str, word: str) -> str:
     """The fenced block of this language that has the word in it."""
-    (found,) = [text for text in re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL) if word in text]
+    (found,) = [text for text in re.findall(rf"```{language}\n(.*?)```", TEXT, flags=re.DOTALL) if word in text]
     return str(found)
 
 
 def section(heading: str) -> str:
     """The text below a heading, up to the next one of its level."""
     level = heading.partition(" ")[0]
-    below = README.partition(f"\n{heading}\n")[2]
-    assert below, f"{heading} is not in README.md"
+    below = TEXT.partition(f"\n{heading}\n")[2]
+    assert below, f"{heading} is on no page"
     return re.split(rf"\n#{{1,{len(level)}}} ", below)[0]
 
 
@@ -50,7 +51,7 @@ def section(heading: str) -> str:
         pytest.param("js", "node", "small.js", marks=pytest.mark.needs("node")),
     ],
 )
-def test_the_adapters_of_the_readme_pass(language: str, program: str, name: str, tmp_path: Path) -> None:
+def test_the_adapters_of_the_pages_pass(language: str, program: str, name: str, tmp_path: Path) -> None:
     file = tmp_path / name
     file.write_text(block(language, "'small'" if language == "js" else '"small"'), encoding="utf-8")
     cases = selected(VECTORS, kinds=["lrc", "sync"])
@@ -165,8 +166,35 @@ def test_every_field_of_a_kind_has_its_row(kind: str) -> None:
     fields = {name for file in VECTORS.files if file.kind == kind for case in file.cases for name in case}
     for operation in VECTORS.kinds[kind]:
         fields |= {name.removesuffix("?") for name in (*operation.given, *operation.gives)}
-    table = section(f"### {kind}").partition("\n| field | form | meaning |\n")[2].partition("\n\n")[0]
+    page = (PAGES / "kinds" / f"{kind}.md").read_text(encoding="utf-8")
+    table = page.partition("\n| field | form | meaning |\n")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| `([a-z_0-9]+)` \| (.+?) \| .+ \|$", table, flags=re.MULTILINE)
     assert sorted(fields - DESCRIBES) == sorted(name for name, _ in rows), (
         "rows of the table | field | form | meaning |"
     )
+
+
+def test_the_first_page_fits_on_a_screen() -> None:
+    assert len((PAGES / "START.md").read_text(encoding="utf-8").splitlines()) <= 60
+    assert len((PAGES / "README.md").read_text(encoding="utf-8").splitlines()) <= 80
+
+
+@pytest.mark.parametrize("file", sorted((PAGES / "judge").glob("*/*")), ids=lambda file: file.name)
+def test_a_file_of_a_judge_is_short(file: Path) -> None:
+    """As PROTOCOL.md says of what judges; readers of JSON and what fills a case are longer."""
+    if file.is_file() and not file.name.startswith(("json.", "fill.")):
+        assert len(file.read_text(encoding="utf-8").splitlines()) < 150
+
+
+def test_the_known_services_of_lss_are_those_of_the_reference() -> None:
+    page = (PAGES / "kinds" / "lss.md").read_text(encoding="utf-8")
+    line = page.partition("The known services are, of a request: ")[2].partition("\nEvery")[0]
+    named = [text.strip(" .") for text in line.partition("; of an answer: ")[::2]]
+    found = []
+    for text in named:
+        ranges = [part.split(" to ") for part in text.split(", ")]
+        found.append({code for row in ranges for code in range(int(row[0], 16), int(row[-1], 16) + 1)})
+    reference = (PAGES / "reference" / "canopen" / "services.py").read_text(encoding="utf-8")
+    services: dict[str, Any] = {}
+    exec("LSS_SERVICES" + reference.partition("\nLSS_SERVICES")[2].partition("\n}\n")[0] + "\n}", services)
+    assert found == [{*row} for row in services["LSS_SERVICES"].values()]

@@ -6,6 +6,7 @@ import copy
 import hashlib
 import io
 import json
+import posixpath
 import re
 import subprocess
 import sys
@@ -135,11 +136,13 @@ def test_the_archive_is_a_folder_of_vectors(archive: zipfile.ZipFile, tmp_path: 
 
 
 def test_no_page_of_the_archive_has_a_link_out_of_it(archive: zipfile.ZipFile) -> None:
-    for page in ("README.md", "CHANGELOG.md"):
+    names = [name.removeprefix(TOP) for name in archive.namelist()]
+    for page in [name for name in names if name.endswith(".md")]:
         links = re.findall(r"\]\(([^)#\s]+)", archive.read(TOP + page).decode())
-        inside = [link for link in links if "://" not in link]
-        names = [name.removeprefix(TOP) for name in archive.namelist()]
-        assert [link for link in inside if not any(name.startswith(link) for name in names)] == []
+        inside = [
+            posixpath.normpath(posixpath.join(posixpath.dirname(page), link)) for link in links if "://" not in link
+        ]
+        assert [link for link in inside if not any(name.startswith(link) for name in names)] == [], page
 
 
 def test_the_changelog_of_the_archive_has_every_id(archive: zipfile.ZipFile) -> None:

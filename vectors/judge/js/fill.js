@@ -2,7 +2,7 @@
 // Fills a case of device-conformance with the values of a device: placeholders, loops and transfers become plain steps.
 //
 // fill(question, described) returns the steps, or null if the case is not one for this device, or the device is described
-// wrongly; `described` is the `device` of an answer. The rules are those of ../../kinds/conformance.md.
+// wrongly; `described` is the `device` of an answer. The rules are those of ../../kinds/device-conformance.md.
 
 const PLACE = '(?:[0-9A-F]{4}|[a-z]+(?:[.][a-z]+)?):(?:[0-9A-F]{2}|[a-z]+)';
 const TERM = new RegExp(`([-+^|&]?)(${PLACE}|[a-z]+(?:[.][a-z]+)?|[0-9A-F]+)`, 'g');

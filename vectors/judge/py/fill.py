@@ -2,7 +2,7 @@
 
 `fill(question, device)` returns the steps, or None if the case is not one for this device. A judge takes the device
 from the answer, `device_of(answer["is"]["device"])`; a tester makes one that reads each object when it is needed. The
-rules are those of ../../kinds/conformance.md.
+rules are those of ../../kinds/device-conformance.md.
 """
 
 from __future__ import annotations

@@ -167,7 +167,7 @@ def check_command(
     """Run the cases against an implementation: barewire itself, an adapter, or a running server.
 
     An adapter is any program that reads questions as lines of JSON from its standard input and writes answers;
-    vectors/README.md describes the lines; the source tree has examples in vectors/examples, and in vectors/peers the
+    vectors/PROTOCOL.md describes the lines; the source tree has examples in vectors/examples, and in vectors/peers the
     adapters of other stacks. Cases that have failed are printed, then the numbers of each kind. "open" is a case that
     the standard leaves open and the implementation decides otherwise than we do.
 

@@ -11,7 +11,7 @@
 
 A runner frames and sends the stimuli of each step and collects the responses until the line is silent; if the server
 closed the connection, it opens a new one for the next step. `difference` compares the answers with the sequences.
-vectors/README.md describes the fields.
+vectors/kinds/server-conformance.md describes the fields.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@
         <rpdo.word|80000000/4>          05020080            /4: as four bytes, the lowest first
         <..*tpdo.size>                  ....                two dots for each byte that the TPDO maps
 
-vectors/README.md has the fields, the names and the rules, under `device-conformance`.
+vectors/kinds/device-conformance.md has the fields, the names and the rules.
 """
 
 from __future__ import annotations

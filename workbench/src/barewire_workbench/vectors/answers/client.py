@@ -11,7 +11,7 @@ line:
     peer.coming                    (time, bytes): what the client receives, and when; times in microseconds
 
 A request that equals an open question (unit and PDU) has the next fate of this question, any other request the next
-fate of `probes`. vectors/README.md has the rules in words, vectors/reference/modbus/client_peer.py the same peer
+fate of `probes`. vectors/kinds/client.md has the rules in words, vectors/reference/modbus/client_peer.py the same peer
 without barewire.
 """
 
