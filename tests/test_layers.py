@@ -54,7 +54,7 @@ WORKBENCH: dict[str, set[str]] = {
     "wire": set(),
     "conform": set(),
     "scan": set(),
-    "settings": set(),
+    "settings": {"eds"},
     "eds": set(),
     "recordings": {"frames", "sniffer"},
     "steps": {"frames", "wire"},

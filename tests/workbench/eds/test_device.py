@@ -46,7 +46,7 @@ def test_names_types_and_access() -> None:
     assert rows["Device type"] == ("u32", "ro", "measurement", 0x20192, "communication")
     assert rows["Identity / Vendor-ID"][0] == "u32"
     assert rows["RPDO parameter / COB-ID (1401h:01)"] == ("u32", "rw", "setting", 0x305, "PDOs")
-    assert rows["Speed [rpm]"] == ("i24", "rw", "setting", 0, "manufacturer")
+    assert rows["Speed [rpm]"] == ("i24", "rw", "command", 0, "manufacturer")  # rww: process data
     assert rows["Clear"] == ("u8", "wo", "command", None, "manufacturer")
     assert rows["Manufacturer device name"][:4] == ("text", "ro", "measurement", "pump")
     speed = device.find("speed [RPM]")

@@ -12,7 +12,7 @@
     dry_run           what `write --dry-run` shows: addresses, raw words, frames
     value_text        the VALUE of NAME=VALUE
     raw_address       names that are addresses: holding:0, 40001, object:6041h:u16
-    keep              `save`, `restore`, `diff`: the settings of a device; keep_objects: those of an EDS
+    keep              `save`, `restore`, `diff`: the settings of a device; keep_dcf: a DCF as the file
     watch, plot       `watch`: named values periodically, as a table, lines, JSON, CSV or a plot
     drive             `drive`: enable, move and stop a drive
     shown_frames      `--frames` of read, write, drive and demo: the frames of a command as they pass

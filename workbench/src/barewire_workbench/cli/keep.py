@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import shlex
 import sys
+from collections.abc import Collection
 from pathlib import Path
 
 import click
@@ -22,7 +23,7 @@ from barewire_workbench.cli.arguments import (
     no_wait_option,
 )
 from barewire_workbench.cli.dry_run import frames_of
-from barewire_workbench.cli.keep_objects import as_dcf, dcf_settings, is_dcf, present_objects, restore_objects
+from barewire_workbench.cli.keep_dcf import as_dcf, configure, is_dcf, read_dcf
 from barewire_workbench.cli.output import Output, file_content, note, output_option, replace_file, text_with_notes
 from barewire_workbench.cli.raw_address import device_with
 from barewire_workbench.cli.read_write import connected
@@ -62,7 +63,7 @@ def save_command(
     """
     if is_dcf(file) and not is_eds(device):
         raise EncodeError(f"{file}: a DCF is made of an EDS: expected one as DEVICE, such as of barewire eds export")
-    saved = _present(endpoint, device, no_wait, check=not no_check, frames=frames)
+    saved = _present(endpoint, device, no_wait, check=not no_check, frames=frames, names=None)
     for name, why in saved.not_read.items():
         note(f"{name}: not read: {why}")
     count = len(saved.settings) + len(saved.communication)
@@ -106,16 +107,13 @@ def restore_command(
     After a failure the exit status is 1, and the last line is the command that goes on: what is equal is not written
     again. FILE may be a DCF: see `barewire canopen configure`.
     """
-    if device is not None and not is_eds(device):
-        _described(device, endpoint)  # a wrong name is reported first
-    saved = None if is_dcf(file) else _saved(file)
-    name = device or (str(file) if saved is None else saved.device)
-    if saved is None or is_eds(name):
-        restore_objects(
-            saved, name, endpoint, output, communication=communication, dry_run=dry_run, store=store, frames=frames
-        )
+    if is_dcf(file):
+        configure(file, endpoint, output, dry_run=dry_run, store=store, frames=frames)
         return 0
-    with connected(_described(name, endpoint), endpoint, no_wait, frames=frames, output=output) as machine:
+    given = None if device is None else _described(device, endpoint)  # a wrong name is reported first
+    saved = _saved(file)
+    description = given or _described(saved.device, endpoint)
+    with connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
         restore = Restore(machine, saved, endpoint, communication, not no_check, verify, store)
         try:
             for change in restore.run(dry_run=dry_run):
@@ -172,7 +170,7 @@ def _saved(file: Path) -> SavedSettings:
 
 def _described(name: str, endpoint: str) -> Device:
     """Return the device of this name. Raises EncodeError if it has no settings on this kind of bus."""
-    device = device_with(name)
+    device = device_with(name, endpoint=endpoint)
     is_can = Endpoint.parse(endpoint).scheme == "can"
     if not SettingRules.of(device).settings(is_can=is_can):
         raise EncodeError(f"{device.name} has no settings on {'CANopen' if is_can else 'Modbus'} in its description")
@@ -180,15 +178,19 @@ def _described(name: str, endpoint: str) -> Device:
 
 
 def _present(
-    endpoint: str, device: str, no_wait: bool, *, check: bool = True, frames: bool = False, only_of_dcf: bool = False
+    endpoint: str,
+    device: str,
+    no_wait: bool,
+    *,
+    check: bool = True,
+    frames: bool = False,
+    names: Collection[str] | None,
 ) -> SavedSettings:
     """Return the settings of a device as they are. Raises BarewireError if it says that it is another one."""
-    if is_eds(device):
-        return present_objects(endpoint, device, only_of_dcf=only_of_dcf, check=check, frames=frames)
     description = _described(device, endpoint)
     with connected(description, endpoint, no_wait, frames=frames, output=Output("text")) as machine:
         check_machine(machine, not check)
-        saved = save_settings(machine, endpoint)
+        saved = save_settings(machine, endpoint, names)
     saved.device = device  # as it was given: a path is found again
     return saved
 
@@ -223,15 +225,17 @@ def diff_command(
         raise click.UsageError("--csv and --json: give one of them")
     files = {name: Path(name) for name in (a, b) if "://" not in name}
     try:
-        sides = {name: dcf_settings(file) if is_dcf(file) else _saved(file) for name, file in files.items()}
+        sides = {name: read_dcf(file) if is_dcf(file) else _saved(file) for name, file in files.items()}
         named = device or next((side.device for side in sides.values()), None)
-        only_of_dcf = any(map(is_dcf, files.values()))
+        # A DCF may have values for some of the settings only.
+        dcf = next((sides[name] for name, file in files.items() if is_dcf(file)), None)
+        names = None if dcf is None else {*dcf.settings, *dcf.communication}
         for name in (a, b):
             if name not in files:
                 if named is None:
                     raise EncodeError(f"{name}: no file says which device it is: expected --device")
                 url = endpoint_url(name)
-                sides[name] = _present(url, named, no_wait, check=not no_check, only_of_dcf=only_of_dcf)
+                sides[name] = _present(url, named, no_wait, check=not no_check, names=names)
         first, second = sides[a], sides[b]
         if first.title != second.title and not no_check:
             raise BarewireError(f"{a} is of {first.title}, {b} of {second.title}; --no-check compares them")

@@ -3,4 +3,5 @@
 lint        what is wrong in an EDS or DCF, beyond what reading it finds
 export      the EDS of a device
 device      the device of an EDS or DCF
+storable    which of its objects are settings
 """

@@ -4,6 +4,7 @@
     [1018sub1] ParameterName=Vendor-ID              "Identity Object / Vendor-ID"       an entry of a record or array
     [1400sub1], [1401sub1] both called COB-ID       "RPDO communication parameter / COB-ID (1400h:01)"
     [DeviceInfo] VendorNumber, 1000h, 1018h         [identity]: what the device must say it is
+    storable objects, 1010h                         settings, and [settings]: what stores them
 
     DCF: ParameterValue=500                         wanted_values(device)["Producer heartbeat time"] == 500
 
@@ -14,7 +15,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from glob import escape
 from types import MappingProxyType
+from typing import Any
 
 from barewire.canopen.eds import Eds
 from barewire.canopen.eds.objects import EdsItem, EdsObject, every_item
@@ -25,6 +28,7 @@ from barewire.devices import Device, Parameter
 from barewire.devices.device import CanopenSettings
 from barewire.devices.parameter import ObjectAt, ParameterAccess, ParameterKind
 from barewire.errors import fold
+from barewire_workbench.eds.storable import formulas, storable
 
 _TYPES = {"string": "text", "unicode": "text"}
 """The type of a value for types of objects whose name is another one."""
@@ -33,6 +37,8 @@ _WANTED = "configuration"
 _NOT_IN_LISTS = "not read with others"
 _REFUSES_READ = 2  # bit of ObjFlags
 _DEVICE_TYPE, _IDENTITY = 0x1000, 0x1018
+_STORE, _SAVE = (0x1010, 1), 0x65766173
+"""Where all parameters are stored, and the letters "save", which do it.   [CiA 301 7.5.2.13]"""
 _NUMBERS = {"vendor": (1, "VendorNumber"), "product": (2, "ProductNumber")}
 
 
@@ -48,19 +54,31 @@ def device_of_eds(eds: Eds, name: str, node: int) -> Device:
     items = [(described, item) for described, item in every_item(eds.objects.values())]
     counts = Counter(fold(_name(described, item)) for described, item in items)
     dictionary = eds.dictionary(node)
+    settings, of_node = storable(eds, node), formulas(eds)
     parameters, wanted, alone = [], {}, []
+    restoring: dict[str, Any] = {"communication": [], "store": {}}
     for described, item in items:
         title = _name(described, item)
         if counts[fold(title)] > 1:
             title += f" ({described.index:04X}h:{item.sub:02X})"
         entry = dictionary.entry(described.index, item.sub)
-        parameters.append(_parameter(title, entry, has_default=item.default is not None))
+        place = described.index, item.sub
+        parameters.append(_parameter(title, entry, has_default=item.default is not None, is_setting=place in settings))
+        if place in of_node:
+            restoring["communication"].append(escape(title))
+        if place == _STORE and parameters[-1].writable:
+            restoring["store"] = {title: _SAVE}
         if item.value is not None:
             wanted[title] = dictionary.get(described.index, item.sub)
         if item.type == "domain" or item.flags & _REFUSES_READ:
             alone.append(title)
     texts = (eds.get("DeviceInfo", key) or "" for key in ("VendorName", "ProductName"))
-    extra = {_WANTED: MappingProxyType(wanted), _NOT_IN_LISTS: tuple(alone), "identity": _identity(eds)}
+    extra = {
+        _WANTED: MappingProxyType(wanted),
+        _NOT_IN_LISTS: tuple(alone),
+        "identity": _identity(eds),
+        "settings": restoring,
+    }
     return Device(
         name=name,
         title=" ".join(text for text in texts if text) or name,
@@ -88,7 +106,7 @@ def _name(described: EdsObject, item: EdsItem) -> str:
     return " ".join((f"{described.name} / {item.name}" if described.is_record else item.name).split())
 
 
-def _parameter(name: str, entry: Entry, *, has_default: bool) -> Parameter:
+def _parameter(name: str, entry: Entry, *, has_default: bool, is_setting: bool) -> Parameter:
     access: ParameterAccess = "ro" if entry.access == "const" else entry.access
     own_type = _TYPES.get(entry.type)
     is_number = entry.codec.size is not None
@@ -99,7 +117,8 @@ def _parameter(name: str, entry: Entry, *, has_default: bool) -> Parameter:
         minimum=entry.minimum if is_number else None,
         maximum=entry.maximum if is_number else None,
         access=access,
-        kind=_KINDS.get(access, "setting"),
+        kind="setting" if is_setting else _KINDS.get(access, "command"),
+        storable=is_setting,
         group=_group(entry.index),
         object=ObjectAt(entry.index, entry.sub, type=entry.type if own_type else ""),
     )

@@ -6,7 +6,6 @@
     scan_canopen           the nodes of a bus
     check_device           whether a machine is the one whose name is used
     save_settings          the settings of a machine, and what it says about itself
-    save_objects           the same of a CANopen node that has an EDS
     restore_settings       saved settings back into a machine, in the order of its manual
     read_values            many values of a machine, of which a bad one costs only itself
     listen                 what others say on a serial line

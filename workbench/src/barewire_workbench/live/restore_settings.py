@@ -7,7 +7,7 @@
 
     1  check     the file against the description: names, units; the machine: is it this one, is it at rest
     2  read      what the machine has: what is equal is not written; ranges of the rest, before the first write
-    3  write     modes first, one by one; PDO records in the order of CiA 301
+    3  write     modes first, one by one; the communication objects of CANopen in the order of CiA 301
     4  read      everything again: one setting can change another, or be refused until another is written; what differs
                  is written again, as long as that helps
     5  write     with `communication`, how the machine is reached
@@ -24,8 +24,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from barewire import CanopenClient
-from barewire.canopen.configuration.configure import configure_device
-from barewire.canopen.configuration.settings import DeviceConfiguration, Setting, pdo_of
+from barewire.canopen.configuration.configure import STORE_TIMEOUT, configure_device
+from barewire.canopen.configuration.settings import DeviceConfiguration, Setting
 from barewire.canopen.object_dictionary import Entry
 from barewire.codecs import Value, codec
 from barewire.devices import Parameter
@@ -44,8 +44,10 @@ from barewire_workbench.live.save_settings import (
 )
 from barewire_workbench.settings.compare import same
 from barewire_workbench.settings.rules import KeptSetting, SettingRules
-from barewire_workbench.settings.saved import SavedSettings
+from barewire_workbench.settings.saved import SavedSettings, value_of
 
+_APPLICATION = 0x2000
+"""The index behind the communication objects."""
 _PASSES = 3
 _SILENT = 3
 """Settings in a row whose write is not answered before it ends."""
@@ -183,7 +185,9 @@ class Restore:
         if self.check and problems:
             raise EncodeError(f"not for {device.name} here: {_listed(problems)}")
         self.left_out |= {name: f"not saved: {why}" for name, why in self.saved.not_read.items()}
-        self._wanted = [(setting, wanted[name].value) for name, setting in known.items() if name in wanted]
+        self._wanted = [
+            (setting, value_of(setting.parameter, wanted[name])) for name, setting in known.items() if name in wanted
+        ]
 
     def _check_machine(self, rules: SettingRules) -> None:
         check_device(self.machine, before_write=True)
@@ -262,10 +266,10 @@ class Restore:
         """Write settings one by one, and yield each that is written. Return the others by name."""
         refused: dict[str, Change] = {}
         silent = 0
-        pdos = []
+        objects = []
         for change in changes:
-            if _is_can(self.url) and (place := change.parameter.object) and pdo_of(place.index):
-                pdos.append(change)
+            if _is_can(self.url) and (place := change.parameter.object) and place.index < _APPLICATION:
+                objects.append(change)
                 continue
             try:
                 setting = self._setting(change)
@@ -280,15 +284,15 @@ class Restore:
                 continue
             silent = 0
             yield self._done(change)
-        if pdos:
+        if objects:
             try:
-                self._write_pdos(pdos)
+                self._configure(objects)
             except (PortError, NoAnswer):
                 raise
             except BarewireError as error:
-                refused |= {change.parameter.name: change._replace(problem=str(error)) for change in pdos}
+                refused |= {change.parameter.name: change._replace(problem=str(error)) for change in objects}
             else:
-                for change in pdos:
+                for change in objects:
                     yield self._done(change)
         return refused
 
@@ -297,8 +301,8 @@ class Restore:
             self.written.append(change.parameter.name)
         return change._replace(problem="")
 
-    def _write_pdos(self, changes: Sequence[Change]) -> None:
-        """Write PDO records: the PDOs are off meanwhile, and a mapping changes only while it is empty [CiA 301]."""
+    def _configure(self, changes: Sequence[Change]) -> None:
+        """Write communication objects in an order that CiA 301 permits: a PDO is off while its mapping changes."""
         client = self.machine.client
         assert isinstance(client, CanopenClient)
         node = client.node(device=self.machine.device)
@@ -316,7 +320,12 @@ class Restore:
         if self.communication:
             commands.append(rules.store_communication)
         for name, value in (pair for command in commands for pair in command.items()):
-            confirmed_write(self.machine, self.url, name, value)
+            if _is_can(self.url):  # many write to a slow memory before they respond
+                client = self.machine.client
+                assert isinstance(client, CanopenClient)
+                client.node(device=self.machine.device, timeout=max(client.timeout, STORE_TIMEOUT)).write(name, value)
+            else:
+                confirmed_write(self.machine, self.url, name, value)
             if rules.store_takes:
                 time.sleep(rules.store_takes)
             if not self.machine.device.find(name).answered:

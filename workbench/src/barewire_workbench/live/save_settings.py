@@ -11,7 +11,7 @@ again if it is not there, as often as the URL has `retries`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
@@ -25,8 +25,8 @@ from barewire_workbench.live import scan_canopen, scan_modbus
 from barewire_workbench.live.read_values import read_values
 from barewire_workbench.scan.identity import DeviceIdentity
 from barewire_workbench.settings.compare import same
-from barewire_workbench.settings.rules import KeptSetting, SettingRules
-from barewire_workbench.settings.saved import SavedSettings, SavedValue
+from barewire_workbench.settings.rules import KeptSetting, SettingRules, without_unmapped
+from barewire_workbench.settings.saved import SavedSettings, saved_value
 
 
 class PresentValue(NamedTuple):
@@ -37,8 +37,9 @@ class PresentValue(NamedTuple):
     problem: str = ""
 
 
-def save_settings(machine: MachineClient, url: str) -> SavedSettings:
-    """Return the settings of a machine, with the time. Those that it refuses or does not answer are in `not_read`.
+def save_settings(machine: MachineClient, url: str, names: Collection[str] | None = None) -> SavedSettings:
+    """Return the settings of a machine, with the time. Those that it refuses or does not answer are in `not_read`. With
+    `names`, only these are read.
 
     >>> from barewire import ModbusServer, connect
     >>> from barewire.devices.sim import simulator
@@ -51,16 +52,17 @@ def save_settings(machine: MachineClient, url: str) -> SavedSettings:
     Raises PortError if the port fails, EncodeError for a description with a wrong table [settings].
     """
     is_can = Endpoint.parse(url).scheme == "can"
-    rules = SettingRules.of(machine.device)
-    device = machine.device
+    device, rules = machine.device, SettingRules.of(machine.device)
     saved = SavedSettings(device.name, url, device.title, datetime.now().astimezone(), machine_identity(machine, rules))
-    for present in read_settings(machine, url, rules.settings(is_can=is_can)):
-        setting = present.setting
-        if present.value is None:
-            saved.not_read[setting.name] = present.problem
+    wanted = [setting for setting in rules.settings(is_can=is_can) if names is None or setting.name in names]
+    present = {found.setting.name: found for found in read_settings(machine, url, wanted)}
+    for setting in without_unmapped(wanted, {name: found.value for name, found in present.items()}):
+        value = present[setting.name].value
+        if value is None:
+            saved.not_read[setting.name] = present[setting.name].problem
             continue
         values = saved.communication if setting.communication else saved.settings
-        values[setting.name] = SavedValue(present.value, setting.parameter.unit, setting.place(is_can=is_can))
+        values[setting.name] = saved_value(setting.parameter, value, setting.place(is_can=is_can))
     return saved
 
 

@@ -2,8 +2,8 @@
 
 rules      a description -> its settings, in the order in which they are written; what stores them
 saved      settings <-> the TOML file of `barewire save`
-objects    the same of an EDS or DCF: its storable objects, and settings <-> DCF
+dcf        the same settings <-> a DCF
 compare    two sets of settings -> their differences
 
-On real devices: `live/save_settings.py`, `live/restore_settings.py`.
+On real devices: `live/save_settings.py`, `live/restore_settings.py`. An EDS is a device too: `eds/device.py`.
 """

@@ -140,5 +140,24 @@ _TYPES: Mapping[str, Any] = {
 }
 
 
+def without_unmapped(settings: Iterable[KeptSetting], values: Mapping[str, Value | None]) -> list[KeptSetting]:
+    """Return the settings without entries of a PDO mapping behind the number of mapped objects, which say nothing.
+    `values` has that number by the name of its setting."""
+    kept, counts = [], {}
+    for setting in sorted(settings, key=lambda setting: setting.parameter.places[1]):
+        place, value = setting.parameter.object, values.get(setting.name)
+        if place is not None and place.index in _MAPPINGS:
+            if place.sub == 0:
+                counts[place.index] = value
+            count = counts.get(place.index)
+            if isinstance(count, int) and place.sub > count:
+                continue
+        kept.append(setting.name)
+    return [setting for setting in settings if setting.name in set(kept)]
+
+
+_MAPPINGS = (*range(0x1600, 0x1800), *range(0x1A00, 0x1C00))
+
+
 def _matches(name: str, patterns: Iterable[str]) -> bool:
     return any(fnmatchcase(name, pattern) for pattern in patterns)

@@ -27,8 +27,8 @@ from datetime import datetime
 from typing import Any, NamedTuple
 
 from barewire.codecs import Value
-from barewire.devices.parameter import show
-from barewire.errors import BarewireError, shown
+from barewire.devices.parameter import Parameter, show
+from barewire.errors import BarewireError, EncodeError, shown
 
 FORMAT = 1
 _KINDS = (bool, int, float, str)
@@ -47,6 +47,21 @@ class SavedValue(NamedTuple):
 
     def __str__(self) -> str:
         return show(self.value) + (f" {self.unit}" if self.unit else "")
+
+
+def saved_value(parameter: Parameter, value: Value, address: str = "") -> SavedValue:
+    """Return a value as it is in a file: bytes are text in hexadecimal."""
+    return SavedValue(value.hex(" ").upper() if isinstance(value, bytes) else value, parameter.unit, address)
+
+
+def value_of(parameter: Parameter, saved: SavedValue) -> Value:
+    """Return the value of a parameter that is in a file. Raises EncodeError for a text that is not of bytes."""
+    if parameter.type != "octets" or not isinstance(saved.value, str):
+        return saved.value
+    try:
+        return bytes.fromhex(saved.value)
+    except ValueError:
+        raise EncodeError(f"{parameter.name} = {shown(saved.value)}: expected bytes in hexadecimal") from None
 
 
 @dataclass(slots=True)

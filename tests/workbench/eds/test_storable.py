@@ -1,4 +1,4 @@
-"""The settings of an EDS: which objects are storable, and settings as a DCF and back."""
+"""The settings of an EDS or DCF: which objects are storable, what stores them, settings as a DCF and back."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import pytest
 
 from barewire import load
 from barewire.canopen import eds
-from barewire.canopen.configuration.settings import object_text
 from barewire.errors import EncodeError
+from barewire_workbench.eds.device import device_of_eds
 from barewire_workbench.eds.export import export
+from barewire_workbench.eds.storable import storable
 from barewire_workbench.settings.compare import differences
-from barewire_workbench.settings.objects import dcf_of, saved_dcf, storable
-from barewire_workbench.settings.saved import SavedSettings, SavedValue
+from barewire_workbench.settings.dcf import dcf_of, settings_of_dcf
+from barewire_workbench.settings.rules import SettingRules
+from barewire_workbench.settings.saved import SavedSettings, SavedValue, saved_value, value_of
 
 
 def described(*objects: str) -> eds.Eds:
@@ -53,7 +55,7 @@ def test_what_is_storable(text: str, is_setting: bool) -> None:
 
 def test_process_data_of_a_drive_and_of_rpdos_are_not_settings() -> None:
     drive = "1000 type 7 ro DefaultValue=0x20192"
-    assert storable(described(drive, "6040 word 6 rw", "60FF target 4 rw", "6083 ramp 7 rw"), 1)[0].index == 0x6083
+    assert storable(described(drive, "6040 word 6 rw", "60FF target 4 rw", "6083 ramp 7 rw"), 1) == {(0x6083, 0)}
     mapped = ["[1600]", "ParameterName=m", "ObjectType=9", "SubNumber=2"]
     for sub, code, value in ((0, 5, "1"), (1, 7, "0x20000010")):
         mapped += [
@@ -66,29 +68,49 @@ def test_process_data_of_a_drive_and_of_rpdos_are_not_settings() -> None:
     document = eds.parse(
         "\r\n".join([described("2000 target 6 rw", "2001 gain 6 rw").encode().decode(), *mapped, ""]).encode()
     )
-    assert [entry.index for entry in storable(document, 1)] == [0x2001]
+    assert storable(document, 1) == {(0x2001, 0)}
+
+
+def test_a_device_of_an_eds_has_settings_and_what_stores_them() -> None:
+    device = device_of_eds(export(load("az3")), "az3.eds", 5)
+    settings = {setting.name: setting for setting in SettingRules.of(device).settings(is_can=True)}
+    assert {parameter.name for parameter in device.parameters if parameter.storable} == set(settings)
+    (store,) = SettingRules.of(device).store
+    assert device.find("CONTROL WORD").kind == device.find(store).kind == "command"
+    assert [name for name, setting in settings.items() if setting.communication] == [
+        f"{direction}PDO{number} communication parameter / {direction}PDO{number} COB-ID"
+        for direction in "RT"
+        for number in range(1, 5)
+    ]
+    assert device.find(store).to_object(SettingRules.of(device).store[store]) == b"save"
 
 
 def test_settings_as_a_dcf_and_back() -> None:
     document = export(load("az3"))
-    names = {(entry.index, entry.sub): object_text(entry) for entry in storable(document, 5)}
+    device = device_of_eds(document, "az3.eds", 5)
+    cob_ids = [f"TPDO{number} communication parameter / TPDO{number} COB-ID" for number in (1, 2)]
     saved = SavedSettings(
         "az3.eds",
         title=load("az3").title,
-        settings={names[0x6083, 0]: SavedValue(2500), names[0x202C, 0]: SavedValue(0.7)},
-        communication={names[0x1800, 1]: SavedValue(0x185), names[0x1801, 1]: SavedValue(0x333)},
+        settings={"PROFILE ACCELERATION": SavedValue(2500), "ID KP": SavedValue(0.7)},
+        communication={cob_ids[0]: SavedValue(0x185), cob_ids[1]: SavedValue(0x333)},
     )
-    dcf = dcf_of(saved, document, 5)
+    dcf = dcf_of(saved, device, document)
     assert (dcf.get("6083", "ParameterValue"), dcf.node_id) == ("2500", 5)
     # The COB-ID that is the default for this node remains one that suits every node.
     assert dcf.get("1800sub1", "ParameterValue") == "$NODEID+0x180"
     assert dcf.get("1801sub1", "ParameterValue") == str(0x333)
-    assert list(differences(saved, saved_dcf(eds.parse(dcf.encode()), "k.dcf"))) == []
-    assert dcf_of(saved, document, 5, communication=False).get("1800sub1", "ParameterValue") is None
+    again = settings_of_dcf(device_of_eds(eds.parse(dcf.encode()), "k.dcf", 5))
+    assert list(differences(saved, again)) == []
+    with pytest.raises(EncodeError, match="no ParameterValue: expected a DCF"):
+        settings_of_dcf(device)
 
 
-def test_a_setting_without_an_address_or_an_object_is_an_error() -> None:
-    document = export(load("az3"))
-    for name, message in (("gain", "expected an address such as 1017h:00"), ("2FFFh:00 gain", "2FFFh")):
-        with pytest.raises(EncodeError, match=message):
-            dcf_of(SavedSettings("az3.eds", settings={name: SavedValue(1)}), document, 5)
+def test_bytes_are_text_in_a_file() -> None:
+    device = device_of_eds(described("2000 key 10 rw"), "key.eds", 1)
+    (parameter,) = device.parameters
+    saved = saved_value(parameter, bytes.fromhex("01FF"))
+    assert saved.value == "01 FF"
+    assert value_of(parameter, saved) == bytes.fromhex("01FF")
+    with pytest.raises(EncodeError, match="expected bytes in hexadecimal"):
+        value_of(parameter, SavedValue("key"))

@@ -1,0 +1,42 @@
+"""Settings <-> DCF, for a device that has an EDS."""
+
+from __future__ import annotations
+
+from barewire.canopen.eds import Eds, to_dcf
+from barewire.canopen.eds.value_syntax import Expression
+from barewire.devices import Device
+from barewire.errors import EncodeError
+from barewire_workbench.eds.device import wanted_values
+from barewire_workbench.eds.storable import formulas
+from barewire_workbench.settings.rules import SettingRules, without_unmapped
+from barewire_workbench.settings.saved import SavedSettings, saved_value, value_of
+
+
+def settings_of_dcf(device: Device) -> SavedSettings:
+    """Return the settings that the DCF of a device has. Raises EncodeError if it has none, which is an EDS."""
+    wanted = wanted_values(device)
+    if not wanted:
+        raise EncodeError(f"{device.name}: the file has no ParameterValue: expected a DCF")
+    saved = SavedSettings(device.name, device.name, device.title)
+    settings = [setting for setting in SettingRules.of(device).settings(is_can=True) if setting.name in wanted]
+    for setting in without_unmapped(settings, {setting.name: wanted[setting.name] for setting in settings}):
+        values = saved.communication if setting.communication else saved.settings
+        values[setting.name] = saved_value(setting.parameter, wanted[setting.name])
+    return saved
+
+
+def dcf_of(saved: SavedSettings, device: Device, eds: Eds) -> Eds:
+    """Return the DCF of a device with these settings: its EDS with a ParameterValue for each.
+
+    A COB-ID that is the default for the node remains a formula, so that the DCF suits another node too.
+    """
+    assert device.canopen is not None
+    of_node, node = formulas(eds), device.canopen.node
+    values: dict[tuple[int, int] | str, Expression] = {}
+    for name, setting in (saved.settings | saved.communication).items():
+        parameter = device.find(name)
+        assert parameter.object is not None
+        place, value = (parameter.object.index, parameter.object.sub), value_of(parameter, setting)
+        formula = of_node.get(place)
+        values[place] = formula if formula is not None and formula.at(node) == value else value
+    return to_dcf(eds, node, values, name=saved.title)
