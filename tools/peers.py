@@ -89,6 +89,7 @@ class Peer:
     def digest(self) -> str:
         """Return a digest of what asks this program: its recipe, its adapter, and what adapters share."""
         files = [file for folder in (self.folder, SHARED[0]) for file in sorted(folder.glob("*.*")) if file.is_file()]
+        files = [file for file in files if file.name != "findings.toml"]
         return _digest([file.read_bytes() for file in (*files, SHARED[1])])
 
     def is_here(self) -> bool:

@@ -1,6 +1,7 @@
 """Runs the vectors over all other implementations that are installed here: `make scoreboard`.
 
-tools/scoreboard.json       what each made of the cases: numbers for each kind, ids of failed and of open cases
+tools/scoreboard.json       what each made of the cases: numbers for each kind, ids of failed and of open cases, and
+                            what it said in the cases that show its findings (tools/findings.py)
 docs/reference/scoreboard.md          the same as a page
 vectors/                    `confirmed_by` or `unconfirmed` in each case, and oracles.json: who is who
 tools/confirmed.json        the digest of each case as it was asked, of each program its version and a digest of what
@@ -27,6 +28,7 @@ sys.path.insert(0, str(ROOT))
 from barewire.errors import PortError  # noqa: E402
 from barewire_workbench.vectors.files import load_vectors  # noqa: E402
 from tools import vectors as files  # noqa: E402
+from tools.findings import anchor, shortened, shown_cases  # noqa: E402
 from tools.peers import PEERS, Peer, PeerRun, confirms, run  # noqa: E402
 from tools.vectors_release import meanings  # noqa: E402
 
@@ -39,13 +41,15 @@ STATES = ("passed", "failed", "open", "not offered")
 
 
 def measured(found: PeerRun) -> dict[str, Any]:
-    """Return the results of a program: version, numbers by kind, and the ids of the cases that did not pass."""
+    """Return the results of a program: version, numbers by kind, ids of the cases that did not pass, some answers."""
     kinds: dict[str, Counter[str]] = {}
     for checked in found.cases:
         kinds.setdefault(checked.file.kind, Counter())[checked.verdict.state] += 1
     ids = {state: [name for _, name, own in found.states() if own == state] for state in ("failed", "open")}
     rows = {kind: dict(row) for kind, row in kinds.items() if set(row) != {"not offered"}}
-    return {"version": found.version, "language": found.peer.language, "kinds": rows, **ids}
+    shown = shown_cases(found.peer)
+    said = {one.id: shortened(one.verdict.text) for one in found.cases if one.id in shown}
+    return {"version": found.version, "language": found.peer.language, "kinds": rows, **ids, "shown": said}
 
 
 # Confirmations -----------------------------------------------------------------------------------------------------
@@ -159,7 +163,7 @@ def oracles(data: dict[str, Any]) -> str:
 
 
 def page(data: dict[str, Any]) -> str:
-    """Return the tables: a row for each program, one for each program and kind, the ids of failures."""
+    """Return the tables: a row for each program, and one for each program and kind."""
     names = [peer.name for peer in PEERS if peer.name in data]
     stacks = [peer.name for peer in PEERS if peer.name in data and not peer.oracle]
     lines = ["## Stacks", "", "| stack | version | language | kinds | passed | failed | open | not offered |"]
@@ -182,18 +186,8 @@ def page(data: dict[str, Any]) -> str:
             lines.append(f"| `{kind}` | {numbers} |")
         if data[name]["failed"]:
             count = len(data[name]["failed"])
-            lines += ["", f"<details><summary>{count} cases failed</summary>", ""]
-            lines += [*grouped(data[name]["failed"]), "", "</details>"]
+            lines += ["", f"{count} cases failed: [findings](findings.md#{anchor(name)})"]
     return "\n".join(lines) + "\n\n"
-
-
-def grouped(ids: list[str]) -> list[str]:
-    """Return the ids as one line for each file: "- crc16: 1, 2, 5"."""
-    groups: dict[str, list[str]] = {}
-    for name in ids:
-        stem, _, number = name.rpartition("-")
-        groups.setdefault(stem, []).append(number)
-    return [f"- {stem}: {', '.join(numbers)}" for stem, numbers in groups.items()]
 
 
 def with_tables(text: str, data: dict[str, Any]) -> str:

@@ -52,6 +52,8 @@ def test_an_adapter_answers_as_the_scoreboard_says(peer: Peer) -> None:
     for state in ("failed", "open"):
         rows = [[name for name in row[state] if name in known] for row in (now, then)]
         assert rows[0] == rows[1], f"{state}; {hint}"
+    said = {name: text for name, text in now["shown"].items() if name in then["shown"]}
+    assert said == then["shown"], f"what findings show; {hint}"
     assert unconfirmed(found, known) == []
 
 
