@@ -84,10 +84,10 @@ def read(program: str, file: Path) -> tuple[str, list[Finding]]:
             raise ValueError(f"{file}: {row.get('title')}: expected the fields {', '.join(sorted(FIELDS | {kind}))}")
         if row["consequence"] not in CONSEQUENCES:
             raise ValueError(f"{file}: {row['title']}: consequence: expected one of {', '.join(CONSEQUENCES)}")
-        texts = {name: " ".join(row[name].split()) for name in ("title", "does", "means")}
-        cases = tuple(expanded(row.get("cases", "")))
-        rest = {"consequence": row["consequence"], "shown_by": row["shown_by"], "upstream": tuple(row["upstream"])}
-        found.append(Finding(program, cases=cases, version=row.get("version", ""), **texts, **rest))
+        title, does, means = (" ".join(row[name].split()) for name in ("title", "does", "means"))
+        upstream, cases = tuple(row["upstream"]), tuple(expanded(row.get("cases", "")))
+        rest = row["shown_by"], cases, row.get("version", "")
+        found.append(Finding(program, title, row["consequence"], does, means, upstream, *rest))
     return " ".join(document["does_well"].split()), found
 
 
