@@ -114,7 +114,7 @@ def restore_command(
     saved = _saved(file)
     description = given or _described(saved.device, endpoint)
     with connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
-        restore = Restore(machine, saved, endpoint, communication, not no_check, verify, store)
+        restore = Restore(machine, saved, endpoint, communication, not no_check, verify, store, note)
         try:
             for change in restore.run(dry_run=dry_run):
                 output.show(f"{change}, {'would be written' if dry_run else 'written'}", change.as_dict())

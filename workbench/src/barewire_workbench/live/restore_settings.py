@@ -19,7 +19,7 @@ Whatever ends it, the same restore can be carried out again: it goes on with wha
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -97,6 +97,7 @@ class Restore:
     check            refuse a file for another machine, a machine that is not at rest, and values out of range
     verify           read everything again at the end
     store            let the machine store what it has then
+    tell             called with a sentence before the machine takes its time to store or restart
     failed           the settings that were not written
     left_out         names of the file, with the reason: not on this bus, not saved; with `check` off also unknown ones
     stored           whether the store command was carried out
@@ -110,6 +111,7 @@ class Restore:
     check: bool = True
     verify: bool = True
     store: bool = True
+    tell: Callable[[str], object] = str
     equal: int = 0
     written: list[str] = field(default_factory=list)
     failed: list[Change] = field(default_factory=list)
@@ -327,8 +329,10 @@ class Restore:
             else:
                 confirmed_write(self.machine, self.url, name, value)
             if rules.store_takes:
+                self.tell(f"the device stores for {rules.store_takes:g} s, and must stay on meanwhile")
                 time.sleep(rules.store_takes)
             if not self.machine.device.find(name).answered:
+                self.tell("the device stores and restarts")
                 self._await_restart(rules)
             self.stored = True
 
