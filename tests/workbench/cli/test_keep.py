@@ -107,7 +107,7 @@ def test_what_is_not_read_is_in_a_new_file_and_takes_no_old_one_away(tmp_path: P
     assert unit is not None
     with ModbusServer("tcp://127.0.0.1:0", {1: unit}, faults="exception=04@1080") as server:
         done = run_here("save", server.url, "csd-mt", str(file))
-        assert (done.returncode, "60 settings of" in done.stdout, ", 1 were not read" in done.stdout) == (1, True, True)
+        assert (done.returncode, "60 settings of" in done.stdout, ", 1 not read" in done.stdout) == (1, True, True)
         assert done.stderr.startswith("barewire: Current Ratio: not read: unit 1, address 1080: exception 04")
         assert "exception 04" in SavedSettings.parse(file.read_bytes(), "file").not_read["Current Ratio"]
         file.write_text("old", encoding="utf-8")
@@ -142,6 +142,7 @@ def test_a_failure_says_what_was_not_written_and_how_to_go_on(drive: str, tmp_pa
         (["save", "{url}", "csd-mt", "press.dcf"], 2, "a DCF is made of an EDS"),
         (["save", "{url}", "adxl", "-"], 1, "is not adxl"),
         (["restore", "{file}", "{url}", "--device", "az3"], 2, "not for az3 here: Mode of Operation: az3 has no such"),
+        (["restore", "{moved}", "{url}"], 2, "names it; --device names another description"),
         (["restore", "nothing.toml", "{url}"], 1, "nothing.toml: No such file"),
         (["diff", "{url}", "{url}"], 2, "no file says which device it is: expected --device"),
         (["diff", "{file}", "nothing.toml"], 2, "nothing.toml: No such file"),
@@ -153,10 +154,11 @@ def test_a_failure_says_what_was_not_written_and_how_to_go_on(drive: str, tmp_pa
 def test_wrong_arguments_are_one_line(
     arguments: list[str], status: int, message: str, drive: str, tmp_path: Path
 ) -> None:
-    file, broken = tmp_path / "press.toml", tmp_path / "broken.toml"
+    file, broken, moved = (tmp_path / f"{name}.toml" for name in ("press", "broken", "moved"))
     output_of("save", drive, "csd-mt", str(file))
     broken.write_text("[", encoding="utf-8")
-    given = [argument.format(url=drive, file=file, broken=broken) for argument in arguments]
+    moved.write_text(SavedSettings("plant/pump").text(), encoding="utf-8")
+    given = [argument.format(url=drive, file=file, broken=broken, moved=moved) for argument in arguments]
     assert message in error_of(*given, status=status)
 
 

@@ -73,7 +73,7 @@ def save_command(
         raise BarewireError(f"{len(saved.not_read)} settings were not read: {file} is kept as it is; see --partial")
     replace_file(file, as_dcf(saved, endpoint) if is_dcf(file) else saved.text().encode())
     if file != _STDOUT:
-        missing = f", {len(saved.not_read)} were not read" if saved.not_read else ""
+        missing = f", {len(saved.not_read)} not read" if saved.not_read else ""
         print(f"{file}: {count} settings of {saved.title or device}{missing}")
     return 1 if saved.not_read else 0
 
@@ -112,7 +112,11 @@ def restore_command(
         return 0
     given = None if device is None else _described(device, endpoint)  # a wrong name is reported first
     saved = _saved(file)
-    description = given or _described(saved.device, endpoint)
+    try:
+        description = given or _described(saved.device, endpoint)
+    except BarewireError as error:
+        error.add_context(f"{file} names it; --device names another description")
+        raise
     with connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
         restore = Restore(machine, saved, endpoint, communication, not no_check, verify, store, note)
         try:
