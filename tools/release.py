@@ -25,6 +25,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import venv
 import zipapp
@@ -216,6 +217,23 @@ def links_without_address(wheel: Path) -> list[str]:
         return LINK.findall(archive.read(metadata).decode())
 
 
+def try_vectors(target: Path, scratch: Path) -> None:
+    """Unpack both archives of the vectors, compare the checksums, and load the package in node if there is one."""
+    (archive,), (package,) = target.glob("barewire-vectors-*.zip"), target.glob("barewire-vectors-*.tgz")
+    shutil.unpack_archive(archive, scratch / "vectors")
+    folder = scratch / "vectors" / archive.stem
+    for line in (folder / "SHA256SUMS").read_text(encoding="utf-8").splitlines():
+        digest, name = line.split("  ")
+        if hashlib.sha256((folder / name).read_bytes()).hexdigest() != digest:
+            raise ReleaseError(f"{archive.name}: {name} has another checksum than SHA256SUMS says")
+    sys.stdout.write(f"tried: {archive.name}\n")
+    with tarfile.open(package) as content:
+        content.extractall(scratch / "npm", filter="data")
+    if node := shutil.which("node"):
+        count = run(node, "-p", "require('./package').cases.length", where=scratch / "npm").strip()
+        sys.stdout.write(f"tried: {package.name}, {count} cases in node\n")
+
+
 def build(target: Path, files: str, scratch: Path) -> None:
     """Build and try everything."""
     new, elsewhere = version(), scratch / "elsewhere"
@@ -243,6 +261,7 @@ def build(target: Path, files: str, scratch: Path) -> None:
     program(wheels, alone, scratch)
     try_program(Program(alone.name, (str(alone),)), elsewhere)
     sys.stdout.write(run(sys.executable, "-m", "tools.vectors_release", "--to", target))
+    try_vectors(target, scratch)
     sums = [f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.name}\n" for file in sorted(target.iterdir())]
     (target / "SHA256SUMS").write_text("".join(sums), encoding="utf-8")
 

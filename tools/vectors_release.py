@@ -4,12 +4,14 @@
     barewire-vectors-1.1.0.tgz     the same files as a package of npm, with index.js
 
 vectors/VERSION is the version of the next release. vectors/released.json has what was released: by the version that
-added them the ids, with a digest of the meaning of each case. A case that was released keeps its meaning. If it was
-wrong, it is corrected, and vectors/CHANGELOG.md says so in the section of the next version:
+added them the ids, with what each case demands (tools/vectors_verdicts.py), first of it a digest of its meaning. A case
+that was released keeps its meaning. If it was wrong, it is corrected, and vectors/CHANGELOG.md says so in the section
+of the next version:
 
     - corrected `lrc-2`: the LRC was that of other bytes
 
 `python -m tools.vectors_release --record` writes released.json after a release. The same vectors make the same bytes.
+`--verdicts PROFILE`, or `all`, prints which verdicts can change since the last release, and builds nothing.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ import hashlib
 import io
 import json
 import re
+import subprocess
 import sys
 import tarfile
 import zipfile
@@ -28,7 +31,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from barewire_workbench.vectors.files import load_vectors
+from barewire_workbench.vectors.profiles import in_profile
 from barewire_workbench.vectors.questions import DESCRIPTION
+from tools.vectors_verdicts import Demand, by_profile, demands, effects
 
 ROOT = Path(__file__).parent.parent
 VECTORS = ROOT / "vectors"
@@ -70,8 +75,19 @@ def version() -> str:
 
 def released() -> Releases:
     """Return the ids and digests of released cases, by the version that added them; the last version comes last."""
+    rows = _released()
+    return {one: {case_id: demand.meaning for case_id, demand in row.items()} for one, row in rows.items()}
+
+
+def last_demands() -> tuple[str, dict[str, Demand]]:
+    """Return the version of the last release, and what its cases demanded."""
+    rows = _released()
+    return [*rows][-1], {case_id: demand for row in rows.values() for case_id, demand in row.items()}
+
+
+def _released() -> dict[str, dict[str, Demand]]:
     found: Releases = json.loads((VECTORS / "released.json").read_text(encoding="utf-8"))
-    return found
+    return {one: {case_id: Demand.parse(text) for case_id, text in row.items()} for one, row in found.items()}
 
 
 def sections(changelog: str) -> dict[str, str]:
@@ -123,11 +139,23 @@ def changes(now: Mapping[str, str], before: Releases, changelog: str, new: str) 
     }
 
 
-def recorded(now: Mapping[str, str], before: Releases, new: str) -> str:
+def with_verdicts(rows: dict[str, Any]) -> dict[str, Any]:
+    """Return the changelog by case id, with the verdicts that can change in the version that is released next."""
+    last, before = last_demands()
+    new = next(iter(rows))
+    if new != last:
+        vectors = load_vectors(VECTORS)
+        found = effects(before, demands(vectors, meanings()))
+        rows[new]["verdicts"] = {"since": last, **found, "profiles": by_profile(vectors, found)}
+    return rows
+
+
+def recorded(now: Mapping[str, Demand], before: Releases, new: str) -> str:
     """Return the text of released.json after the release of the version `new`."""
     known = {case_id for row in before.values() for case_id in row}
-    rows = {one: {case_id: now[case_id] for case_id in row} for one, row in before.items()}
-    rows.setdefault(new, {}).update({case_id: digest for case_id, digest in now.items() if case_id not in known})
+    rows = {one: {case_id: str(now[case_id]) for case_id in row} for one, row in before.items()}
+    added = {case_id: str(demand) for case_id, demand in now.items() if case_id not in known}
+    rows.setdefault(new, {}).update(added)
     return json.dumps(rows, indent=0) + "\n"
 
 
@@ -156,7 +184,7 @@ def content() -> Content:
         found[name] = OUTSIDE.sub(r"\1", found[name].decode()).encode()
     changelog = found["CHANGELOG.md"].decode()
     found["questions.jsonl"] = b"".join(questions())
-    found["changes.json"] = _json(changes(meanings(), released(), changelog, version()))
+    found["changes.json"] = _json(with_verdicts(changes(meanings(), released(), changelog, version())))
     return dict(sorted(found.items()))
 
 
@@ -211,19 +239,50 @@ def _json(value: Any) -> bytes:
     return json.dumps(value, indent=2, ensure_ascii=False).encode() + b"\n"
 
 
+def verdicts(profile: str) -> str:
+    """Return the cases of a profile by their effect on a stack that passed the last release, as lines."""
+    vectors, (last, before) = load_vectors(VECTORS), last_demands()
+    found = effects(before, demands(vectors, meanings()))
+    chosen = vectors if profile == "all" else in_profile(vectors, profile)
+    ids = {case["id"] for file in chosen.files for case in file.cases}
+    lines = [f"since {last}"]
+    for name, cases in found.items():
+        listed = [case_id for case_id in cases if case_id in ids]
+        lines.append(f"{len(listed):>5}  {name}  {'' if name.startswith('new') else ' '.join(listed)}".rstrip())
+    return "\n".join(lines) + "\n"
+
+
+def is_tagged(tag: str) -> bool:
+    """Return whether the repository has a tag; False where there is no repository, or no git."""
+    try:
+        done = subprocess.run(["git", "tag", "--list", tag], cwd=ROOT, capture_output=True, check=False)
+    except OSError:
+        return False
+    return bool(done.stdout.strip())
+
+
 def main() -> int:
     """Check what is to be released, then build it, or record it. Return the exit status."""
     parser = argparse.ArgumentParser(description="Build a release of the vectors.")
     parser.add_argument("--record", action="store_true", help="write vectors/released.json: this version is released")
+    parser.add_argument("--verdicts", metavar="PROFILE", help="print which verdicts can change; all: of all cases")
     parser.add_argument("--to", type=Path, default=ROOT / "dist", help="the folder of the archives (dist)")
     options = parser.parse_args()
     now, before, new = meanings(), released(), version()
+    if options.verdicts:
+        sys.stdout.write(verdicts(options.verdicts))
+        return 0
     changelog = (VECTORS / "CHANGELOG.md").read_text(encoding="utf-8")
-    if wrong := problems(now, before, changelog, new):
+    wrong = problems(now, before, changelog, new)
+    if not options.record and new not in before and is_tagged(tag := f"vectors-v{new}"):
+        wrong.append(f"the tag {tag} exists, and released.json does not have it: --record, then the next VERSION")
+    if wrong:
         sys.stderr.write("\n".join(wrong) + "\n")
         return 1
     if options.record:
-        (VECTORS / "released.json").write_text(recorded(now, before, new), encoding="utf-8")
+        (VECTORS / "released.json").write_text(
+            recorded(demands(load_vectors(VECTORS), now), before, new), encoding="utf-8"
+        )
         sys.stdout.write(f"vectors/released.json: version {new} with {len(now)} cases is released\n")
         return 0
     options.to.mkdir(parents=True, exist_ok=True)

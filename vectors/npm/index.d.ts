@@ -29,8 +29,19 @@ export const kinds: Record<string, Record<string, Operation>>;
 export const schema: object;
 /** The digest of each case, by id. */
 export const index: Record<string, string>;
-/** By version: the ids of added cases, and of corrected ones with the reason. */
-export const changes: Record<string, { added: string[]; corrected: Record<string, string> }>;
+/** Which verdicts can change for a stack that passed the version `since`: ids by effect, numbers for each profile. */
+export interface Verdicts {
+  since: string;
+  new: string[];
+  'new-open': string[];
+  tightened: string[];
+  loosened: string[];
+  changed: string[];
+  reasked: string[];
+  profiles: Record<string, Record<string, number>>;
+}
+/** By version: the ids of added cases, and of corrected ones with the reason; the newest has `verdicts`. */
+export const changes: Record<string, { added: string[]; corrected: Record<string, string>; verdicts?: Verdicts }>;
 export interface CaseOfFile {
   id: string;
   kind: string;

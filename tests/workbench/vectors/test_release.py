@@ -20,7 +20,8 @@ import pytest
 
 from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.profiles import badge_svg, badge_texts, in_profile
-from tools import vectors_release as release
+from tools import vectors_release as release, vectors_verdicts
+from tools.vectors_verdicts import Demand
 
 pytestmark = pytest.mark.long
 
@@ -79,12 +80,77 @@ def test_the_changelog_by_id_has_every_version() -> None:
 
 
 def test_a_recorded_release_has_the_new_meanings() -> None:
-    now = {"lrc-1": "x", "lrc-2": "b", "lrc-3": "c"}
+    now = {f"lrc-{number}": Demand(meaning, "valid", "7") for number, meaning in enumerate("xbc", 1)}
     assert json.loads(release.recorded(now, RELEASED, "1.2.0")) == {
-        "1.0.0": {"lrc-1": "x"},
-        "1.1.0": {"lrc-2": "b"},
-        "1.2.0": {"lrc-3": "c"},
+        "1.0.0": {"lrc-1": "x valid 7"},
+        "1.1.0": {"lrc-2": "b valid 7"},
+        "1.2.0": {"lrc-3": "c valid 7"},
     }
+
+
+# What a stack that passed must expect ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "effect"),
+    [
+        ("a valid 1", "a valid 1", ""),
+        ("a valid 1", "a valid 2", ""),  # a digest of what is asked is made otherwise now; the meaning is the same
+        (None, "a valid 1", "new"),
+        (None, "a invalid 1", "new"),
+        (None, "a acceptable 1", "new-open"),
+        ("a valid 1", "b acceptable 1", "loosened"),
+        ("a invalid 1", "b acceptable 2", "loosened"),
+        ("a acceptable 1", "b invalid 1", "tightened"),
+        ("a valid 1", "b valid 1", "changed"),
+        ("a valid 1", "b invalid 1", "changed"),
+        ("a acceptable 1", "b acceptable 2", "reasked"),
+    ],
+)
+def test_the_effect_of_a_case_on_a_stack_that_passed(before: str | None, now: str, effect: str) -> None:
+    assert vectors_verdicts.effect(before and Demand.parse(before), Demand.parse(now)) == effect  # type: ignore[arg-type]
+
+
+def test_a_case_that_asks_and_answers_otherwise_demands_otherwise() -> None:
+    (kind, case), operations = next(
+        ((file.kind, case), VECTORS.kinds[file.kind])
+        for file in VECTORS.files
+        for case in file.cases
+        if case["id"] == "lrc-1"
+    )
+
+    def demanded(**changed: str) -> Demand:
+        other = {**case, **changed}
+        return vectors_verdicts.demand(kind, other, release.meaning(kind, other), operations)
+
+    whole = demanded()
+    assert vectors_verdicts.effect(whole, demanded(comment="another remark")) == ""
+    assert vectors_verdicts.effect(whole, demanded(lrc="00")) == "changed"
+    assert vectors_verdicts.effect(whole, demanded(bytes="01")) == "reasked"
+    assert vectors_verdicts.effect(whole, demanded(result="acceptable")) == "loosened"
+
+
+def test_the_archive_says_which_verdicts_can_change(archive: zipfile.ZipFile) -> None:
+    rows = json.loads(archive.read(f"{TOP}changes.json"))
+    newest, (last, before) = next(iter(rows)), release.last_demands()
+    if newest == last:
+        assert "verdicts" not in rows[newest]
+        return
+    found = rows[newest]["verdicts"]
+    assert found["since"] == last
+    assert sorted([*found["new"], *found["new-open"]]) == sorted(rows[newest]["added"])
+    corrected = [name for effect in ("tightened", "loosened", "changed", "reasked") for name in found[effect]]
+    assert sorted(corrected) == sorted(rows[newest]["corrected"])
+    assert {*found["profiles"]} == {*VECTORS.profiles}
+    core = {case["id"] for file in in_profile(VECTORS, "modbus-core").files for case in file.cases}
+    assert found["profiles"]["modbus-core"]["new"] == len(core & {*found["new"]})
+    assert len(before) + len(rows[newest]["added"]) == len(VECTORS.digests)
+
+
+def test_verdicts_of_a_profile_are_printed() -> None:
+    lines = release.verdicts("modbus-core").splitlines()
+    assert lines[0] == f"since {release.last_demands()[0]}"
+    assert [line.split()[1] for line in lines[1:]] == [*vectors_verdicts.EFFECTS]
 
 
 DESCRIPTIONS = ("id", "comment", "source", "flags", "confirmed_by", "unconfirmed")
