@@ -65,7 +65,8 @@ WORKBENCH: dict[str, set[str]] = {
     "vectors": {"conform", "recordings"},
     "vendor": set(),
     "api": {"diagnosis", "frames", "recordings"},
-    "live": {"conform", "scan", "settings", "sniffer", "vectors"},
+    "value_log": set(),
+    "live": {"conform", "scan", "settings", "sniffer", "value_log", "vectors"},
     "__init__": {"api", "frames"},
 }
 OFFERED = {"explain", "explain_exchange", "explain_text", "Explanation", "FrameRole", "__version__"}  # by its door

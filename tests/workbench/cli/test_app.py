@@ -47,7 +47,7 @@ def test_verbose_writes_the_log_to_stderr() -> None:
 
 def test_more_verbose_writes_all_bytes() -> None:
     with ModbusServer("tcp://127.0.0.1:0", {1: simulator("adxl").modbus}) as server:
-        run = run_command("-vv", "read", server.url, "adxl", "Status")
+        run = run_command("-vv", "read", server.url, "adxl", "Status", "--no-check")
     assert " DEBUG barewire.modbus.client: " in run.stderr
     assert ": sent 00 01 00 00 00 06 01 04 " in run.stderr
 
@@ -92,7 +92,7 @@ def test_four_causes_of_failure_are_four_different_lines(tmp_path: Path) -> None
         port = server.getsockname()[1]
         silent = error_of("read", f"tcp://127.0.0.1:{port}?timeout=0.2", "csd-mt", "Status Word")
     with simulated_at("adxl", f"rtu://{tmp_path}/line") as endpoint:
-        exception = error_of("read", endpoint, "csd-mt", "Status Word")
+        exception = error_of("read", endpoint, "csd-mt", "Status Word", "--no-check")
     assert no_port == "barewire: /dev/tty-nowhere: no such file or directory\n"
     assert "connection refused" in refused
     assert "did not answer Read Holding Registers within 0.2 s" in silent

@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import os
 import re
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections import Counter
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from barewire import ModbusServer
-from barewire.devices import Reading, load
-from barewire.errors import EncodeError, NoAnswer, PortError
-from barewire.modbus import ModbusException, Table
+from barewire.devices.sim import simulator
+from barewire.errors import EncodeError, PortError
+from barewire.modbus import Table
 from barewire_workbench.cli.plot import check_plot_file, draw_plot
-from barewire_workbench.cli.raw_address import device_with
-from barewire_workbench.cli.watch import Poller, next_poll, polls
+from barewire_workbench.live.disk import Disk, DiskFile
+from barewire_workbench.value_log.csv_file import CsvFile
+from barewire_workbench.value_log.reader import Curve
+from barewire_workbench.value_log.sqlite_file import SqliteFile
 from tests.helpers import free_port, refused
 from tests.workbench.cli.helpers import (
     COMMAND,
@@ -35,64 +40,7 @@ from tests.workbench.cli.helpers import (
 )
 
 NAMES = ("Position Actual Value", "Status Word")
-CSD = load("csd-mt")
 BUSY = "unit 1, address 1004: exception 06 (server device busy) to function 03; while reading Position Actual Value"
-
-
-# Deadlines, without a wire
-
-
-def test_deadlines_do_not_drift_and_missed_ones_are_left_out() -> None:
-    number, passed, times = 0, 0.0, []
-    for takes in (0.1, 0.1, 1.2, 0.1, 0.5):
-        passed = max(passed, number * 0.5)
-        times.append(passed)
-        passed += takes
-        number = next_poll(number, 0.5, passed)
-    assert times == [0.0, 0.5, 1.0, 2.5, 3.0]
-    assert number == 7
-
-
-class FakeMachine:
-    """A machine that refuses some names, alone or with others, and raises the given errors first."""
-
-    def __init__(self, errors: Sequence[Exception | None] = ()) -> None:
-        self.errors = list(errors)
-        self.refuses: set[str] = set()
-        self.requests: list[tuple[str, ...]] = []
-        self.connected = 0
-
-    def connect(self) -> FakeMachine:
-        self.connected += 1
-        return self
-
-    def close(self) -> None:
-        pass
-
-    def read_all(self, names: Sequence[str]) -> list[Reading]:
-        self.requests.append(tuple(names))
-        if self.errors and (error := self.errors.pop(0)) is not None:
-            raise error
-        if self.refuses & set(names):
-            raise ModbusException(2, 3)
-        device = device_with("raw", names)
-        return [Reading(device.find(name), 1) for name in names]
-
-    def read(self, name: str) -> Reading:
-        return self.read_all([name])[0]
-
-
-def test_polling_continues_after_a_failed_poll() -> None:
-    machine, names = FakeMachine([None, NoAnswer("silence"), PortError("unplugged"), None]), ("holding:0",)
-    made = list(polls(Poller(machine.connect, device_with("raw", names), names), 0.001, 4))
-    assert [poll.error for poll in made] == ["", "silence", "unplugged", ""]
-    assert machine.connected == 2  # again after the port failed
-
-
-def test_a_request_that_cannot_be_encoded_ends_polling() -> None:
-    machine, names = FakeMachine([EncodeError("no such type")]), ("holding:0",)
-    with refused(EncodeError, "no such type"):
-        next(polls(Poller(machine.connect, device_with("raw", names), names), 0.001, 1))
 
 
 # The command
@@ -111,37 +59,13 @@ def test_the_other_names_are_read_if_one_is_refused() -> None:
             )
         for row in map(json.loads, output_of(*watch, "--json").splitlines()):
             assert row["values"] == {"holding:0": 0, "coil:0": False}
-            assert list(row["refused"]) == ["holding:100"]
-        done = run_command(*watch, "--csv")
-        assert [row[2:] for row in csv.reader(done.stdout.splitlines()[1:])] == [["0", "", "0"]] * 3
-        assert len(done.stderr.splitlines()) == 1
-        assert "holding:100: unit 1, address 100: exception 02" in done.stderr
+            assert row["error"].startswith("holding:100: unit 1, address 100: exception 02")
+        table = list(csv.reader(output_of(*watch, "--csv").splitlines()[1:]))
+        assert [row[1:4] for row in table] == [["0", "", "0"]] * 3
+        assert all("holding:100: unit 1, address 100: exception 02" in row[4] for row in table)
         done = run_command("watch", server.url, "raw", "holding:100", "coil:99", "--count", "2", "--period", "0.05")
         assert done.returncode == 1
         assert all("error: unit 1, address " in line and ": exception 02 " in line for line in done.stdout.splitlines())
-
-
-def test_a_refused_name_is_read_alone_as_long_as_it_is_refused() -> None:
-    names = ("holding:0", "holding:1", "holding:2")
-    machine = FakeMachine()
-    poller = Poller(machine.connect, device_with("raw", names), names)
-    machine.refuses = {"holding:1"}
-    poll = poller.poll(0.0)
-    assert ([reading.name for reading in poll.readings], list(poll.refused)) == (
-        ["holding:0", "holding:2"],
-        ["holding:1"],
-    )
-    assert machine.requests == [names, *((name,) for name in names)]
-    machine.requests.clear()
-    assert poller.poll(1.0).refused == poll.refused
-    assert machine.requests == [("holding:0", "holding:2"), ("holding:1",)]
-    machine.refuses = set()
-    assert poller.poll(2.0).refused == {}
-    machine.requests.clear()
-    assert [reading.name for reading in poller.poll(3.0).readings] == list(names)
-    assert machine.requests == [names]
-    machine.refuses = set(names)
-    assert "exception 02" in poller.poll(4.0).error
 
 
 def test_lines_json_and_csv() -> None:
@@ -152,17 +76,17 @@ def test_lines_json_and_csv() -> None:
         assert re.match(r" +\d+\.\d{3} s  Position Actual Value = 0 step; Status Word = 624 \(voltage", plain[0])
         rows = [json.loads(line) for line in output_of(*watch, "--json").splitlines()]
         assert [row["values"] for row in rows] == [{"Position Actual Value": 0, "Status Word": 624}] * 3
-        assert 0.0 <= rows[0]["time"] < rows[1]["time"] < rows[2]["time"]
-        assert rows[2]["time"] >= 0.2
+        assert 0.0 <= rows[0]["seconds"] < rows[1]["seconds"] < rows[2]["seconds"]
+        assert rows[2]["seconds"] >= 0.2
         table = list(csv.reader(output_of(*watch, "--csv").splitlines()))
         after = datetime.now(UTC)
-    assert table[0] == ["time", "utc", *NAMES]
-    assert [row[2:] for row in table[1:]] == [["0", "624"]] * 3
-    for row, seconds in ((rows[0]["utc"], rows[0]["time"]), *((row[1], float(row[0])) for row in table[1:])):
-        assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z", row)
-        assert before <= datetime.fromisoformat(row) + timedelta(seconds=0.001) <= after + timedelta(seconds=seconds)
-    utc = [datetime.fromisoformat(row[1]) for row in table[1:]]
-    assert utc == sorted(utc)
+    assert table[0] == ["time", "Position Actual Value [step]", "Status Word", "error"]
+    assert [row[1:] for row in table[1:]] == [["0", "624", ""]] * 3
+    times = [row["time"] for row in rows] + [row[0] for row in table[1:]]
+    assert all(re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d", text) for text in times)
+    dates = [datetime.fromisoformat(text) for text in times]
+    assert dates == sorted(dates)
+    assert before - timedelta(seconds=0.001) <= dates[0] <= dates[-1] <= after
 
 
 def test_failed_polls_are_shown_and_polling_continues() -> None:
@@ -179,9 +103,9 @@ def test_failed_polls_are_shown_and_polling_continues() -> None:
     failed = [row for row in rows if "error" in row]
     assert 0 < len(failed) < 20
     assert {row["error"] for row in failed} == {BUSY}
-    errors = done.stderr.splitlines()
-    assert done.returncode == 0
-    assert len(done.stdout.splitlines()) + len(errors) == 21
+    table = list(csv.reader(done.stdout.splitlines()))
+    errors = [row for row in table[1:] if row[-1] == BUSY]
+    assert (done.returncode, done.stderr, len(table)) == (0, "", 21)
     assert faults == ["fault exception"] * (len(failed) + len(errors))
 
 
@@ -285,7 +209,7 @@ def test_without_a_value_no_plot_is_drawn(tmp_path: Path) -> None:
 
 
 def test_a_plot_without_samples_is_empty(tmp_path: Path) -> None:
-    draw_plot(str(tmp_path / "empty.svg"), "nothing", [CSD.find(NAMES[0])], [])
+    draw_plot("nothing", str(tmp_path / "empty.svg"), [Curve("Speed", "rpm", [], [])])
     assert (tmp_path / "empty.svg").exists()
 
 
@@ -293,15 +217,128 @@ def test_a_plot_that_cannot_be_written_is_refused_before_the_first_poll(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with refused(EncodeError, "--plot curve.txt: expected a name that ends in .svg, .png, .pdf"):
-        check_plot_file("curve.txt")
+        check_plot_file("--plot", "curve.txt")
     with refused(PortError, "the directory does not exist"):
-        check_plot_file(f"{tmp_path}/nowhere/curve.svg")
+        check_plot_file("--plot", f"{tmp_path}/nowhere/curve.svg")
     (tmp_path / "dir.svg").mkdir()
     with refused(EncodeError, "dir.svg: expected a file, not a directory"):
-        check_plot_file(f"{tmp_path}/dir.svg")
+        check_plot_file("--plot", f"{tmp_path}/dir.svg")
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with refused(PortError, "drawing needs the extra 'plot': pip install 'barewire[plot]'"):
-        check_plot_file(f"{tmp_path}/curve.svg")
+        check_plot_file("--plot", f"{tmp_path}/curve.svg")
+
+
+# Logs
+
+
+def rows_of(path: Path) -> list[list[str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.reader(file))
+
+
+def test_a_log_of_two_machines_is_appended_to_and_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "night.csv"
+    units: dict[int, Any] = {1: simulator("csd-mt").modbus, 2: simulator("adxl").modbus}
+    with ModbusServer("tcp://127.0.0.1:0", units) as server:
+        watch = ("watch", f"{server.url}?unit=1", "csd-mt", "Current Ratio", "--and", f"{server.url}?unit=2", "adxl")
+        watch += ("Status", "--period", "10ms", "--count", "3", "--to", str(path))
+        first = run_here(*watch)
+        assert (first.returncode, first.stdout, first.stderr) == (0, "", f"barewire: {path}: 3 rows written\n")
+        assert f"--to {path}: the file exists: --append adds to it" in error_of(*watch, status=2)
+        path.write_bytes(path.read_bytes()[:-5])  # half a line, after a power cut
+        again = run_here(*watch, "--append", "--json")
+        assert "bytes of a line that was not finished are cut off" in again.stderr
+    heading, *rows = rows_of(path)
+    assert heading == ["time", "csd-mt: Current Ratio [%]", "adxl: Status", "error"]
+    assert [row[1:] for row in rows] == [["70", "2", ""]] * 5
+    shown = [json.loads(line) for line in again.stdout.splitlines()]
+    assert [row["time"] for row in shown] == [row[0] for row in rows[2:]]
+    drawn = run_here("plot", str(path))
+    assert (drawn.returncode, drawn.stderr) == (0, f"barewire: {path.with_suffix('.svg')}: 5 rows\n")
+    assert path.with_suffix(".svg").stat().st_size > 5000
+    assert "no column 'Speed': expected one of csd-mt: Current Ratio, adxl: Status" in error_of(
+        "plot", str(path), "--name", "Speed", status=2
+    )
+
+
+def test_a_machine_that_cannot_be_reached_has_rows_that_say_so(tmp_path: Path) -> None:
+    path, port = tmp_path / "night.csv", free_port()
+    with ModbusServer("tcp://127.0.0.1:0", {1: Table(1)}) as server:
+        run_here(
+            *("watch", server.url, "raw", "holding:0", "--and", f"tcp://127.0.0.1:{port}", "raw", "holding:1"),
+            *("--to", str(path), "--count", "2", "--period", "0.3"),
+        )
+    assert [row[1:] for row in rows_of(path)[1:]] == [
+        ["0", "", f"raw at tcp://127.0.0.1:{port}: 127.0.0.1:{port}: connection refused"]
+    ] * 2
+
+
+def test_rows_are_chosen_by_conditions_and_changes(tmp_path: Path) -> None:
+    with ModbusServer("tcp://127.0.0.1:0", {1: Table(4)}) as server:
+        watch = ("watch", server.url, "raw", "holding:0", "--count", "3", "--period", "10ms", "--csv")
+        assert len(output_of(*watch, "--change", "0").splitlines()) == 2
+        assert len(output_of(*watch, "--every", "2").splitlines()) == 3
+        assert output_of(*watch, "--when", "holding:1.3 == 1") == "time,holding:0,holding:1,error\n"
+        output_of("write", server.url, "raw", "holding:1=8")
+        assert len(output_of(*watch, "--when", "holding:1.3 == 1").splitlines()) == 4
+
+
+@pytest.mark.parametrize("end", ["night.csv", "night.db"])
+def test_a_full_disk_is_reported(tmp_path: Path, end: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with ModbusServer("tcp://127.0.0.1:0", {1: Table(1)}) as server:
+        watch = ("watch", server.url, "raw", "holding:0", "--period", "10ms", "--to", str(tmp_path / end))
+        output_of(*watch, "--count", "1")
+        monkeypatch.setattr(DiskFile, "append", full)
+        monkeypatch.setattr(SqliteFile, "add", full)
+        done = run_here(*watch, "--append", "--count", "2")
+    assert done.returncode == 1
+    assert done.stderr.splitlines() == [
+        f"barewire: {tmp_path / end}: no space left on device: rows wait",
+        f"barewire: {tmp_path / end}: 0 rows written",
+        f"barewire: {tmp_path / end}: 2 rows could not be written: no space left on device",
+    ]
+
+
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("end", ["csv", "db"])
+def test_what_was_shown_is_in_the_file_however_the_command_ends(tmp_path: Path, end: str, sent: signal.Signals) -> None:
+    """Killed a few times while it writes, a row was in the file before it was shown, and each is there once."""
+    path, shown = tmp_path / f"night.{end}", []
+    with ModbusServer("tcp://127.0.0.1:0", {1: Table(1)}) as server:
+        watch = ("watch", server.url, "raw", "holding:0", "--period", "2ms", "--json", "--to", str(path), "--append")
+        for lines in (1, 7, 30):
+            with subprocess.Popen(
+                [*COMMAND, *watch], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT
+            ) as process:
+                assert process.stdout is not None
+                shown += [process.stdout.readline() for _ in range(lines)]
+                process.send_signal(sent)
+                shown += process.stdout.readlines()
+                assert process.wait(30) == (-9 if sent == signal.SIGKILL else 128 + sent)
+    # The last line of a killed process may be half.
+    times = [json.loads(line)["time"] for line in shown if line.endswith("\n")]
+    if end == "csv":
+        CsvFile(Disk(), str(path), ["time", "holding:0", "error"]).close()
+        written = [row[0] for row in rows_of(path)[1:]]
+    else:
+        with sqlite3.connect(path) as database:
+            written = [row[0] for row in database.execute("SELECT time FROM samples")]
+    assert len(times) >= 38
+    assert not Counter(times) - Counter(written)
+    assert len(written) - len(times) <= 3 * 2
+
+
+def test_a_clock_time_ends_the_command() -> None:
+    with ModbusServer("tcp://127.0.0.1:0", {1: Table(1)}) as server:
+        watch = ("watch", server.url, "raw", "holding:0", "--period", "50ms", "--csv")
+        end = datetime.now().astimezone() + timedelta(seconds=1)
+        assert 1 < len(output_of(*watch, "--until", end.isoformat()).splitlines()) < 25
+        assert len(output_of(*watch, "--for", "140ms").splitlines()) == 4
+        assert "that is over, now it is" in error_of(*watch, "--until", "2020-01-01", status=2)
+        assert "expected a time such as 06:00" in error_of(*watch, "--until", "25:00", status=2)
 
 
 def test_wrong_options_are_refused() -> None:
@@ -310,6 +347,12 @@ def test_wrong_options_are_refused() -> None:
     assert "expected seconds, above 0" in error_of(*command, NAMES[0], "--period", "0", status=2)
     assert "did you mean 'Status Word'?" in error_of(*command, "Statos Word", status=2)
     assert "connection refused" in error_of(*command, NAMES[0])
+    assert "expected ENDPOINT DEVICE NAME..." in error_of(*command, NAMES[0], "--and", "tcp://127.0.0.1", status=2)
+    assert "expected a name that ends in .csv" in error_of(*command, NAMES[0], "--to", "night.xls", status=2)
+    assert "are for the file of --to FILE" in error_of(*command, NAMES[0], "--append", status=2)
+    assert "--at-least is for rows that --change" in error_of(*command, NAMES[0], "--at-least", "1h", status=2)
+    assert "> out.csv, or barewire watch ... --to out.csv" in error_of(*command, "out.csv", "--csv", status=2)
+    assert "> out.csv, or" in error_of("read", *command[1:], NAMES[0], "--csv", "out.csv", status=2)
     assert "fault 'late:2': expected a probability" in error_of(
         "simulate", "adxl", "tcp://127.0.0.1:0", "--fault", "late:2", status=2
     )

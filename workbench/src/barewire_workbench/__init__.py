@@ -23,10 +23,11 @@ The rooms in reading order. Only `live` and `cli` use clocks and ports; the othe
     eds/         EDS files checked, and written from the description of a device
     settings/    the settings of a device: the file that keeps them, what differs
     scan/        the units of a line, their settings, addresses and names
+    value_log/   logs of values that are read periodically: rows, conditions, files that are whole after a power cut
     conform/     the behaviour that every server and every CANopen device must show, as data
     vectors/     the reference vectors, their questions, the judgement of answers
     vendor/      a client or server of the stack as one file; its shorter parts are in live/one_file
-    live/        both batteries, scans, and the questions of vectors, on real ports
+    live/        both batteries, scans, values, and the questions of vectors, on real ports
     cli/         the command `barewire`, one file per command
     api          `explain` and `explain_text`
 

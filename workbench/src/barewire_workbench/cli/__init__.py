@@ -13,7 +13,8 @@
     value_text        the VALUE of NAME=VALUE
     raw_address       names that are addresses: holding:0, 40001, object:6041h:u16
     keep              `save`, `restore`, `diff`: the settings of a device; keep_dcf: a DCF as the file
-    watch, plot       `watch`: named values periodically, as a table, lines, JSON, CSV or a plot
+    watch             `watch`: named values periodically, as a table, lines, JSON or CSV
+    log_file, plot    the log of `watch --to`; `plot`: a log as curves
     drive             `drive`: enable, move and stop a drive
     shown_frames      `--frames` of read, write, drive and demo: the frames of a command as they pass
     explain           `explain`: frames and recordings

@@ -21,7 +21,7 @@ import click
 from barewire import __version__
 from barewire.errors import BarewireError, EncodeError
 from barewire_workbench.cli.arguments import CommandGroup
-from barewire_workbench.cli.output import text_with_notes
+from barewire_workbench.live.results import text_with_notes
 
 COMMANDS = {
     "demo": ("demo", "Read and write three simulated machines on every wire."),
@@ -34,7 +34,8 @@ COMMANDS = {
     "save": ("keep", "Save the settings of a device in a file."),
     "restore": ("keep", "Write the settings of a file to a device."),
     "diff": ("keep", "Compare the settings of two devices or files."),
-    "watch": ("watch", "Read named values periodically."),
+    "watch": ("watch", "Read named values periodically, and log them."),
+    "plot": ("plot", "Draw a log that `barewire watch --to` wrote."),
     "drive": ("drive", "Enable, move and stop a CiA 402 drive."),
     "explain": ("explain", "Explain a frame byte by byte and check it."),
     "send": ("send", "Send the bytes of a frame as they are; explain the answer."),

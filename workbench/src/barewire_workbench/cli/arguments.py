@@ -72,11 +72,19 @@ def _is_device(name: str) -> bool:
     return name.lower() in (*names(), "raw", "table") or os.path.isdir(name) or is_eds(name)
 
 
+_SECONDS = {"ms": 0.001, "s": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+
+
 def duration(value: str) -> float:
-    """The type of a time in seconds: above 0, and below 1000000."""
-    number = _number(value)
+    """The type of a time: seconds, or with one of the units ms, s, m, min, h, d; above 0, and below 1000000 s.
+
+    >>> duration("10"), duration("1.5h"), duration("200ms")
+    (10.0, 5400.0, 0.2)
+    """
+    match = re.fullmatch(r"(.*?) *(ms|s|min|m|h|d)", str(value).strip())  # a default is a number
+    number = _number(match[1]) * _SECONDS[match[2]] if match else _number(value)
     if not 0 < number < 1e6:
-        raise click.BadParameter(f"{shown(value)}: expected seconds, above 0")
+        raise click.BadParameter(f"{shown(value)}: expected seconds, above 0, or such as 200ms, 15m, 12h")
     return number
 
 
@@ -151,6 +159,14 @@ units_option = click.option(
     multiple=True,
     help="Modbus: the unit of that --device; without it, every unit.",
 )
+
+
+def check_no_file_name(names: Iterable[str]) -> None:
+    """Raise EncodeError for a name that is a file: `--csv` takes none."""
+    for name in names:
+        if name.lower().endswith((".csv", ".json", ".db")):
+            hint = f"into a file: > {name}, or barewire watch ... --to {name}"
+            raise EncodeError(f"{shown(name)} is no NAME; --csv and --json print on stdout, {hint}")
 
 
 def check_machine(machine: MachineClient, no_check: bool, *, before_write: bool = False) -> None:

@@ -87,12 +87,6 @@ def note_refused_pdos(file: str, reasons: Iterable[str]) -> None:
         note(f"{file}: PDO switched off: {reason}")
 
 
-def text_with_notes(error: Exception) -> str:
-    """Return the text of an error, with its notes: which names were being read, what was written before."""
-    text = str(error)
-    return "; ".join([text, *(extra for extra in getattr(error, "__notes__", []) if extra not in text)])
-
-
 @contextmanager
 def status_line() -> Iterator[Callable[[str], None] | None]:
     """Yield a function that shows the present step in one line of the terminal; None if stderr is not one."""

@@ -22,6 +22,7 @@ from barewire.modbus.exceptions import ModbusException
 from barewire_workbench.cli.arguments import (
     Choice,
     check_machine,
+    check_no_file_name,
     device_argument,
     endpoint_argument,
     no_check_option,
@@ -106,6 +107,7 @@ def read_command(
         raise click.UsageError("--all reads every value: expected no NAME and no --group beside it")
     if as_csv and output.as_json:
         raise click.UsageError("--csv and --json: give one of them")
+    check_no_file_name(names)
     described = device_with(device, endpoint=endpoint)
     names = expanded(names, described)
     description = device_with(described, [name for name in names if not is_pattern(name)])

@@ -8,9 +8,11 @@
     save_settings          the settings of a machine, and what it says about itself
     restore_settings       saved settings back into a machine, in the order of its manual
     read_values            many values of a machine, of which a bad one costs only itself
+    polling                named values of machines, read periodically
+    disk                   the files of a log of values
     listen                 what others say on a serial line
     ports                  the serial ports and CAN interfaces of this machine
-    results                the line of a case; the errors of a run that ended early, or did not begin
+    results                the line of a case; the errors of a run that ended early, or did not begin; notes of errors
     vector_adapter         a program that answers the questions of the vectors
     one_file/              parts of the files that `barewire vendor` makes
 

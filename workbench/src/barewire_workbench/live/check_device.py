@@ -21,8 +21,8 @@ from barewire.modbus.exceptions import ILLEGAL_FUNCTION
 from barewire_workbench.scan.identity import DeviceIdentity, check_identity_table, contradiction
 
 if TYPE_CHECKING:
-    from barewire import CanopenClient
     from barewire.devices import Device
+    from barewire.io.canopen.node import DeviceNode
     from barewire.io.machine import MachineClient
 
 _OTHERS_TIMEOUT = 0.5
@@ -69,8 +69,9 @@ def check_device(machine: MachineClient, *, before_write: bool = False) -> None:
         name = f"unit {client.unit_for(None, device)}"
         questions = _questions_to_unit(client, device, table, identity)
     else:
-        name = f"node {client.node(device=device).number}"
-        questions = _questions_to_node(client, device, table, identity)
+        node = client.node(getattr(machine, "node", None), device=device)
+        name = f"node {node.number}"
+        questions = _questions_to_node(node, device, table, identity)
     for question in questions:
         try:
             question.ask()
@@ -108,13 +109,13 @@ def _questions_to_unit(
 
 
 def _questions_to_node(
-    client: CanopenClient, device: Device, table: Mapping[str, Any], identity: DeviceIdentity
+    node: DeviceNode, device: Device, table: Mapping[str, Any], identity: DeviceIdentity
 ) -> Iterator[_Question]:
     """Yield the objects that the table names, and 1000h of a drive, which has the profile 402. A node that has an SDO
     server answers each, if only by an abort."""
     from barewire_workbench.live.scan_canopen import ask
 
-    upload = client.node(device=device).sdo.upload
+    upload = node.sdo.upload
     keys = {"device_type": "device_type", "vendor": "vendor", "product": "product", "texts": "name"}
     for key, of_node in keys.items():
         if key in table or (key == "device_type" and device.drive is not None):

@@ -1,5 +1,5 @@
 """What both batteries say of a case and of a run: a line of text, and the errors of a run that ended early, or did not
-begin.
+begin. And the text of an error with its notes.
 """
 
 from __future__ import annotations
@@ -28,3 +28,9 @@ class TwoDevices(BarewireError):
         which = f"{first} and {second}" if str(first) != str(second) else f"{first}, twice"
         super().__init__(f"two devices answer as node {node}: one request got {which}")
         self.node = node
+
+
+def text_with_notes(error: Exception) -> str:
+    """Return the text of an error, with its notes: which names were being read, what was written before."""
+    text = str(error)
+    return "; ".join([text, *(extra for extra in getattr(error, "__notes__", []) if extra not in text)])

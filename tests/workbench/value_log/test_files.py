@@ -1,0 +1,100 @@
+"""The rows of an SQLite log; reading both kinds of files again, to draw them."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from barewire.errors import EncodeError, PortError
+from barewire_workbench.live.disk import Disk
+from barewire_workbench.value_log.csv_file import CsvFile
+from barewire_workbench.value_log.reader import read_logs
+from barewire_workbench.value_log.rotating_log import LogFile, RotatingLog, Rotation
+from barewire_workbench.value_log.sample import Row
+from barewire_workbench.value_log.sqlite_file import SqliteFile
+from tests.helpers import refused
+
+HEADINGS = ["time", 'Speed "n" [rpm]', "Status", "Text", "error"]
+
+
+def opened(path: Path) -> LogFile:
+    return SqliteFile(str(path), HEADINGS) if path.suffix == ".db" else CsvFile(Disk(), str(path), HEADINGS)
+
+
+def row(second: int, speed: float | None, status: int | None = 1, error: str = "") -> Row:
+    return [f"2026-11-28T03:00:{second:02}.000+01:00", speed, status, "a\nb", error]
+
+
+@pytest.mark.parametrize("name", ["night.csv", "night.db"])
+def test_rows_are_appended_rotated_and_read_again(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    for start in (0, 10):
+        log = RotatingLog(Disk(), str(path), lambda: opened(path), Rotation(size=1))
+        log.add(row(start, 1.5), 0.0)
+        log.add(row(start + 1, None, None, "no answer"), 1.0)
+        log.close(2.0)
+        assert (log.safe, log.lost) == (2, 0)
+    files = sorted(map(str, tmp_path.iterdir()))
+    assert len(files) == 4
+    curves = read_logs(files)
+    speed, status = curves.curves  # the column of texts has no curve
+    assert (speed.title, speed.unit, speed.is_state) == ('Speed "n"', "rpm", False)
+    assert [value for value in speed.values if value == value] == [1.5, 1.5]
+    assert [at.second for at in speed.times] == [0, 1, 10, 11]
+    assert (status.unit, status.is_state) == ("", True)
+    assert [curve.title for curve in read_logs(files, ["status"]).curves] == ["Status"]
+    with refused(EncodeError, "no column 'Stats': expected one of"):
+        read_logs(files, ["Stats"])
+
+
+def test_a_database_has_types_and_takes_other_columns_for_another_log(tmp_path: Path) -> None:
+    path = tmp_path / "night.db"
+    file = SqliteFile(str(path), HEADINGS)
+    file.add(["2026-11-28T03:00:00.000+01:00", 2.5, True, 1 << 63, ""])
+    assert file.first_time == file.last_time == "2026-11-28T03:00:00.000+01:00"
+    file.close()
+    assert SqliteFile(str(path), HEADINGS).last_time == "2026-11-28T03:00:00.000+01:00"
+    with sqlite3.connect(path) as database:
+        assert database.execute("SELECT * FROM samples").fetchall() == [
+            ("2026-11-28T03:00:00.000+01:00", 2.5, 1, str(1 << 63), None)
+        ]
+    with refused(EncodeError, "expected time,Other,error to append"):
+        SqliteFile(str(path), ["time", "Other", "error"])
+    (tmp_path / "text.db").write_text("not a database, but long enough to be looked at" * 10)
+    with pytest.raises(OSError, match="not a database"):
+        SqliteFile(str(tmp_path / "text.db"), HEADINGS)
+
+
+def test_files_that_are_no_logs_are_named(tmp_path: Path) -> None:
+    other = tmp_path / "other.csv"
+    other.write_text("a,b\n1,2\n")
+    with refused(EncodeError, "other.csv: expected a log of `barewire watch --to`"):
+        read_logs([str(other)])
+    other.write_text("time,A,error\nyesterday,1,\n")
+    with refused(EncodeError, "'yesterday' is no time"):
+        read_logs([str(other)])
+    for missing in ("none.csv", "none.db"):
+        with refused(PortError, "No such file"):
+            read_logs([str(tmp_path / missing)])
+    assert not (tmp_path / "none.db").exists()
+    for name in ("binary.csv", "binary.db"):
+        (tmp_path / name).write_bytes(b"\xff\xfe\0" * 100)
+        with pytest.raises(PortError):
+            read_logs([str(tmp_path / name)])
+
+
+def test_half_a_line_at_the_end_is_not_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "night.csv"
+    path.write_text("time,A [V],error\n2026-11-28T03:00:00.000+01:00,1,\n2026-11-28T03:0")
+    assert read_logs([str(path)]).curves[0].values == [1.0]
+
+
+def test_two_programs_do_not_write_one_file(tmp_path: Path) -> None:
+    path = tmp_path / "night.csv"
+    first = opened(path)
+    with refused(PortError, "another program writes to it"):
+        opened(path)
+    first.close()
+    opened(path).close()
