@@ -240,8 +240,9 @@ def test_a_log_of_two_machines_is_appended_to_and_drawn(tmp_path: Path) -> None:
     path = tmp_path / "night.csv"
     units: dict[int, Any] = {1: simulator("csd-mt").modbus, 2: simulator("adxl").modbus}
     with ModbusServer("tcp://127.0.0.1:0", units) as server:
-        watch = ("watch", f"{server.url}?unit=1", "csd-mt", "Current Ratio", "--and", f"{server.url}?unit=2", "adxl")
-        watch += ("Status", "--period", "10ms", "--count", "3", "--to", str(path))
+        first_machine = ("watch", f"{server.url}?unit=1", "csd-mt", "Current Ratio")
+        both = (*first_machine, "--and", f"{server.url}?unit=2", "adxl", "Status")
+        watch = (*both, "--period", "10ms", "--count", "3", "--to", str(path))
         first = run_here(*watch)
         assert (first.returncode, first.stdout, first.stderr) == (0, "", f"barewire: {path}: 3 rows written\n")
         assert f"--to {path}: the file exists: --append adds to it" in error_of(*watch, status=2)

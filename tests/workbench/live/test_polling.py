@@ -164,7 +164,7 @@ def test_a_refused_name_is_read_alone_as_long_as_it_is_refused() -> None:
 
 def test_machines_on_one_port_share_it() -> None:
     units = {1: simulator("adxl").modbus, 2: simulator("az3").modbus}
-    with ModbusServer("rtu://pty", units) as server:  # type: ignore[arg-type]
+    with ModbusServer("rtu://pty", units) as server:
         url = server.url
         machines = [
             Watched(f"{url}?unit=1", load("adxl"), ("Status",)),

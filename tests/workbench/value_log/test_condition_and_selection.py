@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -82,7 +83,7 @@ def test_the_name_in_a_text() -> None:
 # Which samples become rows
 
 
-def taken(selection: Selection, values: list[float | None], errors: str = "") -> list[int]:
+def taken(selection: Selection, values: Sequence[float | None]) -> list[int]:
     return [
         number
         for number, value in enumerate(values)
