@@ -24,11 +24,12 @@ from barewire_workbench.cli.arguments import (
 )
 from barewire_workbench.cli.dry_run import frames_of
 from barewire_workbench.cli.keep_dcf import as_dcf, configure, is_dcf, read_dcf
-from barewire_workbench.cli.output import Output, file_content, note, output_option, replace_file, text_with_notes
+from barewire_workbench.cli.output import Output, file_content, note, output_option, replace_file
 from barewire_workbench.cli.raw_address import device_with
 from barewire_workbench.cli.read_write import connected
 from barewire_workbench.cli.shown_frames import ShownFrames, frames_option, is_verbose
 from barewire_workbench.live.restore_settings import Change, Restore
+from barewire_workbench.live.results import text_with_notes
 from barewire_workbench.live.save_settings import save_settings
 from barewire_workbench.settings.compare import COLUMNS, SettingDifference, differences
 from barewire_workbench.settings.rules import SettingRules

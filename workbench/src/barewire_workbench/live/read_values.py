@@ -19,6 +19,7 @@ from barewire.devices import Device, Parameter, Reading, UnknownName
 from barewire.errors import DecodeError, NoAnswer, Refused, shown, suggest
 from barewire.io.endpoint import Endpoint
 from barewire.io.machine import MachineClient
+from barewire_workbench.value_log.sample import plain_value
 
 _TOGETHER = 64
 """Values that are asked for in one call, so that the first appear while the others are read."""
@@ -47,16 +48,9 @@ class ReadValue(NamedTuple):
     def as_dict(self) -> dict[str, object]:
         """The value, for JSON and CSV."""
         parameter, value = self.parameter, None if self.reading is None else self.reading.value
-        fields = {"name": parameter.name, "value": _plain(value), "unit": parameter.unit}
+        fields = {"name": parameter.name, "value": plain_value(value), "unit": parameter.unit}
         fields |= {"text": "", "error": self.problem} if value is None else {"text": parameter.text(value)}
-        return fields if self.configured is None else fields | {"configuration": _plain(self.configured)}
-
-
-def _plain(value: Value | None) -> object:
-    """Return a value for JSON and CSV: bytes in hexadecimal, times in milliseconds."""
-    if isinstance(value, bytes):
-        return value.hex(" ").upper()
-    return int(value) if isinstance(value, int) and not isinstance(value, bool) else value
+        return fields if self.configured is None else fields | {"configuration": plain_value(self.configured)}
 
 
 def read_values(machine: MachineClient, names: Sequence[str]) -> Iterator[ReadValue]:

@@ -70,7 +70,8 @@ def condition(text: str, machines: Sequence[Watched], parse_value: Callable[[Par
     if bit is not None:
         limit: Value = _bit_value(text, column, bit, match["value"].strip())
     else:
-        limit = parse_value(column.parameter, _unquoted(match["value"].strip()))
+        value = parse_value(column.parameter, _unquoted(match["value"].strip()))
+        limit = value.hex(" ").upper() if isinstance(value, bytes) else value  # as `values_of` has it
     if isinstance(limit, str) and match["operator"] not in ("==", "!="):
         raise EncodeError(f"condition {shown(text)}: a text is compared with == or !=")
     return Condition(text, column, bit, _OPERATORS[match["operator"]], limit)

@@ -101,9 +101,16 @@ def headings(columns: Sequence[Column]) -> list[str]:
     return [TIME, *(column.heading for column in columns), ERROR]
 
 
+def plain_value(value: Value | None) -> int | float | str | None:
+    """Return a value for JSON, CSV and SQLite: bytes in hexadecimal, times in milliseconds."""
+    if isinstance(value, bytes):
+        return value.hex(" ").upper()
+    return int(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
 def values_of(sample: Sample, columns: Sequence[Column]) -> list[Value | None]:
     """Return the value of each column; None for one that was not read."""
-    values = [{reading.name: reading.value for reading in poll.readings} for poll in sample.polls]
+    values = [{reading.name: plain_value(reading.value) for reading in poll.readings} for poll in sample.polls]
     return [values[column.machine].get(column.parameter.name) for column in columns]
 
 
