@@ -48,7 +48,7 @@ class ReadValue(NamedTuple):
     def as_dict(self) -> dict[str, object]:
         """The value, for JSON and CSV."""
         parameter, value = self.parameter, None if self.reading is None else self.reading.value
-        fields = {"name": parameter.name, "value": plain_value(value), "unit": parameter.unit}
+        fields: dict[str, object] = {"name": parameter.name, "value": plain_value(value), "unit": parameter.unit}
         fields |= {"text": "", "error": self.problem} if value is None else {"text": parameter.text(value)}
         return fields if self.configured is None else fields | {"configuration": plain_value(self.configured)}
 
