@@ -262,7 +262,7 @@ def test_a_late_response_does_not_reach_the_next_command() -> None:
     unit.start()
 
     def read(name: str, timeout: float) -> subprocess.CompletedProcess[str]:
-        command = [*COMMAND, "read", f"rtu://{terminal.path}?timeout={timeout}", "adxl", name]
+        command = [*COMMAND, "read", f"rtu://{terminal.path}?timeout={timeout}", "adxl", name, "--no-check"]
         return subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, timeout=30, check=False)
 
     try:

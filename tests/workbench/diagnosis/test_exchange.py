@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from barewire import ascii as ascii_room, rtu, tcp
 from barewire.devices import load
 from barewire.errors import DecodeError, EncodeError
-from barewire_workbench import Explanation, explain_exchange
+from barewire_workbench import Explanation, explain, explain_exchange
 
 
 def exchanged(request: str, response: str, unit: int = 1, answering: int = 1, **options: object) -> Explanation:
@@ -164,3 +164,25 @@ def test_any_exchange_is_explained(framing: str, asked: bytes, answered: bytes, 
     explanation = explain_exchange(framing, *texts, floats=floats)
     assert all(finding.text.isprintable() and finding.proof for finding in explanation.diagnosis)
     explain_exchange(framing, texts[1], texts[0], device=load("adxl"))
+
+
+@pytest.mark.parametrize(
+    ("pdu", "note"),
+    [
+        ("03 9C41 0001", "if 40001 is the manual's number of the holding register, send 0"),
+        ("06 9C4F 0001", "if 40015 is the manual's number of the holding register, send 14"),
+        ("10 C34F 0001 02 0000", "if 49999 is the manual's number of the holding register, send 9998"),
+        ("04 7532 0001", "if 30002 is the manual's number of the input register, send 1"),
+        ("02 2711 0008", "if 10001 is the manual's number of the discrete input, send 0"),
+        ("03 9C40 0001", ""),  # 40000 is no number
+        ("03 C350 0001", ""),  # neither is 50000
+        ("03 7531 0001", ""),  # 30001 is none of a holding register
+        ("01 9C41 0001", ""),
+        ("83 02", ""),
+    ],
+)
+def test_a_good_request_for_the_number_of_a_manual_gets_a_note(pdu: str, note: str) -> None:
+    explained = explain("rtu", rtu.encode(1, bytes.fromhex(pdu)), None if pdu == "83 02" else "request")
+    assert explained.valid
+    assert explained.diagnosis == ()
+    assert [(found.code, found.text) for found in explained.notes] == ([("address-base", note)] if note else [])

@@ -67,7 +67,7 @@ def test_a_wrong_crc_leaves_all_fields_explained() -> None:
 
 def test_the_dict_has_these_keys_and_is_json() -> None:
     explanation = explain("rtu", bytes.fromhex("018302C0F0"), "response").as_dict()
-    assert list(explanation) == ["protocol", "valid", "role", "fields", "error", "diagnosis"]
+    assert list(explanation) == ["protocol", "valid", "role", "fields", "error", "diagnosis", "notes"]
     fields: Any = explanation["fields"]
     assert [list(field) for field in fields] == [["offset", "length", "name", "hex", "value", "meaning"]] * 4
     assert json.loads(json.dumps(explanation)) == explanation

@@ -23,6 +23,7 @@ from barewire.devices.drive import DriveProgress, DriveStatus, DriveStuck, bit_n
 from barewire.devices.parameter import show
 from barewire.errors import shown
 from barewire.io.drive import DriveClient
+from barewire.io.machine import MachineClient
 from barewire_workbench.cli.arguments import (
     CommandGroup,
     check_machine,
@@ -136,7 +137,7 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
                 if name in _MUST_BE_DONE:
                     show_progress = _if_possible(show_progress)
                 else:
-                    check_machine(machine, no_check, before_write=name != "status")
+                    _check(machine, no_check, before_write=name != "status")
                 if name == "enable" and (old := _old_target(machine, device)):
                     note(old)
                 client = machine.drive.following(show_progress, timeout=timeout)
@@ -182,6 +183,15 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
         return drive_command.command(name, cls=kind, context_settings=settings)(command)
 
     return make_command
+
+
+def _check(machine: MachineClient, no_check: bool, *, before_write: bool) -> None:
+    """Ask the machine what it is. A signal ends the command, and stops nothing: nothing was written yet."""
+    with ended_by_signals():
+        try:
+            check_machine(machine, no_check, before_write=before_write)
+        except EndedBySignal as error:
+            raise click.exceptions.Exit(error.status) from None
 
 
 def _old_target(machine: Any, device: Device) -> str:

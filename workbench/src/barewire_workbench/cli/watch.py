@@ -170,12 +170,10 @@ def watch_command(
             for line in lines:
                 stack.callback(line.close)
                 stack.enter_context(late_response_awaited(partial(getattr, line, "machine"), no_wait))
-            if log is None and len(lines) == 1:
-                lines[
-                    0
-                ].check()  # a port that cannot be opened now is an error of the command; later it is one of a poll
-            output = stack.enter_context(_output(machines, columns, log, as_json, as_csv))
             with ended_by_signals():
+                if log is None and len(lines) == 1:
+                    lines[0].check()  # a port that cannot be opened now is an error of the command; later one of a poll
+                output = stack.enter_context(_output(machines, columns, log, as_json, as_csv))
                 for sample in samples(lines, period, clock=clock, count=count, until=limit):
                     values, error = values_of(sample, columns), error_text(sample, machines)
                     is_row = selection.takes(values, error, sample.seconds)
@@ -412,7 +410,7 @@ class _LiveTable:
         title = f"{sample.seconds:.1f} s, {self.polled} polls{failed}"
         if self.log is not None:
             waits = f", {self.log.problem}: rows wait" if self.log.problem else ""
-            title += f"; {self.log.path}: {self.log.safe} rows{waits}"
+            title += f"; {self.log.path}: {self.log.written} rows{waits}"
         table = Table(title=title, title_justify="left")
         for heading in ("name", "value", "least", "greatest", "trend"):
             table.add_column(heading, overflow="fold")

@@ -47,12 +47,13 @@ _DIAGNOSES = {"rtu": diagnose_rtu, "ascii": diagnose_ascii, "tcp": diagnose_tcp}
 
 
 def with_diagnosis(explanation: Explanation, data: bytes, role: FrameRole | None = None) -> Explanation:
-    """Return the explanation of a Modbus frame with what is wrong with it; a good frame stays as it is.
+    """Return the explanation of a Modbus frame with what is wrong with it; a good one gets a note if its address looks
+    like the number of a manual.
 
     `role` is the direction that the caller gave, None if it was guessed.
     """
     if explanation.valid:
-        return explanation
+        return replace(explanation, notes=tuple(_number_notes(explanation)))
     found = tuple(_DIAGNOSES[explanation.protocol](data, role))
     if explanation.protocol == "rtu" and found and found[0].code != "crc-missing":
         explanation = explain_rtu(data, role, bare=False)
@@ -268,6 +269,19 @@ def _address_base(pdu: bytes, known: Container[int]) -> Iterator[Finding]:
         text = f"the addresses count from 0: what a manual calls {address} has the address {address - 1:04X}h"
         proof = f"exception 02 to address {address:04X}h, which the device does not have; it has {address - 1:04X}h"
         yield Finding("address-base", text, proof)
+
+
+def _number_notes(explanation: Explanation) -> Iterator[Finding]:
+    """A good request for an address that manuals give as the number of a register of its table."""
+    values = {field.name: field.value for field in explanation.fields}
+    function, address = values.get("function code"), values.get("address")
+    if explanation.role != "request" or not isinstance(address, int):
+        return
+    for base, (what, functions) in _TABLES.items():
+        if function in functions and 1 <= address - base <= 9999:
+            sent = address - base - 1
+            text = f"if {address} is the manual's number of the {what}, send {sent}"
+            yield Finding("address-base", text, f"{address:04X}h is {address}; {address} - {base + 1} = {sent}")
 
 
 def _word_order(pdu: bytes, values: Sequence[ExpectedValue]) -> Iterator[Finding]:

@@ -77,6 +77,7 @@ class Explanation:
 
     `summary` is the message in one line; the verdict shows it only if the frame is valid. `diagnosis` has what is wrong
     in the words of an engineer, the likeliest finding first; it is empty for a good frame, and where nothing is proved.
+    `notes` has what a good frame may mean otherwise.
     """
 
     protocol: ProtocolName
@@ -85,6 +86,7 @@ class Explanation:
     error: Problem | None
     summary: str
     diagnosis: tuple[Finding, ...] = ()
+    notes: tuple[Finding, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Explanation {self.protocol}: {self.verdict}>"
@@ -112,6 +114,7 @@ class Explanation:
             "fields": [dict(zip(names, field)) for field in self.fields],
             "error": self.error._asdict() if self.error else None,
             "diagnosis": [finding._asdict() for finding in self.diagnosis],
+            "notes": [note._asdict() for note in self.notes],
         }
 
     def lines(self) -> list[str]:
@@ -122,7 +125,8 @@ class Explanation:
         for (offset, digits, name, value), field in zip(rows, self.fields):
             columns = f"{offset:>{widths[0]}}  {digits:<{widths[1]}}  {name:<{widths[2]}}  {value:<{widths[3]}}"
             lines.append(f"{columns}  {field.meaning}".rstrip())
-        return [*lines, self.verdict, *(finding.line for finding in self.diagnosis[:1])]
+        notes = (f"note: {note.text} [{note.code}]: {note.proof}" for note in self.notes)
+        return [*lines, self.verdict, *(finding.line for finding in self.diagnosis[:1]), *notes]
 
 
 def _clipped(digits: str) -> str:

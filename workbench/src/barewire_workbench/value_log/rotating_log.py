@@ -104,6 +104,11 @@ class RotatingLog:
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.path}: {self.safe} rows>"
 
+    @property
+    def written(self) -> int:
+        """Rows that are in the file, also if the program is killed."""
+        return self.safe + self._unsynced
+
     def add(self, row: Row, now: float) -> None:
         """Write a row, and those that wait."""
         self._waiting.append(row)
