@@ -41,6 +41,7 @@ rtu, ascii,     patience         as latency        seconds of the longest pause 
 rtu, rtu+tcp    latency          usb, tunnel       uart, usb or tunnel: see LATENCIES
 can             node             device's own, 1   node-ID, 1..127
                 timeout          1                 seconds
+                retries          0                 how often a lost SDO upload is repeated
                 dialect          standard          how SDO requests are written
                 bitrate          125000            bit/s
                 ...                                options of the interface, as python-can names them
@@ -86,7 +87,7 @@ _UDP = _ALL | {"any_unit", "any_transaction"}
 _SERIAL = _ALL | {"baudrate", "parity", "stopbits", "bytesize", "patience", "pace", "echo", "rs485"}
 _TUNNEL = _ALL | {"patience", "echo", "connections", "idle"}
 
-CAN_OPTIONS = _PAUSES | {"node", "timeout", "bitrate", "dialect"}
+CAN_OPTIONS = _PAUSES | {"node", "timeout", "retries", "bitrate", "dialect"}
 """The options of a can endpoint, besides those of its interface."""
 _OF_SERVERS = frozenset({"connections", "idle", "roles", "client_cert"})
 _KEYWORDS = (

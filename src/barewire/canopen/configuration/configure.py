@@ -57,8 +57,9 @@ from barewire.canopen.object_dictionary import Entry, ObjectAddress, ObjectDicti
 from barewire.canopen.pdo.config import PdoConfig
 from barewire.canopen.pdo.multiplexed import MPDO_COUNTS
 from barewire.canopen.pdo.remote import PdoConfigPolicy, read_pdo, write_pdo
-from barewire.canopen.sdo import Channel, download, upload
+from barewire.canopen.sdo import Channel, upload
 from barewire.canopen.sdo.channel import channel_to
+from barewire.canopen.sdo.client import write_setting
 from barewire.codecs import Value
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import BarewireError, DecodeError, EncodeError, NoAnswer
@@ -286,7 +287,7 @@ class _Configurator:
         self._tell(f"write {object_text(entry)} = {text}{why and f' ({why})'}")
         self.writing = f"{entry.index:04X}h:{entry.sub:02X}"
         try:
-            yield from download(self.channel, entry.index, entry.sub, data, timeout=self.timeout)
+            yield from write_setting(self.channel, entry.index, entry.sub, data, timeout=self.timeout)
         except SdoAbort as refusal:
             refusal.add_context(f"while writing {object_text(entry)} = {text}")
             raise
@@ -368,7 +369,7 @@ class _Configurator:
     def _store(self) -> Conversation[CanFrame, None]:
         self._tell(f"store: {_STORE:04X}h:01")
         try:
-            yield from download(self.channel, _STORE, 1, b"save", timeout=max(self.timeout, STORE_TIMEOUT))
+            yield from write_setting(self.channel, _STORE, 1, b"save", timeout=max(self.timeout, STORE_TIMEOUT))
         except BarewireError as error:
             stored = "may have stored them or not" if isinstance(error, NoAnswer) else "did not store them"
             error.add_note(f"node {self.channel.node} has all values of the configuration, and {stored}")

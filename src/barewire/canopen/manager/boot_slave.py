@@ -41,6 +41,7 @@ from barewire.canopen.nmt.master import request_state, wait_for_boot_up, wait_fo
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState, NodeState, guarding_request
 from barewire.canopen.sdo import Channel, download, upload
 from barewire.canopen.sdo.channel import channel_to
+from barewire.canopen.sdo.client import write_setting
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen, Send
 from barewire.errors import BarewireError, DecodeError, NoAnswer
 
@@ -352,7 +353,7 @@ class _Boot:
             )
         for value in values:
             self._tell(f"write {value.index:04X}h:{value.sub:02X}")
-            yield from download(self.channel, value.index, value.sub, value.data, timeout=self.timeout)
+            yield from write_setting(self.channel, value.index, value.sub, value.data, timeout=self.timeout)
 
     def _plan_configuration(self, planned: list[str]) -> Conversation[CanFrame, None]:
         """Add what would be written. A concise DCF is written without a comparison."""

@@ -33,8 +33,9 @@ from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.config import PdoConfig, PdoDirection
 from barewire.canopen.pdo.mapping import ENTRIES_MAX, MappedObject, PdoMapping
 from barewire.canopen.pdo.multiplexed import MPDO_COUNTS, Addressing
-from barewire.canopen.sdo import Channel, download, upload
+from barewire.canopen.sdo import Channel, upload
 from barewire.canopen.sdo.channel import channel_to
+from barewire.canopen.sdo.client import write_setting
 from barewire.codecs import Value
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation
 from barewire.errors import BarewireError, DecodeError, EncodeError
@@ -197,7 +198,7 @@ def _read_mapping(channel: Channel, pdo: PdoConfig, timeout: float) -> Conversat
 def _write(
     channel: Channel, index: int, sub: int, value: int, size: int, timeout: float
 ) -> Conversation[CanFrame, None]:
-    yield from download(channel, index, sub, value.to_bytes(size, "little"), timeout=timeout)
+    yield from write_setting(channel, index, sub, value.to_bytes(size, "little"), timeout=timeout)
 
 
 def _other_mapping(pdo: PdoConfig, present: _Content) -> EncodeError:

@@ -158,7 +158,7 @@ class Channel:
 
     __slots__ = ("_mark", "_plain", "abandoned", "abandoned_at", "blocks", "busy", "counters", "dialect", "node",
                  "node_monitor", "own_frames", "probes", "quiet_for", "quiet_until", "request_extended", "request_id",
-                 "response_extended", "response_id", "sent", "timeout", "total")  # fmt: skip
+                 "response_extended", "response_id", "retries", "sent", "timeout", "total")  # fmt: skip
 
     def __init__(
         self,
@@ -181,6 +181,8 @@ class Channel:
         self.blocks = True  # False after the server has refused blocks: `block="auto"` does not request them again
         self.timeout = 0.0
         """The longest time-out that clients give the node. A call with a shorter one makes no response come sooner."""
+        self.retries = 0
+        """How often an upload that was lost is repeated, and a write of a setting (`client.write_setting`)."""
         self.probes = False
         """Whether the next transfer sends a probe, because segments of a block may still come."""
         self.quiet_until: float | None = None

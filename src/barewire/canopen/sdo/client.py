@@ -40,13 +40,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 from barewire.canopen.abort_codes import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.block_transfer import BURST, FRAME, BlockReceiver, BlockSender
-from barewire.canopen.sdo.channel import SERVER_1, SERVERS_MAX, Channel, channel_to
+from barewire.canopen.sdo.channel import OUT_OF_STEP, SERVER_1, SERVERS_MAX, Channel, channel_to
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.canopen.sdo.messages import (
     ABORT,
@@ -74,7 +74,7 @@ from barewire.canopen.sdo.messages import (
 from barewire.canopen.sdo.stream import LIMIT, Incoming, Outgoing, SdoProgress
 from barewire.canopen.sdo.transfer import ClientTransfer
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen
-from barewire.errors import DecodeError, EncodeError
+from barewire.errors import BarewireError, DecodeError, EncodeError, NoAnswer
 
 if TYPE_CHECKING:
     from barewire.canopen.object_dictionary import Entry, ObjectDictionary, ObjectRef
@@ -154,7 +154,8 @@ def upload(
         limit      a longer value, in bytes, is refused; None: no limit
         progress   called with the number of bytes so far and their total, None if it is unknown
 
-    A size that the server indicated is never changed here, see `fit`. Responses with 42h are counted in
+    With `Channel.retries` an upload that was lost is repeated. A size that the server indicated is never changed here,
+    see `fit`. Responses with 42h are counted in
     `Channel.counters.unsized`.
 
     >>> from barewire.conversation import play
@@ -164,20 +165,34 @@ def upload(
 
     Raise EncodeError at once for arguments that cannot be encoded; in the conversation SdoAbort and NoAnswer.
     """
+    channel = channel_to(node, dialect)
+    options: dict[str, Any] = {"size": size, "block": block, "limit": limit, "progress": progress, "timeout": timeout}
+    attempt = partial(_attempt, channel, index, sub, **options)
+    return _repeated(channel, attempt(), attempt) if channel.retries else attempt()
+
+
+def _attempt(channel: Channel, index: int, sub: int, **options: Any) -> Conversation[CanFrame, bytes]:
     parts: list[bytes] = []
-    transfer = upload_to(
-        node,
-        index,
-        sub,
-        parts.append,
-        timeout=timeout,
-        size=size,
-        dialect=dialect,
-        block=block,
-        limit=limit,
-        progress=progress,
-    )
-    return _joined(parts, transfer)
+    return _joined(parts, upload_to(channel, index, sub, parts.append, **options))
+
+
+def _repeated(
+    channel: Channel, attempt: Conversation[CanFrame, _T], again: Callable[[], Conversation[CanFrame, _T]]
+) -> Conversation[CanFrame, _T]:
+    """Carry out a transfer that may be repeated; after one that was lost, again."""
+    for _ in range(channel.retries):
+        try:
+            return (yield from attempt)
+        except (NoAnswer, SdoAbort) as error:
+            if not _is_lost(error):
+                raise
+        attempt = again()
+    return (yield from attempt)
+
+
+def _is_lost(error: BarewireError) -> bool:
+    """Return whether a frame of the transfer was lost: the response, or one in the middle of a long value."""
+    return isinstance(error, NoAnswer) or getattr(error, "code", None) in OUT_OF_STEP
 
 
 def rest_of_upload(
@@ -187,7 +202,9 @@ def rest_of_upload(
     parts: list[bytes] = []
     request = InitiateUpload(index, sub, channel.dialect.read_command(size))
     transfer = ClientTransfer(channel, "upload", index, sub, timeout, sent_at)
-    return _joined(parts, transfer.run(_upload(transfer, request, size, None, Incoming(parts.append, limit=limit))))
+    rest = _joined(parts, transfer.run(_upload(transfer, request, size, None, Incoming(parts.append, limit=limit))))
+    again = partial(_attempt, channel, index, sub, timeout=timeout, size=size, limit=limit)
+    return _repeated(channel, rest, again)
 
 
 def _joined(parts: list[bytes], count: Conversation[CanFrame, int]) -> Conversation[CanFrame, bytes]:
@@ -423,6 +440,26 @@ def download(
     return transfer.run(_download_blocks(transfer, announced, options, value))
 
 
+def write_setting(
+    channel: Channel, index: int, sub: int, data: bytes, *, timeout: float
+) -> Conversation[CanFrame, None]:
+    """Write an object for which the same value twice is the same as once; after a lost write read it, and if it has
+    another value, or cannot be read, write it again, as often as `Channel.retries`. A plain `download` is never
+    repeated: what it writes may be a command."""
+    for left in range(channel.retries, -1, -1):
+        try:
+            return (yield from download(channel, index, sub, data, timeout=timeout))
+        except (NoAnswer, SdoAbort) as error:
+            if not left or not _is_lost(error):
+                raise
+        try:
+            present = yield from upload(channel, index, sub, size=len(data), timeout=timeout)
+        except SdoAbort:
+            continue
+        if present == data:
+            return None
+
+
 def rest_of_download(
     channel: Channel, index: int, sub: int, data: bytes, *, timeout: float, sent_at: float
 ) -> Conversation[CanFrame, None]:
@@ -574,5 +611,5 @@ def _find_channel(default: Channel, server: int, timeout: float) -> Conversation
         node_monitor=default.node_monitor,
         own_frames=default.own_frames,
     )
-    channel.timeout = default.timeout
+    channel.timeout, channel.retries = default.timeout, default.retries
     return channel

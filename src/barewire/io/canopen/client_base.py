@@ -122,10 +122,12 @@ class ClientBase(Methods[R], ABC, Generic[R, D]):
         self._bus: CanBus | None = None
         self._watch = watch
         self._log: PortLog | None = None
+        self.retries = 0
         if isinstance(bus, str):
             endpoint = self._endpoint = can_endpoint(bus, node=node, timeout=timeout, **options)
             node = endpoint.integer("node", 0) or None
             timeout = endpoint.timeout
+            self.retries = endpoint.integer("retries", 0)
             dialect = dialect or endpoint.options.get("dialect")
         else:
             check_timeout(timeout)

@@ -73,6 +73,7 @@ class SdoMethods(Methods[R]):
         channel = self._channel
         if channel is None:
             channel = self._channel = self.runner.bus.channel(self.node, self.dialect, self.timeout)
+            channel.retries = max(channel.retries, self.runner.retries)
         return channel
 
     def over(self, channel: Channel) -> SdoMethods[R]:

@@ -104,6 +104,7 @@ class BusRunner(Protocol):
     """The part of a client that methods use."""
 
     timeout: float
+    retries: int
     dialect: SdoDialect
 
     @property

@@ -210,8 +210,8 @@ def barewire_command(verbose: int) -> None:
 
     \b
     Options of every ENDPOINT:   timeout=1            seconds that a request waits for its response
-    Options for Modbus:          retries=0            how often a read without a response is repeated
-                                 late_window=3        seconds in which a late response is expected
+                                 retries=0            how often a read without a response is repeated
+    Options for Modbus:          late_window=3        seconds in which a late response is expected
                                  gap=0                seconds between two requests to a unit; gap.7: to unit 7
     All of them are in docs/reference/endpoints.md.
     """
