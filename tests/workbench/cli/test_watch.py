@@ -274,6 +274,16 @@ def test_a_machine_that_cannot_be_reached_has_rows_that_say_so(tmp_path: Path) -
     ] * 2
 
 
+def test_another_machine_than_named_is_an_error_of_the_command(tmp_path: Path) -> None:
+    units: dict[int, Any] = {1: simulator("adxl").modbus}
+    with ModbusServer("tcp://127.0.0.1:0", units) as server:
+        watch = ("watch", server.url, "csd-mt", "Current Ratio", "--count", "1")
+        assert "(adxl: LOVATO" in error_of(*watch)
+        done = run_here(*watch, "--to", str(tmp_path / "night.csv"))
+    assert done.returncode == 1
+    assert "unit 1 is not csd-mt" in done.stderr
+
+
 def test_rows_are_chosen_by_conditions_and_changes(tmp_path: Path) -> None:
     with ModbusServer("tcp://127.0.0.1:0", {1: Table(4)}) as server:
         watch = ("watch", server.url, "raw", "holding:0", "--count", "3", "--period", "10ms", "--csv")

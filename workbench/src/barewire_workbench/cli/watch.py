@@ -20,7 +20,7 @@ from rich.text import Text
 
 from barewire.codecs import Value
 from barewire.devices.parameter import show
-from barewire.errors import shown
+from barewire.errors import PortError, shown
 from barewire_workbench.cli.arguments import (
     check_machine,
     check_no_file_name,
@@ -73,7 +73,10 @@ class _WatchCommand(click.Command):
 @device_argument
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
 @click.option(
-    _AND, "_", metavar="ENDPOINT DEVICE NAME...", help="Another machine, with its names; any number of times."
+    _AND,
+    expose_value=False,  # it is among the names
+    metavar="ENDPOINT DEVICE NAME...",
+    help="Another machine, with its names; any number of times.",
 )
 @click.option(
     "--period", type=duration, default=0.5, show_default=True, metavar="S", help="Seconds from one poll to the next."
@@ -117,7 +120,6 @@ def watch_command(
     plot: str | None,
     no_wait: bool,
     no_check: bool,
-    _: None,
 ) -> int:
     """Read named values periodically, and log them.
 
@@ -171,8 +173,8 @@ def watch_command(
                 stack.callback(line.close)
                 stack.enter_context(late_response_awaited(partial(getattr, line, "machine"), no_wait))
             with ended_by_signals():
-                if log is None and len(lines) == 1:
-                    lines[0].check()  # a port that cannot be opened now is an error of the command; later one of a poll
+                for line in lines:
+                    _check(line, is_needed=log is None and len(lines) == 1)
                 output = stack.enter_context(_output(machines, columns, log, as_json, as_csv))
                 for sample in samples(lines, period, clock=clock, count=count, until=limit):
                     values, error = values_of(sample, columns), error_text(sample, machines)
@@ -191,9 +193,19 @@ def watch_command(
     except EndedBySignal as error:
         return error.status
     except KeyboardInterrupt:
-        if count is not None:
+        if count is not None or limit is not None:
             raise
     return 0 if succeeded and not (log and log.lost) else 1
+
+
+def _check(line: Line, *, is_needed: bool) -> None:
+    """Open a port, and ask the machines on it what they are: another one is an error of the command. One that cannot be
+    reached is an error of a poll, unless it is needed, and later also then."""
+    try:
+        line.check()
+    except PortError:
+        if is_needed:
+            raise
 
 
 # Arguments

@@ -97,6 +97,8 @@ class RotatingLog:
         self._synced_at = float("-inf")
         try:
             self._file: LogFile | None = open_file()
+        except PortError:
+            raise
         except OSError as error:
             raise PortError(f"{path}: {error.strerror or error}") from None
         self.cut_off = self._file.cut_off
@@ -119,18 +121,20 @@ class RotatingLog:
 
     def advance(self, now: float, *, is_last: bool = False) -> None:
         """Write what waits, and sync if it is time; with `is_last` at once."""
+        self.problem = ""
         try:
             while self._waiting:
                 self._file_for(self._waiting[0]).add(self._waiting[0])
                 self._waiting.popleft()
                 self._unsynced += 1
-            if self._unsynced and (is_last or now - self._synced_at >= SYNC_EVERY):
-                self._synced_at = now
-                self._sync()
         except OSError as error:
-            self.problem = (error.strerror or str(error)).lower()
-        else:
-            self.problem = ""
+            self.problem = _text(error)
+        if self._unsynced and (is_last or now - self._synced_at >= SYNC_EVERY):
+            self._synced_at = now
+            try:
+                self._sync()
+            except OSError as error:
+                self.problem = _text(error)
 
     def close(self, now: float) -> None:
         """Write and sync what waits, and close the file. Rows that cannot be written are lost."""
@@ -179,3 +183,7 @@ class RotatingLog:
             for old in full[: -self._rotation.keep]:
                 with suppress(OSError):
                     self._disk.remove(old)
+
+
+def _text(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()
