@@ -1,4 +1,4 @@
-"""`barewire canopen`: a device compared with its DCF and configured, a network booted."""
+"""`barewire canopen`: a device compared with its DCF and configured, a network booted. The rest: `canopen_services`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from barewire.canopen.eds import parse
 from barewire.errors import BarewireError, EncodeError, shown
 from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.arguments import CommandGroup, endpoint_argument
+from barewire_workbench.cli.canopen_services import emcy_command, lss_command, nmt_command, pdo_command
 from barewire_workbench.cli.output import Output, file_content, output_option, print_json, status_line
 
 if TYPE_CHECKING:
@@ -28,7 +29,11 @@ if TYPE_CHECKING:
 
 @click.group("canopen", cls=CommandGroup)
 def canopen_command() -> None:
-    """Compare a CANopen device with its DCF, configure it, and boot a network."""
+    """Compare a device with its DCF, configure it, boot a network; NMT, LSS, emergencies, PDOs."""
+
+
+for _command in (nmt_command, lss_command, emcy_command, pdo_command):
+    canopen_command.add_command(_command)
 
 
 _file_argument = click.argument("file", type=click.Path(path_type=Path))
