@@ -47,7 +47,7 @@ COMMANDS = {
     "replay": ("replay", "Play a recording of a CAN bus against a device or an SDO client."),
     "conform": ("conform", "Test a server or device against the standard."),
     "vectors": ("vectors", "List, show and check the reference vectors."),
-    "canopen": ("canopen", "Compare a device with its DCF, configure it, boot a network; NMT, LSS, emergencies, PDOs."),
+    "canopen": ("canopen", "Configure devices, boot a network; NMT, LSS, emergencies, PDOs."),
     "gateway": ("gateway", "Serve lines and buses to many Modbus clients; publish values to MQTT."),
     "canopen-gateway": ("canopen_gateway", "Serve a CANopen network as text over TCP (CiA 309-3)."),
     "eds": ("eds", "Export or check electronic data sheets (CiA 306)."),

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @click.group("canopen", cls=CommandGroup)
 def canopen_command() -> None:
-    """Compare a device with its DCF, configure it, boot a network; NMT, LSS, emergencies, PDOs."""
+    """Configure devices, boot a network; NMT, LSS, emergencies, PDOs."""
 
 
 for _command in (nmt_command, lss_command, emcy_command, pdo_command):
