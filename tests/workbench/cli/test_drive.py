@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import signal
 import subprocess
 import time
@@ -62,6 +63,11 @@ def test_enable_move_and_stop(drive_at: tuple[str, str]) -> None:
     assert events[-1]["action"] == "velocity"
     assert "target reached" in events[-1]["bits"]
     assert [event["time"] for event in events] == sorted(event["time"] for event in events)
+    endpoint, device = drive_at
+    turning = output_of("drive", *drive_at, "velocity", "-150").splitlines()
+    stop = f'barewire drive "{endpoint}" {device} velocity 0'
+    assert turning[-1] == f"the motor keeps turning; to stop it: {stop}"
+    assert "keeps turning" not in output_of(*shlex.split(stop)[1:])
     stopped = output_of("drive", *drive_at, "quick-stop")
     assert ("\nquick stop active" if drive_at[1] == "csd-mt" else "\nswitch on disabled") in stopped
     assert output_of("drive", *drive_at, "disable").splitlines()[-1].startswith("switch on disabled")

@@ -9,14 +9,16 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from barewire.codecs import Value
 from barewire.conversation import Heard, Listen
 from barewire.devices import Device, Parameter
 from barewire.io.endpoint import Endpoint
-from barewire.modbus.client.bus import Bus
-from barewire.modbus.messages.base import Request
+
+if TYPE_CHECKING:
+    from barewire.modbus.client.bus import Bus
+    from barewire.modbus.messages.base import Request
 
 
 def address_text(parameter: Parameter, *, is_can: bool) -> str:
@@ -72,7 +74,7 @@ def frames_of(endpoint: str, device: Device, values: Mapping[str, Value], *, for
 
     recorder = _Recorder()
     unit = place.integer("unit", device.modbus.unit if device.modbus else 1)
-    for _ in write_modbus(cast(Bus, recorder), unit, device, values, force=force):
+    for _ in write_modbus(cast("Bus", recorder), unit, device, values, force=force):
         pass
     line = modbus_line(place, "client")
     for request in recorder.requests:
