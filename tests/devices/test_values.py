@@ -43,16 +43,24 @@ def test_a_text_has_no_number(convert: Callable[[Any], Any]) -> None:
         convert(TITLE)
 
 
+def test_number_and_text_are_the_value_or_an_error_that_names_the_other() -> None:
+    assert (WARM.number, TITLE.text) == (WARM.value, "Hall 4")
+    with pytest.raises(TypeError, match=r"its value is not a number: use \.text"):
+        _ = TITLE.number
+    with pytest.raises(TypeError, match=r"its value is not a text: use \.number"):
+        _ = WARM.text
+
+
 @pytest.mark.parametrize("operation", OPERATORS)
 def test_calculating_with_a_reading_names_the_value(operation: Callable[[Any, Any], Any]) -> None:
     for pair in ((WARM, 24.5), (24.5, WARM)):
-        with pytest.raises(TypeError, match=r"<Reading Temperature = 24.56 °C>: use its \.value"):
+        with pytest.raises(TypeError, match=r"<Reading Temperature = 24.56 °C>: use its \.number"):
             operation(*pair)
 
 
 def test_a_sum_of_readings_names_the_value() -> None:
     readings: list[Any] = [WARM, WARM]
-    with pytest.raises(TypeError, match=r"use its \.value"):
+    with pytest.raises(TypeError, match=r"use its \.number"):
         sum(readings)
 
 

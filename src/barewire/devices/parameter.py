@@ -302,10 +302,10 @@ class Reading(NamedTuple):
     """A parameter and the value that was read.
 
     >>> reading = Reading(Parameter("Voltage", "f32", unit="V"), 230.0)
-    >>> reading, reading.value, float(reading), f"{reading:.1f}"
-    (<Reading Voltage = 230 V>, 230.0, 230.0, '230.0')
+    >>> reading, reading.value, reading.number > 200, f"{reading:.1f}"
+    (<Reading Voltage = 230 V>, 230.0, True, '230.0')
 
-    It is a tuple: to compare or to calculate, use `value`.
+    It is a tuple: to compare or to calculate, use `number`, and `text` for a text; `value` is either.
     """
 
     parameter: Parameter
@@ -331,14 +331,23 @@ class Reading(NamedTuple):
         return format(self.value, spec) if spec else str(self)
 
     def __float__(self) -> float:
-        return float(self._number())
+        return float(self.number)
 
     def __int__(self) -> int:
-        return int(self._number())
+        return int(self.number)
 
-    def _number(self) -> int | float:
+    @property
+    def number(self) -> int | float:
+        """The value, which must be a number (a bit is one). Raises TypeError for a text, and for bytes."""
         if not isinstance(self.value, (int, float)):
-            raise TypeError(f"{self!r}: its value is not a number")
+            raise TypeError(f"{self!r}: its value is not a number: use .text, or .value for bytes")
+        return self.value
+
+    @property
+    def text(self) -> str:
+        """The value, which must be a text. Raises TypeError for any other; in words each is `str(reading)`."""
+        if not isinstance(self.value, str):
+            raise TypeError(f"{self!r}: its value is not a text: use .number, or .value for bytes")
         return self.value
 
 
@@ -349,7 +358,7 @@ def _use_value(operation: str) -> Callable[[Any, Any], Any]:
     def refuse(reading: Reading, other: Any) -> Any:
         if of_tuple is not None and isinstance(other, tuple):
             return of_tuple(reading, other)
-        raise TypeError(f"{reading!r}: use its .value")
+        raise TypeError(f"{reading!r}: use its .number")
 
     return refuse
 
