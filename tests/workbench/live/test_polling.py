@@ -76,7 +76,7 @@ def watched(*names: str, endpoint: str = "tcp://127.0.0.1") -> Watched:
     return Watched(endpoint, device_with("raw", names), names)
 
 
-def line(machine: FakeMachine, *names: str, check: Callable[[Any], None] = lambda machine: None) -> Line:
+def line(machine: FakeMachine, *names: str, check: Callable[[Any], bool] = lambda machine: True) -> Line:
     return Line([watched(*(names or ("holding:0",)))], check, machine.connect)
 
 
@@ -125,15 +125,28 @@ def test_a_request_that_cannot_be_encoded_ends_polling() -> None:
 
 
 def test_a_machine_is_checked_after_each_connection_and_another_one_is_not_read() -> None:
-    machine, answers = FakeMachine([None, PortError("unplugged")]), [None, WrongDevice("another one"), None]
+    machine = FakeMachine([None, PortError("unplugged")])
+    answers: list[bool | Exception] = [True, WrongDevice("another one"), True]
 
-    def check(_: Any) -> None:
-        if (error := answers.pop(0)) is not None:
-            raise error
+    def check(_: Any) -> bool:
+        answer = answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
     made = list(samples([line(machine, check=check)], 10.0, clock=VirtualClock(), count=5))
     assert [sample.polls[0].error for sample in made] == ["", "unplugged", "another one", "", ""]
     assert answers == []
+
+
+def test_a_machine_that_is_silent_at_first_is_checked_when_it_answers() -> None:
+    machine, checks = FakeMachine([NoAnswer("silence")] * 3), [False, True]
+    port = line(machine, check=lambda machine: checks.pop(0))
+    port.check()
+    made = list(samples([port], 10.0, clock=VirtualClock(), count=5))
+    assert [sample.polls[0].error for sample in made] == ["silence"] * 3 + ["", ""]
+    assert checks == []
+    assert len(machine.requests) == 5
 
 
 def test_a_refused_name_is_read_alone_as_long_as_it_is_refused() -> None:
@@ -229,7 +242,7 @@ def test_a_week_of_watching_in_virtual_time() -> None:
             log = RotatingLog(
                 disk, "night.csv", lambda: CsvFile(disk, "night.csv", headings(columns)), Rotation(day=True)
             )
-            port = Line(chosen, lambda machine: None, machine.connect)
+            port = Line(chosen, lambda machine: True, machine.connect)
             for sample in samples([port], 10.0, clock=clock, until=end - clock.seconds):
                 row = row_of(sample, columns, chosen)
                 log.add(row, clock.now())

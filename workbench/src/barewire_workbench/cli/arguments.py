@@ -169,15 +169,16 @@ def check_no_file_name(names: Iterable[str]) -> None:
             raise EncodeError(f"{shown(name)} is no NAME; --csv and --json print on stdout, {hint}")
 
 
-def check_machine(machine: MachineClient, no_check: bool, *, before_write: bool = False) -> None:
-    """Ask a machine what it is, unless `no_check`. Raises WrongDevice for another one; before a write NoAnswer too."""
+def check_machine(machine: MachineClient, no_check: bool, *, before_write: bool = False) -> bool:
+    """Ask a machine what it is, unless `no_check`, and return whether there is no more to ask. Raises WrongDevice for
+    another one; before a write NoAnswer too."""
     if no_check:
-        return
+        return True
     from barewire.errors import NoAnswer
     from barewire_workbench.live.check_device import WrongDevice, check_device
 
     try:
-        check_device(machine, before_write=before_write)
+        return check_device(machine, before_write=before_write)
     except WrongDevice as error:
         error.add_context("--no-check goes on")
         raise

@@ -44,8 +44,9 @@ class _Question(NamedTuple):
     is_promised: bool = True
 
 
-def check_device(machine: MachineClient, *, before_write: bool = False) -> None:
-    """Ask a machine what it is. Raises WrongDevice if it is another one than `machine.device`.
+def check_device(machine: MachineClient, *, before_write: bool = False) -> bool:
+    """Ask a machine what it is, and return whether it answered. Raises WrongDevice if it is another one than
+    `machine.device`.
 
     A unit that does not answer is asked only once. Before a write that is an error, NoAnswer, if it had to
     answer; before a read the check is left out.
@@ -62,7 +63,7 @@ def check_device(machine: MachineClient, *, before_write: bool = False) -> None:
     device, client = machine.device, machine.client
     table = device.extra.get("identity")
     if table is None:
-        return
+        return True
     check_identity_table(device)
     identity, refused = DeviceIdentity(), set()
     if isinstance(client, ModbusClient):
@@ -78,18 +79,19 @@ def check_device(machine: MachineClient, *, before_write: bool = False) -> None:
         except (NoAnswer, PortError):
             if before_write and question.is_promised:
                 raise
-            return
+            return False
         except DecodeError:
             pass
         except Refused as error:
             code = getattr(error, "code", 0)
             if code in _NOBODY:
-                return
+                return False
             if code == ILLEGAL_FUNCTION:
                 refused.add(question.key)
     why = contradiction(identity, refused, device)
     if why:
         raise WrongDevice(f"{name} is not {device.name}: {why}")
+    return True
 
 
 def _questions_to_unit(

@@ -100,13 +100,14 @@ class Poller:
 class Line:
     """Machines on one port, which is opened when it is needed, and again after it failed.
 
-    `check` is called with each machine after the port was opened; it raises an error for one that is not to be read.
+    `check` is called with each machine after the port was opened; it raises an error for one that is not to be read,
+    and returns False for one that did not answer: that is checked when it does.
     """
 
     def __init__(
         self,
         machines: Sequence[Watched],
-        check: Callable[[Any], None],
+        check: Callable[[Any], bool],
         connect: Callable[[Device, str], Any] = connect,
     ) -> None:
         self.watched = machines
@@ -128,7 +129,10 @@ class Line:
         """Open the port, and check each machine."""
         self.open()
         for number in sorted(self._unchecked):
-            self._check(self._machines[number])
+            self._check_one(number)
+
+    def _check_one(self, number: int) -> None:
+        if self._check(self._machines[number]):
             self._unchecked.discard(number)
 
     def poll(self) -> list[Poll]:
@@ -138,10 +142,10 @@ class Line:
     def _poll(self, number: int) -> Poll:
         try:
             self.open()
-            if number in self._unchecked:
-                self._check(self._machines[number])
-                self._unchecked.discard(number)
-            return self._pollers[number].poll(self._machines[number])
+            poll = self._pollers[number].poll(self._machines[number])
+            if number in self._unchecked:  # only now: a silent machine does not pay two time-outs in each sample
+                self._check_one(number)
+            return poll
         except EncodeError:
             raise  # a request that cannot be encoded fails in every sample
         except BarewireError as error:
