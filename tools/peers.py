@@ -51,7 +51,8 @@ from barewire_workbench.vectors.run import CheckedCase, run_cases
 ROOT = Path(__file__).parent.parent
 ADAPTERS = ROOT / "vectors" / "peers"
 """Run with a name: `python vectors/peers pymodbus`."""
-SHARED = ADAPTERS / "shared", ADAPTERS.parent / "reference" / "modbus" / "client_peer.py"
+JUDGE, REFERENCE = ADAPTERS.parent / "judge" / "py", ADAPTERS.parent / "reference" / "modbus"
+SHARED = ADAPTERS / "shared", JUDGE / "fill.py", JUDGE / "patterns.py", REFERENCE / "client_peer.py"
 """What the adapters import."""
 PYTHONS = ("python3.12", "python3.13", "python3.14")
 """Tried for a package that needs a later Python than this one."""
@@ -90,7 +91,7 @@ class Peer:
         """Return a digest of what asks this program: its recipe, its adapter, and what adapters share."""
         files = [file for folder in (self.folder, SHARED[0]) for file in sorted(folder.glob("*.*")) if file.is_file()]
         files = [file for file in files if file.name != "findings.toml"]
-        return _digest([file.read_bytes() for file in (*files, SHARED[1])])
+        return _digest([file.read_bytes() for file in (*files, *SHARED[1:])])
 
     def is_here(self) -> bool:
         """Whether it can be asked, as far as can be told without starting it."""

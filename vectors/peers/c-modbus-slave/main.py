@@ -12,8 +12,8 @@ import sys
 from ctypes import CFUNCTYPE, POINTER, Structure, c_int, c_size_t, c_uint8, c_uint16, c_void_p
 from typing import Any
 
-from adapter import NotOffered, crc_fields, octets, serve, words
-from adapter_conformance import conformance_answers
+from adapter import NotOffered, checksums, serve, words
+from adapter_conformance import conformance_answers, wrapped
 from adapter_server import Units, server_answers
 
 PATH, VERSION = sys.argv[1:]
@@ -169,9 +169,7 @@ class Server:
         if self.line == "tcp":
             if unit not in self.units:
                 raise NotOffered("on TCP it answers for every unit")
-            return (
-                self.hear(octets("00 01 00 00") + (len(pdu) + 1).to_bytes(2, "big") + bytes([unit]) + pdu)[7:] or None
-            )
+            return self.hear(wrapped("tcp", unit, pdu.hex(), 1))[7:] or None
         data = bytes([unit]) + pdu
         if self.line == "rtu":
             return self.hear(data + checksum(data))[1:-2] or None
@@ -193,10 +191,6 @@ class Server:
         return {name: [cell.value for cell in cells.values()] for name, cells in self.units[unit].files.items()}
 
 
-def crc(question: dict[str, Any]) -> dict[str, Any]:
-    return crc_fields(checksum(octets(question["bytes"])))
-
-
 def ten(line: str) -> Server:
     """Return a server of unit 1 with ten registers and ten coils."""
     units: Units = {1: {"holding_registers": {0: [0] * 10}, "coils": {0: [0] * 10}}}
@@ -211,6 +205,6 @@ serve(
     {
         **server_answers(Server, SERVED, {"rtu", "ascii", "tcp"}, MORE),
         **conformance_answers(ten, {"rtu", "ascii", "tcp"}),
-        "crc16": {"encode": crc},
+        **checksums(checksum),
     },
 )

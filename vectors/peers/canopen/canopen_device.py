@@ -9,12 +9,22 @@ from typing import Any
 
 import can
 import canopen
+from adapter_canopen import variables
 from adapter_device import NODE, device_answers
 from canopen.network import MessageListener
-from canopen.objectdictionary import ODRecord
-from canopen_objects import variable
+from canopen_objects import objects
 
-IDENTITY = {1: 0x360, 2: 0x1234, 3: 0x10002, 4: 7}
+OBJECTS = variables(0x1018, (0x360, 0x1234, 0x10002, 7), access="const")
+OBJECTS += [
+    {"object": f"{index:04X}:00", "type": kind, "access": access, "value": value}
+    for kind, index, access, value in (
+        ("UNSIGNED32", 0x1000, "const", "131474"),
+        ("UNSIGNED8", 0x1001, "ro", "0"),
+        ("VISIBLE_STRING", 0x1008, "const", "a node of canopen"),
+        ("UNSIGNED16", 0x100C, "rw", "0"),
+        ("UNSIGNED16", 0x1017, "rw", "0"),
+    )
+]
 
 
 class Periodic:
@@ -38,24 +48,8 @@ class Tested(canopen.Network):
     def __init__(self) -> None:
         super().__init__()
         self.now, self.said, self.timers = 0.0, list[str](), list[Periodic]()
-        od, identity = canopen.ObjectDictionary(), ODRecord("identity", 0x1018)
-        number = variable("UNSIGNED8", 0x1018, 0)
-        number.default, number.access_type = 4, "const"
-        identity.add_member(number)
-        for sub, value in IDENTITY.items():
-            member = variable("UNSIGNED32", 0x1018, sub)
-            member.default, member.access_type = value, "const"
-            identity.add_member(member)
-        od.add_object(identity)
-        for kind, index, access, value in (
-            ("UNSIGNED32", 0x1000, "const", 0x20192),
-            ("UNSIGNED8", 0x1001, "ro", 0),
-            ("VISIBLE_STRING", 0x1008, "const", "a node of canopen"),
-            ("UNSIGNED16", 0x100C, "rw", 0),
-            ("UNSIGNED16", 0x1017, "rw", 0),
-        ):
-            one = variable(kind, index)
-            one.default, one.access_type = value, access
+        od = canopen.ObjectDictionary()
+        for one in objects(OBJECTS):
             od.add_object(one)
         self.create_node(NODE, od).nmt.state = "PRE-OPERATIONAL"
         self.said.clear()

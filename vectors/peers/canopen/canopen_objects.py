@@ -11,7 +11,8 @@ from io import StringIO
 from typing import Any
 
 import canopen
-from adapter import Answers, NotOffered, Refused, hexed, octets
+from adapter import Answers, NotOffered, Refused, hexed, number, octets
+from adapter_canopen import placed
 from canopen.objectdictionary import ObjectDictionaryError, ODArray, ODRecord, ODVariable, datatypes
 from canopen.objectdictionary.eds import import_eds
 from canopen.profiles.p402 import BaseNode402, State402
@@ -33,6 +34,29 @@ def variable(kind: str, index: int = 0x2000, sub: int = 0) -> ODVariable:
     if found.data_type is None or name.startswith("TIME_"):
         raise NotOffered(f"canopen has no codec for {kind}")
     return found
+
+
+def default(row: dict[str, Any]) -> Any:
+    """Return the default value of an object."""
+    value = row.get("value")
+    if value is None or row["type"] in ("VISIBLE_STRING", "UNICODE_STRING"):
+        return value
+    return octets(value) if row["type"] in ("DOMAIN", "OCTET_STRING") else number(value)
+
+
+def objects(rows: list[dict[str, Any]]) -> list[Any]:
+    """Return the objects of a device as the library has them."""
+    places = placed(rows)
+    found: dict[int, Any] = {index: ODRecord(f"{index:04X}", index) for index, sub in places if sub}
+    for (index, sub), row in places.items():
+        one = variable(row["type"], index, sub)
+        one.access_type, one.default = row["access"], default(row)
+        one.min, one.max = (int(row[name]) if name in row else None for name in ("low", "high"))
+        if index in found:
+            found[index].add_member(one)
+        else:
+            found[index] = one
+    return [*found.values()]
 
 
 # EDS ---------------------------------------------------------------------------------------------------------------

@@ -13,14 +13,14 @@ from typing import Any
 
 import canopen
 from adapter import NotOffered, hexed, number, octets, serve
-from adapter_canopen import ALWAYS, placed
+from adapter_canopen import ALWAYS
 from canopen import objectdictionary
 from canopen.lss import LssMaster
 from canopen.objectdictionary import ODVariable
 from canopen.pdo.base import PdoMap
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from canopen_device import DEVICE_ANSWERS
-from canopen_objects import DRIVE_ANSWERS, EDS_ANSWERS, OBJECT_ANSWERS, variable
+from canopen_objects import DRIVE_ANSWERS, EDS_ANSWERS, OBJECT_ANSWERS, objects, variable
 
 logging.disable()
 COMMANDS = {"start": "OPERATIONAL", "stop": "STOPPED", "enter pre-operational": "PRE-OPERATIONAL"}
@@ -317,18 +317,7 @@ def device(question: dict[str, Any]) -> dict[str, Any]:
         raise NotOffered("a local node of canopen answers SDO, and does nothing over time by itself")
     if any(line[4:5] in ("A", "C", "R") for line in lines):
         raise NotOffered("its server has no block transfer, and its network passes no remote frame on")
-    places = placed([*ALWAYS, *setup["objects"]])
-    records = {index for index, sub in places if sub}
-    objects: dict[int, Any] = {index: objectdictionary.ODRecord(f"{index:04X}", index) for index in records}
-    for (index, sub), row in places.items():
-        one = variable(row["type"], index, sub)
-        one.access_type, one.default = row["access"], default(row)
-        one.min, one.max = (int(row[name]) if name in row else None for name in ("low", "high"))
-        if index in objects:
-            objects[index].add_member(one)
-        else:
-            objects[index] = one
-    network, node = local_node(setup["id"], *objects.values())
+    network, node = local_node(setup["id"], *objects([*ALWAYS, *setup["objects"]]))
     node.nmt.state = "INITIALISING"  # its application sends the boot-up message
     talk = []
     for step in question["talk"]:
@@ -337,14 +326,6 @@ def device(question: dict[str, Any]) -> dict[str, Any]:
         talk.append({"say": [f"{cob_id:03X}#{data.hex().upper()}" for cob_id, data in network.sent]})
         network.sent.clear()
     return {"talk": talk}
-
-
-def default(row: dict[str, Any]) -> Any:
-    """Return the default value of an object."""
-    value = row.get("value")
-    if value is None or row["type"] in ("VISIBLE_STRING", "UNICODE_STRING"):
-        return value
-    return octets(value) if row["type"] in ("DOMAIN", "OCTET_STRING") else number(value)
 
 
 serve(

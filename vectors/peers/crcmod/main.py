@@ -6,16 +6,15 @@ barewire vectors check --adapter "python vectors/peers crcmod"
 from __future__ import annotations
 
 from importlib.metadata import version
-from typing import Any
 
-from adapter import crc_fields, octets, serve
+from adapter import checksums, serve
 from crcmod.predefined import PredefinedCrc
 
 
-def crc(question: dict[str, Any]) -> dict[str, Any]:
+def crc(data: bytes) -> bytes:
     sum16 = PredefinedCrc("modbus")
-    sum16.update(octets(question["bytes"]))
-    return crc_fields(sum16.crcValue.to_bytes(2, "little"))
+    sum16.update(data)
+    return sum16.crcValue.to_bytes(2, "little")
 
 
-serve("crcmod", version("crcmod"), {"crc16": {"encode": crc}})
+serve("crcmod", version("crcmod"), checksums(crc))

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from ctypes import POINTER, byref, c_bool, c_int, c_ubyte, c_uint32, c_ushort
 from typing import Any
 
-from adapter import NotOffered, crc_fields, hexed, octets, serve
+from adapter import NotOffered, checksums, hexed, octets, serve
 
 PATH, VERSION = sys.argv[1:]
 LIBRARY = ctypes.CDLL(PATH)
@@ -99,13 +99,12 @@ def ascii_line(question: dict[str, Any]) -> dict[str, Any]:
     return {"frames": receiver.frames}
 
 
-def crc(question: dict[str, Any]) -> dict[str, Any]:
-    data = octets(question["bytes"])
-    return crc_fields(int(LIBRARY.usMBCRC16(data, c_ushort(len(data)))).to_bytes(2, "little"))
-
-
 serve(
     "FreeModbus",
     VERSION,
-    {"rtu-talk": {"frames": rtu}, "ascii-talk": {"frames": ascii_line}, "crc16": {"encode": crc}},
+    {
+        "rtu-talk": {"frames": rtu},
+        "ascii-talk": {"frames": ascii_line},
+        **checksums(lambda data: int(LIBRARY.usMBCRC16(data, c_ushort(len(data)))).to_bytes(2, "little")),
+    },
 )

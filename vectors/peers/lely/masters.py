@@ -112,12 +112,7 @@ DONE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint8, c
 NUMBER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint32, ctypes.c_void_p)
 NODE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint8, ctypes.c_void_p)
 FOUND = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint8, ctypes.POINTER(Address), ctypes.c_void_p)
-IDENTITY = (
-    "co_lss_get_vendor_id_req",
-    "co_lss_get_product_code_req",
-    "co_lss_get_revision_req",
-    "co_lss_get_serial_nr_req",
-)
+IDENTITY = [f"co_lss_get_{name}_req" for name in ("vendor_id", "product_code", "revision", "serial_nr")]
 
 
 def lss_talk(question: dict[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 from unittest.mock import patch
 
 import minimalmodbus
-from adapter import NotOffered, crc_fields, hexed, number, octets, serve
+from adapter import NotOffered, checksums, hexed, number, octets, serve
 from adapter_client import ExceptionAnswer, given
 from client_line import UNIT, Line, Reply, clients, needs
 
@@ -64,14 +64,6 @@ def asked(action: Any, reply: bytes | None = None, framing: str = "rtu") -> tupl
         with suppress(*([minimalmodbus.NoResponseError] if reply is None else [])):
             result = action(client)
     return line.peer.sent, result
-
-
-def crc(question: dict[str, Any]) -> dict[str, Any]:
-    return crc_fields(minimalmodbus._calculate_crc(octets(question["bytes"])))
-
-
-def lrc(question: dict[str, Any]) -> dict[str, Any]:
-    return {"lrc": hexed(minimalmodbus._calculate_lrc(octets(question["bytes"])))}
 
 
 def sent(question: dict[str, Any], framing: str) -> bytes:
@@ -159,8 +151,7 @@ serve(
     minimalmodbus.__version__,
     {
         **clients(connect, {*CALLS}, "rtu"),
-        "crc16": {"encode": crc},
-        "lrc": {"encode": lrc},
+        **checksums(minimalmodbus._calculate_crc, lambda data: minimalmodbus._calculate_lrc(data)[0]),
         "rtu-frame": {"encode": encode_rtu},
         "ascii-frame": {"encode": encode_ascii},
         "number": {"encode": encode_number, "decode": decode_number},

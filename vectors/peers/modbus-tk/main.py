@@ -9,7 +9,7 @@ from importlib.metadata import version
 from typing import Any
 from unittest.mock import patch
 
-from adapter import crc_fields, hexed, octets, serve
+from adapter import checksums, hexed, octets, serve
 from adapter_client import ExceptionAnswer
 from adapter_server import Units, server_answers
 from client_line import clients, needs
@@ -101,10 +101,6 @@ def decode_tcp(question: dict[str, Any]) -> dict[str, Any]:
     return {"transaction": query._request_mbap.transaction_id, "unit": unit, "pdu": hexed(pdu)}
 
 
-def crc(question: dict[str, Any]) -> dict[str, Any]:
-    return crc_fields(utils.calculate_crc(octets(question["bytes"])).to_bytes(2, "big"))
-
-
 serve(
     "modbus-tk",
     version("modbus-tk"),
@@ -113,6 +109,6 @@ serve(
         **server_answers(Server, {*CODES, 7}, {"rtu", "tcp"}),
         "rtu-frame": {"encode": encode_rtu, "decode": decode_rtu},
         "tcp-frame": {"encode": encode_tcp, "decode": decode_tcp},
-        "crc16": {"encode": crc},
+        **checksums(lambda data: utils.calculate_crc(data).to_bytes(2, "big")),
     },
 )

@@ -12,9 +12,9 @@ import sys
 from ctypes import CFUNCTYPE, POINTER, c_bool, c_int, c_int32, c_uint8, c_uint16, c_uint32, c_void_p
 from typing import Any
 
-from adapter import NotOffered, Refused, crc_fields, octets, serve, words
+from adapter import NotOffered, Refused, checksums, octets, serve, words
 from adapter_client import ExceptionAnswer, given_to_c
-from adapter_conformance import conformance_answers
+from adapter_conformance import conformance_answers, wrapped
 from adapter_server import Units, server_answers
 from client_line import NAMES, clients, needs
 
@@ -97,12 +97,6 @@ class Line:
 def checksum(data: bytes) -> bytes:
     # the library hands the value over with its bytes swapped, as it is sent
     return int(LIBRARY.nmbs_crc_calc(data, len(data), None)).to_bytes(2, "big")
-
-
-def framed(tcp: bool, unit: int, pdu: bytes) -> bytes:
-    if tcp:
-        return bytes.fromhex("00010000") + (len(pdu) + 1).to_bytes(2, "big") + bytes([unit]) + pdu
-    return bytes([unit]) + pdu + checksum(bytes([unit]) + pdu)
 
 
 class Unit:
@@ -238,7 +232,7 @@ class Server:
             raise NotOffered("which unit is meant, its application decides")
         if any(len(value) > 127 for one in self.units.values() for value in one.names.values()):
             raise NotOffered("its texts are C strings of at most 127 characters")
-        answer = self.hear(framed(self.tcp, unit, pdu))
+        answer = self.hear(wrapped("tcp" if self.tcp else "rtu", unit, pdu.hex(), 1))
         return (answer[7:] if self.tcp else answer[1:-2]) or None
 
     def hear(self, data: bytes) -> bytes:
@@ -322,10 +316,6 @@ def connect(virtual: Any, _patches: Any) -> Any:
     return ask
 
 
-def crc(question: dict[str, Any]) -> dict[str, Any]:
-    return crc_fields(checksum(octets(question["bytes"])))
-
-
 def ten(line: str) -> Server:
     """Return a server of unit 1 with ten registers and ten coils."""
     units: Units = {1: {"holding_registers": {0: [0] * 10}, "coils": {0: [0] * 10}}}
@@ -341,6 +331,6 @@ serve(
         **clients(connect, SERVED - {0x14, 0x15, 0x2B}, "rtu"),
         **server_answers(Server, SERVED, {"rtu", "tcp"}, MORE),
         **conformance_answers(ten, {"rtu", "tcp"}),
-        "crc16": {"encode": crc},
+        **checksums(checksum),
     },
 )

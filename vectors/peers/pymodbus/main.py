@@ -13,11 +13,12 @@ from unittest.mock import patch
 import pymodbus
 import pymodbus.pdu
 from adapter import (
+    FIELDS,
     NotOffered,
     Refused,
     bits,
     bitted,
-    crc_fields,
+    checksums,
     hexed,
     number,
     octets,
@@ -123,21 +124,19 @@ def answer_of(side: str, pdu: bytes) -> dict[str, Any]:
     code, is_request = found.function_code, side == "request"
     message: dict[str, Any] = {"function_code": code, "exception_code": found.exception_code}
     match code:
-        case 0x01 | 0x02 | 0x03 | 0x04 if is_request:
-            message = {"address": found.address, "quantity": found.count}
+        case _ if (is_request or code == 0x16) and code not in (0x05, 0x06, 0x08, 0x14, 0x15) and code < 0x80:
+            theirs = NAMES | ({"registers": "write_registers"} if code == 0x17 else {})
+            shown = {"bits": bitted, "registers": worded}
+            values = {name: getattr(found, theirs.get(name, name)) for name in FIELDS.get(code, ())}
+            message = {name: shown.get(name, lambda value: value)(value) for name, value in values.items()}
         case 0x01 | 0x02:
             message = {"bits": bitted(found.bits)}
         case 0x03 | 0x04:
             message = {"registers": worded(found.registers)}
         case 0x05 | 0x06:
             message = {"address": found.address, "value": found.bits[0] if code == 5 else found.registers[0]}
-        case 0x0F | 0x10 if is_request:
-            message = {"address": found.address}
-            message |= {"bits": bitted(found.bits)} if code == 0x0F else {"registers": worded(found.registers)}
         case 0x0F | 0x10:
             message = {"address": found.address, "quantity": found.count}
-        case 0x07 | 0x0B | 0x0C | 0x11 if is_request:
-            message = {}
         case 0x07:
             message = {"status": found.status}
         case 0x08:
@@ -161,17 +160,10 @@ def answer_of(side: str, pdu: bytes) -> dict[str, Any]:
         case 0x15:
             rows = [(row.file_number, row.record_number, worded(registers(row.record_data))) for row in found.records]
             message = {"records": [dict(zip(("file", "record", "registers"), row)) for row in rows]}
-        case 0x16:
-            message = {"address": found.address, "and_mask": found.and_mask, "or_mask": found.or_mask}
-        case 0x17 if is_request:
-            message = {"read_address": found.read_address, "read_quantity": found.read_count}
-            message |= {"write_address": found.write_address, "registers": worded(found.write_registers)}
         case 0x17:
             message = {"registers": worded(found.registers)}
         case 0x18:
-            message = {"address": found.address} if is_request else {"registers": worded(found.values)}
-        case 0x2B if is_request:
-            message = {"read_code": found.read_code, "object_id": found.object_id}
+            message = {"registers": worded(found.values)}
         case 0x2B:
             message = {"read_code": found.read_code, "conformity": found.conformity}
             message |= {"more_follows": found.more_follows == 0xFF, "next_object": found.next_object_id}
@@ -284,14 +276,6 @@ def connect(line: Any, patches: Any) -> Any:
     return ask
 
 
-def crc(question: dict[str, Any]) -> dict[str, Any]:
-    return crc_fields(FramerRTU.compute_CRC(octets(question["bytes"])).to_bytes(2, "big"))
-
-
-def lrc(question: dict[str, Any]) -> dict[str, Any]:
-    return {"lrc": f"{FramerAscii.compute_LRC(octets(question['bytes'])):02X}"}
-
-
 def data_type(question: dict[str, Any]) -> tuple[Any, Any]:
     """Return their type of a number, and their order of its words."""
     kind = {"u": "UINT", "i": "INT", "f": "FLOAT"}[question["type"][0]] + question["type"][1:]
@@ -392,8 +376,7 @@ serve(
         "tcp-frame": FRAME,
         **{kind: {"frames": talk} for kind in ("rtu-talk", "ascii-talk", "tcp-talk")},
         **over_time(connect),
-        "crc16": {"encode": crc},
-        "lrc": {"encode": lrc},
+        **checksums(lambda data: FramerRTU.compute_CRC(data).to_bytes(2, "big"), FramerAscii.compute_LRC),
         "number": {"encode": encode_number, "decode": decode_number},
     },
 )

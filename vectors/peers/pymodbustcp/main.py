@@ -10,7 +10,7 @@ from typing import Any
 from unittest.mock import patch
 
 import pyModbusTCP
-from adapter import NotOffered, Refused, crc_fields, number, octets, register_bytes, registers, serve
+from adapter import NotOffered, Refused, checksums, number, octets, register_bytes, registers, serve
 from adapter_client import ExceptionAnswer, given
 from adapter_server import Units, server_answers
 from client_line import NAMES, clients, needs
@@ -78,10 +78,6 @@ class Server:
         return [int(value) for value in getattr(self.bank, f"get_{table}")(first, count)]
 
 
-def crc(question: dict[str, Any]) -> dict[str, Any]:
-    return crc_fields(utils.crc16(octets(question["bytes"])).to_bytes(2, "little"))
-
-
 def layout(question: dict[str, Any]) -> tuple[str, int, bool]:
     """Return letter and size of a type, and whether the high word is first."""
     kind, width = question["type"][0], int(question["type"][1:])
@@ -127,7 +123,7 @@ serve(
     {
         **clients(connect, {*CALLS}, "tcp"),
         **server_answers(Server, {*CALLS}, {"tcp"}),
-        "crc16": {"encode": crc},
+        **checksums(lambda data: utils.crc16(data).to_bytes(2, "little")),
         "number": {"encode": encode_number, "decode": decode_number},
         "register-part": {"encode": encode_part, "decode": decode_part},
     },

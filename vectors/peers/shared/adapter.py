@@ -20,6 +20,16 @@ from typing import Any
 Answers = Mapping[str, Mapping[str, Callable[[dict[str, Any]], dict[str, Any]]]]
 
 
+FIELDS: dict[int, tuple[str, ...]] = {
+    **dict.fromkeys((1, 2, 3, 4), ("address", "quantity")),
+    **dict.fromkeys((5, 6), ("address", "value")),
+    **{0x0F: ("address", "bits"), 0x10: ("address", "registers"), 0x14: ("places",), 0x15: ("records",)},
+    **{0x16: ("address", "and_mask", "or_mask"), 0x18: ("address",), 0x2B: ("read_code", "object_id")},
+    0x17: ("read_address", "read_quantity", "write_address", "registers"),
+}
+"""The fields of a request, by function; others have none."""
+
+
 class NotOffered(Exception):
     """The library has no function for this question."""
 
@@ -95,6 +105,14 @@ def register_bytes(values: Iterable[int]) -> str:
 def crc_fields(wire: bytes) -> dict[str, Any]:
     """Return the fields of a CRC from its two bytes on the wire, low byte first."""
     return {"wire": hexed(wire), "crc": f"{int.from_bytes(wire, 'little'):04X}"}
+
+
+def checksums(crc: Callable[[bytes], bytes], lrc: Callable[[bytes], int] | None = None) -> Answers:
+    """Return the answers of functions for checksums: a CRC as its two bytes on the wire, an LRC as a number."""
+    found: dict[str, Any] = {"crc16": {"encode": lambda question: crc_fields(crc(octets(question["bytes"])))}}
+    if lrc is not None:
+        found["lrc"] = {"encode": lambda question: {"lrc": f"{lrc(octets(question['bytes'])):02X}"}}
+    return found
 
 
 def number(text: str) -> int | float:

@@ -7,10 +7,15 @@ application where a frame ends in a stream is given one frame at a time: `cuts` 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Protocol
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference" / "modbus"))
+
 from adapter import Answers, NotOffered, hexed, octets
+from client_peer import unwrapped, wrapped
 
 UNIT = 1
 
@@ -19,24 +24,6 @@ class Heard(Protocol):
     """A server of a library."""
 
     def hear(self, data: bytes) -> bytes: ...
-
-
-def crc(data: bytes) -> bytes:
-    register = 0xFFFF
-    for byte in data:
-        register ^= byte
-        for _ in range(8):
-            register = register >> 1 ^ (0xA001 if register & 1 else 0)
-    return register.to_bytes(2, "little")
-
-
-def framed(line: str, unit: int, pdu: bytes) -> bytes:
-    data = bytes([unit]) + pdu
-    if line == "rtu":
-        return data + crc(data)
-    if line == "ascii":
-        return f":{data.hex().upper()}{-sum(data) & 0xFF:02X}\r\n".encode()
-    return octets("00 01 00 00") + len(data).to_bytes(2, "big") + data
 
 
 def changed(data: bytes, how: str | None) -> bytes:
@@ -61,15 +48,8 @@ def responses(line: str, data: bytes) -> str:
     """Return the PDUs of what was sent, joined."""
     found = []
     while data:
-        if line == "tcp":
-            size = 6 + int.from_bytes(data[4:6], "big")
-            found.append(data[7:size])
-        elif line == "ascii":
-            size = len(data)
-            found.append(bytes.fromhex(data[1:-2].decode())[1:-1])
-        else:
-            size = len(data)
-            found.append(data[1:-2])
+        size = 6 + int.from_bytes(data[4:6], "big") if line == "tcp" else len(data)
+        found.append(unwrapped(line, data[:size])[1])
         data = data[size:]
     return "; ".join(map(hexed, found))
 
@@ -92,7 +72,7 @@ def conformance_answers(make: Callable[[str], Heard], lines: set[str], cuts: boo
             data = b"".join(
                 octets(row["raw"])
                 if "raw" in row
-                else changed(framed(line, row.get("unit", UNIT), octets(row["pdu"])), row.get("change"))
+                else changed(wrapped(line, row.get("unit", UNIT), row["pdu"], 1), row.get("change"))
                 for row in step["send"]
             )
             answers.append(responses(line, server.hear(data)))

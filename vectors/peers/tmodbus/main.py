@@ -10,11 +10,12 @@ from typing import Any
 
 import tmodbus.pdu as pdus
 from adapter import (
+    FIELDS,
     NotOffered,
     Refused,
     bits,
     bitted,
-    crc_fields,
+    checksums,
     hexed,
     number,
     octets,
@@ -60,42 +61,26 @@ def data_of(text: str) -> bytes:
     return octets(register_bytes(words(text)))
 
 
+TO: dict[str, Any] = {
+    "bits": bits,
+    "registers": words,
+    "places": lambda rows: [FileRecordRequest(row["file"], row["record"], row["length"]) for row in rows],
+    "records": lambda rows: [FileRecord(row["file"], row["record"], data_of(row["registers"])) for row in rows],
+}
+"""Values of fields as the library takes them, in the order of FIELDS."""
+
+
 def made(code: int, kind: Any, message: dict[str, Any]) -> Any:
     """Return the request with these fields."""
-    match code:
-        case 1 | 2 | 3 | 4:
-            return kind(message["address"], message["quantity"])
-        case 5 | 6:
-            return kind(message["address"], message["value"])
-        case 8:
-            data = octets(message["data"])
-            if message["sub_function"] == 0:
-                return kind(data)
-            if message["sub_function"] not in (1, 3) and data != bytes(2):
-                raise NotOffered("the data of a request are always zero")
-            return (
-                kind({1: data == b"\xff\x00", 3: data[0] if data else 0}[message["sub_function"]])
-                if (message["sub_function"] in (1, 3))
-                else kind()
-            )
-        case 0x0F:
-            return kind(message["address"], bits(message["bits"]))
-        case 0x10:
-            return kind(message["address"], words(message["registers"]))
-        case 0x14:
-            return kind([FileRecordRequest(row["file"], row["record"], row["length"]) for row in message["places"]])
-        case 0x15:
-            rows = message["records"]
-            return kind([FileRecord(row["file"], row["record"], data_of(row["registers"])) for row in rows])
-        case 0x16:
-            return kind(message["address"], message["and_mask"], message["or_mask"])
-        case 0x17:
-            read = message["read_address"], message["read_quantity"]
-            return kind(*read, message["write_address"], words(message["registers"]))
-        case 0x18:
-            return kind(message["address"])
-        case 0x2B:
-            return kind(message["read_code"], message["object_id"])
+    if code != 8:
+        return kind(*(TO.get(name, lambda value: value)(message[name]) for name in FIELDS.get(code, ())))
+    data, sub_function = octets(message["data"]), message["sub_function"]
+    if sub_function == 0:
+        return kind(data)
+    if sub_function in (1, 3):
+        return kind({1: data == b"\xff\x00", 3: data[0] if data else 0}[sub_function])
+    if data != bytes(2):
+        raise NotOffered("the data of a request are always zero")
     return kind()
 
 
@@ -143,34 +128,28 @@ def encode_pdu(question: dict[str, Any]) -> dict[str, Any]:
     return {"pdu": hexed(request.encode_response(values))}
 
 
+ATTRIBUTES = {
+    **{"address": ("start_address", "address"), "bits": ("values",), "registers": ("write_values", "values")},
+    **{"read_address": ("read_start_address",), "write_address": ("write_start_address",)},
+    **{"places": ("requests",), "records": ("file_records",), "read_code": ("read_device_id_code",)},
+}
+"""The names of fields in the library, where they have other ones."""
+
+
+def places(rows: Any) -> list[dict[str, Any]]:
+    return [{"file": row.file_number, "record": row.record_number, "length": row.record_length} for row in rows]
+
+
 def fields_of(code: int, found: Any) -> dict[str, Any]:
     """Return the fields of a request."""
-    match code:
-        case 1 | 2 | 3 | 4:
-            return {"address": found.start_address, "quantity": found.quantity}
-        case 5 | 6:
-            return {"address": found.address, "value": found.value}
-        case 0x0F:
-            return {"address": found.start_address, "bits": bitted(found.values)}
-        case 0x10:
-            return {"address": found.start_address, "registers": worded(found.values)}
-        case 0x14:
-            rows = [(row.file_number, row.record_number, row.record_length) for row in found.requests]
-            return {"places": [dict(zip(("file", "record", "length"), row)) for row in rows]}
-        case 0x15:
-            return {"records": records(found.file_records)}
-        case 0x16:
-            return {"address": found.address, "and_mask": found.and_mask, "or_mask": found.or_mask}
-        case 0x17:
-            read = {"read_address": found.read_start_address, "read_quantity": found.read_quantity}
-            return {**read, "write_address": found.write_start_address, "registers": worded(found.write_values)}
-        case 0x18:
-            return {"address": found.address}
-        case 0x2B:
-            return {"read_code": found.read_device_id_code, "object_id": found.object_id}
-        case 0x08:
-            raise NotOffered("tmodbus does not keep the data of a diagnostic request")
-    return {}
+    if code == 8:
+        raise NotOffered("tmodbus does not keep the data of a diagnostic request")
+    shown = {"bits": bitted, "registers": worded, "places": places, "records": records}
+    values = {
+        name: next(getattr(found, one) for one in ATTRIBUTES.get(name, (name,)) if hasattr(found, one))
+        for name in FIELDS.get(code, ())
+    }
+    return {name: shown.get(name, lambda value: value)(value) for name, value in values.items()}
 
 
 def records(rows: Any) -> list[dict[str, Any]]:
@@ -256,14 +235,6 @@ def decode_ascii(question: dict[str, Any]) -> dict[str, Any]:
     return {"unit": raw[0], "pdu": hexed(raw[1:-1])}
 
 
-def crc(question: dict[str, Any]) -> dict[str, Any]:
-    return crc_fields(calculate_crc16(octets(question["bytes"])))
-
-
-def lrc(question: dict[str, Any]) -> dict[str, Any]:
-    return {"lrc": f"{calculate_lrc(octets(question['bytes'])):02X}"}
-
-
 def timing(question: dict[str, Any]) -> dict[str, Any]:
     if question["bits"] != BITS_PER_CHAR or question["baud"] < 1:
         raise NotOffered("its characters have 11 bits, and its serial port refuses speeds")
@@ -297,8 +268,7 @@ serve(
         "client": {"run": client(class_of)},
         "rtu-timing": {"encode": timing},
         "ascii-frame": {"encode": encode_ascii, "decode": decode_ascii},
-        "crc16": {"encode": crc},
-        "lrc": {"encode": lrc},
+        **checksums(calculate_crc16, calculate_lrc),
         "number": {"encode": encode_number, "decode": decode_number},
     },
 )

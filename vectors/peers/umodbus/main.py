@@ -8,7 +8,7 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import Any
 
-from adapter import NotOffered, bits, bitted, crc_fields, hexed, octets, serve, worded, words
+from adapter import NotOffered, bits, bitted, checksums, hexed, octets, serve, worded, words
 from adapter_client import ExceptionAnswer, given
 from client_line import NAMES, needs, over_time
 from umodbus import functions
@@ -101,10 +101,6 @@ def connect(line: Any, patches: Any) -> Any:
     return ask
 
 
-def crc(question: dict[str, Any]) -> dict[str, Any]:
-    return crc_fields(get_crc(octets(question["bytes"])))
-
-
 def encode_rtu(question: dict[str, Any]) -> dict[str, Any]:
     return {"frame": hexed(add_crc(bytes([question["unit"]]) + octets(question["pdu"])))}
 
@@ -122,7 +118,7 @@ serve(
         "pdu": {"encode": encode_pdu, "decode": decode_pdu},
         "exchange": {"decode": exchange},
         **over_time(connect),
-        "crc16": {"encode": crc},
+        **checksums(get_crc),
         "rtu-frame": {"encode": encode_rtu, "decode": decode_rtu},
     },
 )
