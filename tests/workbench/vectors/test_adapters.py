@@ -190,7 +190,6 @@ MADE_OF_NUMBERS = {
     "adapter.py": "the order of the two bytes of a CRC",
     "adapter_client.py": "requests of a case as arguments; echoed fields are restated",
     "adapter_conformance.py": "frames of the tester",
-    "adapter_device.py": "frames of the tester",
     "c-modbus-slave": "the header of a request, and the order of the two bytes of a CRC",
     "canopen": "a request to its server, a delay as an argument",
     "canopennode": "values of objects as memory, numbers of requests",
