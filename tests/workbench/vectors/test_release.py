@@ -6,8 +6,10 @@ import copy
 import hashlib
 import io
 import json
+import os
 import posixpath
 import re
+import shlex
 import subprocess
 import sys
 import tarfile
@@ -394,3 +396,39 @@ def test_npx_says_what_is_wrong_with_its_options(installed: Path, arguments: lis
     assert run.returncode == 2
     assert text in run.stderr
     assert len(run.stderr.splitlines()) == 1
+
+
+# The action for GitHub ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.needs("node")
+@pytest.mark.parametrize(("adapter", "status"), [(OWN, 0), (["false"], 2)])
+def test_the_action_runs_the_package(installed: Path, adapter: list[str], status: int) -> None:
+    """Its script is run as GitHub runs it: inputs as variables of the environment, in bash; npx is ours."""
+    lines = (ROOT / "vectors" / "action.yml").read_text(encoding="utf-8").splitlines()
+    begin = lines.index("      run: |")
+    script = "\n".join(line.removeprefix("        ") for line in lines[begin + 1 :])
+    inputs = dict(re.findall(r"^        ([A-Z]+): \${{ inputs\.([a-z]+) }}$", "\n".join(lines), flags=re.MULTILINE))
+    given = {
+        "adapter": shlex.join(adapter),
+        "profile": "cia402",
+        "package": "p.tgz",
+        "junit": "r.xml",
+        "badge": "b.json",
+    }
+    assert {*inputs.values()} == given.keys()
+    npx_here = installed / "bin" / "npx"
+    npx_here.parent.mkdir()
+    check = installed / "node_modules" / "barewire-vectors" / "check.js"
+    npx_here.write_text(
+        f'#!/bin/bash\n[[ "$1 $2 $3 $4" == "--yes --package p.tgz barewire-vectors" ]] && node "{check}" "${{@:5}}"\n'
+    )
+    npx_here.chmod(0o755)
+    environment = {name: given[source] for name, source in inputs.items()}
+    environment |= {"PATH": f"{npx_here.parent}:{os.environ['PATH']}"}
+    command = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", script]
+    run = subprocess.run(command, cwd=installed, env=environment, capture_output=True, text=True, timeout=60)
+    assert run.returncode == status, run.stdout + run.stderr
+    if status == 0:
+        assert ElementTree.parse(installed / "r.xml").getroot().findall(".//failure") == []
+        assert json.loads((installed / "b.json").read_text())["label"] == f"cia402 {VECTORS.version}"
