@@ -40,6 +40,17 @@ def encode(unit: int, pdu: bytes, transaction: int = 0) -> bytes:
     raise EncodeError(f"transaction {transaction}: expected 0..65535", "transaction")
 
 
+def other_protocol(data: bytes) -> str:
+    """Return what these first bytes belong to: "HTTP", "SSH" or "TLS"; empty if it is not known.
+
+    >>> other_protocol(b"SSH-2.0-OpenSSH"), other_protocol(bytes(6))
+    ('SSH', '')
+    """
+    if data[:2] in (b"\x15\x03", b"\x16\x03"):
+        return "TLS"
+    return {b"SSH-": "SSH", b"HTTP": "HTTP", b"GET ": "HTTP", b"POST": "HTTP"}.get(data[:4], "")
+
+
 def check_header(data: bytes) -> int:
     """Return the length of the whole frame, from its first 6 bytes (or more).
 
@@ -48,7 +59,9 @@ def check_header(data: bytes) -> int:
     protocol = int.from_bytes(data[2:4], "big")
     if protocol != 0:
         found = data[2:4].hex(" ").upper()
-        raise DecodeError("protocol", data, 2, f"protocol identifier is {found}, Modbus has 00 00")
+        other = other_protocol(data)
+        hint = f"; the other side speaks {other}" if other else ""
+        raise DecodeError("protocol", data, 2, f"protocol identifier is {found}, Modbus has 00 00{hint}")
     length = int.from_bytes(data[4:6], "big")
     if length not in LENGTHS:
         found = data[4:6].hex(" ").upper()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shlex
+import socketserver
+import threading
 
 import pytest
 
@@ -32,6 +34,40 @@ def test_the_line_to_type_next_works() -> None:
         addresses = output_of(*_words(unnamed)).splitlines()
         assert addresses[:2] == ["holding:0-7", "8 of 1000 addresses can be read"]
         assert output_of(*_words(addresses[-1])).startswith("holding:0")
+
+
+@pytest.mark.parametrize(
+    ("protocol", "greets", "answer"),
+    [
+        ("SSH", True, b"SSH-2.0-OpenSSH_9.2\r\n"),
+        ("HTTP", False, b"HTTP/1.1 400 Bad Request\r\n\r\n"),
+        ("TLS", False, bytes.fromhex("15 03 01 00 02 02 32")),
+    ],
+)
+def test_a_server_of_another_protocol_is_named(protocol: str, greets: bool, answer: bytes) -> None:
+    """By `read`, `write`, `watch` and `scan`; an SSH server speaks first, the others after a request."""
+
+    class Foreign(socketserver.BaseRequestHandler):
+        def handle(self) -> None:
+            if greets:
+                self.request.sendall(answer)
+            while self.request.recv(1000):
+                self.request.sendall(answer)
+
+    class Server(socketserver.ThreadingTCPServer):
+        daemon_threads = True
+
+    with Server(("127.0.0.1", 0), Foreign) as server:
+        threading.Thread(target=server.serve_forever).start()
+        url = f"tcp://127.0.0.1:{server.server_address[1]}?timeout=30"
+        for words in (("read", url, "raw", "holding:0"), ("read", url, "csd-mt", "Homing Method", "--no-check"),
+                      ("write", url, "raw", "holding:0=1")):  # fmt: skip
+            assert f"; the other side speaks {protocol}" in error_of(*words)
+        watched = run_here("watch", url, "raw", "holding:0", "--count", "1")
+        assert f"; the other side speaks {protocol}" in watched.stdout + watched.stderr
+        scanned = run_here("scan", url.partition("?")[0], "--units", "1")
+        assert f"are no answers: the other side speaks {protocol}" in scanned.stderr
+        server.shutdown()
 
 
 def _words(line: str) -> list[str]:

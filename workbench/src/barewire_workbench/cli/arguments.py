@@ -17,6 +17,7 @@ import click
 
 from barewire.errors import EncodeError, PortError, shown, suggest
 from barewire.io.endpoint import Endpoint
+from barewire_workbench.cli.completion import complete_device
 from barewire_workbench.cli.output import file_content, note
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ class CommandGroup(click.Group):
 
 
 endpoint_argument = click.argument("endpoint", type=endpoint_url)
-device_argument = click.argument("device")
+device_argument = click.argument("device", shell_complete=complete_device)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line.")
 format_option = click.option(
     "--format", "form", type=Choice(["text", "json", "html", "svg"]), help="The form of the output; --json is json."

@@ -30,6 +30,7 @@ from barewire_workbench.cli.arguments import (
     print_timing,
     timing_option,
 )
+from barewire_workbench.cli.completion import complete_name
 from barewire_workbench.cli.dry_run import address_text, frames_of, raw_text
 from barewire_workbench.cli.ending import late_response_awaited
 from barewire_workbench.cli.output import Output, note, output_option
@@ -50,7 +51,7 @@ from barewire_workbench.live.read_values import (
 @click.command("read")
 @endpoint_argument
 @device_argument
-@click.argument("names", nargs=-1, metavar="NAME...")
+@click.argument("names", nargs=-1, metavar="NAME...", shell_complete=complete_name)
 @click.option("--all", "everything", is_flag=True, help="Read every value that can be read.")
 @click.option("--group", "groups", multiple=True, help="Read the values of this group; `barewire devices` lists them.")
 @click.option("--access", type=Choice(["ro", "rw"]), help="Of these, only what is read only, or writable.")
@@ -155,7 +156,7 @@ def read_command(
 @click.command("write")
 @endpoint_argument
 @device_argument
-@click.argument("assignments", nargs=-1, required=True, metavar="NAME=VALUE...")
+@click.argument("assignments", nargs=-1, required=True, metavar="NAME=VALUE...", shell_complete=complete_name)
 @click.option(
     "--force",
     is_flag=True,

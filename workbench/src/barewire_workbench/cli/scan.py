@@ -214,7 +214,8 @@ def _conclude_modbus(scan: ModbusScan, found: list[FoundUnit], output: Output) -
             f"the server closed the connection after {scan.closed} requests, as some do for units that they do not know"
         )
     if scan.stray and not scan.endpoint.is_serial_port and scan.endpoint.framing == "tcp":
-        note(f"{scan.stray} pieces of what came are no answers: is this a Modbus server?")
+        spoken = f"the other side speaks {scan.protocol}" if scan.protocol else "is this a Modbus server?"
+        note(f"{scan.stray} pieces of what came are no answers: {spoken}")
     elif scan.stray:
         note(f"{scan.stray} frames or pieces of noise answer nothing that was asked: is there another master?")
     if not found:

@@ -31,6 +31,7 @@ from barewire_workbench.cli.arguments import (
     no_check_option,
     no_wait_option,
 )
+from barewire_workbench.cli.completion import complete_name
 from barewire_workbench.cli.ending import EndedBySignal, ended_by_signals, late_response_awaited
 from barewire_workbench.cli.log_file import kept, open_log, signals_later
 from barewire_workbench.cli.output import note, print_json
@@ -71,7 +72,7 @@ class _WatchCommand(click.Command):
 @click.command("watch", cls=_WatchCommand)
 @endpoint_argument
 @device_argument
-@click.argument("names", nargs=-1, required=True, metavar="NAME...")
+@click.argument("names", nargs=-1, required=True, metavar="NAME...", shell_complete=complete_name)
 @click.option(
     _AND,
     expose_value=False,  # it is among the names

@@ -88,6 +88,7 @@ class ModbusScan:
 
     unreachable   how many units a gateway reported as not answering
     stray         frames and noise that no request explains
+    protocol      what the other side of a TCP connection speaks in place of Modbus: HTTP, SSH or TLS
     closed        how many requests the server answered by closing the connection
     tried         the settings of the line that were tried
     """
@@ -101,6 +102,7 @@ class ModbusScan:
     progress: Callable[[Progress], None] | None = None
     unreachable: int = 0
     stray: int = 0
+    protocol: str = ""
     closed: int = 0
     tried: list[LineSettings] = field(default_factory=list)
 
@@ -183,6 +185,7 @@ class ModbusScan:
                     yield found
         self.unreachable += len(result.unreachable - known)
         self.stray += result.stray
+        self.protocol = self.protocol or result.protocol
 
     def _identify(self, client: ModbusClient, found: FoundUnit) -> None:
         """Ask a unit what it is, unless it gave damaged answers only. Raises PortError if a serial port fails."""

@@ -28,6 +28,7 @@ from barewire.errors import PortError
 from barewire.modbus.adu import Adu, Noise
 from barewire.modbus.framing import Line, LineEvent
 from barewire.modbus.messages.registers import ReadHoldingRegisters
+from barewire.tcp.frame import other_protocol
 
 _REQUEST = ReadHoldingRegisters(0, 1).encode()
 _EXCEPTION = 0x80
@@ -96,12 +97,14 @@ class UnitScan:
     asked         the units asked so far, each with the time when its request was sent
     unreachable   the units of which a gateway said that they do not answer
     stray         the number of frames and pieces of noise that no request explains
+    protocol      what the other side of a TCP connection speaks in place of Modbus: HTTP, SSH or TLS
     """
 
     units: dict[int, ScannedUnit] = field(default_factory=dict)
     asked: dict[int, float] = field(default_factory=dict)
     unreachable: set[int] = field(default_factory=set)
     stray: int = 0
+    protocol: str = ""
 
     @property
     def answered(self) -> list[ScannedUnit]:
@@ -153,6 +156,7 @@ class UnitScanner:
                 if isinstance(event, Noise):
                     is_damaged = is_damaged or not line.numbered  # on TCP it is another protocol, not a damaged answer
                     self.result.stray += line.numbered
+                    self._note_protocol(event)
                 elif event.unit == number and _is_answer(event) and line.answers(event):
                     answers += 1
                     self._add(event, heard.now - sent_at)
@@ -187,6 +191,11 @@ class UnitScanner:
             self._add(event, now - self.result.asked[event.unit], is_late=True)
         else:
             self.result.stray += 1
+            self._note_protocol(event)
+
+    def _note_protocol(self, event: LineEvent) -> None:
+        if isinstance(event, Noise):
+            self.result.protocol = self.result.protocol or other_protocol(event.data)
 
     def _add(self, answer: Adu, after: float, *, is_late: bool = False) -> None:
         if answer.pdu[0] & _EXCEPTION and answer.pdu[1] in _GATEWAY_EXCEPTIONS:
