@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from barewire._html import html_table
@@ -293,9 +294,14 @@ class Parameter:
         return self.object
 
     def _object_codec(self) -> ObjectCodec:
-        from barewire.canopen.datatypes import object_codec  # a machine on Modbus loads nothing of CANopen
+        return _codec_of_object(self.object_type)
 
-        return object_codec({"bool": "u8", "text": "string"}.get(self.object_type, self.object_type))
+
+@cache
+def _codec_of_object(type_name: str) -> ObjectCodec:
+    from barewire.canopen.datatypes import object_codec  # a machine on Modbus loads nothing of CANopen
+
+    return object_codec({"bool": "u8", "text": "string"}.get(type_name, type_name))
 
 
 class Reading(NamedTuple):

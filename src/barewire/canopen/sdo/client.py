@@ -166,8 +166,9 @@ def upload(
     Raise EncodeError at once for arguments that cannot be encoded; in the conversation SdoAbort and NoAnswer.
     """
     channel = channel_to(node, dialect)
-    options: dict[str, Any] = {"size": size, "block": block, "limit": limit, "progress": progress, "timeout": timeout}
-    attempt = partial(_attempt, channel, index, sub, **options)
+    attempt = partial(
+        _attempt, channel, index, sub, timeout=timeout, size=size, block=block, limit=limit, progress=progress
+    )
     return _repeated(channel, attempt(), attempt) if channel.retries else attempt()
 
 

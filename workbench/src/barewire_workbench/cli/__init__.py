@@ -2,7 +2,7 @@
 
     app               the main command: loads a command when it is used; errors and exit statuses
     arguments         arguments and options that several commands share
-    completion        what a shell completes: devices, names of parameters
+    completion        what a shell completes: names of parameters
     output            things as text or JSON, notes, a line that counts, files
     ending            signals, and the wait for a late response
     demo              `demo`: simulated machines read and written on every wire

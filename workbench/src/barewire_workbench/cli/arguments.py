@@ -17,10 +17,11 @@ import click
 
 from barewire.errors import EncodeError, PortError, shown, suggest
 from barewire.io.endpoint import Endpoint
-from barewire_workbench.cli.completion import complete_device
 from barewire_workbench.cli.output import file_content, note
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from barewire.devices import Device
     from barewire.io.machine import MachineClient
     from barewire_workbench.frames.modbus_exchanges import UnitNames
@@ -74,6 +75,16 @@ def _is_device(name: str) -> bool:
 
 
 _SECONDS = {"ms": 0.001, "s": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+def _complete_device(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Return the devices that begin with this; if there is none, let the shell complete the path of a file."""
+    from click.shell_completion import CompletionItem
+
+    from barewire.devices import names
+
+    known = [CompletionItem(name) for name in (*names(), "raw") if name.startswith(incomplete.lower())]
+    return known or [CompletionItem(incomplete, type="file")]
 
 
 def duration(value: str) -> float:
@@ -130,7 +141,7 @@ class CommandGroup(click.Group):
 
 
 endpoint_argument = click.argument("endpoint", type=endpoint_url)
-device_argument = click.argument("device", shell_complete=complete_device)
+device_argument = click.argument("device", shell_complete=_complete_device)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line.")
 format_option = click.option(
     "--format", "form", type=Choice(["text", "json", "html", "svg"]), help="The form of the output; --json is json."

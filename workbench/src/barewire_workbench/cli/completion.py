@@ -1,5 +1,5 @@
-"""What a shell completes behind `barewire`: devices, and the names of their parameters. Commands and options are those
-of click; docs/how-to/install.md says how a shell is told.
+"""What a shell completes behind `barewire`: the names of parameters. Commands and options are those of click, devices
+are in `arguments`; docs/how-to/install.md says how a shell is told.
 """
 
 from __future__ import annotations
@@ -12,20 +12,11 @@ import click
 from click.shell_completion import CompletionItem
 
 from barewire.errors import BarewireError
-
-
-def complete_device(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Return the devices that begin with this; and let the shell complete the path of a file."""
-    from barewire.devices import names
-
-    known = [CompletionItem(name) for name in (*names(), "raw") if name.startswith(incomplete.lower())]
-    return known or [CompletionItem(incomplete, type="file")]
+from barewire_workbench.cli.arguments import load_device
 
 
 def complete_name(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Return the names of the parameters of the device that begin with this, in upper or lower case."""
-    from barewire_workbench.cli.arguments import load_device
-
     device, is_written = context.params.get("device"), parameter.name == "assignments"
     if not isinstance(device, str) or device == "raw":
         return []
