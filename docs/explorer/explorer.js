@@ -3,9 +3,11 @@
 //   #view=frame&protocol=rtu&role=&text=01+04+0F+B1+00+02+22+F8
 
 import { driveView } from "./drive.js";
+import { edsView } from "./eds.js";
 import { frameView } from "./frame.js";
 import { logView } from "./log.js";
 import { at } from "./page.js";
+import { pasteBox } from "./paste.js";
 import { onProgress, ready } from "./python.js";
 import { stepsView } from "./steps.js";
 import { valuesView } from "./values.js";
@@ -24,6 +26,7 @@ function rememberer(view) {
 const views = {
   frame: frameView(rememberer("frame")),
   log: logView(rememberer("log")),
+  eds: edsView(rememberer("eds")),
   steps: stepsView(rememberer("steps")),
   values: valuesView(rememberer("values")),
   drive: driveView(rememberer("drive")),
@@ -41,11 +44,19 @@ function select(view, focus = false) {
   views[view].show();
 }
 
+/** Shows a view with these values. */
+function open(view, values) {
+  views[view].restore(values);
+  select(view);
+}
+
+pasteBox(open);
+navigator.serviceWorker?.register("sw.js").catch(() => {});  // without it each visit loads all files
+
 function restore() {
   const values = Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
   const view = values.view in views ? values.view : "frame";
-  views[view].restore(values);
-  select(view);
+  open(view, values);
 }
 
 for (const [place, tab] of tabs.entries()) {

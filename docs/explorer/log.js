@@ -26,12 +26,13 @@ export function logView(remember) {
   const form = at("log-form"), result = at("log-result"), examples = at("log-example");
   examples.append(new Option("choose one", ""), ...EXAMPLES.map(([name], place) => new Option(name, place)));
   form.elements.text.value = EXAMPLES[0][1];
+  let data = "";  // of a file that is not text
 
   const show = latest(async () => {
     const { text } = formValues(form);
     remember({ text: text.length <= 4000 ? text : "" });  // a longer link is refused by many programs
     try {
-      const found = await call("log", { text });
+      const found = await call("log", data ? { data } : { text });
       const parts = [make("p", { role: "status" }, `${found.kind}: ${found.lines.length} lines`)];
       if (found.notes.length) parts.push(make("ul", {}, ...found.notes.map((note) => make("li", {}, note))));
       parts.push(...diagnosis(found));
@@ -45,16 +46,25 @@ export function logView(remember) {
   });
 
   form.addEventListener("submit", (event) => event.preventDefault());
-  form.addEventListener("input", (event) => { if (event.target !== examples) soon(); });
+  form.addEventListener("input", (event) => {
+    if (event.target === examples) return;
+    data = "";
+    soon();
+  });
   const soon = settled(show, 300);
   examples.addEventListener("change", () => {
     if (!examples.value) return;
+    data = "";
     form.elements.text.value = EXAMPLES[examples.value][1];
     show();
   });
   return {
     show,
-    restore(values) { if (values.text) form.elements.text.value = values.text; },
+    restore(values) {
+      data = values.data ?? "";
+      if (data) form.elements.text.value = "";
+      else if (values.text) form.elements.text.value = values.text;
+    },
   };
 }
 

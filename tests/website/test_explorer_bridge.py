@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+from base64 import b64encode
 from typing import Any
 
 import pytest
 from hypothesis import given, strategies as st
 
+from barewire.canopen import CanFrame
+from barewire.devices import load
 from barewire.rtu import decode
+from barewire_workbench.eds.export import export
+from barewire_workbench.recordings.capture import file_header, packet_block, to_packet
 from docs.explorer.bridge import CALLS, call
 
 
@@ -75,6 +80,68 @@ def test_mending_computes_lrc_and_length() -> None:
 def test_no_text_raises(protocol: str, text: str) -> None:
     for name in ("frame", "mend"):
         assert set(json.loads(call(name, json.dumps({"protocol": protocol, "text": text})))) <= {"result", "error"}
+
+
+LINKTYPE_CAN = 227
+NUMBERED = "the number of a holding register in a manual"
+LOG = "Tx:000000-01 03 00 00 00 02 C4 0B\nRx:000001-01 03 04 00 00 01 10 FA 6F"
+BUS = "(1.0) can0 705#00\n(1.1) can0 705#05"
+
+
+@pytest.mark.parametrize(
+    ("text", "says", "view"),
+    [
+        ("01 04 0F B1 00 02 22 F8", "a frame of Modbus RTU, valid (certain)", "frame"),
+        ("01 04 0F B1 00 02 22 F9", "a frame of Modbus RTU, with a mistake (likely)", "frame"),
+        ("00 01 00 00 00 06 01 03 00 6B 00 03", "a frame of Modbus TCP, valid (certain)", "frame"),
+        (":01040FB1000239", "a frame of Modbus ASCII, valid (certain)", "frame"),
+        ("605#4041600000000000", "a CAN frame (certain)", "frame"),
+        ("00000000: 0103 0000 000a c5cd  ........", "a frame of Modbus RTU, valid (certain)", "frame"),
+        ("3F8C CCCD", "registers (likely)", "values"),
+        ("1,1", "a number (likely)", "values"),
+        ("58Fh", "a status word of a drive (possible)", "steps"),
+        (
+            "40108",
+            "the number of a holding register in a manual, address 107 on the wire: a request for it (likely)",
+            "frame",
+        ),
+        (LOG, "a log, with 2 frames or pieces of frames (certain)", "log"),
+        (BUS, "a log, with 2 frames or pieces of frames (certain)", "log"),
+        ("DEBUG send: 0x1 0x3 0x0 0x0 0x0 0x2 0xc4 0xb", "a log, with 1 frame or pieces of frames (likely)", "log"),
+        ("[DeviceInfo]\nProductName=x", "an electronic data sheet (certain)", "eds"),
+    ],
+)
+def test_a_guess_says_what_it_is_and_its_view_shows_it(text: str, says: str, view: str) -> None:
+    found = ask("guess", text=text)
+    assert (f"{found[0]['says']} ({found[0]['sure']})", found[0]["view"]) == (says, view)
+    for guess in found:
+        name, values = guess["view"], guess["values"]
+        ask({"values": "placed" if "value" in values else "values"}.get(name, name), **values)
+
+
+def test_a_capture_is_shown_as_a_log() -> None:
+    frames = [CanFrame.parse("705#00"), CanFrame.parse("605#4041600000000000")]
+    capture = [file_header(LINKTYPE_CAN), *(packet_block(1.0, to_packet(frame)) for frame in frames)]
+    (found,) = ask("guess", data=b64encode(b"".join(capture)).decode())
+    assert (found["says"], found["view"]) == ("a capture", "log")
+    assert "boot-up" in ask("log", **found["values"])["lines"][0]
+
+
+def test_what_is_nothing_is_said() -> None:
+    assert refused("guess", text="hello").startswith("no frame, log, EDS or value is in it")
+    assert refused("guess", text="  ").startswith("nothing there")
+    assert "at most" in refused("guess", data=b64encode(bytes(4_000_001)).decode())
+
+
+@given(st.text(max_size=60) | st.from_regex(r"[0-9A-F :#\[\]\n]{0,40}", fullmatch=True))
+def test_no_guess_raises(text: str) -> None:
+    answer = json.loads(call("guess", json.dumps({"text": text})))
+    assert set(answer) <= {"result", "error"}
+
+
+def test_a_data_sheet_has_its_objects_and_findings() -> None:
+    found = ask("eds", text=export(load("az3")).encode().decode())
+    assert found["rows"][0][0] == "1000h:00"
 
 
 def test_registers_are_every_type_in_every_order() -> None:

@@ -5,6 +5,7 @@ Each view is checked by axe-core at the widths of a phone and of a desk, light a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -13,13 +14,18 @@ from urllib.parse import urlencode
 import pytest
 from playwright.sync_api import Browser, Locator, Page, Route, expect
 
+from barewire.canopen import CanFrame
+from barewire.devices import load
+from barewire_workbench.eds.export import export
+from barewire_workbench.recordings.capture import file_header, packet_block, to_packet
 from tools.website.browser import chromium
 from tools.website.explorer import build, pyodide_folder
 from tools.website.screenshots import served
+from tools.website.source import ROOT
 
 pytestmark = [pytest.mark.needs("chromium"), pytest.mark.long]
 
-VIEWS = ("frame", "log", "steps", "values", "drive")
+VIEWS = ("frame", "log", "eds", "steps", "values", "drive")
 _LOADED = 60_000
 """The longest time in milliseconds for Python to load, on a machine that does much else."""
 expect.set_options(timeout=_LOADED)
@@ -121,6 +127,64 @@ def test_a_broken_frame_is_diagnosed(page: Page) -> None:
     expect(page.locator("#frame-pictures")).to_contain_text("crc-swapped")
 
 
+def test_whatever_is_pasted_is_shown_and_a_wrong_guess_is_one_click_to_change(page: Page) -> None:
+    box = page.get_by_role("textbox", name="Paste anything")
+    box.fill("605#4041600000000000")
+    expect(page.locator("#paste-said")).to_have_text("This is a CAN frame (certain).")
+    expect(said(page)).to_contain_text("SDO")
+    expect(page.get_by_label("Direction")).to_be_hidden()
+    box.fill("Tx:000000-01 03 00 00 00 02 C4 0B\nRx:000001-01 03 04 00 00 01 10 FA 6F")
+    expect(page.get_by_role("tabpanel", name="Log")).to_contain_text("Read Holding Registers, 2 from 0000h -> 0 272")
+    box.fill("0637")
+    expect(page.get_by_role("tabpanel", name="Registers")).to_be_visible()
+    page.get_by_role("button", name="a status word of a drive (possible)").press("Enter")
+    expect(page.locator("#steps-result")).to_contain_text("operation enabled")
+    box.fill("nothing")
+    expect(page.locator("#paste-said")).to_contain_text("no frame, log, EDS or value is in it")
+    box.fill("")
+
+
+def test_a_file_is_read(page: Page) -> None:
+    sheet = export(load("az3")).encode()
+    page.locator("#paste-file").set_input_files({"name": "az3.eds", "mimeType": "text/plain", "buffer": sheet})
+    expect(page.get_by_role("tabpanel", name="EDS")).to_contain_text("1000h:00")
+    bus = file_header(227) + packet_block(1.0, to_packet(CanFrame.parse("705#00")))
+    page.locator("#paste-file").set_input_files({"name": "bus.pcapng", "mimeType": "", "buffer": bus})
+    expect(page.get_by_role("tabpanel", name="Log")).to_contain_text("boot-up")
+
+
+def test_every_broken_example_is_broken(page: Page) -> None:
+    show(page, "frame", protocol="rtu", text="01 03")
+    names = page.locator("#frame-example optgroup[label=Broken] option").all_inner_texts()
+    assert len(names) >= 10
+    for name in names:
+        before = said(page).inner_text()
+        page.locator("#frame-example").select_option(label=name)
+        expect(said(page)).not_to_have_text(before)
+        expect(said(page)).to_contain_text(re.compile("not valid|was asked"))
+
+
+def test_the_next_visit_needs_no_network(browser: Browser, address: str) -> None:
+    context = browser.new_context()
+    page = context.new_page()
+    page.set_default_timeout(_LOADED)
+    page.goto(address)
+    page.evaluate("navigator.serviceWorker.ready.then(() => true)")
+    page.wait_for_selector("#loading.done", state="attached")
+    context.set_offline(True)
+    page.goto(f"{address}#view=frame&protocol=can&text=605%234041600000000000")
+    page.reload()
+    expect(said(page)).to_contain_text("SDO")
+    context.close()
+
+
+def test_a_page_opened_as_a_file_says_how_to_serve_it(browser: Browser) -> None:
+    page = browser.new_page()
+    page.goto((ROOT / "docs" / "explorer" / "index.html").as_uri())
+    expect(page.locator("#loading-text")).to_contain_text("python3 -m http.server")
+    page.close()
+
+
 def test_the_link_follows_what_is_typed(page: Page) -> None:
     show(page, "frame", protocol="rtu", text="01 03")
     page.get_by_role("textbox", name="Frame", exact=True).fill("605#4041600000000000")
@@ -161,7 +225,7 @@ def test_a_log_has_its_events_and_a_sequence_diagram(page: Page) -> None:
     show(page, "log", text="Tx:000000-01 03 00 00 00 02 C4 0B\nRx:000001-01 03 04 00 00 01 10 FA 6F")
     expect(page.get_by_role("region", name="Events")).to_contain_text("Read Holding Registers, 2 from 0000h -> 0 272")
     expect(page.locator("#log-result figure")).to_contain_text("unit 1")
-    page.get_by_role("textbox", name="Log").fill("nothing of a log")
+    page.get_by_role("textbox", name="Log", exact=True).fill("nothing of a log")
     expect(page.locator("#log-result .error")).to_be_visible()
 
 

@@ -1,5 +1,6 @@
 """Builds the explorer of the site: `python -m tools.website.explorer` writes build/site/explorer.
 
+    docs/explorer/sw.js                with the names of all files, which it keeps for the next visit
     docs/explorer/*.html, .css, .js    as they are; index.html with the example already explained
     docs/explorer/bridge/              in package.zip, with the rooms of both packages that need no ports
     pyodide/                           CPython as WebAssembly (tools/get-pyodide)
@@ -10,6 +11,7 @@ The page needs a server, because browsers load no modules from files: `python3 -
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -53,6 +55,16 @@ def build(target: Path = TARGET) -> None:
         "bytes": sum(sizes) + (target / "package.zip").stat().st_size,
     }
     (target / "manifest.json").write_text(json.dumps(manifest) + "\n", encoding="utf-8")
+    (target / "sw.js").write_text(service_worker(target), encoding="utf-8")
+
+
+def service_worker(target: Path) -> str:
+    """Return the service worker with the names of all files, and a version that changes when one of them does."""
+    names = sorted(file.relative_to(target).as_posix() for file in target.rglob("*") if file.is_file())
+    kept = [name for name in names if name != "sw.js"]
+    digest = hashlib.sha256(b"".join((target / name).read_bytes() for name in kept)).hexdigest()[:16]
+    text = (SOURCE / "sw.js").read_text(encoding="utf-8")
+    return text.replace('"VERSION"', json.dumps(digest)).replace('["FILES"]', json.dumps(kept))
 
 
 def page() -> str:

@@ -2,10 +2,12 @@
 
     page (JavaScript)  --name, arguments as JSON-->  `call`  --{"result": ...} or {"error": text}-->  page
 
+    guess     what a text or file is, and which view shows it
     frames    one frame: fields, verdict, diagnosis, pictures; a byte edited; the checksum mended
     log       a log: its lines, its faults, a sequence diagram
     steps     a checksum, a time, a value or a word worked out step by step
     values    registers as numbers of every type in every order
+    eds       an electronic data sheet: its objects, what is wrong with it
     bench     a simulated CiA 402 drive with its frames
 
 Everything is computed by the package itself. The files run in Pyodide in a worker of the browser, and in the tests on
@@ -20,6 +22,8 @@ from importlib import import_module
 from barewire.errors import BarewireError
 
 CALLS = {
+    "guess": "guess",
+    "eds": "eds",
     "style": "frames",
     "frame": "frames",
     "edit": "frames",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64decode
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import Any
@@ -25,26 +26,29 @@ _LINES = 500
 _FINDINGS = 50
 
 
-def log(text: str) -> dict[str, Any]:
-    """Return the lines of a log as `barewire sniff` prints them, its diagnosis, and its sequence diagram."""
-    if not text.strip():
+def log(text: str = "", data: str = "") -> dict[str, Any]:
+    """Return the lines of a log as `barewire sniff` prints them, its diagnosis, and its sequence diagram.
+
+    A file that is not text, such as a capture, comes as base64.
+    """
+    if not text.strip() and not data:
         raise EncodeError("no log: paste the lines of one")
     if len(text) > _LONGEST:
         raise EncodeError(f"{len(text)} characters: at most {_LONGEST} here; `barewire sniff` reads more")
-    data = text.encode()
-    is_can = is_can_recording(data)
-    lines, notes = _can_lines(data) if is_can else _modbus_lines(data)
+    recording = b64decode(data) if data else text.encode()
+    is_can = is_can_recording(recording)
+    lines, notes = _can_lines(recording) if is_can else _modbus_lines(recording)
     kept = list(islice(lines, _LINES + 1))
     if len(kept) > _LINES:
         kept[_LINES:] = [f"... more than {_LINES} lines: `barewire sniff` shows all of them"]
-    findings, verdicts = _can_diagnosis(data) if is_can else _modbus_diagnosis(data)
+    findings, verdicts = _can_diagnosis(recording) if is_can else _modbus_diagnosis(recording)
     return {
         "findings": findings,
         "verdicts": verdicts,
         "kind": "CAN" if is_can else "Modbus",
         "lines": kept,
         "notes": notes,
-        "picture": html_fragment(recording_picture("this log", data), "picture-log"),
+        "picture": html_fragment(recording_picture("this log", recording), "picture-log"),
     }
 
 
