@@ -16,7 +16,7 @@ from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.modbus import ModbusException
 from barewire_workbench.cli.raw_address import device_with
 from barewire_workbench.live.check_device import WrongDevice, check_device
-from barewire_workbench.live.polling import Clock, Line, Poller, by_port, next_sample, samples
+from barewire_workbench.live.polling import Clock, PolledLine, Poller, by_port, next_sample, samples
 from barewire_workbench.value_log.csv_file import CsvFile
 from barewire_workbench.value_log.rotating_log import RotatingLog, Rotation
 from barewire_workbench.value_log.sample import Sample, Watched, columns_of, headings, row_of
@@ -76,8 +76,8 @@ def watched(*names: str, endpoint: str = "tcp://127.0.0.1") -> Watched:
     return Watched(endpoint, device_with("raw", names), names)
 
 
-def line(machine: FakeMachine, *names: str, check: Callable[[Any], bool] = lambda machine: True) -> Line:
-    return Line([watched(*(names or ("holding:0",)))], check, machine.connect)
+def line(machine: FakeMachine, *names: str, check: Callable[[Any], bool] = lambda machine: True) -> PolledLine:
+    return PolledLine([watched(*(names or ("holding:0",)))], check, machine.connect)
 
 
 def polled(machine: FakeMachine, count: int, **options: Any) -> list[Sample]:
@@ -184,7 +184,7 @@ def test_machines_on_one_port_share_it() -> None:
             Watched(f"{url}?unit=2&timeout=3", load("az3"), ("STATUS WORD",)),
         ]
         (group,) = by_port(machines)
-        port = Line(group, check_device)
+        port = PolledLine(group, check_device)
         port.check()
         polls = next(samples([port], 1.0, count=1)).polls
         assert [str(poll.readings[0])[:15] for poll in polls] == ["Status = 2 (Sta", "STATUS WORD = 4"]
@@ -198,7 +198,7 @@ def test_nodes_on_one_bus_share_it() -> None:
     ):
         machines = [Watched(f"can://memory/polling?node={node}", load("az3"), ("STATUS WORD",)) for node in (1, 2)]
         (group,) = by_port(machines)
-        port = Line(group, check_device)
+        port = PolledLine(group, check_device)
         assert [len(poll.readings) for poll in port.poll()] == [1, 1]
         port.close()
 
@@ -242,7 +242,7 @@ def test_a_week_of_watching_in_virtual_time() -> None:
             log = RotatingLog(
                 disk, "night.csv", lambda: CsvFile(disk, "night.csv", headings(columns)), Rotation(day=True)
             )
-            port = Line(chosen, lambda machine: True, machine.connect)
+            port = PolledLine(chosen, lambda machine: True, machine.connect)
             for sample in samples([port], 10.0, clock=clock, until=end - clock.seconds):
                 row = row_of(sample, columns, chosen)
                 log.add(row, clock.now())

@@ -37,7 +37,7 @@ from barewire_workbench.cli.log_file import kept, open_log, signals_later
 from barewire_workbench.cli.output import note, print_json
 from barewire_workbench.cli.raw_address import device_with, expanded, is_raw_address
 from barewire_workbench.cli.value_text import parse_value
-from barewire_workbench.live.polling import Clock, Line, by_port, samples
+from barewire_workbench.live.polling import Clock, PolledLine, by_port, samples
 from barewire_workbench.value_log.condition import Condition, condition, name_in
 from barewire_workbench.value_log.csv_file import csv_line
 from barewire_workbench.value_log.rotating_log import RotatingLog, rotation
@@ -153,7 +153,7 @@ def watch_command(
     machines = [watched for group in by_port(given) for watched in group]  # in the order in which they are read
     chosen = [condition(text, machines, parse_value) for text in conditions]
     machines = [_with_conditions(number, watched, chosen) for number, watched in enumerate(machines)]
-    lines = [Line(group, partial(check_machine, no_check=no_check)) for group in by_port(machines)]
+    lines = [PolledLine(group, partial(check_machine, no_check=no_check)) for group in by_port(machines)]
     columns = columns_of(machines)
     selection = Selection(columns, chosen, every, change, at_least)
     if plot is not None:
@@ -199,7 +199,7 @@ def watch_command(
     return 0 if succeeded and not (log and log.lost) else 1
 
 
-def _check(line: Line, *, is_needed: bool) -> None:
+def _check(line: PolledLine, *, is_needed: bool) -> None:
     """Open a port, and ask the machines on it what they are: another one is an error of the command. One that cannot be
     reached is an error of a poll, unless it is needed, and later also then."""
     try:

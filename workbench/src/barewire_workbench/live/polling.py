@@ -97,7 +97,7 @@ class Poller:
         return Poll(tuple(readings[name] for name in self._names if name in readings), "", refused)
 
 
-class Line:
+class PolledLine:
     """Machines on one port, which is opened when it is needed, and again after it failed.
 
     `check` is called with each machine after the port was opened; it raises an error for one that is not to be read,
@@ -196,7 +196,7 @@ class _Beside:
 class _Worker:
     """Polls a line in a thread of its own, which does not keep the program from ending."""
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: PolledLine) -> None:
         self._asked: SimpleQueue[None] = SimpleQueue()
         self._answers: SimpleQueue[list[Poll] | BaseException] = SimpleQueue()
         self._is_busy = False
@@ -219,7 +219,7 @@ class _Worker:
             raise answer
         return answer
 
-    def _run(self, line: Line) -> None:
+    def _run(self, line: PolledLine) -> None:
         if hasattr(signal, "pthread_sigmask"):
             # The main thread gets the signals: it can put them off while it writes a row.
             signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
@@ -243,7 +243,7 @@ def next_sample(number: int, period: float, seconds: float) -> int:
 
 
 def samples(
-    lines: Sequence[Line],
+    lines: Sequence[PolledLine],
     period: float,
     *,
     clock: Clock = Clock(),  # noqa: B008  # has no state
@@ -269,7 +269,7 @@ def samples(
         number = next_sample(number, period, clock.now() - start)
 
 
-def _polls(lines: Sequence[Line], workers: Sequence[_Worker], end: float, clock: Clock) -> Iterator[Poll]:
+def _polls(lines: Sequence[PolledLine], workers: Sequence[_Worker], end: float, clock: Clock) -> Iterator[Poll]:
     for worker in workers:
         worker.start()
     for line, worker in zip(lines, workers):
