@@ -101,6 +101,12 @@ def test_the_line_of_a_release_is_one_of_its_questions() -> None:
     assert line in [json.loads(row) for row in islice(questions(), 3000) if b'"lrc-1"' in row]
 
 
+def test_the_longest_question_is_as_short_as_the_page_says() -> None:
+    assert "that of a question less than 16 KiB" in section("## An adapter")
+    asked = [question for file in VECTORS.files for case in file.cases for question in VECTORS.questions(file, case)]
+    assert max(len(json.dumps(question.as_json())) for question in asked) < 16 * 1024
+
+
 VALID = {"result": "valid"}
 SHORT = {"result": "invalid", "fails": "decode", "reason": "short"}
 PAIR = {"result": "invalid", "fails": "compare", "reason": "checksum"}
