@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -51,7 +53,7 @@ def test_names_of_an_eds(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "value"),
     [
-        (f"barewire read '{URL}' az3 targ", r"TARGET\ VELOCITY"),
+        (f"barewire read '{URL}' az3 targ", r"TARGET\\ VELOCITY"),
         (f"barewire read '{URL}' az3 \"targ", "TARGET VELOCITY"),
     ],
 )
@@ -65,6 +67,22 @@ def test_bash_gets_blanks_with_a_backslash_outside_of_quotes(
     assert kind is not None
     shell = kind(barewire_command, {}, "barewire", "_BAREWIRE_COMPLETE")
     assert f"plain,{value}" in shell.complete().splitlines()
+
+
+@pytest.mark.long
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is missing")
+def test_bash_itself_gets_words_that_it_can_insert() -> None:
+    command = shlex.join(COMMAND)  # in place of $1, which is the name that is completed
+    script = f"""
+    eval "$(_BAREWIRE_COMPLETE=bash_source {command} | sed 's| [$]1)| {command})|')"
+    COMP_WORDS=(barewire read '"{URL}"' az3 targ) COMP_CWORD=4
+    _barewire_completion barewire targ az3
+    printf '%s\\n' "${{COMPREPLY[0]}}"
+    """
+    done = subprocess.run(
+        ["bash", "-c", script], capture_output=True, text=True, timeout=60, env=ENVIRONMENT, check=False
+    )
+    assert done.stdout == "TARGET\\ VELOCITY\n", done.stderr
 
 
 @pytest.mark.long

@@ -29,10 +29,10 @@ def complete_name(context: click.Context, parameter: click.Parameter, incomplete
 
 
 def _item(text: str) -> CompletionItem:
-    """Return an item. Bash inserts it as it is, so outside of quotes its blanks need a backslash; zsh and fish do that
-    by themselves."""
+    """Return an item. Bash inserts it as it is, so outside of quotes its blanks need a backslash, and a second one for
+    the `read` in the script of click; zsh and fish do that by themselves."""
     if os.environ.get("_BAREWIRE_COMPLETE", "").startswith("bash") and not _in_quotes(os.environ.get("COMP_WORDS", "")):
-        text = re.sub(r"([^\w=./:%+-])", r"\\\1", text)
+        text = re.sub(r"([^\w=./:%+-])", r"\\\\\1", text)
     return CompletionItem(text)
 
 
