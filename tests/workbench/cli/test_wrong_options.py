@@ -264,6 +264,13 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("canopen", "configure", TCP, "pump.dcf"), "a DCF is for CANopen: expected can://"),
     (("canopen", "boot", TCP, "pump.dcf"), "a DCF is for CANopen: expected can://"),
     (("canopen", "boot", "can://virtual/x", "pump.dcf", "--boot-time", "-1"), "is not in the range x>=0"),
+    (("canopen", "emcy", "can://memory/x", "--for", "-1"), "expected seconds, above 0"),
+    (("canopen", "pdo", "can://memory/x", "--count", "0"), "0 is not in the range x>=1"),
+    (("canopen", "nmt", "can://memory/x", "start", "5", "--wait", "x"), "--wait"),
+    (
+        ("canopen", "lss", "assign", "can://memory/x", "5", "--address", "1-2"),
+        "expected VENDOR-PRODUCT-REVISION-SERIAL",
+    ),
     # canopen-gateway
     (("gateway",), "expected CONFIG; --example prints one"),
     (("gateway", "--exampel"), "Did you mean '--example'?"),
@@ -314,6 +321,8 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("vectors", "list", "--flag", "no-such"), "flag 'no-such': expected one of broadcast, delimiter, "),
     (("vectors", "check", "--endpoint", TCP, "--kind", "lrc"), "--endpoint: a running server is asked server-conf"),
     (("vectors", "check", "--endpoint", "can://memory/x"), "can://memory is inside one process"),
+    (("vectors", "list", "--profile", "no-such"), "profile 'no-such': expected one of modbus-core, modbus-full, "),
+    (("vectors", "check", "--badge", "x.txt", "--profile", "minimal"), "a name that ends with .svg or .json"),
     (("vectors", "list", "--cases", "/no/such"), "folder /no/such: no vectors"),
     (("vectors", "check", "--adapter", ""), "--adapter: the command is empty"),
     (("vectors", "check", "--endpoint", "http://x"), "expected tcp://HOST:PORT"),
