@@ -107,7 +107,7 @@ vectors-speed: $(VENV)/installed-dev ## how long a run of all cases takes with a
 vectors-mutants: $(VENV)/installed-dev ## which changes of the reference of the vectors no case notices
 	@$(BIN)/python -m tools.vectors_mutants $(ARGS)
 
-vectors-mistakes: $(VENV)/installed-dev ## which mistakes, planted in two stacks, no case notices; ARGS=words
+vectors-mistakes: $(VENV)/installed-dev ## which mistakes, planted in three stacks, no case notices; ARGS=words
 	@$(BIN)/python -m tools.vectors_mistakes $(ARGS)
 
 mutants: $(VENV)/installed-mutants ## which changes of the core no test notices; writes docs/reference/mutation.md

@@ -9,6 +9,7 @@ import pytest
 
 from barewire_workbench.vectors.files import load_vectors
 from tools import vectors_mistakes, vectors_mutants
+from tools.peers import PEERS
 
 TEXTS = vectors_mutants.sources()
 ASKED = vectors_mutants.asked_of_kinds()
@@ -134,29 +135,49 @@ def test_a_case_notices_the_mistake(name: str) -> None:
     assert vectors_mutants.first_failure(reference, ASKED[mistake.kind])
 
 
-# The catalogue: mistakes in two other stacks ---------------------------------------------------------------------
+# The catalogue: mistakes in three other stacks -------------------------------------------------------------------
 
 CATALOGUE: list[dict[str, Any]] = json.loads(vectors_mistakes.CATALOGUE.read_text(encoding="utf-8"))
+FIELDS = {"stack", "file", "class", "what", "kinds", "before", "after", "seen", "programs"}
 
 
 def test_each_mistake_of_the_catalogue_has_a_case_or_a_reason() -> None:
     """`make vectors-mistakes` plants all of them, and writes the case."""
     ids = {case["id"] for cases in ASKED.values() for case, _ in cases}
     assert {one["case"] for one in CATALOGUE if "case" in one} <= ids
-    assert [one["what"] for one in CATALOGUE if ("case" in one) == ("why" in one)] == []
+    assert [one["what"] for one in CATALOGUE if {*one} not in (FIELDS | {"case"}, FIELDS | {"why"})] == []
     assert vectors_mistakes.as_lines(CATALOGUE) == vectors_mistakes.CATALOGUE.read_text(encoding="utf-8")
     changes = [(one["stack"], one["file"], one["before"], one["after"]) for one in CATALOGUE]
     assert len(changes) == len({*changes}), "the same change twice"
-    assert sum("why" in one for one in CATALOGUE) <= len(CATALOGUE) * 0.05
+    assert len(CATALOGUE) >= 300
+    assert sum("why" in one for one in CATALOGUE) <= len(CATALOGUE) * 0.01
+
+
+def test_the_page_of_the_reference_has_the_numbers() -> None:
+    text = (vectors_mistakes.ROOT / "vectors" / "reference" / "README.md").read_text(encoding="utf-8")
+    assert f"a catalogue of {len(CATALOGUE)} mistakes" in text
+    assert f"for {sum(bool(one['seen'] or one['programs']) for one in CATALOGUE)} one or the other is known" in text
+
+
+def test_where_a_mistake_was_seen_is_a_thread_or_a_program_and_a_case() -> None:
+    assert all(url.startswith("https://github.com/") for one in CATALOGUE for url in one["seen"])
+    named = {text.partition(" (")[0] for one in CATALOGUE for text in one["programs"]}
+    assert named <= {peer.name for peer in PEERS}
 
 
 def test_each_mistake_can_be_planted() -> None:
-    assert {one["stack"] for one in CATALOGUE} == {"javascript", "canopen"}
+    assert {one["stack"] for one in CATALOGUE} == {"javascript", "canopen", "pymodbus"}
     assert [problem for one in CATALOGUE if (problem := vectors_mistakes.problem(one))] == []
 
 
 @pytest.mark.needs("node")
 def test_a_mistake_is_planted_and_noticed() -> None:
-    (mistake,) = [one for one in CATALOGUE if one["what"] == "the LRC is the sum itself"]
+    (mistake,) = [
+        one for one in CATALOGUE if (one["stack"], one["what"]) == ("javascript", "the LRC is the sum itself")
+    ]
     known: dict[str, set[str]] = {"javascript": set()}
-    assert vectors_mistakes.noticed(mistake, load_vectors(), known) == mistake["case"]
+    case, wrong = vectors_mistakes.noticed(mistake, load_vectors(), known)
+    assert case == mistake["case"]
+    question, answer = next(iter(wrong.items()))
+    programs = {"same": {question: answer}, "other": {question: "{}"}}
+    assert vectors_mistakes.making(wrong, programs) == [f"same ({question.partition('.')[0]})"]
