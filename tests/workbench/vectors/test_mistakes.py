@@ -9,7 +9,7 @@ import pytest
 
 from barewire_workbench.vectors.files import load_vectors
 from tools import vectors_mistakes, vectors_mutants
-from tools.peers import PEERS
+from tools.peers import PEERS, ROOT
 
 TEXTS = vectors_mutants.sources()
 ASKED = vectors_mutants.asked_of_kinds()
@@ -154,7 +154,7 @@ def test_each_mistake_of_the_catalogue_has_a_case_or_a_reason() -> None:
 
 
 def test_the_page_of_the_reference_has_the_numbers() -> None:
-    text = (vectors_mistakes.ROOT / "vectors" / "reference" / "README.md").read_text(encoding="utf-8")
+    text = (ROOT / "vectors" / "reference" / "README.md").read_text(encoding="utf-8")
     assert f"a catalogue of {len(CATALOGUE)} mistakes" in text
     assert f"for {sum(bool(one['seen'] or one['programs']) for one in CATALOGUE)} one or the other is known" in text
 
